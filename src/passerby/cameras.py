@@ -1,0 +1,273 @@
+"""Cameras as values: a lens, a pose, and the rig that holds them.
+
+Frames: world to camera is `x_c = R_cw X_w + t_cw` with OpenCV's camera axes (x right, y down, z forward), metres; pixels as
+OpenCV counts them. Lens models are OpenCV's pinhole with radial-tangential distortion and OpenCV's fisheye.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.errors import InputError
+
+Floats = NDArray[np.float64]
+
+PINHOLE_DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+FISHEYE_DISTORTION_LENGTHS = (0, 4)
+
+# A pixel whose undistorted ray does not come back to within this many pixels lies outside what the lens model can express.
+INVERSION_TOLERANCE_PX = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """Intrinsics of one camera: picture size, OpenCV matrix and distortion.
+
+    Raises `InputError` when the values cannot be a lens (size, shape, finiteness, focal length, number of coefficients).
+    """
+
+    size: tuple[int, int]
+    """(width, height) in pixels."""
+    matrix: Floats
+    """(3, 3) camera matrix in pixels."""
+    distortions: Floats
+    """Pinhole: 0, 4, 5, 8, 12 or 14 coefficients in OpenCV's order; fisheye: 0 or 4."""
+    fisheye: bool = False
+
+    def __post_init__(self) -> None:
+        matrix = _frozen(self.matrix)
+        distortions = _frozen(np.atleast_1d(self.distortions))
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "distortions", distortions)
+        object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
+        if min(self.size) < 1:
+            raise InputError(f"size {list(self.size)} is not a picture size: give [width, height] in pixels")
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+            raise InputError(f"matrix must be 3 x 3 finite numbers, not {matrix.tolist()}")
+        if not (matrix[0, 0] > 0 and matrix[1, 1] > 0) or not np.allclose(matrix[2], (0, 0, 1)):
+            raise InputError(
+                f"matrix {matrix.tolist()} is not a camera matrix: focal lengths above 0 and a last row of 0, 0, 1 are needed"
+            )
+        lengths = FISHEYE_DISTORTION_LENGTHS if self.fisheye else PINHOLE_DISTORTION_LENGTHS
+        if distortions.ndim != 1 or distortions.size not in lengths or not np.isfinite(distortions).all():
+            kind = "fisheye" if self.fisheye else "pinhole"
+            raise InputError(
+                f"distortions has {distortions.size} values; a {kind} lens takes {', '.join(map(str, lengths))} finite ones"
+            )
+
+    @property
+    def focal(self) -> float:
+        """Geometric mean of the two focal lengths, pixels."""
+        return float(np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
+
+    def project_rays(self, points: Floats) -> Floats:
+        """Project points given in the camera's frame.
+
+        Args:
+            points: (N, 3), camera frame, any unit.
+
+        Returns:
+            (N, 2) pixels; NaN for a point that a pinhole lens has behind it.
+        """
+        points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+        if len(points) == 0:
+            return np.zeros((0, 2))
+        zero = np.zeros(3)
+        if self.fisheye:
+            pixels = _project_fisheye(points, self.matrix, self.distortions)
+        else:
+            safe = np.where(points[:, 2:] > 0, points, np.array([0.0, 0.0, 1.0]))
+            pixels = cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0]
+            pixels = np.where(points[:, 2:] > 0, pixels, np.nan)
+        return np.asarray(pixels, dtype=np.float64)
+
+    def bearings(self, pixels: Floats) -> Floats:
+        """Viewing rays of pixels.
+
+        Args:
+            pixels: (N, 2), distorted pixels as the picture has them.
+
+        Returns:
+            (N, 3) unit vectors in the camera frame; NaN where the lens model cannot be inverted.
+        """
+        pixels = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        if len(pixels) == 0:
+            return np.zeros((0, 3))
+        if self.fisheye:
+            rays = _unproject_fisheye(pixels, self.matrix, self.distortions)
+        else:
+            rays = _unproject_pinhole(pixels, self.matrix, self.distortions)
+        norm = np.linalg.norm(rays, axis=1, keepdims=True)
+        rays = rays / norm
+        with np.errstate(invalid="ignore"):
+            back = np.linalg.norm(self.project_rays(np.nan_to_num(rays, nan=0.5)) - pixels, axis=1)
+            rays[~(back < INVERSION_TOLERANCE_PX)] = np.nan
+        return rays
+
+
+def _frozen(values: Floats) -> Floats:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def _unproject_pinhole(pixels: Floats, matrix: Floats, distortions: Floats) -> Floats:
+    """(N, 2) pixels to (N, 3) rays with z = 1, OpenCV's fixed point finished by Newton steps on the distortion itself."""
+    # OpenCV's own iteration stops early on strong lenses; 60 rounds reach 1e-10 on every lens tried.
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-11)
+    plane = cv2.undistortPointsIter(pixels[:, None], matrix, distortions, np.eye(3), np.eye(3), criteria)[:, 0]
+    return np.column_stack([plane, np.ones(len(plane))]).astype(np.float64)
+
+
+def _fisheye_polynomial(theta: Floats, k: Floats) -> tuple[Floats, Floats]:
+    """Distorted angle and its derivative, OpenCV's fisheye: theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8)."""
+    t2 = theta * theta
+    k1, k2, k3, k4 = (*k, 0.0, 0.0, 0.0, 0.0)[:4]
+    value = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+    slope = 1 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+    return value, slope
+
+
+def _project_fisheye(points: Floats, matrix: Floats, distortions: Floats) -> Floats:
+    """OpenCV's fisheye projection, valid beyond 90 degrees (cv2.fisheye.projectPoints is not)."""
+    radius = np.hypot(points[:, 0], points[:, 1])
+    theta = np.arctan2(radius, points[:, 2])
+    distorted, _ = _fisheye_polynomial(theta, distortions)
+    scale = np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0 / np.maximum(np.abs(points[:, 2]), 1e-12))
+    plane = points[:, :2] * scale[:, None]
+    x = matrix[0, 0] * plane[:, 0] + matrix[0, 1] * plane[:, 1] + matrix[0, 2]
+    y = matrix[1, 1] * plane[:, 1] + matrix[1, 2]
+    return np.column_stack([x, y])
+
+
+def _unproject_fisheye(pixels: Floats, matrix: Floats, distortions: Floats) -> Floats:
+    """Invert the fisheye polynomial by Newton's method; NaN where it does not converge."""
+    y = (pixels[:, 1] - matrix[1, 2]) / matrix[1, 1]
+    x = (pixels[:, 0] - matrix[0, 2] - matrix[0, 1] * y) / matrix[0, 0]
+    target = np.hypot(x, y)
+    theta = np.minimum(target, np.pi * 0.9)
+    for _ in range(30):
+        value, slope = _fisheye_polynomial(theta, distortions)
+        theta = np.clip(theta - (value - target) / np.where(np.abs(slope) > 1e-6, slope, 1e-6), 0, np.pi)
+    ratio = np.where(target > 1e-12, np.sin(theta) / np.maximum(target, 1e-12), 1.0)
+    return np.column_stack([x * ratio, y * ratio, np.cos(theta)])
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """World to camera: `x_c = R_cw X_w + t_cw`."""
+
+    R_cw: Floats
+    """(3, 3) rotation."""
+    t_cw: Floats
+    """(3,) translation, metres."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "R_cw", _frozen(self.R_cw).reshape(3, 3))
+        object.__setattr__(self, "t_cw", _frozen(self.t_cw).reshape(3))
+
+    @classmethod
+    def from_centre(cls, R_cw: Floats, centre: Floats) -> Pose:
+        """Pose of a camera with its centre at `centre` (3,), world frame, metres."""
+        return cls(R_cw, -np.asarray(R_cw) @ np.asarray(centre))
+
+    @cached_property
+    def centre(self) -> Floats:
+        """(3,) camera centre in the world, metres."""
+        return _frozen(-self.R_cw.T @ self.t_cw)
+
+    def moved(self, rotation: Floats, translation: Floats, scale: float = 1.0) -> Pose:
+        """The pose after the world is moved by `X -> scale rotation X + translation`."""
+        R_cw = self.R_cw @ np.asarray(rotation).T
+        centre = scale * np.asarray(rotation) @ self.centre + np.asarray(translation)
+        return Pose.from_centre(R_cw, centre)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSigma:
+    """One-sigma uncertainty of a camera's pose, after the best rigid placement of the rig as a whole."""
+
+    position_m: float
+    """Root of the trace of the position's covariance, metres (the expected distance from the true centre)."""
+    orientation_deg: float
+    """Root of the trace of the rotation vector's covariance, degrees."""
+    covariance: Floats | None = None
+    """(6, 6): centre (metres, world), then rotation vector (radians, camera frame)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One static camera; `pose` is None as long as it is not calibrated."""
+
+    name: str
+    lens: Lens
+    pose: Pose | None = None
+    sigma: PoseSigma | None = None
+
+    @property
+    def centre(self) -> Floats:
+        """(3,) camera centre in the world, metres. Raises `InputError` for a camera without a pose."""
+        return self._posed().centre
+
+    def project(self, points: Floats) -> Floats:
+        """Project world points: (N, 3) metres to (N, 2) pixels; NaN behind the camera."""
+        pose = self._posed()
+        return self.lens.project_rays(np.asarray(points, dtype=np.float64).reshape(-1, 3) @ pose.R_cw.T + pose.t_cw)
+
+    def _posed(self) -> Pose:
+        if self.pose is None:
+            raise InputError(f"camera {self.name} has no pose: it was not calibrated")
+        return self.pose
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The cameras in one world: z up, the people's ground plane at z = 0, metres."""
+
+    cameras: tuple[Camera, ...]
+    verdict: str | None = None
+    metadata: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cameras", tuple(self.cameras))
+        names = self.names
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise InputError(f"camera {twice[0]} stands twice in one rig: camera names must differ")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The cameras' names, in the rig's order."""
+        return tuple(camera.name for camera in self.cameras)
+
+    def __getitem__(self, name: str) -> Camera:
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        raise KeyError(f"no camera {name} in this rig; it has {', '.join(self.names)}")
+
+    def __iter__(self) -> Iterator[Camera]:
+        return iter(self.cameras)
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def posed(self) -> Rig:
+        """The rig of those cameras that have a pose."""
+        return replace(self, cameras=tuple(camera for camera in self.cameras if camera.pose is not None))
+
+    def moved(self, rotation: Floats, translation: Floats, scale: float = 1.0) -> Rig:
+        """The rig after the world is moved by `X -> scale rotation X + translation`; sigmas are dropped."""
+        cameras = tuple(
+            replace(camera, pose=camera.pose.moved(rotation, translation, scale), sigma=None)
+            if camera.pose is not None
+            else camera
+            for camera in self.cameras
+        )
+        return replace(self, cameras=cameras)

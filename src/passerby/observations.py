@@ -1,0 +1,132 @@
+"""What the cameras saw, in columns: one numpy array per property, one row per box or person.
+
+Frames are whole numbers counted alike in all cameras (the same number is the same instant). An identity is a whole number; -1
+means unknown. The arrays are checked once, on entry, and read-only from then on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.errors import InputError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+UNKNOWN = -1
+
+BODY_17 = (
+    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
+    "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
+)  # fmt: skip
+"""COCO's 17 joints, in COCO's order."""
+
+
+def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str) -> NDArray:  # type: ignore[type-arg]
+    array = np.array(values, dtype=dtype).reshape(-1, *shape_tail)
+    if not np.isfinite(array).all():
+        row = int(np.argwhere(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))[0, 0])
+        raise InputError(f"{name} of row {row + 1} is not a finite number: {array[row].tolist()}")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Bounding boxes of people in one camera."""
+
+    frame: Ints
+    """(N,) instants."""
+    identity: Ints
+    """(N,) identities (global), tracklet numbers (per camera), or -1."""
+    ltwh: Floats
+    """(N, 4): left, top, width, height in pixels; width and height above 0."""
+    score: Floats
+    """(N,) the detector's confidence."""
+
+    def __post_init__(self) -> None:
+        for name, dtype, tail in (("frame", np.int64, ()), ("identity", np.int64, ()), ("ltwh", np.float64, (4,)),
+                                  ("score", np.float64, ())):  # fmt: skip
+            object.__setattr__(self, name, _column(getattr(self, name), dtype, tail, f"boxes.{name}"))
+        if not len(self.frame) == len(self.identity) == len(self.ltwh) == len(self.score):
+            raise InputError("the columns of the boxes differ in length")
+        flat = np.flatnonzero((self.ltwh[:, 2:] <= 0).any(axis=1))
+        if len(flat):
+            row = int(flat[0])
+            raise InputError(
+                f"box of frame {self.frame[row]}, identity {self.identity[row]} has width and height "
+                f"{self.ltwh[row, 2:].tolist()}: both must be above 0"
+            )
+
+    @classmethod
+    def empty(cls) -> Boxes:
+        """No boxes."""
+        return cls(np.zeros(0), np.zeros(0), np.zeros((0, 4)), np.zeros(0))  # type: ignore[arg-type]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def take(self, rows: NDArray[np.generic]) -> Boxes:
+        """The boxes of the given rows (indices or a mask)."""
+        return Boxes(self.frame[rows], self.identity[rows], self.ltwh[rows], self.score[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """2D joints of people in one camera."""
+
+    frame: Ints
+    """(N,) instants."""
+    identity: Ints
+    """(N,) as in `Boxes`."""
+    xy: Floats
+    """(N, J, 2) pixels; meaningless where the score is 0."""
+    score: Floats
+    """(N, J) confidence, 0 for a joint that was not found."""
+    joints: tuple[str, ...] = BODY_17
+    """The J joints' names."""
+
+    def __post_init__(self) -> None:
+        n_joints = len(self.joints)
+        for name, dtype, tail in (("frame", np.int64, ()), ("identity", np.int64, ()), ("xy", np.float64, (n_joints, 2)),
+                                  ("score", np.float64, (n_joints,))):  # fmt: skip
+            object.__setattr__(self, name, _column(getattr(self, name), dtype, tail, f"keypoints.{name}"))
+        if not len(self.frame) == len(self.identity) == len(self.xy) == len(self.score):
+            raise InputError("the columns of the keypoints differ in length")
+
+    @classmethod
+    def empty(cls, joints: tuple[str, ...] = BODY_17) -> Keypoints:
+        """No keypoints."""
+        n_joints = len(joints)
+        return cls(np.zeros(0), np.zeros(0), np.zeros((0, n_joints, 2)), np.zeros((0, n_joints)), joints)  # type: ignore[arg-type]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def take(self, rows: NDArray[np.generic]) -> Keypoints:
+        """The people of the given rows (indices or a mask)."""
+        return Keypoints(self.frame[rows], self.identity[rows], self.xy[rows], self.score[rows], self.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraObservations:
+    """All that one camera saw; either part may be empty."""
+
+    boxes: Boxes = field(default_factory=Boxes.empty)
+    keypoints: Keypoints = field(default_factory=Keypoints.empty)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All that the cameras of a scene saw, by camera name."""
+
+    cameras: Mapping[str, CameraObservations]
+    fps: float | None = None
+    """Frames per second of the frame numbers, when known."""
+
+    def __getitem__(self, name: str) -> CameraObservations:
+        return self.cameras[name]
