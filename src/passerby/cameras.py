@@ -110,6 +110,28 @@ class Lens:
             rays[~(back < INVERSION_TOLERANCE_PX)] = np.nan
         return rays
 
+    def tangents(self, bearings: Floats) -> Floats:
+        """Linear maps from the camera frame to pixels, around given viewing rays.
+
+        A point `d` of the camera frame that projects near the ray `b` misses its pixel by `tangent @ d / (b . d)`, to first
+        order: a reprojection residual that is exact in the angle, holds for every lens and needs no distortion inside a solver.
+
+        Args:
+            bearings: (N, 3) unit vectors in the camera frame.
+
+        Returns:
+            (N, 2, 3) pixels per unit of `d / (b . d)`; each row is orthogonal to its bearing.
+        """
+        b = np.asarray(bearings, dtype=np.float64).reshape(-1, 3)
+        helper = np.where(np.abs(b[:, :1]) < 0.6, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+        e1 = np.cross(b, helper)
+        e1 /= np.linalg.norm(e1, axis=1, keepdims=True)
+        e2 = np.cross(b, e1)
+        step = 1e-6
+        d1 = (self.project_rays(b + step * e1) - self.project_rays(b - step * e1)) / (2 * step)
+        d2 = (self.project_rays(b + step * e2) - self.project_rays(b - step * e2)) / (2 * step)
+        return np.asarray(d1[:, :, None] * e1[:, None, :] + d2[:, :, None] * e2[:, None, :])
+
 
 def _frozen(values: Floats) -> Floats:
     array = np.array(values, dtype=np.float64)
