@@ -1,0 +1,222 @@
+"""Bundle adjustment of camera poses and 3D points on reprojection error.
+
+Poses move by `R <- exp(w) R`, `C <- C + c`: a rotation vector in the camera's frame and the centre in the world. The residual of a point
+seen near the ray b is `tangent @ d / (b . d)` with `d = R (X - C)` (see `Lens.tangents`), in pixels, for any lens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from passerby.cameras import Pose
+from passerby.solver.least_squares import Cauchy, Family, Layout, Step, Stopping, Term, minimise
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+POSE_SIZE = 6
+# A point that comes closer than this share of its distance to the plane of its own ray has left the camera's view.
+_MIN_COSINE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class PointObservations:
+    """M sightings of points by cameras."""
+
+    camera: Ints
+    """(M,) camera index."""
+    point: Ints
+    """(M,) point index."""
+    bearing: Floats
+    """(M, 3) unit viewing rays, camera frame."""
+    tangent: Floats
+    """(M, 2, 3) pixels, from `Lens.tangents`."""
+    sigma_px: Floats
+    """(M,) standard deviation of the sighting, pixels."""
+
+    def take(self, rows: NDArray[np.generic]) -> PointObservations:
+        """The sightings of the given rows."""
+        return PointObservations(
+            self.camera[rows], self.point[rows], self.bearing[rows], self.tangent[rows], self.sigma_px[rows]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PointAdjustment:
+    """The adjusted poses and points."""
+
+    poses: tuple[Pose, ...]
+    points: Floats
+    """(N, 3) world, metres."""
+    residuals_px: Floats
+    """(M, 2) in the order of the sightings given."""
+    rms_px: float
+    """Root mean square of the residual lengths, by their robust weights."""
+    iterations: int
+    converged: bool
+    pose_covariance: Floats
+    """(C, 6, 6): centre (metres), rotation vector (radians, camera frame); scaled by the residuals' variance."""
+
+
+def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, Floats]:
+    """Pixel residuals of camera-frame points near their rays, and the derivative.
+
+    Args:
+        bearing: (M, 3) observed unit rays.
+        tangent: (M, 2, 3) from `Lens.tangents`.
+        d: (M, 3) points in the camera frame.
+
+    Returns:
+        residual (M, 2) in pixels and its derivative by d (M, 2, 3).
+    """
+    depth = np.einsum("mi,mi->m", bearing, d)
+    # A point behind its ray has no residual; hold the depth above a floor so that the cost is large but finite.
+    depth = np.maximum(depth, _MIN_COSINE * np.linalg.norm(d, axis=1) + 1e-9)
+    residual = (tangent @ d[:, :, None])[:, :, 0] / depth[:, None]
+    by_d = (tangent - residual[:, :, None] * bearing[:, None, :]) / depth[:, None, None]
+    return residual, by_d
+
+
+def skew(v: Floats) -> Floats:
+    """(M, 3) to (M, 3, 3): the matrix of the cross product, `skew(v) @ w = v x w`."""
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def pose_jacobian(by_d: Floats, d: Floats, R: Floats) -> tuple[Floats, Floats]:
+    """Derivatives by a camera's rotation vector and centre (M, k, 6), and by the world point (M, k, 3).
+
+    Args:
+        by_d: (M, k, 3) derivative by the camera-frame point.
+        d: (M, 3) camera-frame points.
+        R: (M, 3, 3) world-to-camera rotations, one a row.
+    """
+    by_point = by_d @ R
+    by_rotation = -by_d @ skew(d)
+    return np.concatenate([by_rotation, -by_point], axis=2), by_point
+
+
+def retract_poses(R: Floats, centre: Floats, step: Floats) -> tuple[Floats, Floats]:
+    """Move poses (C, 3, 3), (C, 3) by (C, 6): rotation vectors in the cameras' frames, then centres."""
+    return Rotation.from_rotvec(step[:, :3]).as_matrix() @ R, centre + step[:, 3:6]
+
+
+def median_sigma(squared: Floats, dof: int) -> float:
+    """Robust scale of whitened residual norms: the root of their median over that of chi squared with `dof` degrees."""
+    expected = {1: 0.4549, 2: 1.3863, 3: 2.3660}[dof]
+    return float(np.sqrt(np.median(squared) / expected)) if len(squared) else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _PointState:
+    R: Floats
+    centre: Floats
+    points: Floats
+
+
+class _PointProblem:
+    """Poses and points as a problem of `least_squares`."""
+
+    def __init__(self, n_cameras: int, n_points: int, observations: PointObservations, loss: Cauchy) -> None:
+        order = np.argsort(observations.camera, kind="stable")
+        self.order = order
+        self.observations = observations.take(order)
+        self.loss = loss
+        self.layout = Layout(n_cameras, POSE_SIZE, families=(Family(n_points, 3),))
+
+    def terms(self, state: _PointState, *, jacobians: bool) -> list[Term]:
+        o = self.observations
+        R = state.R[o.camera]
+        d = (R @ (state.points[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
+        residual, by_d = project_near(o.bearing, o.tangent, d)
+        residual = residual / o.sigma_px[:, None]
+        if not jacobians:
+            return [Term(residual, self.loss)]
+        by_camera, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
+        return [Term(residual, self.loss, camera=o.camera, by_camera=by_camera, block=o.point, by_block=by_point)]
+
+    def retract(self, state: _PointState, step: Step) -> _PointState:
+        R, centre = retract_poses(state.R, state.centre, step.shared.reshape(-1, POSE_SIZE))
+        return _PointState(R, centre, state.points + step.blocks[0])
+
+
+def adjust_points(
+    poses: Sequence[Pose],
+    points: Floats,
+    observations: PointObservations,
+    *,
+    fixed_cameras: Sequence[int] = (0,),
+    loss_scale_px: float = 2.0,
+    max_iterations: int = 100,
+    fix_scale: bool = True,
+) -> PointAdjustment:
+    """Refine poses and points on robust reprojection error.
+
+    Args:
+        poses: C poses.
+        points: (N, 3) world points, metres.
+        observations: M sightings; a camera sees a point at most once.
+        fixed_cameras: cameras whose pose stays.
+        loss_scale_px: scale of the Cauchy loss, in units of the sightings' sigma.
+        max_iterations: limit of the solver.
+        fix_scale: hold the distance between the first fixed camera and the camera farthest from it, to first order, by rescaling
+            the result about the fixed camera; the residuals do not depend on it.
+    """
+    R = np.array([pose.R_cw for pose in poses])
+    centre = np.array([pose.centre for pose in poses])
+    n_cameras, n_points = len(R), len(points)
+    problem = _PointProblem(n_cameras, n_points, observations, Cauchy(loss_scale_px))
+    free = np.ones((n_cameras, POSE_SIZE), dtype=bool)
+    free[list(fixed_cameras)] = False
+    start = _PointState(R, centre, np.array(points, dtype=np.float64))
+    result = minimise(problem, start, Stopping(max_iterations), free=free.ravel())
+    state = result.state
+    if fix_scale and len(fixed_cameras) == 1:
+        state = _rescaled(state, start, fixed_cameras[0])
+    term = problem.terms(state, jacobians=False)[0]
+    squared = np.einsum("mk,mk->m", term.residual, term.residual)
+    weight = problem.loss.weight(squared)
+    residuals = np.empty_like(term.residual)
+    residuals[problem.order] = term.residual * problem.observations.sigma_px[:, None]
+    sigma2 = problem.observations.sigma_px**2
+    rms = float(np.sqrt(np.sum(weight * squared * sigma2) / max(np.sum(weight), 1e-12)))
+    return PointAdjustment(
+        poses=tuple(Pose.from_centre(state.R[c], state.centre[c]) for c in range(n_cameras)),
+        points=state.points,
+        residuals_px=residuals,
+        rms_px=rms,
+        iterations=result.iterations,
+        converged=result.converged,
+        pose_covariance=_pose_covariance(result.normal.reduce().H, free.ravel(), n_cameras) * median_sigma(squared, 2) ** 2,
+    )
+
+
+def _rescaled(state: _PointState, start: _PointState, fixed: int) -> _PointState:
+    """Scale about the fixed camera's centre so that the farthest camera keeps its distance."""
+    origin = start.centre[fixed]
+    before = np.linalg.norm(start.centre - origin, axis=1)
+    far = int(np.argmax(before))
+    now = float(np.linalg.norm(state.centre[far] - origin))
+    if before[far] < 1e-9 or now < 1e-9:
+        return state
+    scale = before[far] / now
+    return _PointState(state.R, origin + scale * (state.centre - origin), origin + scale * (state.points - origin))
+
+
+def _pose_covariance(H: Floats, free: NDArray[np.bool_], n_cameras: int) -> Floats:
+    """(C, 6, 6) covariance, centre first; the unobservable scale is left out by the pseudo-inverse."""
+    full = np.zeros_like(H)
+    index = np.flatnonzero(free)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H)[index], 1e-12))
+    inverse = np.linalg.pinv(H[np.ix_(index, index)] * scale[:, None] * scale, rcond=1e-10, hermitian=True)
+    full[np.ix_(index, index)] = inverse * scale[:, None] * scale
+    blocks = np.array([full[c * 6 : c * 6 + 6, c * 6 : c * 6 + 6] for c in range(n_cameras)])
+    order = [3, 4, 5, 0, 1, 2]
+    return np.asarray(blocks[:, order][:, :, order])
