@@ -1,0 +1,48 @@
+"""What is wrong with a file, all of it, and reading text with errors a person can act on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from passerby.errors import InputError
+
+LISTED_FAULTS = 20
+"""So many faults of one file are told one by one; a broken exporter breaks every row alike."""
+
+
+class FileFaults(InputError):
+    """A file that cannot be used. The message tells the first fault, `faults` all of them (up to `LISTED_FAULTS`)."""
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        more = len(faults) - 1
+        super().__init__(faults[0] + (f" (and {more} more fault{'s' if more > 1 else ''} in this file)" if more else ""))
+        listed = tuple(faults[:LISTED_FAULTS])
+        if len(faults) > LISTED_FAULTS:
+            listed += (f"... and {len(faults) - LISTED_FAULTS} more faults",)
+        self.faults = listed
+
+
+def faults_of(error: InputError) -> tuple[str, ...]:
+    """All faults that an error tells of, one line each."""
+    return error.faults if isinstance(error, FileFaults) else (str(error),)
+
+
+def read_text(path: str | Path, kind: str) -> str:
+    """The text of a file. `kind` names in a message what was expected ("the scene file").
+
+    Raises `InputError` when the file is missing, a folder, unreadable or not UTF-8 text.
+    """
+    path = Path(path)
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file: {kind} is needed here; check the path and its spelling") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a folder, but {kind} is needed: name the file itself") from None
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte {error.start} is not UTF-8 text, but {kind} is needed: is it another kind of file?"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}): {kind} is needed") from None

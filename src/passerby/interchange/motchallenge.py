@@ -1,0 +1,150 @@
+"""MOTChallenge text: one box a row, `frame, identity, left, top, width, height, score[, -1, -1, -1]`.
+
+Frames are whole numbers from 0 on, in order; identities are whole numbers, -1 where unknown. Pixels as OpenCV counts them.
+A sound file is parsed at once by numpy; only a faulty one is read a second time, line by line, to tell what is wrong where.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from passerby.errors import InputError
+from passerby.interchange.atomic import write_text
+from passerby.interchange.faults import FileFaults, read_text
+from passerby.observations import UNKNOWN, Boxes, Floats
+
+MIN_COLUMNS, MAX_COLUMNS = 7, 10
+COLUMNS = ("frame", "identity", "left", "top", "width", "height", "score")
+LARGEST_WHOLE = 2**53
+"""Above it a float64 no longer tells whole numbers apart."""
+
+
+def read_boxes(path: str | Path) -> Boxes:
+    """Read the boxes of one camera; a file without rows is a camera that saw nobody.
+
+    Raises `FileFaults` (an `InputError`) that names file, line, value and mend for: rows without 7 to 10 columns, fields that
+    are not finite numbers, a width or height not above 0, frames negative, broken or out of order, identities broken or below
+    -1, a row that stands twice, an identity twice in one frame.
+    """
+    text = read_text(path, "a text file of boxes (MOTChallenge)")
+    rows = _parse(text)
+    if rows is None or not _is_sound(rows):
+        raise FileFaults(list(_faults(Path(path), text)) or [f"{path}: is not a MOTChallenge text of boxes"])
+    return Boxes(rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), rows[:, 2:6], rows[:, 6])
+
+
+def write_boxes(path: str | Path, boxes: Boxes) -> None:
+    """Write boxes, sorted by frame and identity, nine significant digits. Raises `InputError` where `path` is not writable."""
+    order = np.lexsort((boxes.identity, boxes.frame))
+    lines = [
+        f"{frame},{identity},{left:.9g},{top:.9g},{width:.9g},{height:.9g},{score:.9g},-1,-1,-1\n"
+        for frame, identity, (left, top, width, height), score in zip(
+            boxes.frame[order].tolist(),
+            boxes.identity[order].tolist(),
+            boxes.ltwh[order].tolist(),
+            boxes.score[order].tolist(),
+            strict=True,
+        )
+    ]
+    write_text(path, "".join(lines))
+
+
+def _parse(text: str) -> Floats | None:
+    """(N, 7) numbers, or None where the text is not a table of 7 to 10 numbers a row."""
+    if not text.strip():
+        return np.zeros((0, 7))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            table = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return np.asarray(table[:, :7], dtype=np.float64) if MIN_COLUMNS <= table.shape[1] <= MAX_COLUMNS else None
+
+
+def _is_sound(rows: Floats) -> bool:
+    if len(rows) == 0:
+        return True
+    if not np.isfinite(rows).all() or not (rows[:, 4:6] > 0).all():
+        return False
+    frame, identity = rows[:, 0], rows[:, 1]
+    whole = (rows[:, :2] == np.floor(rows[:, :2])).all() and np.abs(rows[:, :2]).max() <= LARGEST_WHOLE
+    if not whole or frame.min() < 0 or identity.min() < UNKNOWN or (np.diff(frame) < 0).any():
+        return False
+    known = rows[identity > UNKNOWN][:, :2]
+    return len(np.unique(known, axis=0)) == len(known) and len(np.unique(rows, axis=0)) == len(rows)
+
+
+def _faults(path: Path, text: str) -> Iterator[str]:
+    """Every fault of the file, in the order of its lines."""
+    columns = 0
+    last_frame = -1.0
+    seen_rows: dict[tuple[float, ...], int] = {}
+    seen_people: dict[tuple[float, float], int] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        place = f"{path}: line {number}"
+        fields = line.split(",")
+        columns = columns or len(fields)
+        try:
+            row = _row(fields, columns)
+        except InputError as error:
+            yield f"{place}: {error}"
+            continue
+        frame, identity = row[0], row[1]
+        if frame < last_frame:
+            yield (
+                f"{place}: frame {frame:.0f} comes after frame {last_frame:.0f}: sort the rows by frame "
+                f"(`sort -t, -k1,1n -k2,2n {path.name}`)"
+            )
+        last_frame = max(last_frame, frame)
+        person = (frame, identity)
+        if row in seen_rows:
+            yield f"{place}: repeats line {seen_rows[row]} ({line.strip()}): delete one of the two"
+        elif identity > UNKNOWN and person in seen_people:
+            yield (
+                f"{place}: identity {identity:.0f} stands a second time in frame {frame:.0f} (first on line "
+                f"{seen_people[person]}): one camera sees a person once in a frame; delete one box or give it another identity"
+            )
+        seen_rows.setdefault(row, number)
+        seen_people.setdefault(person, number)
+
+
+def _row(fields: list[str], columns: int) -> tuple[float, ...]:
+    """The seven numbers of a row. Raises `InputError` without the place."""
+    if not MIN_COLUMNS <= len(fields) <= MAX_COLUMNS:
+        raise InputError(
+            f"{len(fields)} columns instead of {MIN_COLUMNS} to {MAX_COLUMNS}: "
+            f"write {','.join(COLUMNS)}[,-1,-1,-1], parted by commas"
+        )
+    if len(fields) != columns:
+        raise InputError(f"{len(fields)} columns, but the first row has {columns}: give all rows the same columns")
+    names = (*COLUMNS, "column 8", "column 9", "column 10")
+    numbers = tuple(_number(field, name) for field, name in zip(fields, names, strict=False))
+    for value, name in zip(numbers[:7], names, strict=False):
+        if not math.isfinite(value):
+            raise InputError(f"{name} is {value}: delete the row or give a finite number")
+    for value, name, least in ((numbers[0], "frame", 0), (numbers[1], "identity", UNKNOWN)):
+        if value != math.floor(value) or not least <= value <= LARGEST_WHOLE:
+            unknown = " (-1 for unknown)" if name == "identity" else ""
+            raise InputError(f"{name} is {value:.12g}: a whole number from {least} on is needed{unknown}")
+    for value, name in ((numbers[4], "width"), (numbers[5], "height")):
+        if value <= 0:
+            raise InputError(f"{name} is {value:.12g}: it must be above 0 (columns 3 to 6 are left, top, width, height)")
+    return numbers[:7]
+
+
+def _number(field: str, name: str) -> float:
+    try:
+        if "_" in field:  # Python reads 1_000 as a number, no other tool does.
+            raise ValueError
+        return float(field)
+    except ValueError:
+        raise InputError(f"{name} is '{field.strip()}': a number is needed; delete headers and comments") from None

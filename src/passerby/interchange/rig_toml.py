@@ -1,0 +1,199 @@
+"""Rigs as TOML: the tables of Anipose, Caliscope and Pose2Sim, so that those tools open a Passerby rig as it is.
+
+One table a camera: `name`, `size` [width, height], `matrix`, `distortions`, `rotation` (Rodrigues vector, world to camera),
+`translation` (metres), `fisheye`. `[metadata]` holds `units` and the `verdict`. Keys and tables of other tools are left alone.
+Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
+then rotation vector in radians, camera frame).
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tomli_w
+
+from passerby.cameras import Camera, Floats, Lens, Pose, PoseSigma, Rig
+from passerby.errors import InputError
+from passerby.interchange.atomic import write_text
+from passerby.interchange.faults import FileFaults, read_text
+
+METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+METADATA = "metadata"
+
+
+def read_rig(path: str | Path) -> Rig:
+    """Read the cameras of a rig file, in the order of the file; a camera without rotation and translation has no pose.
+
+    Raises `FileFaults` (an `InputError`) that names file, table, key, value and mend for everything that cannot be a camera.
+    """
+    content = _content(Path(path))
+    metadata = content.get(METADATA, {})
+    metadata = metadata if isinstance(metadata, dict) else {}
+    metres = _metres_per_unit(Path(path), metadata)
+    cameras: list[Camera] = []
+    faults: list[str] = []
+    for key, table in _camera_tables(Path(path), content).items():
+        try:
+            cameras.append(_camera(key, table, metres))
+        except InputError as error:
+            faults.append(f"{path}: [{key}]: {error}")
+    if faults:
+        raise FileFaults(faults)
+    texts = {key: value for key, value in metadata.items() if isinstance(value, str) and key not in ("units", "verdict")}
+    verdict = metadata.get("verdict")
+    try:
+        return Rig(tuple(cameras), verdict if isinstance(verdict, str) else None, texts)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def read_lens(path: str | Path, camera: str) -> Lens:
+    """Read size, matrix and distortions of one camera: the table `[camera]`, or else the table whose `name` is `camera`.
+
+    Poses and all other tables are ignored. Raises `InputError` when there is no such table or it cannot be a lens.
+    """
+    tables = _camera_tables(Path(path), _content(Path(path)))
+    key = camera if camera in tables else next((key for key, table in tables.items() if table.get("name") == camera), None)
+    if key is None:
+        raise InputError(
+            f"{path}: no table [{camera}]: camera {camera} needs one with size, matrix and distortions "
+            f"(the file has {', '.join(tables)})"
+        )
+    try:
+        return _lens(tables[key])
+    except InputError as error:
+        raise InputError(f"{path}: [{key}]: {error}") from None
+
+
+def write_rig(path: str | Path, rig: Rig) -> None:
+    """Write a rig, whole or not at all. Raises `InputError` where `path` is not writable."""
+    content: dict[str, Any] = {}
+    for camera in rig:
+        if camera.name == METADATA:
+            raise InputError(f"{path}: a camera cannot be called {METADATA} in a rig file: rename it")
+        content[camera.name] = _table(camera)
+    verdict = {} if rig.verdict is None else {"verdict": rig.verdict}
+    content[METADATA] = {"units": "m", **verdict, **rig.metadata}
+    write_text(path, tomli_w.dumps(content))
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_text(path, "a rig file (TOML)"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not TOML: {error}") from None
+
+
+def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The tables that describe a camera: those with a matrix or distortions."""
+    tables = {
+        key: table
+        for key, table in content.items()
+        if key != METADATA and isinstance(table, dict) and {"matrix", "distortions"} & table.keys()
+    }
+    if not tables:
+        raise InputError(f"{path}: holds no camera: one table a camera with size, matrix and distortions is needed")
+    return tables
+
+
+def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
+    units = metadata.get("units", "m")
+    if units not in METRES_PER_UNIT:
+        raise InputError(f"{path}: [{METADATA}] units is {units!r}: write one of {', '.join(METRES_PER_UNIT)}")
+    return METRES_PER_UNIT[units]
+
+
+def _camera(key: str, table: dict[str, Any], metres: float) -> Camera:
+    name = table.get("name", key)
+    if not isinstance(name, (str, int)) or name == "":
+        raise InputError(f"name is {name!r}: give the camera's name in quotes")
+    return Camera(str(name), _lens(table), _pose(table, metres), _sigma(table))
+
+
+def _lens(table: dict[str, Any]) -> Lens:
+    size = _numbers(table, "size", (2,), "[width, height] in pixels")
+    matrix = _numbers(table, "matrix", (3, 3), "three rows of three numbers")
+    fisheye = table.get("fisheye", False)
+    if not isinstance(fisheye, bool):
+        raise InputError(f"fisheye is {fisheye!r}: write true or false")
+    if (size != np.floor(size)).any():
+        raise InputError(f"size is {size.tolist()}: whole numbers of pixels are needed")
+    distortions = _numbers(table, "distortions", (-1,), "a list of OpenCV's coefficients")
+    return Lens((int(size[0]), int(size[1])), matrix, distortions, fisheye)
+
+
+def _pose(table: dict[str, Any], metres: float) -> Pose | None:
+    present = [key for key in ("rotation", "translation") if table.get(key) not in (None, [])]
+    if not present:
+        return None
+    if len(present) == 1:
+        missing = "translation" if present == ["rotation"] else "rotation"
+        raise InputError(f"has a {present[0]} but no {missing}: give both, or neither for a camera without a pose")
+    translation = _numbers(table, "translation", (3,), "three numbers")
+    if np.asarray(table["rotation"], dtype=object).ndim == 2:
+        return Pose(_rotation(_numbers(table, "rotation", (3, 3), "a Rodrigues vector")), metres * translation)
+    vector = _numbers(table, "rotation", (3,), "a Rodrigues vector of three numbers")
+    return Pose(np.asarray(cv2.Rodrigues(vector)[0]), metres * translation)
+
+
+def _rotation(matrix: Floats) -> Floats:
+    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-4) or np.linalg.det(matrix) < 0:
+        raise InputError(f"rotation {matrix.tolist()} is not a rotation: give its Rodrigues vector")
+    return matrix
+
+
+def _sigma(table: dict[str, Any]) -> PoseSigma | None:
+    if "position_sigma_mm" not in table or "orientation_sigma_deg" not in table:
+        return None
+    position = _numbers(table, "position_sigma_mm", (), "one number")
+    orientation = _numbers(table, "orientation_sigma_deg", (), "one number")
+    covariance = _numbers(table, "covariance", (6, 6), "six rows of six numbers") if "covariance" in table else None
+    return PoseSigma(float(position) / 1000, float(orientation), covariance)
+
+
+def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], meaning: str) -> Floats:
+    """The finite numbers under `key`, of the given shape; (-1,) is a list of any length."""
+    if key not in table:
+        raise InputError(f"{key} is missing: give {meaning}")
+    value = table[key]
+    try:
+        if any(type(number) not in (int, float) for number in _flat(value)):
+            raise ValueError
+        array = np.array(value, dtype=np.float64)
+    except ValueError:
+        raise InputError(f"{key} is {value!r}: give {meaning}") from None
+    if array.ndim != len(shape) or (shape != (-1,) and array.shape != shape):
+        raise InputError(f"{key} is {value!r}: give {meaning}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{key} is {value!r}: its numbers must be finite")
+    return array
+
+
+def _flat(value: Any) -> list[Any]:
+    return [inner for item in value for inner in _flat(item)] if isinstance(value, list) else [value]
+
+
+def _table(camera: Camera) -> dict[str, Any]:
+    lens = camera.lens
+    # The other tools expect coefficients to be there; zeros are the same lens as none.
+    distortions = lens.distortions if lens.distortions.size else np.zeros(4 if lens.fisheye else 5)
+    table: dict[str, Any] = {
+        "name": camera.name,
+        "size": list(lens.size),
+        "matrix": lens.matrix.tolist(),
+        "distortions": distortions.tolist(),
+    }
+    if camera.pose is not None:
+        table["rotation"] = np.asarray(cv2.Rodrigues(np.array(camera.pose.R_cw))[0]).ravel().tolist()
+        table["translation"] = camera.pose.t_cw.tolist()
+    table["fisheye"] = lens.fisheye
+    if camera.sigma is not None:
+        table["position_sigma_mm"] = 1000 * camera.sigma.position_m
+        table["orientation_sigma_deg"] = camera.sigma.orientation_deg
+        if camera.sigma.covariance is not None:
+            table["covariance"] = np.asarray(camera.sigma.covariance).tolist()
+    return table
