@@ -1,1 +1,1 @@
-
+"""How good a rig is: measured against the truth."""

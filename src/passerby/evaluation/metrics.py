@@ -1,0 +1,205 @@
+"""How far an estimated rig lies from the true one: camera pose errors (CPE), the scale ratio, the vertical and the ground.
+
+A wrong scale and a wrong shape are different faults, so the estimate is placed upon the truth twice:
+
+- *metric*: moved rigidly so that the reference camera coincides with the truth in position and orientation; means over the
+  other cameras. This is the CPE of Xu, Li, Weng, Kitani, "Wide-Baseline Multi-Camera Calibration using Person
+  Re-Identification", CVPR 2021.
+- *similarity*: turned by the chordal mean over the cameras of `R_true^T R_est`, then scaled and shifted by least squares over
+  the camera centres; means over all cameras.
+
+A position error is `|C_est - C_true|`, an orientation error the angle of `R_est R_true^T` (R is world to camera).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from passerby.cameras import Camera, Floats, Pose, Rig
+from passerby.errors import InputError
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One way to place the estimate upon the truth, and the errors that remain; None where undefined."""
+
+    position_mm: dict[str, float]
+    """Position error by camera; empty where the placement is undefined."""
+    orientation_deg: dict[str, float]
+    """Orientation error by camera."""
+    mean_position_mm: float | None
+    mean_orientation_deg: float | None
+    median_position_mm: float | None
+    median_orientation_deg: float | None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An estimated rig against the true one."""
+
+    names: tuple[str, ...]
+    """The cameras compared: those of the truth that have a pose in the estimate."""
+    missing: tuple[str, ...]
+    """Cameras of the truth without a pose in the estimate."""
+    reference: str
+    metric: Placement
+    similarity: Placement
+    scale_ratio: float | None
+    """Estimated length / true length."""
+    gravity_error_deg: float | None
+    """Angle between the estimate's and the true vertical, after the similarity's rotation."""
+    ground_error_mm: float | None
+    """Height of the estimated ground over the true one, below the cameras' centroid, after the similarity."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for JSON: no NaN, None where undefined."""
+        cameras = [
+            {
+                "name": name,
+                "position_error_mm": self.metric.position_mm.get(name),
+                "orientation_error_deg": self.metric.orientation_deg.get(name),
+                "similarity_position_error_mm": self.similarity.position_mm.get(name),
+                "similarity_orientation_error_deg": self.similarity.orientation_deg.get(name),
+            }
+            for name in (*self.names, *self.missing)
+        ]
+        return {
+            "cameras": cameras,
+            "metric": self._summary(self.metric),
+            "similarity": self._summary(self.similarity),
+            "scale_ratio": self.scale_ratio,
+            "gravity_error_deg": self.gravity_error_deg,
+            "ground_error_mm": self.ground_error_mm,
+            "reference": self.reference,
+            "registered": len(self.names),
+            "missing": list(self.missing),
+        }
+
+    def _summary(self, placement: Placement) -> dict[str, float | None]:
+        return {
+            "mean_position_mm": placement.mean_position_mm,
+            "mean_orientation_deg": placement.mean_orientation_deg,
+            "median_position_mm": placement.median_position_mm,
+            "median_orientation_deg": placement.median_orientation_deg,
+            "scale_ratio": self.scale_ratio,
+        }
+
+
+def compare(estimate: Rig, truth: Rig, reference: str | None = None) -> Comparison:
+    """Compare an estimated rig with the true one.
+
+    Args:
+        estimate: cameras without a pose, or not in it, count as missing; cameras that the truth lacks are left out.
+        truth: cameras without a pose are left out.
+        reference: the camera that coincides in the metric placement; the truth's first with an estimated pose, unless given.
+
+    Raises:
+        InputError: no camera has a pose in both, or the reference has none.
+    """
+    true_poses = _poses(truth)
+    estimated = _poses(estimate)
+    names = tuple(name for name in true_poses if name in estimated)
+    missing = tuple(name for name in true_poses if name not in estimated)
+    if not names:
+        raise InputError(
+            f"no camera has a pose in both rigs: the estimate has {', '.join(estimated) or 'none'}, "
+            f"the truth {', '.join(true_poses) or 'none'}; the names must be the same"
+        )
+    if reference is not None and reference not in names:
+        raise InputError(f"reference camera {reference} has no pose in both rigs: choose one of {', '.join(names)}")
+    reference = reference or names[0]
+    e, t = [estimated[name] for name in names], [true_poses[name] for name in names]
+
+    anchor = names.index(reference)
+    turn = t[anchor].R_cw.T @ e[anchor].R_cw
+    metric = [pose.moved(turn, t[anchor].centre - turn @ e[anchor].centre) for pose in e]
+    others = [index for index in range(len(names)) if index != anchor]
+
+    similarity = fit_similarity(e, t)
+    gravity, ground, placed = None, None, None
+    if similarity is not None:
+        rotation, translation, scale = similarity
+        placed = [pose.moved(rotation, translation, scale) for pose in e]
+        gravity = _angle_between(rotation[:, 2], np.array([0.0, 0.0, 1.0]))
+        ground = _ground_error_mm(rotation[:, 2], translation, np.mean([pose.centre for pose in t], axis=0))
+    return Comparison(
+        names=names,
+        missing=missing,
+        reference=reference,
+        metric=_placement(names, metric, t, others),
+        similarity=_placement(names, placed, t, range(len(names))),
+        scale_ratio=None if similarity is None else 1 / similarity[2],
+        gravity_error_deg=gravity,
+        ground_error_mm=ground,
+    )
+
+
+def fit_similarity(estimate: Sequence[Pose], truth: Sequence[Pose]) -> tuple[Floats, Floats, float] | None:
+    """The world motion `X -> scale rotation X + translation` that takes the estimated cameras to the true ones.
+
+    The rotation is the chordal mean of `R_true^T R_est` (Hartley, Trumpf, Dai, Li, "Rotation averaging", IJCV 2013), scale and
+    translation are least squares over the centres.
+
+    Returns:
+        (3, 3) rotation, (3,) translation in metres, scale; None where undefined: fewer than two cameras, cameras at one
+        place, or an estimate so wrong that no positive scale fits.
+    """
+    if len(estimate) < 2:
+        return None
+    u, _, vt = np.linalg.svd(np.sum([t.R_cw.T @ e.R_cw for e, t in zip(estimate, truth, strict=True)], axis=0))
+    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    moved = np.array([rotation @ pose.centre for pose in estimate])
+    target = np.array([pose.centre for pose in truth])
+    spread, target_spread = moved - moved.mean(axis=0), target - target.mean(axis=0)
+    length = float((spread**2).sum())
+    overlap = float((spread * target_spread).sum())
+    if not length > 0 or not overlap > 0:
+        return None
+    scale = overlap / length
+    return rotation, np.asarray(target.mean(axis=0) - scale * moved.mean(axis=0)), scale
+
+
+def angle_deg(rotation: Floats) -> float:
+    """Angle of a (3, 3) rotation, degrees, exact for small angles too."""
+    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
+    return float(np.degrees(np.arctan2(np.linalg.norm(axis), np.trace(rotation) - 1)))
+
+
+def _poses(rig: Rig) -> dict[str, Pose]:
+    def pose_of(camera: Camera) -> list[tuple[str, Pose]]:
+        return [] if camera.pose is None else [(camera.name, camera.pose)]
+
+    return dict(item for camera in rig for item in pose_of(camera))
+
+
+def _placement(names: Sequence[str], placed: Sequence[Pose] | None, truth: Sequence[Pose], counted: Sequence[int]) -> Placement:
+    """Errors of all cameras, with mean and median over those counted."""
+    if placed is None:
+        return Placement({}, {}, None, None, None, None)
+    position = [float(1000 * np.linalg.norm(p.centre - t.centre)) for p, t in zip(placed, truth, strict=True)]
+    orientation = [angle_deg(p.R_cw @ t.R_cw.T) for p, t in zip(placed, truth, strict=True)]
+    some_position, some_orientation = [position[index] for index in counted], [orientation[index] for index in counted]
+    return Placement(
+        dict(zip(names, position, strict=True)),
+        dict(zip(names, orientation, strict=True)),
+        float(np.mean(some_position)) if some_position else None,
+        float(np.mean(some_orientation)) if some_orientation else None,
+        float(np.median(some_position)) if some_position else None,
+        float(np.median(some_orientation)) if some_orientation else None,
+    )
+
+
+def _angle_between(a: Floats, b: Floats) -> float:
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def _ground_error_mm(up: Floats, origin: Floats, centroid: Floats) -> float | None:
+    """Height (mm, sign dropped) of the plane through `origin` with normal `up`, straight below `centroid`; None if upright."""
+    if abs(up[2]) < 1e-6:
+        return None
+    height = origin[2] - (up[0] * (centroid[0] - origin[0]) + up[1] * (centroid[1] - origin[1])) / up[2]
+    return float(1000 * abs(height))
