@@ -1,0 +1,349 @@
+"""The person model: upright people on a ground plane, seen by cameras, as a least-squares problem.
+
+World: z up, ground z = 0. The unknowns are what is really there: the cameras' poses; for each camera one slack factor (how much taller
+than the people its boxes are); how far the lowest visible point of a body lies nearer to the camera than the body's axis; each
+person's height; for each person and instant a ground position (x, y), the height of the lowest and of the highest point; and 3D joints.
+
+A box enters by two residuals that are not weighed alike, since a detector's slack and the model's bias move the two edges in opposite
+directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres give the shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.solver.bundle import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
+from passerby.solver.least_squares import Cauchy, Family, Layout, Step, Term
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CAMERA_SIZE = POSE_SIZE + 1
+SLACK = POSE_SIZE
+UPRIGHT, JOINT = 0, 1
+X, Y, LOW, HIGH = range(4)
+FOOT_SHIFT = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """M upright people seen: the rays of a highest and of a lowest point, as boxes or as head and ankles give them."""
+
+    camera: Ints
+    """(M,) camera index, ascending."""
+    block: Ints
+    """(M,) person-instant."""
+    top: Floats
+    """(M, 3) unit ray of the highest point, camera frame."""
+    bottom: Floats
+    """(M, 3) unit ray of the lowest point."""
+    top_tangent: Floats
+    """(M, 2, 3) from `Lens.tangents`."""
+    bottom_tangent: Floats
+    """(M, 2, 3)"""
+    extent_px: Floats
+    """(M,) distance of the two points in the picture, pixels."""
+    top_fraction: Floats
+    """(M,) where on the body the highest point sits, as a share of its height: 1 for a box."""
+    bottom_fraction: Floats
+    """(M,) the same of the lowest point: 0 for a box."""
+    has_foot: Floats
+    """(M,) 1 where the lowest point is the visible foot of a box, which lies nearer to the camera than the axis; else 0."""
+
+    def __len__(self) -> int:
+        return len(self.camera)
+
+    def take(self, rows: NDArray[np.generic]) -> Sightings:
+        """The sightings of the given rows."""
+        return Sightings(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What the residuals are weighed by; shares are of the sighting's extent in pixels."""
+
+    floor_px: float = 0.5
+    centre: float = 0.02
+    height: float = 0.10
+    joint: float = 0.01
+    loss: float = 3.0
+    """Scale of the Cauchy loss in sigmas; large values make it nearly quadratic for a first descent."""
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard deviations of what people and detectors usually do."""
+
+    low_m: float = 0.08
+    high_m: float = 0.10
+    slack: float = 0.05
+    foot_shift_m: float = 0.10
+    foot_shift_sd_m: float = 0.05
+    stance_loss: float = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class PriorRows:
+    """Rows of dense priors on the shared unknowns (scale cues): residuals and Jacobian at a state."""
+
+    residual: Floats
+    by_shared: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleState:
+    """A point in the space of unknowns."""
+
+    R: Floats
+    """(C, 3, 3) world to camera."""
+    centre: Floats
+    """(C, 3) metres."""
+    slack: Floats
+    """(C,) boxes are taller than people by this share."""
+    globals: Floats
+    """Foot shift (metres), then three coordinates per marked point."""
+    heights: Floats
+    """(P,) standing heights, metres."""
+    people: Floats
+    """(N, 4): x, y, height of the lowest and of the highest point, metres."""
+    joints: Floats
+    """(J, 3) 3D joints, metres."""
+
+    def scaled(self, scale: float) -> PeopleState:
+        """All lengths of cameras, people and joints times `scale`, the standing heights too."""
+        return replace(
+            self, centre=self.centre * scale, globals=np.concatenate([self.globals[:1], self.globals[1:] * scale]),
+            heights=self.heights * scale, people=self.people * scale, joints=self.joints * scale,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleProblem:
+    """The person model over given sightings."""
+
+    n_cameras: int
+    sightings: Sightings
+    joints: PointObservations
+    person: Ints
+    """(N,) the person of each person-instant."""
+    n_joints: int
+    height_mean: Floats
+    """(P,) prior of each person's standing height, metres."""
+    height_sd: Floats
+    """(P,)"""
+    stance_weight: Floats
+    """(N,) 1 where the person may be standing; 0 lets the height of the highest point go free."""
+    noise: Noise = field(default_factory=Noise)
+    priors: Priors = field(default_factory=Priors)
+    cues: CueRows | None = None
+
+    @property
+    def layout(self) -> Layout:
+        """The sizes of the unknowns."""
+        families = (Family(len(self.person), 4, self.person), Family(self.n_joints, 3))
+        n_globals = 1 + (3 * self.cues.n_points if self.cues else 0)
+        return Layout(self.n_cameras, CAMERA_SIZE, n_globals, len(self.height_mean), families)
+
+    def centre_sigma(self) -> Floats:
+        """(M,) standard deviation of the sightings' centres, pixels."""
+        return np.hypot(self.noise.floor_px, self.noise.centre * self.sightings.extent_px)
+
+    def terms(self, state: PeopleState, *, jacobians: bool) -> list[Term]:
+        """Residuals at a state: sightings, joints, stance, heights, slack, foot shift and scale cues."""
+        out = []
+        if len(self.sightings):
+            out += self._sighting_terms(state, jacobians)
+            out += self._stance_terms(state)
+        if self.n_joints:
+            out.append(self._joint_term(state, jacobians))
+        out += self._shared_priors(state)
+        if self.cues is not None:
+            out += self.cues.terms(state, self.layout)
+        return out
+
+    def _sighting_terms(self, state: PeopleState, jacobians: bool) -> list[Term]:
+        s, shift = self.sightings, state.globals[FOOT_SHIFT]
+        R, C, body = state.R[s.camera], state.centre[s.camera], state.people[s.block]
+        length = body[:, HIGH] - body[:, LOW]
+        top = np.column_stack([body[:, :2], body[:, LOW] + s.top_fraction * length])
+        toward = C[:, :2] - body[:, :2]
+        distance = np.maximum(np.linalg.norm(toward, axis=1), 0.1)
+        toward = toward / distance[:, None]
+        moved = (shift * s.has_foot)[:, None]
+        bottom = np.column_stack([body[:, :2] + moved * toward, body[:, LOW] + s.bottom_fraction * length])
+        d_top = (R @ (top - C)[:, :, None])[:, :, 0]
+        d_bottom = (R @ (bottom - C)[:, :, None])[:, :, 0]
+        r_top, top_by_d = project_near(s.top, s.top_tangent, d_top)
+        r_bottom, bottom_by_d = project_near(s.bottom, s.bottom_tangent, d_bottom)
+        centre_weight = 0.5 / self.centre_sigma()
+        height_weight = 1.0 / np.hypot(self.noise.floor_px, self.noise.height * s.extent_px)
+        centre = (r_top + r_bottom) * centre_weight[:, None]
+        height = ((r_bottom - r_top)[:, 1] + state.slack[s.camera] * s.extent_px) * height_weight
+        loss = Cauchy(self.noise.loss)
+        if not jacobians:
+            return [Term(centre, loss), Term(height[:, None], loss)]
+        top_by_pose, top_by_point = pose_jacobian(top_by_d, d_top, R)
+        bottom_by_pose, bottom_by_point = pose_jacobian(bottom_by_d, d_bottom, R)
+        # The visible foot leans toward the camera, so it moves with both the camera and the person.
+        turn = (moved / distance[:, None])[:, :, None] * (np.eye(2) - toward[:, :, None] * toward[:, None, :])
+        lean = bottom_by_point[:, :, :2] @ turn
+        bottom_by_pose[:, :, 3:5] += lean
+        top_by_block = _by_body(top_by_point, s.top_fraction)
+        bottom_by_block = _by_body(bottom_by_point, s.bottom_fraction)
+        bottom_by_block[:, :, :2] -= lean
+        bottom_by_shift = (bottom_by_point[:, :, :2] @ toward[:, :, None])[:, :, 0] * s.has_foot[:, None]
+        n, n_globals = len(s), len(state.globals)
+
+        def rows(by_top: Floats, by_bottom: Floats, k: int) -> Floats:
+            """Stack the derivatives of the centre (k = 2) or of the height (k = 1)."""
+            if k == 2:
+                return np.asarray((by_top + by_bottom) * centre_weight[:, None, None])
+            return np.asarray((by_bottom - by_top)[:, 1:] * height_weight[:, None, None])
+
+        terms = []
+        for k, residual in ((2, centre), (1, height[:, None])):
+            by_camera = np.zeros((n, k, CAMERA_SIZE))
+            by_camera[:, :, :POSE_SIZE] = rows(top_by_pose, bottom_by_pose, k)
+            by_globals = np.zeros((n, k, n_globals))
+            by_globals[:, :, FOOT_SHIFT] = rows(np.zeros((n, 2, 1)), bottom_by_shift[:, :, None], k)[:, :, 0]
+            if k == 1:
+                by_camera[:, 0, SLACK] = s.extent_px * height_weight
+            terms.append(
+                Term(residual, loss, camera=s.camera, by_camera=by_camera, family=UPRIGHT, block=s.block,
+                     by_block=rows(top_by_block, bottom_by_block, k), by_globals=by_globals)
+            )  # fmt: skip
+        return terms
+
+    def _stance_terms(self, state: PeopleState) -> list[Term]:
+        """Feet on the ground; the highest point at the person's standing height, as far as the person may be standing."""
+        loss = Cauchy(self.priors.stance_loss)
+        n = len(self.person)
+        block = np.arange(n)
+        low = (state.people[:, LOW] / self.priors.low_m)[:, None]
+        by_low = np.zeros((n, 1, 4))
+        by_low[:, 0, LOW] = 1 / self.priors.low_m
+        root = np.sqrt(self.stance_weight) / self.priors.high_m
+        high = ((state.people[:, HIGH] - state.heights[self.person]) * root)[:, None]
+        by_high = np.zeros((n, 1, 4))
+        by_high[:, 0, HIGH] = root
+        # A person who is down still has a length: a weak pull keeps the free end from running away.
+        length = ((state.people[:, HIGH] - state.people[:, LOW] - 0.75 * state.heights[self.person]) / 0.5)[:, None]
+        by_length = np.zeros((n, 1, 4))
+        by_length[:, 0, HIGH], by_length[:, 0, LOW] = 2.0, -2.0
+        return [
+            Term(low, loss, family=UPRIGHT, block=block, by_block=by_low),
+            Term(high, loss, family=UPRIGHT, block=block, by_block=by_high, group=self.person, by_group=-root[:, None]),
+            Term(length, None, family=UPRIGHT, block=block, by_block=by_length, group=self.person,
+                 by_group=np.full((n, 1), -1.5)),
+        ]  # fmt: skip
+
+    def _joint_term(self, state: PeopleState, jacobians: bool) -> Term:
+        o, loss = self.joints, Cauchy(self.noise.loss)
+        R = state.R[o.camera]
+        d = (R @ (state.joints[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
+        residual, by_d = project_near(o.bearing, o.tangent, d)
+        residual = residual / o.sigma_px[:, None]
+        if not jacobians:
+            return Term(residual, loss)
+        by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
+        by_camera = np.concatenate([by_pose, np.zeros((len(d), 2, 1))], axis=2)
+        return Term(residual, loss, camera=o.camera, by_camera=by_camera, family=JOINT, block=o.point, by_block=by_point)
+
+    def _shared_priors(self, state: PeopleState) -> list[Term]:
+        layout = self.layout
+        n = self.n_cameras
+        by_slack = np.zeros((n, 1, layout.n_shared))
+        by_slack[np.arange(n), 0, np.arange(n) * CAMERA_SIZE + SLACK] = 1 / self.priors.slack
+        by_shift = np.zeros((1, 1, layout.n_shared))
+        by_shift[0, 0, n * CAMERA_SIZE + FOOT_SHIFT] = 1 / self.priors.foot_shift_sd_m
+        shift = (state.globals[FOOT_SHIFT] - self.priors.foot_shift_m) / self.priors.foot_shift_sd_m
+        people = np.arange(len(self.height_mean))
+        return [
+            Term((state.slack / self.priors.slack)[:, None], by_shared=by_slack),
+            Term(np.array([[shift]]), by_shared=by_shift),
+            Term(((state.heights - self.height_mean) / self.height_sd)[:, None], group=people,
+                 by_group=(1 / self.height_sd)[:, None]),
+        ]  # fmt: skip
+
+    def retract(self, state: PeopleState, step: Step) -> PeopleState:
+        """The state moved by a step."""
+        by_camera = step.shared[: self.n_cameras * CAMERA_SIZE].reshape(-1, CAMERA_SIZE)
+        R, centre = retract_poses(state.R, state.centre, by_camera[:, :POSE_SIZE])
+        return PeopleState(
+            R, centre, state.slack + by_camera[:, SLACK], state.globals + step.shared[self.n_cameras * CAMERA_SIZE :],
+            state.heights + step.groups, state.people + step.blocks[UPRIGHT], state.joints + step.blocks[JOINT],
+        )  # fmt: skip
+
+
+def _by_body(by_point: Floats, fraction: Floats) -> Floats:
+    """Chain (M, k, 3) derivatives by a point on the body's axis to (M, k, 4) by x, y, low and high."""
+    by_z = by_point[:, :, 2:]
+    return np.concatenate([by_point[:, :, :2], by_z * (1 - fraction)[:, None, None], by_z * fraction[:, None, None]], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class CueRows:
+    """Scale cues as rows of the problem: marked points, known lengths, distances and heights of cameras."""
+
+    n_points: int = 0
+    """Marked points; the two ends of length i are points 2i and 2i + 1."""
+    marks: PointObservations | None = None
+    """Sightings of the marked points, sorted by camera."""
+    lengths: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    """(L, 2): metres and standard deviation."""
+    distance_between: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    distances: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    height_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    heights: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+
+    def terms(self, state: PeopleState, layout: Layout) -> list[Term]:
+        """The cues' residuals with dense Jacobians; there are few of them."""
+        out = []
+        first = layout.n_cameras * layout.camera_size
+        if len(self.distances):
+            a, b = self.distance_between.T
+            apart = state.centre[a] - state.centre[b]
+            norm = np.linalg.norm(apart, axis=1)
+            J = np.zeros((len(a), 1, layout.n_shared))
+            for axis in range(3):
+                value = apart[:, axis] / norm / self.distances[:, 1]
+                J[np.arange(len(a)), 0, a * layout.camera_size + 3 + axis] += value
+                J[np.arange(len(a)), 0, b * layout.camera_size + 3 + axis] -= value
+            out.append(Term(((norm - self.distances[:, 0]) / self.distances[:, 1])[:, None], by_shared=J))
+        if len(self.heights):
+            J = np.zeros((len(self.heights), 1, layout.n_shared))
+            J[np.arange(len(self.heights)), 0, self.height_of * layout.camera_size + 5] = 1 / self.heights[:, 1]
+            residual = (state.centre[self.height_of, 2] - self.heights[:, 0]) / self.heights[:, 1]
+            out.append(Term(residual[:, None], by_shared=J))
+        if self.marks is not None and self.n_points:
+            out += self._length_terms(state, layout, first)
+        return out
+
+    def _length_terms(self, state: PeopleState, layout: Layout, first: int) -> list[Term]:
+        assert self.marks is not None
+        o, points = self.marks, state.globals[1:].reshape(-1, 3)
+        R = state.R[o.camera]
+        d = (R @ (points[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
+        residual, by_d = project_near(o.bearing, o.tangent, d)
+        by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
+        rows = np.arange(len(d))
+        J = np.zeros((len(d), 2, layout.n_shared))
+        for column in range(POSE_SIZE):
+            J[rows, :, o.camera * layout.camera_size + column] = by_pose[:, :, column]
+        for axis in range(3):
+            J[rows, :, first + 1 + 3 * o.point + axis] = by_point[:, :, axis]
+        apart = points[0::2] - points[1::2]
+        norm = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
+        n = len(self.lengths)
+        J_length = np.zeros((n, 1, layout.n_shared))
+        for axis in range(3):
+            value = apart[:, axis] / norm / self.lengths[:, 1]
+            J_length[np.arange(n), 0, first + 1 + 6 * np.arange(n) + axis] = value
+            J_length[np.arange(n), 0, first + 4 + 6 * np.arange(n) + axis] = -value
+        return [
+            Term(residual / o.sigma_px[:, None], Cauchy(3.0), by_shared=J),
+            Term(((norm - self.lengths[:, 0]) / self.lengths[:, 1])[:, None], by_shared=J_length),
+        ]
