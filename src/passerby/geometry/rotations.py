@@ -1,0 +1,66 @@
+"""Rotations: rotation vectors, angles between rotations and directions, the smallest turn between two directions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Floats = NDArray[np.float64]
+
+
+def skew(vectors: Floats) -> Floats:
+    """Cross-product matrices: (..., 3) to (..., 3, 3) with `skew(v) @ w = v x w`."""
+    v = np.asarray(vectors, dtype=np.float64)
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    zero = np.zeros_like(x)
+    rows = [np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return np.stack(rows, axis=-2)
+
+
+def exp_rotation(vectors: Floats) -> Floats:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Rodrigues)."""
+    v = np.asarray(vectors, dtype=np.float64)
+    if v.size == 0:
+        return np.zeros((*v.shape, 3))
+    matrices = Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix()
+    return np.asarray(matrices, dtype=np.float64).reshape(*v.shape, 3)
+
+
+def log_rotation(rotations: Floats) -> Floats:
+    """Rotation vectors (..., 3) in radians, at most pi long, of rotation matrices (..., 3, 3)."""
+    R = np.asarray(rotations, dtype=np.float64)
+    if R.size == 0:
+        return np.zeros(R.shape[:-1])
+    vectors = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
+    return np.asarray(vectors, dtype=np.float64).reshape(R.shape[:-1])
+
+
+def angle_between(R_a: Floats, R_b: Floats) -> Floats:
+    """Angles (...) in radians, 0 to pi, of the rotations `R_a R_b^T`, both (..., 3, 3) and broadcast."""
+    difference = np.asarray(R_a, dtype=np.float64) @ np.swapaxes(np.asarray(R_b, dtype=np.float64), -1, -2)
+    return np.asarray(np.linalg.norm(log_rotation(difference), axis=-1))
+
+
+def direction_angle(a: Floats, b: Floats) -> Floats:
+    """Angles (...) in radians, 0 to pi, between directions (..., 3) of any length; exact for small angles too."""
+    a, b = np.broadcast_arrays(np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64))
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(axis=-1)))
+
+
+def rotation_between(a: Floats, b: Floats) -> Floats:
+    """The smallest rotation (3, 3) that turns direction `a` (3,) into direction `b` (3,).
+
+    Of opposite directions the axis is free; one orthogonal to `a` is taken.
+    """
+    a = np.asarray(a, dtype=np.float64) / np.linalg.norm(a)
+    b = np.asarray(b, dtype=np.float64) / np.linalg.norm(b)
+    axis = np.cross(a, b)
+    sine, cosine = float(np.linalg.norm(axis)), float(a @ b)
+    if sine < 1e-12:
+        if cosine > 0:
+            return np.eye(3)
+        helper = np.eye(3)[int(np.argmin(np.abs(a)))]
+        axis = np.cross(a, helper)
+        return exp_rotation(np.pi * axis / np.linalg.norm(axis))
+    return exp_rotation(np.arctan2(sine, cosine) * axis / sine)

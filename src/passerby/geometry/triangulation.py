@@ -1,0 +1,133 @@
+"""Points from viewing rays, linear and vectorised, and how well they fit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.geometry.rotations import direction_angle
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# Two rays closer to parallel than this (radians) have no meeting point that a pixel's noise would not move by kilometres.
+PARALLEL = 1e-6
+
+
+def triangulate(
+    camera: Ints,
+    point: Ints,
+    bearing: Floats,
+    rotations: Floats,
+    translations: Floats,
+    n_points: int,
+    *,
+    weights: Floats | None = None,
+    iterations: int = 3,
+) -> Floats:
+    """Points nearest to their viewing rays, any number of rays a point.
+
+    The sum of squared distances to the rays is quadratic in the point; dividing each distance by the point's distance from
+    that camera (found in the iteration before) turns it into the sum of squared angles, which is what a camera measures.
+
+    Args:
+        camera: (M,) index of the camera of each ray, 0 to C - 1.
+        point: (M,) index of the point that the ray sees, 0 to `n_points` - 1.
+        bearing: (M, 3) unit rays in their camera's frame.
+        rotations: (C, 3, 3) world to camera.
+        translations: (C, 3) world to camera; its unit becomes the points'.
+        n_points: number of points N.
+        weights: (M,) weight of each ray, 1 over the variance of its angle; equal when None.
+        iterations: rounds of division by the distance; 1 is the plain nearest point ("midpoint").
+
+    Returns:
+        (N, 3) points in the world; NaN for a point with fewer than two rays or with parallel rays only. A point may lie
+        behind a camera: see `depths`.
+    """
+    camera, point = np.asarray(camera, dtype=np.int64), np.asarray(point, dtype=np.int64)
+    R = np.asarray(rotations, dtype=np.float64)[camera]
+    direction = np.einsum("mji,mj->mi", R, np.asarray(bearing, dtype=np.float64))
+    centre = -np.einsum("mji,mj->mi", R, np.asarray(translations, dtype=np.float64)[camera])
+    across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+    base = np.ones(len(camera)) if weights is None else np.asarray(weights, dtype=np.float64)
+    distance = np.ones(len(camera))
+    points = np.full((n_points, 3), np.nan)
+    for _ in range(max(1, iterations)):
+        weighted = (base / distance**2)[:, None, None] * across
+        normal = _sum_by(point, weighted.reshape(-1, 9), n_points).reshape(-1, 3, 3)
+        right = _sum_by(point, np.einsum("mij,mj->mi", weighted, centre), n_points)
+        # For two rays of equal weight the smallest eigenvalue is 1 - cos(angle) of the two others' 1 + cos and 2.
+        values = np.linalg.eigvalsh(normal)
+        sound = values[:, 0] > PARALLEL**2 * np.maximum(values[:, 2], np.finfo(float).tiny)
+        points[~sound] = np.nan
+        points[sound] = np.linalg.solve(normal[sound], right[sound][:, :, None])[:, :, 0]
+        reach = np.linalg.norm(points[point] - centre, axis=1)
+        distance = np.where(np.isfinite(reach) & (reach > 0), reach, 1.0)
+    return points
+
+
+def triangulate_two_views(rays_a: Floats, rays_b: Floats, R_ba: Floats, t_ba: Floats) -> Floats:
+    """Points seen by two cameras, with `x_b = R_ba x_a + t_ba`.
+
+    Args:
+        rays_a: (N, 3) unit rays in camera a's frame.
+        rays_b: (N, 3) unit rays in camera b's frame.
+        R_ba: (3, 3) rotation from a to b.
+        t_ba: (3,) translation from a to b.
+
+    Returns:
+        (N, 3) points in camera a's frame, in the unit of `t_ba`; NaN where the rays are parallel.
+    """
+    n = len(rays_a)
+    camera = np.repeat(np.array([0, 1], dtype=np.int64), n)
+    point = np.tile(np.arange(n, dtype=np.int64), 2)
+    rotations = np.stack([np.eye(3), np.asarray(R_ba, dtype=np.float64)])
+    translations = np.stack([np.zeros(3), np.asarray(t_ba, dtype=np.float64)])
+    return triangulate(camera, point, np.concatenate([rays_a, rays_b]), rotations, translations, n)
+
+
+def parallax_angles(rays_a: Floats, rays_b: Floats, R_ba: Floats) -> Floats:
+    """(N,) angles in radians between rays (N, 3) of two cameras with `x_b = R_ba x_a + t_ba`."""
+    return direction_angle(np.asarray(rays_a, dtype=np.float64) @ np.asarray(R_ba, dtype=np.float64).T, rays_b)
+
+
+def in_camera_frames(points: Floats, camera: Ints, point: Ints, rotations: Floats, translations: Floats) -> Floats:
+    """(M, 3) points as their cameras see them: row m is point `point[m]` in the frame of camera `camera[m]`."""
+    R, t = np.asarray(rotations)[camera], np.asarray(translations)[camera]
+    return np.asarray(np.einsum("mij,mj->mi", R, np.asarray(points)[point]) + t)
+
+
+def depths(points_c: Floats, bearing: Floats) -> Floats:
+    """(M,) signed lengths of points (M, 3) of the camera's frame along their unit rays (M, 3): above 0 is in front.
+
+    Measured along the ray, not the optical axis, so that it also holds for a fisheye's rays beyond 90 degrees.
+    """
+    return np.asarray((points_c * bearing).sum(axis=-1))
+
+
+def angular_residuals(points_c: Floats, bearing: Floats) -> Floats:
+    """(M,) angles in radians between points (M, 3) of the camera's frame and the rays (M, 3) that saw them."""
+    return direction_angle(points_c, bearing)
+
+
+def reprojection_residuals(points_c: Floats, bearing: Floats, tangent: Floats) -> Floats:
+    """Reprojection errors of points of the camera's frame, linear about the rays that saw them.
+
+    Args:
+        points_c: (M, 3) points in the camera's frame, any unit.
+        bearing: (M, 3) unit rays that saw them.
+        tangent: (M, 2, 3) maps from the camera's frame to pixels at these rays (`Lens.tangents`).
+
+    Returns:
+        (M, 2) pixels, projection minus measurement; NaN for a point that is not in front of its ray.
+    """
+    along = depths(points_c, bearing)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = points_c / np.where(along > 0, along, np.nan)[:, None]
+    return np.asarray(np.einsum("mij,mj->mi", tangent, scaled))
+
+
+def _sum_by(group: Ints, values: Floats, n_groups: int) -> Floats:
+    """(n_groups, K) sums of the rows (M, K) of each group."""
+    columns = [np.bincount(group, values[:, k], minlength=n_groups) for k in range(values.shape[1])]
+    return np.stack(columns, axis=1) if len(group) else np.zeros((n_groups, values.shape[1]))

@@ -1,0 +1,130 @@
+"""Triangulation against points that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from passerby.cameras import Lens
+from passerby.geometry.rotations import exp_rotation
+from passerby.geometry.triangulation import (
+    angular_residuals,
+    depths,
+    in_camera_frames,
+    parallax_angles,
+    reprojection_residuals,
+    triangulate,
+    triangulate_two_views,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def cameras_around(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """World-to-camera rotations and translations of cameras on a circle of 8 m that look at its middle."""
+    rotations, translations = [], []
+    for yaw in 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count:
+        centre = 8 * np.array([np.cos(yaw), np.sin(yaw), 0.25])
+        z = -centre / np.linalg.norm(centre)
+        x = np.cross(z, [0, 0, 1])
+        x /= np.linalg.norm(x)
+        R = np.stack([x, np.cross(z, x), z])
+        rotations.append(R)
+        translations.append(-R @ centre)
+    return np.stack(rotations), np.stack(translations)
+
+
+def rays_of(points: np.ndarray, R: np.ndarray, t: np.ndarray) -> np.ndarray:
+    seen = points @ R.T + t
+    return seen / np.linalg.norm(seen, axis=1, keepdims=True)
+
+
+@given(seeds)
+def test_exact_rays_give_the_exact_points_however_few_cameras_see_them(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    R, t = cameras_around(rng, 5)
+    points = rng.uniform(-2, 2, (12, 3))
+    seen = rng.random((5, 12)) < 0.6
+    camera, point = np.nonzero(seen)
+    bearing = np.concatenate([rays_of(points, R[c], t[c])[seen[c]] for c in range(5)])
+    found = triangulate(camera, point, bearing, R, t, 12)
+    enough = seen.sum(axis=0) >= 2
+    np.testing.assert_allclose(found[enough], points[enough], atol=1e-6)
+    assert np.isnan(found[~enough]).all()
+
+
+@given(seeds, st.floats(0.01, 100))
+def test_two_views_scale_with_the_baseline(seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    R, t = exp_rotation(rng.uniform(-0.5, 0.5, 3)), np.array([1.0, 0.2, 0.1])
+    points = rng.uniform((-2, -2, 4), (2, 2, 9), (10, 3))
+    found = triangulate_two_views(rays_of(points, np.eye(3), np.zeros(3)), rays_of(points, R, t), R, scale * t)
+    np.testing.assert_allclose(found, scale * points, rtol=1e-6)
+
+
+def test_angles_count_not_distances_to_the_rays(rng: np.random.Generator) -> None:
+    """A point 2 m from one camera and 20 m from the other, both rays equally noisy: the far ray must not pull as hard."""
+    t = np.array([0.0, 0.0, 18.0])
+    R = exp_rotation(np.array([0.0, 0.9, 0.0]))
+    points = np.tile([[0.3, 0.2, 2.0]], (400, 1))
+    noise = 0.01 * rng.normal(size=(2, 400, 3))
+    rays_a = rays_of(points, np.eye(3), np.zeros(3)) + noise[0]
+    rays_b = rays_of(points, R, t) + noise[1]
+    rays_a /= np.linalg.norm(rays_a, axis=1, keepdims=True)
+    rays_b /= np.linalg.norm(rays_b, axis=1, keepdims=True)
+    by_angle = triangulate_two_views(rays_a, rays_b, R, t)
+    camera, point = np.repeat([0, 1], 400), np.tile(np.arange(400), 2)
+    pose = np.stack([np.eye(3), R]), np.stack([np.zeros(3), t])
+    midpoint = triangulate(camera, point, np.concatenate([rays_a, rays_b]), *pose, 400, iterations=1)
+    error = [np.median(np.linalg.norm((found - points)[:, :2], axis=1)) for found in (by_angle, midpoint)]
+    assert error[0] < 0.6 * error[1]
+
+
+def test_a_heavy_ray_pulls_the_point(rng: np.random.Generator) -> None:
+    R, t = cameras_around(rng, 3)
+    point = np.array([[0.5, -0.2, 0.9]])
+    bearing = np.concatenate([rays_of(point, R[c], t[c]) for c in range(3)])
+    bearing[2] += 0.02
+    bearing[2] /= np.linalg.norm(bearing[2])
+    arguments = np.arange(3), np.zeros(3, dtype=int), bearing, R, t, 1
+    plain = triangulate(*arguments)
+    trusting = triangulate(*arguments, weights=np.array([1.0, 1.0, 1e-6]))
+    assert np.linalg.norm(trusting - point) < 1e-3 < np.linalg.norm(plain - point)
+
+
+def test_parallel_rays_have_no_point() -> None:
+    ray = np.array([[0.0, 0.0, 1.0]])
+    assert np.isnan(triangulate_two_views(ray, ray, np.eye(3), np.array([1.0, 0, 0]))).all()
+
+
+def test_no_rays_no_points() -> None:
+    nothing = np.zeros(0, dtype=int)
+    found = triangulate(nothing, nothing, np.zeros((0, 3)), np.eye(3)[None], np.zeros((1, 3)), 2)
+    assert found.shape == (2, 3)
+    assert np.isnan(found).all()
+
+
+@given(seeds)
+def test_parallax_is_the_angle_at_the_point(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    R, t = exp_rotation(rng.uniform(-0.5, 0.5, 3)), rng.normal(size=3)
+    points = rng.uniform((-2, -2, 4), (2, 2, 9), (10, 3))
+    to_a, to_b = -points, -R.T @ t - points
+    cosine = (to_a * to_b).sum(axis=1) / np.linalg.norm(to_a, axis=1) / np.linalg.norm(to_b, axis=1)
+    found = parallax_angles(rays_of(points, np.eye(3), np.zeros(3)), rays_of(points, R, t), R)
+    np.testing.assert_allclose(found, np.arccos(np.clip(cosine, -1, 1)), atol=1e-6)
+
+
+def test_residuals_are_pixels_of_the_lens(rng: np.random.Generator) -> None:
+    lens = Lens((800, 600), np.array([[500.0, 0, 400], [0, 510, 300], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0]))
+    R, t = cameras_around(rng, 1)
+    points = rng.uniform(-1.5, 1.5, (20, 3))
+    seen = in_camera_frames(points, np.zeros(20, dtype=int), np.arange(20), R, t)
+    measured = lens.project_rays(seen) + rng.normal(size=(20, 2))
+    bearing = lens.bearings(measured)
+    residual = reprojection_residuals(seen, bearing, lens.tangents(bearing))
+    np.testing.assert_allclose(residual, lens.project_rays(seen) - measured, atol=0.02)
+    np.testing.assert_allclose(angular_residuals(seen, bearing) * lens.focal, np.linalg.norm(residual, axis=1), rtol=0.6)
+    assert (depths(seen, bearing) > 0).all()
+    assert np.isnan(reprojection_residuals(-seen, bearing, lens.tangents(bearing))).all()
