@@ -3,5 +3,6 @@
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.presets import PRESETS
 from passerby.simulation.scene import SimulatedScene, simulate
+from passerby.simulation.write import write_scene
 
-__all__ = ["PRESETS", "SimulatedScene", "SimulationOptions", "simulate"]
+__all__ = ["PRESETS", "SimulatedScene", "SimulationOptions", "simulate", "write_scene"]

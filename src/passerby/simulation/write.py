@@ -1,0 +1,125 @@
+"""A simulated scene as a folder: a scene file ready to calibrate, and the truth beside it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+import tempfile
+from collections.abc import Iterable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from passerby.cameras import Rig
+from passerby.errors import InputError
+from passerby.interchange.atomic import write_text
+from passerby.interchange.coco import write_keypoints
+from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.rig_toml import write_rig
+from passerby.simulation.scene import SimulatedScene
+
+SCENE_FILE = "scene.toml"
+OPTIONS_FILE = "simulation.toml"
+
+
+def write_scene(simulated: SimulatedScene, directory: str | Path, keypoints: bool = False) -> Path:
+    """Write a scene folder, whole or not at all, and return the path of its scene file.
+
+    The folder holds `scene.toml` (identities given), `intrinsics.toml` (lenses, no poses), `tracks/CAMERA.txt` (MOTChallenge),
+    on request `keypoints/CAMERA.json` (COCO), and the truth: `truth.toml` (the rig with its poses), `heights.csv`,
+    `ground_positions.csv` and `simulation.toml` (the options and the cameras' clock offsets).
+
+    A folder written by an earlier simulation is replaced as a whole. Raises `InputError` for one that holds anything else, or
+    that cannot be written.
+    """
+    directory = Path(directory)
+    if directory.exists() and not directory.is_dir():
+        raise InputError(f"{directory}: is a file: give a folder for the scene")
+    if directory.is_dir() and any(directory.iterdir()) and not (directory / OPTIONS_FILE).is_file():
+        raise InputError(f"{directory}: holds something other than a simulated scene: give a new or an empty folder")
+    target = directory.resolve()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        workshop = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
+    except OSError as error:
+        raise _cannot_write(directory, error) from error
+    try:
+        new = workshop / "new"
+        new.mkdir()
+        _write_files(simulated, new, target.name, keypoints)
+        if target.exists():
+            target.rename(workshop / "old")
+        new.rename(target)
+    except OSError as error:
+        raise _cannot_write(directory, error) from error
+    finally:
+        if (workshop / "old").exists() and not target.exists():
+            (workshop / "old").rename(target)
+        shutil.rmtree(workshop, ignore_errors=True)
+    return directory / SCENE_FILE
+
+
+def _cannot_write(directory: Path, error: OSError) -> InputError:
+    return InputError(f"{directory}: cannot be written ({error.strerror or error}): choose a folder that you may write to")
+
+
+def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: bool) -> None:
+    lenses = Rig(tuple(replace(camera, pose=None, sigma=None) for camera in simulated.rig))
+    write_rig(folder / "intrinsics.toml", lenses)
+    write_rig(folder / "truth.toml", simulated.rig)
+    for camera in simulated.rig.names:
+        seen = simulated.observations[camera]
+        write_boxes(folder / _tracks(camera), seen.boxes)
+        if keypoints:
+            write_keypoints(folder / _keypoints(camera), seen.keypoints)
+    write_text(folder / "heights.csv", _csv(("id", "height_m"), ((i, f"{h:.4f}") for i, h in simulated.heights.items())))
+    places = (
+        (frame, identity, f"{x:.4f}", f"{y:.4f}")
+        for frame, row in zip(simulated.frames.tolist(), simulated.ground_positions, strict=True)
+        for identity, (x, y) in zip(simulated.identities.tolist(), row.tolist(), strict=True)
+        if np.isfinite(x)
+    )
+    write_text(folder / "ground_positions.csv", _csv(("frame", "id", "x_m", "y_m"), places))
+    options = {key: value for key, value in asdict(simulated.options).items() if value is not None}
+    write_text(folder / OPTIONS_FILE, tomli_w.dumps({"options": options, "clock_offsets_s": simulated.clock_offsets}))
+    write_text(folder / SCENE_FILE, tomli_w.dumps(_scene(simulated, name, keypoints)))
+
+
+def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, Any]:
+    """The content of the scene file."""
+    cameras = {
+        camera: {"intrinsics": "intrinsics.toml", "tracks": _tracks(camera)}
+        | ({"keypoints": _keypoints(camera)} if keypoints else {})
+        for camera in simulated.rig.names
+    }
+    return {
+        "scene": {"name": name, "fps": float(simulated.options.fps)},
+        "cameras": cameras,
+        "association": {"mode": "given"},
+        "solver": {"method": "people", "reference": simulated.rig.names[0]},
+        "scale": {
+            "person_height_m": simulated.options.person_height_mean_m,
+            # A spread of zero would claim a height that is known exactly; a centimetre is as good as anybody knows it.
+            "person_height_sd_m": max(simulated.options.person_height_sd_m, 0.01),
+        },
+    }
+
+
+def _tracks(camera: str) -> str:
+    return f"tracks/{camera}.txt"
+
+
+def _keypoints(camera: str) -> str:
+    return f"keypoints/{camera}.json"
+
+
+def _csv(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
