@@ -1,0 +1,318 @@
+"""The scene file: what a user declares about the cameras, the people and the lengths that are known.
+
+TOML, checked in full: an unknown key, a wrong value or a camera that does not exist is an error that names its place and its
+mend. Paths are relative to the scene file, or absolute.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
+
+from passerby.errors import InputError
+from passerby.interchange.faults import FileFaults, read_text
+from passerby.solver.scale import CameraDistance, CameraHeight, KnownLength, PersonHeight, PopulationHeight, ScaleCues
+
+CAMERA_NAME = re.compile(r"[\w+@-][\w .+@-]*")
+"""Names become TOML tables and file names."""
+
+
+def _finite(value: float) -> float:
+    if not math.isfinite(value):
+        raise ValueError("a finite number is needed")
+    return value
+
+
+def _standing(value: float) -> float:
+    if not 0.3 < value < 3:
+        raise ValueError(f"{value:g} is not a person's height: metres are needed")
+    return value
+
+
+Metres = Annotated[float, Field(gt=0), AfterValidator(_finite)]
+Height = Annotated[float, AfterValidator(_standing)]
+Pixel = Annotated[float, AfterValidator(_finite)]
+Ends = tuple[tuple[Pixel, Pixel], tuple[Pixel, Pixel]]
+
+
+class Table(BaseModel):
+    """A table of the scene file: frozen, unknown keys rejected."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SceneTable(Table):
+    """`[scene]`: the scene as a whole."""
+
+    name: str | None = None
+    """What reports call the scene; the file's name without ending, unless given."""
+    fps: Annotated[float, Field(gt=0), AfterValidator(_finite)] | None = None
+    """Frames per second of the frame numbers. None: unknown, and nothing that needs speeds is used."""
+
+
+class CameraTable(Table):
+    """`[cameras.NAME]`: one camera and what it saw."""
+
+    intrinsics: Path
+    """Rig file; size, matrix and distortions of its table [NAME] are read, a pose in it is ignored."""
+    video: Path | None = None
+    """A video. Declared for later: boxes or joints are needed beside it as long as videos are not decoded."""
+    detections: Path | None = None
+    """Boxes without identities, MOTChallenge text, id -1."""
+    tracks: Path | None = None
+    """Boxes with identities, MOTChallenge text."""
+    keypoints: Path | None = None
+    """Joints, COCO JSON; `track_id` is the identity."""
+
+    @model_validator(mode="after")
+    def _has_a_source(self) -> Self:
+        if self.detections is None and self.tracks is None and self.keypoints is None:
+            if self.video is not None:
+                raise ValueError("has only a video, and videos are not read yet: add boxes (`tracks`) or joints (`keypoints`)")
+            raise ValueError(
+                "says nothing of what the camera saw: add `tracks` (boxes with identities) or `keypoints` (joints)"
+            )
+        return self
+
+
+class AssociationTable(Table):
+    """`[association]`: how identities over cameras are found."""
+
+    mode: str = "given"
+    """given: the ids in the files are global, the same id is the same person in all cameras. The only mode so far."""
+
+    @model_validator(mode="after")
+    def _is_a_mode(self) -> Self:
+        if self.mode in ("combined", "trajectory", "appearance"):
+            raise ValueError(f"mode '{self.mode}' does not work yet: write mode = \"given\" and give global identities")
+        if self.mode != "given":
+            raise ValueError(f"mode '{self.mode}' is unknown: write mode = \"given\"")
+        return self
+
+
+class SolverTable(Table):
+    """`[solver]`: how the rig is computed."""
+
+    method: Literal["people", "geopose"] = "people"
+    """people: the person-model adjustment, the more accurate; geopose: the paper's method, as described there."""
+    reference: str | None = None
+    """The reference camera. geopose needs one; people treats all cameras alike."""
+    options: dict[str, Any] = Field(default_factory=dict)
+    """`[solver.options]`: fields of the method's options dataclass, for experiments; nothing needs to be set."""
+
+    @model_validator(mode="after")
+    def _geopose_has_a_reference(self) -> Self:
+        if self.method == "geopose" and self.reference is None:
+            raise ValueError('method "geopose" needs a reference camera: add reference = "NAME"')
+        return self
+
+
+class PersonTable(Table):
+    """`[[scale.people]]`: the standing height of one person."""
+
+    identity: int = Field(ge=0)
+    height_m: Height
+    sd_m: Metres = 0.01
+    """A person's measured height is good to a centimetre (shoes)."""
+
+
+class LengthTable(Table):
+    """`[[scale.lengths]]`: a known length between two points marked in two or more cameras."""
+
+    metres: Metres
+    sd_m: Metres = 0.02
+    """Painted lines and pipes are known to about two centimetres at the point one marks."""
+    points: dict[str, Ends]
+    """camera -> the pixels of the two ends, the ends in the same order in all cameras."""
+
+
+class DistanceTable(Table):
+    """`[[scale.distances]]`: a known distance between two cameras."""
+
+    between: tuple[str, str]
+    metres: Metres
+    sd_m: Metres = 0.05
+    """A tape between two mounted cameras meets neither optical centre: half a decimetre."""
+
+
+class CameraHeightTable(Table):
+    """`[[scale.camera_heights]]`: a known height of a camera above the people's ground."""
+
+    camera: str
+    metres: Metres
+    sd_m: Metres = 0.05
+    """As for distances."""
+
+
+class ScaleTable(Table):
+    """`[scale]`: what is known about lengths; all of it is combined, weighted by the standard deviations."""
+
+    person_height_m: Height = 1.72
+    """Mean standing height of the people, shoes on: adults of both sexes, worldwide."""
+    person_height_sd_m: Metres = 0.09
+    """How much people's heights differ around it."""
+    people: tuple[PersonTable, ...] = ()
+    lengths: tuple[LengthTable, ...] = ()
+    distances: tuple[DistanceTable, ...] = ()
+    camera_heights: tuple[CameraHeightTable, ...] = ()
+
+
+class Scene(Table):
+    """A whole scene file. `Scene.load(path)` reads one; paths are taken from its folder."""
+
+    scene: SceneTable = Field(default_factory=SceneTable)
+    cameras: dict[str, CameraTable]
+    association: AssociationTable = Field(default_factory=AssociationTable)
+    solver: SolverTable = Field(default_factory=SolverTable)
+    scale: ScaleTable = Field(default_factory=ScaleTable)
+    _path: Path | None = PrivateAttr(default=None)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scene:
+        """Read a scene file. Raises `FileFaults` (an `InputError`) that names file, key, value and mend."""
+        path = Path(path)
+        try:
+            content = tomllib.loads(read_text(path, "a scene file (TOML)"))
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{path}: is not TOML: {error}") from None
+        try:
+            scene = cls.model_validate(content)
+        except ValidationError as error:
+            # A misspelt key is told before the key that is missing for it.
+            faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
+            raise FileFaults([f"{path}: {_explained(dict(fault))}" for fault in faults]) from None
+        scene._path = path
+        return scene
+
+    @property
+    def path(self) -> Path | None:
+        """The file that the scene was read from."""
+        return self._path
+
+    @property
+    def name(self) -> str:
+        """The scene's name."""
+        return self.scene.name or (self._path.stem if self._path else "scene")
+
+    @property
+    def place(self) -> str:
+        """What an error message calls the scene."""
+        return str(self._path) if self._path else f"scene {self.name}"
+
+    def resolve(self, path: Path) -> Path:
+        """A path of the scene file as one that can be opened."""
+        return self._path.parent / path if self._path else path
+
+    def scale_cues(self) -> ScaleCues:
+        """The scale table as the solvers take it."""
+        scale = self.scale
+        return ScaleCues(
+            population=PopulationHeight(scale.person_height_m, scale.person_height_sd_m),
+            people=tuple(PersonHeight(cue.identity, cue.height_m, cue.sd_m) for cue in scale.people),
+            lengths=tuple(
+                KnownLength(cue.metres, cue.sd_m, {name: np.array(ends) for name, ends in cue.points.items()})
+                for cue in scale.lengths
+            ),
+            distances=tuple(CameraDistance(cue.between, cue.metres, cue.sd_m) for cue in scale.distances),
+            camera_heights=tuple(CameraHeight(cue.camera, cue.metres, cue.sd_m) for cue in scale.camera_heights),
+        )
+
+    @model_validator(mode="after")
+    def _cameras_fit(self) -> Self:
+        if len(self.cameras) < 2:
+            raise ValueError(f"[cameras]: {len(self.cameras)} camera is declared: a calibration needs two or more")
+        for name in self.cameras:
+            if not CAMERA_NAME.fullmatch(name) or name == "metadata":
+                raise ValueError(
+                    f"[cameras.{name}]: '{name}' cannot be a camera's name: use letters, digits, spaces and _ . + @ -, "
+                    "not 'metadata'"
+                )
+        for place, name in self._mentions():
+            if name not in self.cameras:
+                raise ValueError(f"{place}: camera '{name}' is not declared: {_nearest(name, list(self.cameras))}")
+        for number, length in enumerate(self.scale.lengths, start=1):
+            if len(length.points) < 2:
+                raise ValueError(f"[[scale.lengths]] {number}: points are marked in one camera: mark both ends in two or more")
+        for number, distance in enumerate(self.scale.distances, start=1):
+            if distance.between[0] == distance.between[1]:
+                raise ValueError(f"[[scale.distances]] {number}: between names one camera twice: name two")
+        return self
+
+    def _mentions(self) -> list[tuple[str, str]]:
+        """(place, camera) wherever another table names a camera."""
+        found = [("[solver] reference", self.solver.reference)] if self.solver.reference is not None else []
+        for number, length in enumerate(self.scale.lengths, start=1):
+            found += [(f"[[scale.lengths]] {number} points", name) for name in length.points]
+        for number, distance in enumerate(self.scale.distances, start=1):
+            found += [(f"[[scale.distances]] {number} between", name) for name in distance.between]
+        for number, height in enumerate(self.scale.camera_heights, start=1):
+            found.append((f"[[scale.camera_heights]] {number} camera", height.camera))
+        return found
+
+
+TABLES: dict[tuple[str, ...], type[Table]] = {
+    (): Scene,
+    ("scene",): SceneTable,
+    ("cameras", "*"): CameraTable,
+    ("association",): AssociationTable,
+    ("solver",): SolverTable,
+    ("scale",): ScaleTable,
+    ("scale", "people", "*"): PersonTable,
+    ("scale", "lengths", "*"): LengthTable,
+    ("scale", "distances", "*"): DistanceTable,
+    ("scale", "camera_heights", "*"): CameraHeightTable,
+}
+
+
+def _explained(fault: dict[str, Any]) -> str:
+    """One line of place, value and mend for a fault that pydantic found."""
+    location = tuple(fault["loc"])
+    message = str(fault["msg"]).removeprefix("Value error, ")
+    if not location:
+        return message
+    if fault["type"] == "extra_forbidden":
+        table, key = location[:-1], str(location[-1])
+        known = list(TABLES[_pattern(table)].model_fields)
+        return f"{_place(table) + ': unknown key' if table else 'unknown table'} '{key}': {_nearest(key, known)}"
+    place = _place(location)
+    if fault["type"] == "missing":
+        return f"{place}: is missing: add it"
+    if fault["type"] == "value_error":
+        return f"{place}: {message}"
+    value = fault["input"]
+    shown = f" is {value!r}" if isinstance(value, (str, int, float, bool)) else ""
+    return f"{place}{shown}: {message[0].lower()}{message[1:]}"
+
+
+def _pattern(table: tuple[str | int, ...]) -> tuple[str, ...]:
+    if table[:1] == ("cameras",) and len(table) == 2:
+        return ("cameras", "*")
+    return tuple("*" if isinstance(part, int) else part for part in table)
+
+
+def _place(location: tuple[str | int, ...]) -> str:
+    """`[cameras.V1] tracks`, `[[scale.people]] 2: height_m`: a location as one finds it in the file."""
+    for length in range(len(location), 0, -1):
+        pattern = _pattern(location[:length])
+        if pattern in TABLES:
+            key = " ".join(str(part) for part in location[length:])
+            if isinstance(location[length - 1], int):
+                number = int(location[length - 1]) + 1
+                head = f"[[{'.'.join(map(str, location[: length - 1]))}]] {number}"
+            else:
+                head = f"[{'.'.join(map(str, location[:length]))}]"
+            return f"{head} {key}".strip()
+    return f"[{'.'.join(map(str, location))}]"
+
+
+def _nearest(key: str, known: list[str]) -> str:
+    """The mend for a misspelt name."""
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
