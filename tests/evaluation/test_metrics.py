@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.errors import InputError
-from passerby.evaluation.metrics import angle_deg, compare
+from passerby.evaluation.metrics import compare
 
 LENS = Lens((1920, 1080), np.array([[1000.0, 0, 960], [0, 1000, 540], [0, 0, 1]]), np.zeros(5))
 
@@ -199,9 +199,3 @@ def test_all_errors_are_those_of_the_moved_truth(shift, seed):
     assert moved.metric.position_mm == pytest.approx(plain.metric.position_mm, abs=1e-6)
     assert moved.gravity_error_deg == pytest.approx(plain.gravity_error_deg, abs=1e-6)
     assert moved.ground_error_mm == pytest.approx(plain.ground_error_mm, abs=1e-6)
-
-
-@given(st.floats(1e-7, 179.99))
-def test_angle_of_a_rotation(angle):
-    matrix = Rotation.from_rotvec(np.radians(angle) * np.array([0.36, 0.48, 0.8])).as_matrix()
-    assert angle_deg(matrix) == pytest.approx(angle, rel=1e-6, abs=1e-9)

@@ -21,6 +21,8 @@ import numpy as np
 
 from passerby.cameras import Camera, Floats, Pose, Rig
 from passerby.errors import InputError
+from passerby.geometry.rotations import angle_between, direction_angle
+from passerby.geometry.similarity import Similarity, chordal_mean_rotation
 
 
 @dataclass(frozen=True)
@@ -119,54 +121,45 @@ def compare(estimate: Rig, truth: Rig, reference: str | None = None) -> Comparis
     metric = [pose.moved(turn, t[anchor].centre - turn @ e[anchor].centre) for pose in e]
     others = [index for index in range(len(names)) if index != anchor]
 
-    similarity = fit_similarity(e, t)
+    similarity = place(e, t)
     gravity, ground, placed = None, None, None
     if similarity is not None:
-        rotation, translation, scale = similarity
-        placed = [pose.moved(rotation, translation, scale) for pose in e]
-        gravity = _angle_between(rotation[:, 2], np.array([0.0, 0.0, 1.0]))
-        ground = _ground_error_mm(rotation[:, 2], translation, np.mean([pose.centre for pose in t], axis=0))
+        up = similarity.rotation[:, 2]
+        placed = [pose.moved(similarity.rotation, similarity.translation, similarity.scale) for pose in e]
+        gravity = float(np.degrees(direction_angle(up, np.array([0.0, 0.0, 1.0]))))
+        ground = _ground_error_mm(up, similarity.translation, np.mean([pose.centre for pose in t], axis=0))
     return Comparison(
         names=names,
         missing=missing,
         reference=reference,
         metric=_placement(names, metric, t, others),
         similarity=_placement(names, placed, t, range(len(names))),
-        scale_ratio=None if similarity is None else 1 / similarity[2],
+        scale_ratio=None if similarity is None else 1 / similarity.scale,
         gravity_error_deg=gravity,
         ground_error_mm=ground,
     )
 
 
-def fit_similarity(estimate: Sequence[Pose], truth: Sequence[Pose]) -> tuple[Floats, Floats, float] | None:
-    """The world motion `X -> scale rotation X + translation` that takes the estimated cameras to the true ones.
+def place(estimate: Sequence[Pose], truth: Sequence[Pose]) -> Similarity | None:
+    """The world motion that takes the estimated cameras to the true ones.
 
-    The rotation is the chordal mean of `R_true^T R_est` (Hartley, Trumpf, Dai, Li, "Rotation averaging", IJCV 2013), scale and
-    translation are least squares over the centres.
+    The rotation is the chordal mean of `R_true^T R_est`, scale and translation are least squares over the centres.
 
     Returns:
-        (3, 3) rotation, (3,) translation in metres, scale; None where undefined: fewer than two cameras, cameras at one
-        place, or an estimate so wrong that no positive scale fits.
+        The motion, metres to metres; None where undefined: fewer than two cameras, cameras at one place, or an estimate so
+        wrong that no positive scale fits.
     """
     if len(estimate) < 2:
         return None
-    u, _, vt = np.linalg.svd(np.sum([t.R_cw.T @ e.R_cw for e, t in zip(estimate, truth, strict=True)], axis=0))
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    rotation = chordal_mean_rotation(np.array([t.R_cw.T @ e.R_cw for e, t in zip(estimate, truth, strict=True)]))
     moved = np.array([rotation @ pose.centre for pose in estimate])
     target = np.array([pose.centre for pose in truth])
-    spread, target_spread = moved - moved.mean(axis=0), target - target.mean(axis=0)
-    length = float((spread**2).sum())
-    overlap = float((spread * target_spread).sum())
+    spread = moved - moved.mean(axis=0)
+    length, overlap = float((spread**2).sum()), float((spread * target).sum())
     if not length > 0 or not overlap > 0:
         return None
     scale = overlap / length
-    return rotation, np.asarray(target.mean(axis=0) - scale * moved.mean(axis=0)), scale
-
-
-def angle_deg(rotation: Floats) -> float:
-    """Angle of a (3, 3) rotation, degrees, exact for small angles too."""
-    axis = np.array([rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]])
-    return float(np.degrees(np.arctan2(np.linalg.norm(axis), np.trace(rotation) - 1)))
+    return Similarity(scale, rotation, target.mean(axis=0) - scale * moved.mean(axis=0))
 
 
 def _poses(rig: Rig) -> dict[str, Pose]:
@@ -181,7 +174,7 @@ def _placement(names: Sequence[str], placed: Sequence[Pose] | None, truth: Seque
     if placed is None:
         return Placement({}, {}, None, None, None, None)
     position = [float(1000 * np.linalg.norm(p.centre - t.centre)) for p, t in zip(placed, truth, strict=True)]
-    orientation = [angle_deg(p.R_cw @ t.R_cw.T) for p, t in zip(placed, truth, strict=True)]
+    orientation = [float(np.degrees(angle_between(p.R_cw, t.R_cw))) for p, t in zip(placed, truth, strict=True)]
     some_position, some_orientation = [position[index] for index in counted], [orientation[index] for index in counted]
     return Placement(
         dict(zip(names, position, strict=True)),
@@ -191,10 +184,6 @@ def _placement(names: Sequence[str], placed: Sequence[Pose] | None, truth: Seque
         float(np.median(some_position)) if some_position else None,
         float(np.median(some_orientation)) if some_orientation else None,
     )
-
-
-def _angle_between(a: Floats, b: Floats) -> float:
-    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
 def _ground_error_mm(up: Floats, origin: Floats, centroid: Floats) -> float | None:
