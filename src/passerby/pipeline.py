@@ -1,0 +1,172 @@
+"""`calibrate()`: the order of the stages, and nothing else."""
+
+from __future__ import annotations
+
+import difflib
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from passerby.cameras import Rig
+from passerby.errors import EvidenceError, InputError
+from passerby.inputs import SceneInputs, read_inputs
+from passerby.observations import Observations
+from passerby.results import calibration_dict, write_calibration
+from passerby.scene import Scene
+from passerby.sharing import connected_groups, missing_overlap, shared_people
+from passerby.solver.solution import Solution, Verdict
+
+if TYPE_CHECKING:
+    from passerby.solver.geopose import GeoPoseOptions
+    from passerby.solver.people import PeopleOptions
+
+Progress = Callable[[str], None]
+"""Told the name of each stage as it begins."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated scene: the rig, how far to trust it, and what it was made from."""
+
+    scene: Scene
+    rig: Rig
+    """World z up, ground at z = 0, metres; a camera that could not be registered has no pose."""
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    """What speaks against trusting the rig, one sentence each."""
+    observations: Observations
+    """The people that it was computed from, with their identities."""
+    seed: int
+    options: dict[str, Any]
+    """The solver's options, as used."""
+    figures: dict[str, Any]
+    """JSON-ready figures of every stage."""
+    findings: tuple[str, ...] = ()
+    """What is odd about the input."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Wall time by stage; never written to a file, so that the same input gives the same files."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the rig can be relied upon."""
+        return self.verdict == "accepted"
+
+    @property
+    def exit_status(self) -> int:
+        """0 accepted, 3 doubtful or refused."""
+        return 0 if self.accepted else EvidenceError.exit_status
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the observations and the wall times, as plain values for JSON."""
+        return calibration_dict(self)
+
+    def write(self, folder: str | Path) -> None:
+        """Write `rig.toml`, `calibration.json` and `tracks/CAMERA.txt` into a folder, each file whole or not at all.
+
+        Files of an earlier run are replaced. Raises `InputError` where the folder is not writable.
+        """
+        write_calibration(self, Path(folder))
+
+
+def calibrate(scene: Scene | str | Path, *, seed: int = 0, progress: Progress | None = None) -> Calibration:
+    """Calibrate the cameras of a scene from the people in it.
+
+    Too little evidence does not raise: it is a calibration with the verdict "refused" or "doubtful" and its reasons.
+
+    Args:
+        scene: a scene, or the path of a scene file.
+        seed: of the random numbers (RANSAC); the same scene and seed give the same result, bit for bit.
+        progress: called with the name of each stage.
+
+    Raises:
+        InputError: the scene file or a file that it names is missing, broken, or contradicts another.
+    """
+    tell = progress or (lambda stage: None)
+    began = time.perf_counter()
+    tell("reading")
+    scene = scene if isinstance(scene, Scene) else Scene.load(scene)
+    inputs = read_inputs(scene)
+    options = solver_options(scene)
+    read = time.perf_counter()
+    tell("solving")
+    solution = _judged(_solve(scene, inputs, options, np.random.default_rng(seed)), inputs)
+    solved = time.perf_counter()
+    return Calibration(
+        scene=scene,
+        rig=replace(solution.rig, verdict=solution.verdict),
+        verdict=solution.verdict,
+        reasons=solution.reasons,
+        observations=inputs.observations,
+        seed=seed,
+        options=asdict(options),
+        figures=solution.figures,
+        findings=inputs.findings,
+        seconds={"reading": read - began, "solving": solved - read},
+    )
+
+
+def solver_options(scene: Scene) -> PeopleOptions | GeoPoseOptions:
+    """The options dataclass of the scene's method. Raises `InputError` for a key or a value that it does not take."""
+    chosen = dict(scene.solver.options)
+    if scene.solver.method == "geopose":
+        chosen["reference"] = scene.solver.reference
+    kind = _options_type(scene.solver.method)
+    known = [option.name for option in fields(kind)]
+    for key in chosen:
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+            mend = f"did you mean '{close[0]}'?" if close else f"method {scene.solver.method} has {', '.join(known)}"
+            raise InputError(f"{scene.place}: [solver.options]: unknown key '{key}': {mend}")
+    try:
+        return kind(**chosen)
+    except (TypeError, ValueError, InputError) as error:
+        raise InputError(f"{scene.place}: [solver.options]: {error}") from error
+
+
+def _options_type(method: str) -> type[PeopleOptions] | type[GeoPoseOptions]:
+    if method == "geopose":
+        from passerby.solver.geopose import GeoPoseOptions
+
+        return GeoPoseOptions
+    from passerby.solver.people import PeopleOptions
+
+    return PeopleOptions
+
+
+def _solve(scene: Scene, inputs: SceneInputs, options: Any, rng: np.random.Generator) -> Solution:
+    """Run the scene's solver; a want of evidence is a refused solution without poses."""
+    shared = shared_people(inputs.observations)
+    try:
+        if len(connected_groups(shared)[0]) == 1:
+            reasons = tuple(missing_overlap(shared))
+            raise EvidenceError(reasons[0], reasons)
+        if scene.solver.method == "geopose":
+            from passerby.solver.geopose import solve_geopose
+
+            return solve_geopose(inputs.rig, inputs.observations, scene.scale_cues(), options, rng=rng)
+        from passerby.solver.people import solve_people
+
+        return solve_people(inputs.rig, inputs.observations, scene.scale_cues(), options, rng=rng)
+    except EvidenceError as error:
+        return Solution(scene.solver.method, inputs.rig, "refused", error.reasons)
+
+
+def _judged(solution: Solution, inputs: SceneInputs) -> Solution:
+    """A rig that lacks a camera is never accepted, and the reasons name that camera."""
+    lost = [camera.name for camera in solution.rig if camera.pose is None]
+    if not lost:
+        return solution
+    overlap = missing_overlap(shared_people(inputs.observations))
+    reasons = [*solution.reasons, *(reason for reason in overlap if reason not in solution.reasons)]
+    if len(lost) < len(inputs.rig):
+        named = " ".join(reasons)
+        reasons += [
+            f"camera {name} could not be registered: record more people in the view that it shares with the others"
+            for name in lost
+            if name not in named
+        ]
+    return replace(solution, verdict="doubtful" if solution.verdict == "accepted" else solution.verdict, reasons=tuple(reasons))

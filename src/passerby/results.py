@@ -1,0 +1,83 @@
+"""The output folder of a calibration: `rig.toml`, `calibration.json` and `tracks/`."""
+
+from __future__ import annotations
+
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from passerby import __version__
+from passerby.cameras import Camera
+from passerby.interchange.atomic import write_text
+from passerby.interchange.json_text import plain, to_json
+from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.rig_toml import write_rig
+from passerby.observations import CameraObservations
+
+if TYPE_CHECKING:
+    from passerby.pipeline import Calibration
+
+RIG_FILE, CALIBRATION_FILE, TRACKS_FOLDER = "rig.toml", "calibration.json", "tracks"
+COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib")
+"""Whose versions can change a figure."""
+
+
+def write_calibration(calibration: Calibration, folder: Path) -> None:
+    """Write a calibration; `calibration.json` last, so that a new one stands for a complete folder.
+
+    The same input, seed and libraries give the same bytes. Raises `InputError` where the folder is not writable.
+    """
+    for camera in calibration.rig:
+        boxes = calibration.observations[camera.name].boxes
+        if len(boxes):
+            write_boxes(folder / TRACKS_FOLDER / f"{camera.name}.txt", boxes)
+    write_rig(folder / RIG_FILE, calibration.rig)
+    write_text(folder / CALIBRATION_FILE, to_json(calibration_dict(calibration)))
+
+
+def calibration_dict(calibration: Calibration) -> dict[str, Any]:
+    """A calibration as plain values for JSON, without wall times."""
+    scene = calibration.scene
+    content: dict[str, Any] = plain(
+        {
+            "name": scene.name,
+            "passerby": __version__,
+            "versions": {name: _version(name) for name in COMPUTING_LIBRARIES},
+            "verdict": calibration.verdict,
+            "reasons": calibration.reasons,
+            "findings": calibration.findings,
+            "cameras": [_camera(camera, calibration.observations[camera.name]) for camera in calibration.rig],
+            "method": scene.solver.method,
+            "seed": calibration.seed,
+            "options": calibration.options,
+            "scene": scene.model_dump(mode="json", exclude_none=True),
+            "figures": calibration.figures,
+        }
+    )
+    return content
+
+
+def _camera(camera: Camera, seen: CameraObservations) -> dict[str, Any]:
+    pose, sigma = camera.pose, camera.sigma
+    return {
+        "name": camera.name,
+        "registered": pose is not None,
+        "centre_m": None if pose is None else pose.centre,
+        "height_m": None if pose is None else pose.centre[2],
+        "rotation": None if pose is None else np.asarray(cv2.Rodrigues(np.array(pose.R_cw))[0]).ravel(),
+        "translation_m": None if pose is None else pose.t_cw,
+        "position_sigma_mm": None if sigma is None else 1000 * sigma.position_m,
+        "orientation_sigma_deg": None if sigma is None else sigma.orientation_deg,
+        "boxes": len(seen.boxes),
+        "keypoints": len(seen.keypoints),
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
