@@ -122,7 +122,8 @@ def _foot(state: BodyState, h: Floats, amount: Floats, run: Floats, sign: float)
 
 def _legs(joints: dict[str, Floats], state: BodyState, h: Floats, amount: Floats, run: Floats) -> Floats:
     """Feet first, then the hips as high as both legs reach, then the knees between; returns the pelvis, (T, P, 3)."""
-    x = -h * (0.10 * state.crouch + 0.14 * state.seat + 0.12 * np.sin(state.lean))
+    # Hips go back to keep the balance, but not while walking: the legs would not reach.
+    x = -h * (0.10 * state.crouch + 0.14 * state.seat + 0.12 * np.sin(state.lean)) * (1 - 0.8 * amount)
     stride = stride_length(state.speed, h)
     # Legs are never quite straight in gait: mid-stance stays below standing, so that the head bobs by about 4 cm, as measured.
     cycle = np.mod(state.phase, 1.0)

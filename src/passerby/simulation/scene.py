@@ -41,7 +41,7 @@ class SimulatedScene:
     joints3d: Floats
     """(T, P, 17, 3) COCO's joints at the same times; NaN before a person comes in."""
     upright: NDArray[np.bool_]
-    """(T, P) who stands, walks or runs, and neither crouches, leans, sits nor jumps."""
+    """(T, P) who stands, walks or runs, and neither crouches, leans, sits, jumps nor reaches overhead."""
     clock_offsets: dict[str, float]
     """Camera -> seconds: its frame f shows the world at (f - 1) / fps + offset."""
 
@@ -49,8 +49,8 @@ class SimulatedScene:
 def simulate(options: SimulationOptions) -> SimulatedScene:
     """Simulate a scene; the same options give the same scene, bit for bit.
 
-    Cameras, heights, motion, clocks and every fault of the detector draw from generators of their own: changing one option
-    changes nothing else.
+    Cameras, heights, motion, clocks and every fault of the detector draw from generators of their own: a fault
+    changes neither the motion nor the cameras nor another fault.
     """
     seeds = np.random.SeedSequence((options.seed, list(PRESETS).index(options.preset))).spawn(5)
     placing, growing, moving, clocks, detecting = (np.random.default_rng(seed) for seed in seeds)
@@ -73,7 +73,8 @@ def simulate(options: SimulationOptions) -> SimulatedScene:
 
     state, present = motion.at(times)
     absent = ~present[..., None]
-    bent = (state.crouch > 0.05) | (state.lean > 0.15) | (state.seat > 0.05) | (state.jump > 0.02)
+    reaching = np.maximum(state.raised_left, state.raised_right) > 0.5
+    bent = (state.crouch > 0.05) | (state.lean > 0.15) | (state.seat > 0.05) | (state.jump > 0.02) | reaching
     return SimulatedScene(
         options=options,
         rig=rig,

@@ -1,0 +1,28 @@
+"""Scenes that several tests share."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from passerby.observations import Boxes
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+
+
+@cache
+def scene(**changes: object) -> SimulatedScene:
+    """A ten-second scene, simulated once per session and set of options."""
+    return simulate(SimulationOptions(**{"seconds": 10.0, "seed": 1, **changes}))  # type: ignore[arg-type]
+
+
+def table(boxes: Boxes, frames: int, people: int) -> np.ndarray:
+    """(T, P, 4) left, top, right, bottom; NaN where a person has no box."""
+    edges = np.full((frames, people, 4), np.nan)
+    known = boxes.take(boxes.identity > 0)
+    edges[known.frame - 1, known.identity - 1] = np.hstack([known.ltwh[:, :2], known.ltwh[:, :2] + known.ltwh[:, 2:]])
+    return edges
+
+
+def edges_of(simulated: SimulatedScene, camera: str) -> np.ndarray:
+    return table(simulated.observations[camera].boxes, len(simulated.frames), len(simulated.identities))

@@ -1,0 +1,93 @@
+"""A scene folder reads back as what was simulated."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+
+import numpy as np
+import pytest
+from simulated_scenes import scene
+
+from passerby.errors import InputError
+from passerby.interchange.coco import read_keypoints
+from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.rig_toml import read_rig
+from passerby.scene import Scene
+from passerby.simulation import write_scene
+
+FAULTS = {"seconds": 3.0, "box_noise": 0.02, "false_boxes": 0.1, "identity_swaps": 0.2, "clock_offsets": 0.2}
+
+
+def test_a_scene_folder_reads_back(tmp_path):
+    simulated = scene(**FAULTS)
+    path = write_scene(simulated, tmp_path / "terrace", keypoints=True)
+    assert path == tmp_path / "terrace" / "scene.toml"
+    declared = Scene.load(path)
+    assert declared.association.mode == "given"
+    assert declared.scene.fps == simulated.options.fps
+    assert tuple(declared.cameras) == simulated.rig.names
+    lenses, truth = read_rig(path.parent / "intrinsics.toml"), read_rig(path.parent / "truth.toml")
+    for camera in simulated.rig:
+        entry, seen = declared.cameras[camera.name], simulated.observations[camera.name]
+        boxes = read_boxes(declared.resolve(entry.tracks))
+        order = np.lexsort((seen.boxes.identity, seen.boxes.frame))
+        np.testing.assert_array_equal(boxes.frame, seen.boxes.frame[order])
+        np.testing.assert_array_equal(boxes.identity, seen.boxes.identity[order])
+        np.testing.assert_allclose(boxes.ltwh, seen.boxes.ltwh[order], atol=1e-5)
+        joints = read_keypoints(declared.resolve(entry.keypoints))
+        order = np.lexsort((seen.keypoints.identity, seen.keypoints.frame))
+        np.testing.assert_allclose(joints.xy, seen.keypoints.xy[order], atol=1e-3)
+        np.testing.assert_allclose(joints.score, seen.keypoints.score[order])
+        assert lenses[camera.name].pose is None
+        np.testing.assert_allclose(lenses[camera.name].lens.matrix, camera.lens.matrix)
+        np.testing.assert_allclose(truth[camera.name].centre, camera.centre, atol=1e-9)
+        np.testing.assert_allclose(truth[camera.name].pose.R_cw, camera.pose.R_cw, atol=1e-9)
+
+
+def test_the_truth_beside_it(tmp_path):
+    simulated = scene(**FAULTS)
+    folder = write_scene(simulated, tmp_path / "s").parent
+    with (folder / "heights.csv").open() as file:
+        heights = {int(row["id"]): float(row["height_m"]) for row in csv.DictReader(file)}
+    assert heights == pytest.approx(simulated.heights, abs=1e-4)
+    with (folder / "ground_positions.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == np.isfinite(simulated.ground_positions[..., 0]).sum()
+    for row in rows:
+        true = simulated.ground_positions[int(row["frame"]) - 1, int(row["id"]) - 1]
+        assert (float(row["x_m"]), float(row["y_m"])) == pytest.approx(tuple(true), abs=1e-4)
+    content = tomllib.loads((folder / "simulation.toml").read_text())
+    assert content["clock_offsets_s"] == pytest.approx(simulated.clock_offsets)
+    assert content["options"]["box_noise"] == 0.02
+    assert not (folder / "keypoints").exists()
+
+
+def test_an_earlier_simulation_is_replaced_as_a_whole(tmp_path):
+    write_scene(scene(seconds=1.0, cameras=5), tmp_path / "s", keypoints=True)
+    write_scene(scene(seconds=1.0), tmp_path / "s")
+    assert sorted(path.name for path in (tmp_path / "s" / "tracks").iterdir()) == [f"C{i}.txt" for i in (1, 2, 3, 4)]
+    assert not (tmp_path / "s" / "keypoints").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["s"]
+
+
+def test_other_peoples_files_are_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    with pytest.raises(InputError, match="something other"):
+        write_scene(scene(seconds=1.0), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+    with pytest.raises(InputError, match="is a file"):
+        write_scene(scene(seconds=1.0), tmp_path / "thesis.tex")
+
+
+def test_a_failure_halfway_leaves_nothing(tmp_path, monkeypatch):
+    def broken(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    write_scene(scene(seconds=1.0), tmp_path / "s")
+    before = (tmp_path / "s" / "tracks" / "C1.txt").read_text()
+    monkeypatch.setattr("passerby.simulation.write.write_boxes", broken)
+    with pytest.raises(InputError, match="No space left"):
+        write_scene(scene(seconds=2.0), tmp_path / "s")
+    assert (tmp_path / "s" / "tracks" / "C1.txt").read_text() == before
+    assert [path.name for path in tmp_path.iterdir()] == ["s"]
