@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.errors import InputError
 from passerby.observations import BODY_17
 from passerby.simulation.body import body_spheres
 
@@ -87,7 +88,7 @@ def view(camera: Camera, joints: Floats, heights: Floats, present: Mask, occlusi
 def _camera_frame(camera: Camera, points: Floats) -> Floats:
     pose = camera.pose
     if pose is None:
-        raise ValueError(f"camera {camera.name} has no pose")
+        raise InputError(f"camera {camera.name} has no pose: people can only be seen by a camera that is placed")
     return np.asarray(points @ pose.R_cw.T + pose.t_cw)
 
 

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Rig
+from passerby.cameras import Camera, Rig
 from passerby.observations import BODY_17, Observations
 from passerby.simulation.body import pose_joints
 from passerby.simulation.detect import detect
-from passerby.simulation.motion import simulate_motion
-from passerby.simulation.observe import view
+from passerby.simulation.motion import Motion, simulate_motion
+from passerby.simulation.observe import View, view
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.placement import place_cameras
 from passerby.simulation.presets import PRESETS
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+BODIES_AT_ONCE = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +69,7 @@ def simulate(options: SimulationOptions) -> SimulatedScene:
 
     cameras = {}
     for camera, offset, rng in zip(rig, offsets, detecting.spawn(len(rig)), strict=True):
-        state, present = motion.at(times + offset)
-        seen = view(camera, pose_joints(state, heights), heights, present, options.occlusion)
+        seen = _view(camera, motion, times + offset, heights, options.occlusion)
         cameras[camera.name] = detect(seen, frames, identities, camera.lens.size, options, rng)
 
     state, present = motion.at(times)
@@ -87,6 +88,16 @@ def simulate(options: SimulationOptions) -> SimulatedScene:
         upright=present & ~bent,
         clock_offsets=dict(zip(rig.names, offsets.tolist(), strict=True)),
     )
+
+
+def _view(camera: Camera, motion: Motion, times: Floats, heights: Floats, occlusion: bool) -> View:
+    """The view at all times, computed in stretches: memory stays at a few hundred MB however long the scene is."""
+    stretch = max(1, BODIES_AT_ONCE // len(heights))
+    parts = []
+    for start in range(0, len(times), stretch):
+        state, present = motion.at(times[start : start + stretch])
+        parts.append(view(camera, pose_joints(state, heights), heights, present, occlusion))
+    return View(**{item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(View)})
 
 
 def _clock_offsets(options: SimulationOptions, rng: np.random.Generator) -> Floats:
