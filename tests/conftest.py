@@ -4,6 +4,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples on every machine, and no example fails because a machine is slow.
+settings.register_profile("passerby", deadline=None, derandomize=True)
+settings.load_profile("passerby")
 
 
 @pytest.fixture(scope="session")

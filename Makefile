@@ -1,0 +1,47 @@
+# Everything a fresh machine needs is Python 3.11 or newer and this file: each target makes .venv and installs what it uses.
+PYTHON ?= python3
+VENV := .venv
+INSTALLED := $(VENV)/.installed
+BENCH_VENV := .venv-bench
+BENCH_INSTALLED := $(BENCH_VENV)/.installed
+# Two test processes of one BLAS thread each are faster than threads that fight for the same cores.
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+
+.PHONY: demo test test-slow lint types bench format clean
+
+demo: $(INSTALLED)
+	$(VENV)/bin/passerby demo
+
+test: $(INSTALLED)
+	$(ONE_THREAD) $(VENV)/bin/python -m pytest -n 2 -m "not slow"
+
+test-slow: $(INSTALLED)
+	$(ONE_THREAD) $(VENV)/bin/python -m pytest -n 2 -m slow
+
+lint: $(INSTALLED)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+
+format: $(INSTALLED)
+	$(VENV)/bin/ruff check --fix .
+	$(VENV)/bin/ruff format .
+
+types: $(INSTALLED)
+	$(VENV)/bin/mypy
+
+bench: $(BENCH_INSTALLED)
+	$(BENCH_VENV)/bin/python benchmarks/run.py
+
+clean:
+	rm -rf $(VENV) $(BENCH_VENV)
+
+$(INSTALLED): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python 3.11 or newer is needed: make PYTHON=python3.11 ...")'
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	touch $@
+
+$(BENCH_INSTALLED): pyproject.toml
+	$(PYTHON) -m venv $(BENCH_VENV)
+	$(BENCH_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
+	touch $@
