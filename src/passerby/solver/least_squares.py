@@ -182,15 +182,12 @@ class NormalEquations:
         for term in terms:
             if len(term.residual):
                 self._add(term)
+        flat = [W.reshape(*W.shape[:2], W.shape[2] * W.shape[3]) for W in self._W]
+        if layout.n_globals:
+            flat = [np.concatenate([W, W_g], axis=2) for W, W_g in zip(flat, self._W_globals, strict=True)]
         self.families = tuple(
-            _FamilyNormal(
-                V,
-                np.concatenate([W.reshape(*V.shape[:2], -1), W_g], axis=2) if layout.n_globals else W.reshape(*V.shape[:2], -1),
-                w,
-                g,
-                f.group,
-            )
-            for V, W, W_g, w, g, f in zip(self._V, self._W, self._W_globals, self._w, self._g, layout.families, strict=True)
+            _FamilyNormal(V, W, w, g, f.group)
+            for V, W, w, g, f in zip(self._V, flat, self._w, self._g, layout.families, strict=True)
         )
 
     def _add(self, term: Term) -> None:
@@ -277,7 +274,7 @@ class NormalEquations:
             inverse_root = np.linalg.inv(np.linalg.cholesky(V))
             Y = inverse_root @ normal.W
             z = (inverse_root @ normal.gradient[:, :, None])[:, :, 0]
-            flat = Y.reshape(-1, Y.shape[2])
+            flat = Y.reshape(Y.shape[0] * Y.shape[1], Y.shape[2])
             H -= flat.T @ flat
             gradient -= flat.T @ z.ravel()
             y = np.zeros_like(z)

@@ -4,8 +4,8 @@ World: z up, ground z = 0. The unknowns are what is really there: the cameras' p
 than the people its boxes are); how far the lowest visible point of a body lies nearer to the camera than the body's axis; each
 person's height; for each person and instant a ground position (x, y), the height of the lowest and of the highest point; and 3D joints.
 
-A box enters by two residuals that are not weighed alike, since a detector's slack and the model's bias move the two edges in opposite
-directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres give the shape.
+A box enters by residuals that are not weighed alike, since a detector's slack and the model's bias move the two edges in opposite
+directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres the shape.
 """
 
 from __future__ import annotations
@@ -26,6 +26,14 @@ SLACK = POSE_SIZE
 UPRIGHT, JOINT = 0, 1
 X, Y, LOW, HIGH = range(4)
 FOOT_SHIFT = 0
+
+# The visible length of a person who is not upright, as a share of the standing height: a wide prior.
+CROUCHED, CROUCHED_SD = 0.75, 0.3
+
+# A body's extent in the picture cannot be predicted below this share of what was seen: the logarithm stays finite.
+MIN_EXTENT_SHARE = 0.1
+
+MEAN_SLACK_SD = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +74,13 @@ class Noise:
     """What the residuals are weighed by; shares are of the sighting's extent in pixels."""
 
     floor_px: float = 0.5
-    centre: float = 0.02
+    across: float = 0.02
+    """The centre, across the picture."""
+    along: float = 0.02
+    """The centre, up and down."""
     height: float = 0.10
+    lean: float = 0.06
+    """The centre of head and ankles, in both directions: bodies lean, and the joints themselves fix the shape."""
     joint: float = 0.01
     loss: float = 3.0
     """Scale of the Cauchy loss in sigmas; large values make it nearly quadratic for a first descent."""
@@ -77,8 +90,10 @@ class Noise:
 class Priors:
     """Standard deviations of what people and detectors usually do."""
 
-    low_m: float = 0.08
-    high_m: float = 0.10
+    low: float = 0.05
+    """The lowest point's height above the ground, as a share of the person's height: steps, kerbs, slopes."""
+    high: float = 0.06
+    """The highest point's distance from standing height, the same: gait, a bent neck, shoes."""
     slack: float = 0.05
     foot_shift_m: float = 0.10
     foot_shift_sd_m: float = 0.05
@@ -102,7 +117,7 @@ class PeopleState:
     centre: Floats
     """(C, 3) metres."""
     slack: Floats
-    """(C,) boxes are taller than people by this share."""
+    """(C,) boxes are taller than people by this factor, as a logarithm; 0 on the mean."""
     globals: Floats
     """Foot shift (metres), then three coordinates per marked point."""
     heights: Floats
@@ -148,8 +163,14 @@ class PeopleProblem:
         return Layout(self.n_cameras, CAMERA_SIZE, n_globals, len(self.height_mean), families)
 
     def centre_sigma(self) -> Floats:
-        """(M,) standard deviation of the sightings' centres, pixels."""
-        return np.hypot(self.noise.floor_px, self.noise.centre * self.sightings.extent_px)
+        """(M, 2) standard deviation of the sightings' centres, pixels."""
+        box = np.array([self.noise.across, self.noise.along])
+        share = np.where(self.sightings.has_foot[:, None] > 0, box, max(self.noise.lean, box.max()))
+        return np.asarray(np.hypot(self.noise.floor_px, share * self.sightings.extent_px[:, None]))
+
+    def height_sigma(self) -> Floats:
+        """(M,) standard deviation of the logarithm of the sightings' extents."""
+        return np.asarray(np.hypot(self.noise.floor_px / self.sightings.extent_px, self.noise.height))
 
     def terms(self, state: PeopleState, *, jacobians: bool) -> list[Term]:
         """Residuals at a state: sightings, joints, stance, heights, slack, foot shift and scale cues."""
@@ -179,9 +200,11 @@ class PeopleProblem:
         r_top, top_by_d = project_near(s.top, s.top_tangent, d_top)
         r_bottom, bottom_by_d = project_near(s.bottom, s.bottom_tangent, d_bottom)
         centre_weight = 0.5 / self.centre_sigma()
-        height_weight = 1.0 / np.hypot(self.noise.floor_px, self.noise.height * s.extent_px)
-        centre = (r_top + r_bottom) * centre_weight[:, None]
-        height = ((r_bottom - r_top)[:, 1] + state.slack[s.camera] * s.extent_px) * height_weight
+        height_weight = 1.0 / self.height_sigma()
+        centre = (r_top + r_bottom) * centre_weight
+        # In logarithms neither a small world nor a large slack can shrink the noise.
+        predicted = np.maximum(s.extent_px + (r_bottom - r_top)[:, 1], MIN_EXTENT_SHARE * s.extent_px)
+        height = (np.log(predicted / s.extent_px) + state.slack[s.camera]) * height_weight
         loss = Cauchy(self.noise.loss)
         if not jacobians:
             return [Term(centre, loss), Term(height[:, None], loss)]
@@ -200,8 +223,8 @@ class PeopleProblem:
         def rows(by_top: Floats, by_bottom: Floats, k: int) -> Floats:
             """Stack the derivatives of the centre (k = 2) or of the height (k = 1)."""
             if k == 2:
-                return np.asarray((by_top + by_bottom) * centre_weight[:, None, None])
-            return np.asarray((by_bottom - by_top)[:, 1:] * height_weight[:, None, None])
+                return np.asarray((by_top + by_bottom) * centre_weight[:, :, None])
+            return np.asarray((by_bottom - by_top)[:, 1:] * (height_weight / predicted)[:, None, None])
 
         terms = []
         for k, residual in ((2, centre), (1, height[:, None])):
@@ -210,7 +233,7 @@ class PeopleProblem:
             by_globals = np.zeros((n, k, n_globals))
             by_globals[:, :, FOOT_SHIFT] = rows(np.zeros((n, 2, 1)), bottom_by_shift[:, :, None], k)[:, :, 0]
             if k == 1:
-                by_camera[:, 0, SLACK] = s.extent_px * height_weight
+                by_camera[:, 0, SLACK] = height_weight
             terms.append(
                 Term(residual, loss, camera=s.camera, by_camera=by_camera, family=UPRIGHT, block=s.block,
                      by_block=rows(top_by_block, bottom_by_block, k), by_globals=by_globals)
@@ -218,27 +241,31 @@ class PeopleProblem:
         return terms
 
     def _stance_terms(self, state: PeopleState) -> list[Term]:
-        """Feet on the ground; the highest point at the person's standing height, as far as the person may be standing."""
+        """Feet on the ground; the highest point at the person's standing height, as far as the person may be standing.
+
+        All are shares of the person's height: in metres they would reward a world that shrinks.
+        """
         loss = Cauchy(self.priors.stance_loss)
         n = len(self.person)
-        block = np.arange(n)
-        low = (state.people[:, LOW] / self.priors.low_m)[:, None]
-        by_low = np.zeros((n, 1, 4))
-        by_low[:, 0, LOW] = 1 / self.priors.low_m
-        root = np.sqrt(self.stance_weight) / self.priors.high_m
-        high = ((state.people[:, HIGH] - state.heights[self.person]) * root)[:, None]
-        by_high = np.zeros((n, 1, 4))
-        by_high[:, 0, HIGH] = root
+        height = np.maximum(state.heights[self.person], 0.05)
+        low, high = state.people[:, LOW] / height, state.people[:, HIGH] / height
+        root = np.sqrt(self.stance_weight) / self.priors.high
         # A person who is down still has a length: a weak pull keeps the free end from running away.
-        length = ((state.people[:, HIGH] - state.people[:, LOW] - 0.75 * state.heights[self.person]) / 0.5)[:, None]
-        by_length = np.zeros((n, 1, 4))
-        by_length[:, 0, HIGH], by_length[:, 0, LOW] = 2.0, -2.0
-        return [
-            Term(low, loss, family=UPRIGHT, block=block, by_block=by_low),
-            Term(high, loss, family=UPRIGHT, block=block, by_block=by_high, group=self.person, by_group=-root[:, None]),
-            Term(length, None, family=UPRIGHT, block=block, by_block=by_length, group=self.person,
-                 by_group=np.full((n, 1), -1.5)),
-        ]  # fmt: skip
+        rows = (
+            (low / self.priors.low, loss, 1 / self.priors.low * np.ones(n), 0.0),
+            ((high - 1) * root, loss, 0.0, root),
+            ((high - low - CROUCHED) / CROUCHED_SD, None, -1 / CROUCHED_SD, 1 / CROUCHED_SD),
+        )
+        terms = []
+        for residual, row_loss, by_low, by_high in rows:
+            by_block = np.zeros((n, 1, 4))
+            by_block[:, 0, LOW], by_block[:, 0, HIGH] = by_low / height, by_high / height
+            by_group = (-(by_low * low + by_high * high) / height)[:, None]
+            terms.append(
+                Term(residual[:, None], row_loss, family=UPRIGHT, block=np.arange(n), by_block=by_block, group=self.person,
+                     by_group=by_group)
+            )  # fmt: skip
+        return terms
 
     def _joint_term(self, state: PeopleState, jacobians: bool) -> Term:
         o, loss = self.joints, Cauchy(self.noise.loss)
@@ -255,14 +282,18 @@ class PeopleProblem:
     def _shared_priors(self, state: PeopleState) -> list[Term]:
         layout = self.layout
         n = self.n_cameras
-        by_slack = np.zeros((n, 1, layout.n_shared))
+        # Slack that all cameras have in common is the same as a scale: no picture tells them apart, so the mean is held at 0,
+        # and what it may be goes into the scale's sigma instead.
+        slack = np.concatenate([state.slack / self.priors.slack, [state.slack.mean() / MEAN_SLACK_SD]])
+        by_slack = np.zeros((n + 1, 1, layout.n_shared))
         by_slack[np.arange(n), 0, np.arange(n) * CAMERA_SIZE + SLACK] = 1 / self.priors.slack
+        by_slack[n, 0, np.arange(n) * CAMERA_SIZE + SLACK] = 1 / (n * MEAN_SLACK_SD)
         by_shift = np.zeros((1, 1, layout.n_shared))
         by_shift[0, 0, n * CAMERA_SIZE + FOOT_SHIFT] = 1 / self.priors.foot_shift_sd_m
         shift = (state.globals[FOOT_SHIFT] - self.priors.foot_shift_m) / self.priors.foot_shift_sd_m
         people = np.arange(len(self.height_mean))
         return [
-            Term((state.slack / self.priors.slack)[:, None], by_shared=by_slack),
+            Term(slack[:, None], by_shared=by_slack),
             Term(np.array([[shift]]), by_shared=by_shift),
             Term(((state.heights - self.height_mean) / self.height_sd)[:, None], group=people,
                  by_group=(1 / self.height_sd)[:, None]),

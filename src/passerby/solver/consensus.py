@@ -1,0 +1,127 @@
+"""Which sightings of one thing agree: every pair of rays proposes a point, the others vote.
+
+Identities are sometimes wrong, so that two of the sightings of a person-instant may show somebody else. All pairs of all blocks are tried at
+once; there are few cameras, so that no random sampling is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.geometry.triangulation import triangulate
+from passerby.solver.bundle import project_near
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+# Blocks seen by many cameras propose at most this many points each; neighbours in the cameras' order are tried first.
+_MAX_OFFSETS = 7
+
+
+@dataclass(frozen=True, eq=False)
+class Consensus:
+    """The points that most sightings agree on."""
+
+    points: Floats
+    """(N, 3) world, metres; NaN for a block without agreement."""
+    inlier: Bools
+    """(M,) sightings that agree with their block's point."""
+
+
+def agree(
+    camera: Ints, block: Ints, bearing: Floats, tangent: Floats, tolerance_px: Floats, n_blocks: int, R: Floats, centre: Floats,
+    *, height: tuple[float, float] | None = None,
+) -> Consensus:  # fmt: skip
+    """Points of blocks and the sightings that agree with them.
+
+    Args:
+        camera: (M,) camera index.
+        block: (M,) block of each sighting, a camera at most once in a block.
+        bearing: (M, 3) unit rays, camera frame.
+        tangent: (M, 2, 3) from `Lens.tangents`.
+        tolerance_px: (M,) residual at which a sighting speaks as much against a point as for it.
+        n_blocks: number of blocks N.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+        height: expected height of the points above the ground and its tolerance, metres; None where it may be anything.
+    """
+    order = np.argsort(block, kind="stable")
+    cam, blk = camera[order], block[order]
+    ray = np.einsum("mji,mj->mi", R[cam], bearing[order])
+    count = np.bincount(blk, minlength=n_blocks)
+    start = np.concatenate([[0], np.cumsum(count)[:-1]])
+    first, second = _pairs(blk, int(count.max(initial=0)))
+    point = _midpoints(centre[cam[first]], ray[first], centre[cam[second]], ray[second])
+    sound = np.isfinite(point).all(axis=1)
+    first, second, point = first[sound], second[sound], point[sound]
+    cost = _votes(point, blk[first], cam, bearing[order], tangent[order], tolerance_px[order], start, count, R, centre)
+    if height is not None:
+        cost = cost + 0.5 * np.log1p(((point[:, 2] - height[0]) / height[1]) ** 2)
+    best = np.full((n_blocks, 3), np.nan)
+    ranked = np.lexsort((cost, blk[first]))
+    winner = ranked[np.unique(blk[first][ranked], return_index=True)[1]] if len(ranked) else ranked
+    best[blk[first[winner]]] = point[winner]
+    inlier = np.zeros(len(camera), dtype=bool)
+    known = np.isfinite(best[block]).all(axis=1)
+    inlier[known] = (
+        _residual(best[block[known]], camera[known], bearing[known], tangent[known], R, centre) < tolerance_px[known]
+    )
+    agreed = np.bincount(block[inlier], minlength=n_blocks) >= 2
+    inlier &= agreed[block]
+    translation = -np.einsum("cij,cj->ci", R, centre)
+    refined = triangulate(camera[inlier], block[inlier], bearing[inlier], R, translation, n_blocks)
+    best[~agreed] = np.nan
+    return Consensus(np.where(np.isfinite(refined), refined, best), inlier)
+
+
+def _pairs(block: Ints, most: int) -> tuple[Ints, Ints]:
+    """Row pairs within blocks of sorted rows."""
+    first, second = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for offset in range(1, min(most, _MAX_OFFSETS + 1)):
+        same = np.flatnonzero(block[offset:] == block[:-offset])
+        first.append(same)
+        second.append(same + offset)
+    return np.concatenate(first), np.concatenate(second)
+
+
+def _midpoints(c1: Floats, d1: Floats, c2: Floats, d2: Floats) -> Floats:
+    """(K, 3) midpoints of the shortest segments between rays; NaN for parallel rays or a point behind one of them."""
+    apart = c2 - c1
+    cosine = np.einsum("ki,ki->k", d1, d2)
+    along1, along2 = np.einsum("ki,ki->k", d1, apart), np.einsum("ki,ki->k", d2, apart)
+    sine2 = 1 - cosine**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = (along1 - cosine * along2) / sine2
+        u = (cosine * along1 - along2) / sine2
+    point = 0.5 * (c1 + s[:, None] * d1 + c2 + u[:, None] * d2)
+    point[~((s > 0) & (u > 0) & (sine2 > 1e-8))] = np.nan
+    return np.asarray(point)
+
+
+def _residual(point: Floats, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> Floats:
+    """(M,) pixels between points and sightings."""
+    d = (R[camera] @ (point - centre[camera])[:, :, None])[:, :, 0]
+    return np.asarray(np.linalg.norm(project_near(bearing, tangent, d)[0], axis=1))
+
+
+def _votes(
+    point: Floats, block: Ints, camera: Ints, bearing: Floats, tangent: Floats, tolerance: Floats, start: Ints, count: Ints,
+    R: Floats, centre: Floats,
+) -> Floats:  # fmt: skip
+    """(K,) robust cost of each proposed point over all sightings of its block."""
+    per = count[block]
+    proposal = np.repeat(np.arange(len(point)), per)
+    within = np.arange(len(proposal)) - np.repeat(np.cumsum(per) - per, per)
+    rows = start[block][proposal] + within
+    cost = np.zeros(len(point))
+    step = 500_000  # bounds the memory of the expansion
+    for begin in range(0, len(rows), step):
+        part = slice(begin, begin + step)
+        r = rows[part]
+        miss = _residual(point[proposal[part]], camera[r], bearing[r], tangent[r], R, centre) / (0.5 * tolerance[r])
+        cost += np.bincount(proposal[part], np.log1p(miss**2), len(point))
+    return cost

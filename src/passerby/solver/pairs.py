@@ -1,0 +1,202 @@
+"""Hypotheses of how two cameras stand to each other, by two routes.
+
+*Ground*: both cameras are levelled by their own people (`geometry.single_view`), so that they differ by a motion of the plane only;
+two matched people fix it. *Epipolar*: the essential matrix of highest and lowest points (or of joints), its baseline scaled by the
+people's height. The routes fail in different places: the first where a camera's vertical is poor, the second where all is far or
+flat. Both are kept, and third cameras decide (`assembly`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.errors import EvidenceError
+from passerby.geometry.similarity import fit_plane_similarity
+from passerby.geometry.single_view import Level
+from passerby.geometry.triangulation import triangulate_two_views
+from passerby.geometry.two_view import relative_pose
+from passerby.solver.evidence import Evidence
+from passerby.solver.person_model import Sightings
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MIN_MATCHES = 8
+MAX_MATCHES = 600
+_GROUND_TRIALS = 400
+# A ground position is known to about this share of its distance: box noise, stance, and what is left of the level's tilt.
+_GROUND_SHARE, _GROUND_FLOOR_M = 0.06, 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class PairHypothesis:
+    """One guess at the motion between cameras a and b: `x_b = R_ba x_a + t_ba`, metres."""
+
+    a: int
+    b: int
+    R_ba: Floats
+    t_ba: Floats
+    route: str
+    """ground | epipolar | joints"""
+    inliers: int
+    matches: int
+
+    @property
+    def inverse(self) -> PairHypothesis:
+        """The same guess from b to a."""
+        return PairHypothesis(self.b, self.a, self.R_ba.T, -self.R_ba.T @ self.t_ba, self.route, self.inliers, self.matches)
+
+
+def pair_hypotheses(
+    evidence: Evidence, levels: list[Level | None], focal: Floats, body_m: float, rng: np.random.Generator
+) -> list[PairHypothesis]:
+    """All hypotheses of all pairs of cameras that saw the same people at the same instants.
+
+    Args:
+        evidence: sightings with identities.
+        levels: one a camera, None where it could not be found.
+        focal: (C,) focal lengths, pixels.
+        body_m: expected standing height, metres.
+        rng: draws samples.
+    """
+    out: list[PairHypothesis] = []
+    for a in range(evidence.n_cameras):
+        for b in range(a + 1, evidence.n_cameras):
+            out += _pair(evidence, levels, focal, body_m, a, b, rng)
+    return out
+
+
+def shared_rows(camera: Ints, block: Ints, a: int, b: int) -> tuple[Ints, Ints]:
+    """Rows of camera a and of camera b that show the same block, in the same order."""
+    rows_a, rows_b = np.flatnonzero(camera == a), np.flatnonzero(camera == b)
+    _, in_a, in_b = np.intersect1d(block[rows_a], block[rows_b], assume_unique=True, return_indices=True)
+    return rows_a[in_a], rows_b[in_b]
+
+
+def _pair(
+    evidence: Evidence, levels: list[Level | None], focal: Floats, body_m: float, a: int, b: int, rng: np.random.Generator
+) -> list[PairHypothesis]:
+    s = evidence.sightings
+    rows_a, rows_b = shared_rows(s.camera, s.block, a, b)
+    if len(rows_a) > MAX_MATCHES:
+        pick = np.sort(rng.choice(len(rows_a), MAX_MATCHES, replace=False))
+        rows_a, rows_b = rows_a[pick], rows_b[pick]
+    at_a, at_b = s.take(rows_a), s.take(rows_b)
+    out = []
+    level_a, level_b = levels[a], levels[b]
+    if len(at_a) >= MIN_MATCHES and level_a is not None and level_b is not None:
+        found = _by_ground(at_a, at_b, level_a, level_b, rng)
+        if found is not None:
+            out.append(PairHypothesis(a, b, *found, "ground", 0, len(at_a)))
+    if len(at_a) >= MIN_MATCHES and not evidence.n_joints:
+        angle = _threshold(at_a, focal[a]) + _threshold(at_b, focal[b])
+        rays_a, rays_b = np.concatenate([at_a.top, at_a.bottom]), np.concatenate([at_b.top, at_b.bottom])
+        found = _by_epipolar(rays_a, rays_b, angle, at_a, at_b, body_m, rng)
+        if found is not None:
+            out.append(PairHypothesis(a, b, *found, "epipolar", 0, len(at_a)))
+    j = evidence.joints
+    joint_a, joint_b = shared_rows(j.camera, j.point, a, b)
+    if len(joint_a) >= 3 * MIN_MATCHES:
+        if len(joint_a) > 3 * MAX_MATCHES:
+            pick = np.sort(rng.choice(len(joint_a), 3 * MAX_MATCHES, replace=False))
+            joint_a, joint_b = joint_a[pick], joint_b[pick]
+        angle = float(np.median(j.sigma_px[joint_a]) / focal[a] + np.median(j.sigma_px[joint_b]) / focal[b]) * 0.02
+        found = _by_epipolar(j.bearing[joint_a], j.bearing[joint_b], angle, at_a, at_b, body_m, rng)
+        if found is not None:
+            out.append(PairHypothesis(a, b, *found, "joints", 0, len(joint_a)))
+    return [_judged(h, at_a, at_b, focal, body_m) for h in out]
+
+
+def _threshold(at: Sightings, focal: float) -> float:
+    """Largest epipolar error of an inlier in one camera, radians: 4 % of a typical body's extent."""
+    return float(0.04 * np.median(at.extent_px) / focal) + 1.0 / focal
+
+
+def _by_ground(
+    at_a: Sightings, at_b: Sightings, level_a: Level, level_b: Level, rng: np.random.Generator
+) -> tuple[Floats, Floats] | None:
+    """The plane motion that puts most people of camera a on those of camera b: two-point RANSAC, then reweighted fits."""
+    ground_a, ground_b = level_a.ground_positions(at_a.bottom), level_b.ground_positions(at_b.bottom)
+    good = np.isfinite(ground_a).all(axis=1) & np.isfinite(ground_b).all(axis=1)
+    ground_a, ground_b = ground_a[good], ground_b[good]
+    if len(ground_a) < MIN_MATCHES:
+        return None
+    sigma = _GROUND_FLOOR_M + _GROUND_SHARE * (np.linalg.norm(ground_a, axis=1) + np.linalg.norm(ground_b, axis=1))
+    first, second = rng.integers(len(ground_a), size=(2, _GROUND_TRIALS))
+    a = ground_a[:, 0] + 1j * ground_a[:, 1]
+    b = ground_b[:, 0] + 1j * ground_b[:, 1]
+    span = a[second] - a[first]
+    apart = np.abs(span) > 2 * sigma[first]
+    if not apart.any():
+        return None
+    turn = (b[second] - b[first])[apart] / span[apart]
+    turn = turn[(np.abs(turn) > 0.6) & (np.abs(turn) < 1.6)] if ((np.abs(turn) > 0.6) & (np.abs(turn) < 1.6)).any() else turn
+    turn = turn / np.abs(turn)
+    anchor = first[apart][: len(turn)]
+    shift = b[anchor] - turn * a[anchor]
+    miss = np.abs(turn[:, None] * a[None, :] + shift[:, None] - b[None, :]) / sigma
+    best = int(np.argmin(np.log1p(miss**2).sum(axis=1)))
+    weight = 1.0 / (1.0 + miss[best] ** 2)
+    for _ in range(10):
+        fit = fit_plane_similarity(ground_a, ground_b, weight / sigma**2, with_scale=False)
+        weight = 1.0 / (1.0 + (np.linalg.norm(fit.apply(ground_a) - ground_b, axis=1) / sigma) ** 2)
+    c, s = np.cos(fit.yaw), np.sin(fit.yaw)
+    turn_level = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    R_lb = level_b.R_lc
+    # The levelled frames have their origins at the cameras; camera a's ground lies its own height below.
+    shift_level = np.array([*fit.translation, level_a.height - level_b.height])
+    return R_lb.T @ turn_level @ level_a.R_lc, R_lb.T @ shift_level
+
+
+def _by_epipolar(
+    rays_a: Floats, rays_b: Floats, angle: float, at_a: Sightings, at_b: Sightings, body_m: float, rng: np.random.Generator
+) -> tuple[Floats, Floats] | None:
+    """The essential matrix of matched rays, its baseline scaled by the people's height."""
+    try:
+        view = relative_pose(rays_a, rays_b, threshold=angle, rng=rng, max_points=1000, min_iterations=200, max_iterations=3000)
+    except EvidenceError:
+        return None
+    bodies = body_lengths(at_a, at_b, view.R_ba, view.t_ba)
+    if bodies is None:
+        return view.R_ba, view.t_ba
+    return view.R_ba, view.t_ba * body_m / bodies
+
+
+def body_lengths(at_a: Sightings, at_b: Sightings, R_ba: Floats, t_ba: Floats) -> float | None:
+    """The length, in units of the baseline, of a whole standing body: the upper quartile over the matched people.
+
+    People crouch, sit and bend, but they do not stretch: standing is near the upper end of what is seen, not at its mean.
+    """
+    if len(at_a) < MIN_MATCHES:
+        return None
+    top = triangulate_two_views(at_a.top, at_b.top, R_ba, t_ba)
+    bottom = triangulate_two_views(at_a.bottom, at_b.bottom, R_ba, t_ba)
+    share = np.maximum(at_a.top_fraction - at_a.bottom_fraction, 0.3)
+    length = np.linalg.norm(top - bottom, axis=1) / share
+    front = (np.einsum("ni,ni->n", top, at_a.top) > 0) & np.isfinite(length)
+    if np.count_nonzero(front) < MIN_MATCHES:
+        return None
+    return float(np.quantile(length[front], 0.65))
+
+
+def _judged(h: PairHypothesis, at_a: Sightings, at_b: Sightings, focal: Floats, body_m: float) -> PairHypothesis:
+    """The hypothesis with its inliers counted alike for both routes: people whose two midpoints meet, at a plausible size."""
+    if len(at_a) == 0:
+        return PairHypothesis(h.a, h.b, h.R_ba, h.t_ba, h.route, h.matches, h.matches)
+    middle_a, middle_b = at_a.top + at_a.bottom, at_b.top + at_b.bottom
+    middle_a /= np.linalg.norm(middle_a, axis=1, keepdims=True)
+    middle_b /= np.linalg.norm(middle_b, axis=1, keepdims=True)
+    point = triangulate_two_views(middle_a, middle_b, h.R_ba, h.t_ba)
+    in_b = point @ h.R_ba.T + h.t_ba
+    reach_a, reach_b = np.linalg.norm(point, axis=1), np.linalg.norm(in_b, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        miss_a = np.arccos(np.clip((point * middle_a).sum(axis=1) / reach_a, -1, 1))
+        miss_b = np.arccos(np.clip((in_b * middle_b).sum(axis=1) / reach_b, -1, 1))
+        size_a, size_b = at_a.extent_px / focal[h.a], at_b.extent_px / focal[h.b]
+        met = (miss_a < 0.15 * size_a + 2 / focal[h.a]) & (miss_b < 0.15 * size_b + 2 / focal[h.b])
+        tall = np.minimum(reach_a * size_a, reach_b * size_b) / body_m
+        met &= (tall > 0.35) & (np.maximum(reach_a * size_a, reach_b * size_b) / body_m < 2.0)
+    return PairHypothesis(h.a, h.b, h.R_ba, h.t_ba, h.route, int(np.count_nonzero(met)), len(at_a))
