@@ -1,0 +1,141 @@
+"""COCO keypoints: what is read from where, round trips, and every fault."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from passerby.errors import InputError
+from passerby.interchange.coco import read_keypoints, write_keypoints
+from passerby.observations import Keypoints
+
+GOOD = {
+    "images": [{"id": 7, "file_name": "000012.png", "frame": 3}, {"id": 8, "file_name": "000014.png", "frame": 1}],
+    "categories": [{"id": 1, "name": "person", "keypoints": ["head", "foot"]}],
+    "annotations": [
+        {"id": 1, "image_id": 7, "category_id": 1, "track_id": 5, "keypoints": [10, 20, 0.5, 11, 90, 0.25]},
+        {"id": 2, "image_id": 8, "category_id": 1, "track_id": 5, "keypoints": [12, 20, 1, 0, 0, 0]},
+        {"id": 3, "image_id": 8, "category_id": 1, "keypoints": [50, 20, 0.5, 51, 80, 0.5]},
+    ],
+}
+
+
+def read(tmp_path, content):
+    path = tmp_path / "keypoints.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return read_keypoints(path)
+
+
+def changed(**paths):
+    content = copy.deepcopy(GOOD)
+    for path, value in paths.items():
+        *where, last = [int(part) if part.isdigit() else part for part in path.split("__")]
+        target = content
+        for part in where:
+            target = target[part]
+        if value is None:
+            del target[last]
+        else:
+            target[last] = value
+    return content
+
+
+def test_what_is_read(tmp_path):
+    keypoints = read(tmp_path, GOOD)
+    assert keypoints.joints == ("head", "foot")
+    assert keypoints.frame.tolist() == [1, 1, 3]
+    assert keypoints.identity.tolist() == [-1, 5, 5]
+    assert keypoints.xy[2].tolist() == [[10, 20], [11, 90]]
+    assert keypoints.score.tolist() == [[0.5, 0.5], [1, 0], [0.5, 0.25]]
+
+
+def test_frame_numbers_without_frames(tmp_path):
+    by_name = changed(images__0__frame=None, images__1__frame=None)
+    assert read(tmp_path, by_name).frame.tolist() == [12, 14, 14]
+    by_id = changed(images=[{"id": 7}, {"id": 8}])
+    assert read(tmp_path, by_id).frame.tolist() == [7, 8, 8]
+
+
+def test_visibilities_become_confidences(tmp_path):
+    content = changed(
+        annotations__0__keypoints=[10, 20, 2, 11, 90, 1],
+        annotations__1__keypoints=[12, 20, 2, 0, 0, 0],
+        annotations__2__keypoints=[50, 20, 2, 51, 80, 2],
+    )
+    assert read(tmp_path, content).score.tolist() == [[1, 1], [1, 0], [1, 0.5]]
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ("{", "is not JSON"),
+        ("[]", "top level: an object"),
+        ({"images": []}, "categories: is missing"),
+        (changed(categories__0__keypoints=None), "category_id 1 is no category with joint names"),
+        (changed(categories__0__keypoints=["head", "head"]), "joint 'head' stands twice"),
+        (changed(categories__0__keypoints=["head", 3]), "must be a list of joint names"),
+        (changed(images__0__id=None), r"images\[0\]: needs a whole number `id`"),
+        (changed(images__0__frame=1.5), r"images\[0\]: frame is 1.5: a whole number"),
+        (changed(images__0__frame=None), r"images\[0\]: frame is None"),
+        (changed(images__1__frame=3), r"images\[1\]: frame 3 is that of image 7 too"),
+        (changed(images__1__id=7), r"images\[1\]: image id 7 stands twice"),
+        (changed(annotations__0__image_id=99), r"annotations\[0\]: image_id 99 is none of the images"),
+        (changed(annotations__0__track_id="Bob"), r"annotations\[0\]: track_id is 'Bob'"),
+        (changed(annotations__0__track_id=-3), r"annotations\[0\]: track_id is -3"),
+        (changed(annotations__0__keypoints=[1, 2, 1]), r"annotations\[0\]: keypoints has 3 numbers; 2 joints take 6"),
+        (changed(annotations__0__keypoints=[1, 2, 1, "a", 2, 1]), r"keypoints holds 'a'"),
+        (changed(annotations__0__keypoints=[1, 2, 1, float("nan"), 2, 1]), r"keypoints holds nan"),
+        (changed(annotations__0__keypoints=[1, 2, 1.5, 1, 2, 1]), r"third number of a joint is 1.5"),
+        (changed(annotations__0__keypoints=[1, 2, -0.5, 1, 2, 1]), r"confidence is -0.5"),
+        (changed(annotations__2__track_id=5), r"identity 5 stands twice in frame 1"),
+    ],
+)
+def test_a_fault_names_file_place_value_and_mend(tmp_path, content, told):
+    with pytest.raises(InputError, match=told) as caught:
+        read(tmp_path, content)
+    assert str(caught.value).startswith(str(tmp_path / "keypoints.json"))
+
+
+def test_the_same_unknown_person_twice(tmp_path):
+    content = copy.deepcopy(GOOD)
+    content["annotations"].append({**content["annotations"][2], "id": 4})
+    with pytest.raises(InputError, match="the same joints stand twice in frame 1"):
+        read(tmp_path, content)
+
+
+coordinates = st.floats(-2000, 4000).map(lambda value: round(value, 3))
+people = st.lists(
+    st.tuples(
+        st.integers(0, 1000),
+        st.integers(0, 50),
+        st.lists(st.tuples(coordinates, coordinates, st.floats(0, 1)), min_size=3, max_size=3),
+    ),
+    unique_by=lambda person: person[:2],
+    max_size=10,
+)
+
+
+@given(people)
+def test_round_trip(tmp_path_factory, people):
+    table = np.array([person[2] for person in people], dtype=float).reshape(-1, 3, 3).round(3)
+    frame, identity = [person[0] for person in people], [person[1] for person in people]
+    keypoints = Keypoints(frame, identity, table[..., :2], table[..., 2], ("a", "b", "c"))
+    path = tmp_path_factory.mktemp("joints") / "joints.json"
+    write_keypoints(path, keypoints)
+    back = read_keypoints(path)
+    order = np.lexsort((keypoints.identity, keypoints.frame))
+    assert back.joints == keypoints.joints
+    assert np.array_equal(back.frame, keypoints.frame[order])
+    assert np.array_equal(back.identity, keypoints.identity[order])
+    assert np.array_equal(back.xy, keypoints.xy[order])
+    assert np.array_equal(back.score, keypoints.score[order])
+
+
+@pytest.mark.real
+def test_real_files_are_sound(data_root):
+    files = sorted(data_root.glob("*/keypoints/*.json"))
+    assert len(files) >= 9
+    assert all(len(read_keypoints(path).joints) == 25 for path in files)

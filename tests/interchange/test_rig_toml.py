@@ -1,0 +1,145 @@
+"""Rig files: round trips, the files of other tools, and every fault."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.errors import InputError
+from passerby.interchange.rig_toml import read_lens, read_rig, write_rig
+
+LENS = """size = [1920, 1080]
+matrix = [[1000.0, 0.0, 960.0], [0.0, 1000.0, 540.0], [0.0, 0.0, 1.0]]
+distortions = [0.1, 0.0, 0.0, 0.0, 0.0]
+"""
+POSE = "rotation = [0.1, 0.2, 0.3]\ntranslation = [1.0, 2.0, 3.0]\n"
+
+
+def write(tmp_path, text):
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    return path
+
+
+def test_what_is_read(tmp_path):
+    rig = read_rig(
+        write(tmp_path, f'[left]\nname = "L"\n{LENS}{POSE}fisheye = false\n[right]\n{LENS}[metadata]\nunits = "m"\n')
+    )
+    assert rig.names == ("L", "right")
+    assert rig["L"].lens.size == (1920, 1080)
+    np.testing.assert_allclose(rig["L"].pose.R_cw, cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0])
+    assert rig["L"].pose.t_cw.tolist() == [1, 2, 3]
+    assert rig["right"].pose is None
+
+
+def test_millimetres_become_metres(tmp_path):
+    rig = read_rig(write(tmp_path, f'[a]\n{LENS}{POSE}[metadata]\nunits = "mm"\n'))
+    np.testing.assert_allclose(rig["a"].pose.t_cw, [0.001, 0.002, 0.003])
+    with pytest.raises(InputError, match="units is 'ft': write one of m, cm, mm"):
+        read_rig(write(tmp_path, f'[a]\n{LENS}{POSE}[metadata]\nunits = "ft"\n'))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        # Anipose
+        f'[cam_0]\nname = "A"\n{LENS}{POSE}\n[metadata]\nadjusted = false\nerror = 0.3\n',
+        # Pose2Sim
+        f'[cam_01]\nname = "cam_01"\n{LENS}{POSE}fisheye = false\n\n[metadata]\nadjusted = false\nerror = 0.0\n',
+        # Caliscope
+        "save_path = 'x'\n[overlays]\nsize = 3\n"
+        f"[cam_1]\ncam_id = 1\n{LENS}{POSE}rotation_count = 0\nerror = 0.2\ngrid_count = 20\n"
+        "ignore = false\nexposure = -4\nfisheye = false\n",
+    ],
+)
+def test_files_of_other_tools_are_opened(tmp_path, text):
+    rig = read_rig(write(tmp_path, text))
+    assert len(rig) == 1
+    assert rig.cameras[0].pose is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x = ", "is not TOML"),
+        ("[metadata]\nunits = 'm'", "holds no camera"),
+        (f"[a]\n{LENS}".replace("size = [1920, 1080]\n", ""), r"\[a\]: size is missing: give \[width, height\]"),
+        (f"[a]\n{LENS}".replace("1920,", "0,"), r"\[a\]: size \[0, 1080\]"),
+        (f"[a]\n{LENS}".replace("1920,", "1920.5,"), r"whole numbers of pixels"),
+        (f"[a]\n{LENS}".replace("1920, 1080", "1920, 1080, 3"), r"size is \[1920, 1080, 3\]"),
+        (f"[a]\n{LENS}".replace("[0.0, 0.0, 1.0]]", "[0.0, 0.0]]"), r"matrix is .*three rows of three"),
+        (f"[a]\n{LENS}".replace("[0.0, 0.0, 1.0]]", "[0.0, 0.0, 2.0]]"), r"is not a camera matrix"),
+        (f"[a]\n{LENS}".replace("[[1000.0", "[[-1000.0"), r"is not a camera matrix"),
+        (f"[a]\n{LENS}".replace("0.1,", "nan,"), r"distortions is .*finite"),
+        (f"[a]\n{LENS}".replace("0.1,", '"x",'), r"distortions is .*OpenCV's coefficients"),
+        (
+            f"[a]\n{LENS}".replace("0.1, 0.0,", "0.1,").replace("0.0, 0.0]\n", "0.0]\n"),
+            r"distortions has 3 values; a pinhole lens",
+        ),
+        (f"[a]\n{LENS}fisheye = true", r"distortions has 5 values; a fisheye lens takes 0, 4"),
+        (f'[a]\n{LENS}fisheye = "no"', r"fisheye is 'no': write true or false"),
+        (f"[a]\n{LENS}rotation = [0.1, 0.2, 0.3]", r"has a rotation but no translation"),
+        (f"[a]\n{LENS}rotation = [0.1, 0.2]\ntranslation = [0, 0, 0]", r"rotation is \[0.1, 0.2\]"),
+        (f"[a]\n{LENS}rotation = [[1,0,0],[0,1,0],[0,0,2]]\ntranslation = [0, 0, 0]", r"is not a rotation"),
+        (f'[a]\nname = "n"\n{LENS}[b]\nname = "n"\n{LENS}', r"camera n stands twice"),
+    ],
+)
+def test_a_fault_names_file_table_value_and_mend(tmp_path, text, told):
+    with pytest.raises(InputError, match=told) as caught:
+        read_rig(write(tmp_path, text))
+    assert str(caught.value).startswith(str(tmp_path / "rig.toml"))
+
+
+def test_one_lens_is_found_by_table_or_by_name(tmp_path):
+    path = write(tmp_path, f'[cam_0]\nname = "left"\n{LENS}[broken]\nmatrix = 3\n')
+    assert read_lens(path, "cam_0").size == (1920, 1080)
+    assert read_lens(path, "left").size == (1920, 1080)
+    with pytest.raises(InputError, match=r"no table \[right\]: .*the file has cam_0, broken"):
+        read_lens(path, "right")
+    with pytest.raises(InputError, match=r"\[broken\]: size is missing"):
+        read_lens(path, "broken")
+
+
+finite = st.floats(-100, 100)
+vectors = st.tuples(finite, finite, finite)
+
+
+@given(vectors, vectors, st.sampled_from([0, 4, 5, 8, 12, 14]), st.booleans())
+def test_round_trip(tmp_path_factory, turn, shift, count, with_sigma):
+    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]), np.linspace(-0.1, 0.1, count))
+    sigma = PoseSigma(0.0123, 0.45, np.arange(36.0).reshape(6, 6)) if with_sigma else None
+    posed = Camera("a b.c", lens, Pose(Rotation.from_rotvec(turn).as_matrix(), shift), sigma)
+    fisheye = Camera("2", Lens((640, 480), lens.matrix, np.array([0.1, 0, 0, 0]), fisheye=True))
+    path = tmp_path_factory.mktemp("rig") / "rig.toml"
+    write_rig(path, Rig((posed, fisheye), "doubtful", {"source": "test"}))
+    back = read_rig(path)
+    assert back.names == ("a b.c", "2")
+    assert back.verdict == "doubtful"
+    assert back.metadata == {"source": "test"}
+    assert back["2"].pose is None
+    assert back["2"].lens.fisheye
+    np.testing.assert_allclose(back["a b.c"].pose.R_cw, posed.pose.R_cw, atol=1e-12)
+    assert back["a b.c"].pose.t_cw.tolist() == list(shift)
+    assert back["a b.c"].lens.matrix.tolist() == lens.matrix.tolist()
+    # No coefficients are written as zeros, which other tools need: the same lens.
+    assert back["a b.c"].lens.distortions.tolist() == (lens.distortions.tolist() or [0.0] * 5)
+    if sigma is not None:
+        assert back["a b.c"].sigma.position_m == pytest.approx(0.0123)
+        assert back["a b.c"].sigma.orientation_deg == 0.45
+        assert back["a b.c"].sigma.covariance.tolist() == sigma.covariance.tolist()
+
+
+def test_a_reserved_name_is_refused(tmp_path):
+    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]), np.zeros(5))
+    with pytest.raises(InputError, match="cannot be called metadata"):
+        write_rig(tmp_path / "rig.toml", Rig((Camera("metadata", lens),)))
+    assert not (tmp_path / "rig.toml").exists()
+
+
+@pytest.mark.real
+def test_real_rigs_are_read(data_root):
+    assert len(read_rig(data_root / "pets2009" / "rig.toml")) == 7
+    assert all(camera.pose is not None for path in data_root.glob("*/rig.toml") for camera in read_rig(path))

@@ -1,0 +1,36 @@
+"""Small hand-made scenes for tests of reading and checking; their people are not meant to be solved."""
+
+from pathlib import Path
+
+LENS = """[{name}]
+size = [{width}, {height}]
+matrix = [[900.0, 0.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]
+distortions = {distortions}
+"""
+
+
+def lens(name, width=1280, height=720, distortions="[0.0, 0.0, 0.0, 0.0, 0.0]"):
+    return LENS.format(name=name, width=width, height=height, distortions=distortions)
+
+
+def rows(frames=10, identities=(1, 2), left=100):
+    return "".join(
+        f"{frame},{identity},{left + 200 * place + 3 * frame},300,40,110,1,-1,-1,-1\n"
+        for frame in range(1, frames + 1)
+        for place, identity in enumerate(identities)
+    )
+
+
+def write_scene(folder: Path, cameras=("A", "B"), extra="", files=None):
+    """A folder with a scene of three sound files a camera; `files` replaces some of them (None: is left out)."""
+    content = {
+        "scene.toml": "".join(f'[cameras.{name}]\nintrinsics = "rig.toml"\ntracks = "{name}.txt"\n' for name in cameras)
+        + extra,
+        "rig.toml": "".join(lens(name) for name in cameras),
+        **{f"{name}.txt": rows() for name in cameras},
+        **(files or {}),
+    }
+    for name, text in content.items():
+        if text is not None:
+            (folder / name).write_text(text)
+    return folder / "scene.toml"

@@ -1,0 +1,91 @@
+"""The command line: what it prints, and that it says what the library says."""
+
+import inspect
+import json
+import subprocess
+import sys
+from dataclasses import fields
+
+import pytest
+
+from passerby import __version__, cli
+from passerby.cli import run
+from passerby.interchange.rig_toml import read_rig, write_rig
+from passerby.simulation import SimulationOptions
+
+
+def test_version(capsys):
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out == f"passerby {__version__}\n"
+
+
+def test_no_arguments_is_help(capsys):
+    assert run([]) == 0
+    out = capsys.readouterr().out
+    assert all(command in out for command in ("calibrate", "evaluate", "simulate", "check", "demo"))
+
+
+def test_help_and_import_need_no_heavy_library():
+    code = "import sys, passerby, passerby.cli; passerby.cli.run(['--help']); print(*sorted(sys.modules), sep='\\n')"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "passerby.cli" in loaded
+    assert not {"numpy", "cv2", "scipy", "poselib"} & set(loaded)
+
+
+def test_simulate_offers_every_option_with_its_default():
+    offered = inspect.signature(cli.simulate).parameters
+    for option in fields(SimulationOptions):
+        default = offered[option.name].default
+        assert (float(default) if option.name == "clock_offsets" else default) == option.default, option.name
+
+
+def test_simulate_check_evaluate(tmp_path, capsys):
+    folder = tmp_path / "scene"
+    chosen = [
+        "--seconds",
+        "4",
+        "--people",
+        "3",
+        "--cameras",
+        "3",
+        "--seed",
+        "2",
+        "--clock-offsets",
+        "0,0.1,-0.1",
+        "--keypoints",
+    ]
+    assert run(["simulate", "-o", str(folder), *chosen]) == 0
+    assert f"passerby calibrate {folder / 'scene.toml'}" in capsys.readouterr().out
+    assert run(["check", str(folder / "scene.toml")]) == 0
+    assert "all well" in capsys.readouterr().out
+
+    truth = read_rig(folder / "truth.toml")
+    write_rig(tmp_path / "larger.toml", truth.moved([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [3, 4, 0], 1.05))
+    assert run(["evaluate", str(tmp_path / "larger.toml"), str(folder / "truth.toml"), "--json", "--reference", "C2"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["scale_ratio"] == pytest.approx(1.05)
+    assert report["similarity"]["mean_position_mm"] == pytest.approx(0, abs=1e-6)
+    assert [camera["name"] for camera in report["cameras"]] == ["C1", "C2", "C3"]
+    assert report["cameras"][1]["position_error_mm"] == pytest.approx(0, abs=1e-6)
+    assert report["reference"] == "C2"
+
+    assert run(["evaluate", str(tmp_path / "larger.toml"), str(folder / "truth.toml")]) == 0
+    out = capsys.readouterr().out
+    assert "scale 1.0500 of the true one" in out
+    assert "3 of 3 cameras registered" in out
+
+
+def test_evaluate_against_other_cameras(tmp_path, capsys):
+    assert run(["simulate", "-o", str(tmp_path / "a"), "--seconds", "1"]) == 0
+    lines = (tmp_path / "a" / "truth.toml").read_text().replace("C", "D")
+    (tmp_path / "other.toml").write_text(lines)
+    capsys.readouterr()
+    assert run(["evaluate", str(tmp_path / "other.toml"), str(tmp_path / "a" / "truth.toml")]) == 2
+    assert "no camera has a pose in both rigs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--clock-offsets", "fast"], ["--preset", "moon"], ["--missing", "2"]])
+def test_simulate_with_a_wrong_value(tmp_path, capsys, arguments):
+    assert run(["simulate", "-o", str(tmp_path / "scene"), *arguments]) == 2
+    assert capsys.readouterr().err.startswith("error: ")
+    assert not (tmp_path / "scene").exists()
