@@ -156,7 +156,7 @@ def place(estimate: Sequence[Pose], truth: Sequence[Pose]) -> Similarity | None:
     target = np.array([pose.centre for pose in truth])
     spread = moved - moved.mean(axis=0)
     length, overlap = float((spread**2).sum()), float((spread * target).sum())
-    if not length > 0 or not overlap > 0:
+    if not length > 1e-18 * float((moved**2).sum()) or not overlap > 0:
         return None
     scale = overlap / length
     return Similarity(scale, rotation, target.mean(axis=0) - scale * moved.mean(axis=0))
