@@ -1,0 +1,197 @@
+"""The descent: from a rough rig to the person model's optimum.
+
+Each round finds the sightings that agree under the rig at hand, adjusts everything, and learns from the residuals how noisy
+the sightings really are. Rounds start tolerant and end strict.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.solver.bundle import PointObservations
+from passerby.solver.consensus import agree
+from passerby.solver.evidence import Evidence
+from passerby.solver.least_squares import Result, Stopping, Term, minimise
+from passerby.solver.person_model import CueRows, Noise, PeopleProblem, PeopleState, Priors, Sightings
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# A sighting agrees within so many sigmas of its centre: the Cauchy loss deals with what is nearer.
+AGREE_SIGMAS = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class RigState:
+    """What is known of the cameras between rounds."""
+
+    R: Floats
+    """(C, 3, 3) world to camera."""
+    centre: Floats
+    """(C, 3) metres."""
+    heights: Floats
+    """(P,) standing heights."""
+    slack: Floats
+    globals: Floats
+
+    @classmethod
+    def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats) -> RigState:
+        """A first state: people as tall as expected, no slack."""
+        return cls(R, centre, height_mean.copy(), np.zeros(len(R)), np.concatenate([[priors.foot_shift_m], marks.ravel()]))
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """The problem of one round, and the rows of the evidence that are in it."""
+
+    problem: PeopleProblem
+    state: PeopleState
+    rows: Ints
+    """Rows of the evidence's sightings, in the problem's order."""
+    blocks: Ints
+    """Person-instants of the evidence, in the problem's order."""
+    joint_rows: Ints
+    joints: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """What holds in all rounds: priors, cues, and what is expected of each person."""
+
+    height_mean: Floats
+    height_sd: Floats
+    priors: Priors = field(default_factory=Priors)
+    cues: CueRows | None = None
+
+
+def middle_rays(s: Sightings) -> tuple[Floats, Floats]:
+    """Rays (M, 3) and tangents (M, 2, 3) to the middles of the sightings."""
+    ray = s.top + s.bottom
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    tangent = 0.5 * (s.top_tangent + s.bottom_tangent)
+    # A tangent is orthogonal to its ray; the mean of two nearly is.
+    tangent = tangent - np.einsum("mki,mi->mk", tangent, ray)[:, :, None] * ray[:, None, :]
+    return ray, tangent
+
+
+def build_model(
+    evidence: Evidence, rig: RigState, noise: Noise, knowledge: Knowledge, *, share: float,
+    blocks: Ints | None = None, joints: Ints | None = None, stance: Floats | None = None,
+) -> Model:  # fmt: skip
+    """The sightings that agree under a rig, as a problem with a state to start from.
+
+    Args:
+        evidence: all sightings.
+        rig: cameras and people so far.
+        noise: weights of the residuals.
+        knowledge: priors and cues.
+        share: tolerance of agreement, as a share of the sightings' extent.
+        blocks: person-instants to use; all when None.
+        joints: joints to use; all when None.
+        stance: (N,) weight of standing for each person-instant of the evidence; all 1 when None.
+    """
+    s, n_blocks = evidence.sightings, len(evidence.person)
+    ray, tangent = middle_rays(s)
+    tolerance = 2.0 + share * s.extent_px
+    typical = float(np.median(knowledge.height_mean)) if len(knowledge.height_mean) else 1.7
+    middle = 0.5 * typical * float(np.median(s.top_fraction + s.bottom_fraction)) if len(s) else 0.0
+    candidate = np.ones(len(s), bool) if blocks is None else np.isin(s.block, blocks)
+    c = np.flatnonzero(candidate)
+    consensus = agree(
+        s.camera[c], s.block[c], ray[c], tangent[c], tolerance[c], n_blocks, rig.R, rig.centre, height=(middle, 0.25 * typical)
+    )
+    rows = c[consensus.inlier]
+    used = np.unique(s.block[rows])
+    number = np.full(n_blocks, -1)
+    number[used] = np.arange(len(used))
+    sightings = s.take(rows)
+    sightings = replace(sightings, block=number[sightings.block])
+    joint_problem, joint_points, joint_rows, joint_used = _agreeing_joints(evidence, rig, noise, share, joints)
+    person = evidence.person[used]
+    problem = PeopleProblem(
+        evidence.n_cameras, sightings, joint_problem, person, len(joint_used), knowledge.height_mean, knowledge.height_sd,
+        np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, knowledge.cues,
+    )  # fmt: skip
+    people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
+    state = PeopleState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points)
+    return Model(problem, state, rows, used, joint_rows, joint_used)
+
+
+def _agreeing_joints(
+    evidence: Evidence, rig: RigState, noise: Noise, share: float, joints: Ints | None
+) -> tuple[PointObservations, Floats, Ints, Ints]:
+    """Joints that agree: their sightings renumbered, their positions, the rows and the joints of the evidence."""
+    o = evidence.joints
+    candidate = np.ones(len(o.camera), bool) if joints is None else np.isin(o.point, joints)
+    c = np.flatnonzero(candidate)
+    # `sigma_px` of the evidence holds the person's extent; the noise says what share of it a joint is off by.
+    extent = o.sigma_px[c]
+    consensus = agree(
+        o.camera[c], o.point[c], o.bearing[c], o.tangent[c], 2.0 + share * extent, evidence.n_joints, rig.R, rig.centre
+    )
+    rows = c[consensus.inlier]
+    used = np.unique(o.point[rows])
+    number = np.full(evidence.n_joints, -1)
+    number[used] = np.arange(len(used))
+    sigma = np.hypot(noise.floor_px, noise.joint * o.sigma_px[rows])
+    taken = PointObservations(o.camera[rows], number[o.point[rows]], o.bearing[rows], o.tangent[rows], sigma)
+    return taken, consensus.points[used], rows, used
+
+
+def adjust(model: Model, stopping: Stopping) -> Result[PeopleState]:
+    """Descend to the optimum of a model."""
+    return minimise(model.problem, model.state, stopping)
+
+
+def rig_of(state: PeopleState) -> RigState:
+    """What the next round starts from."""
+    return RigState(state.R, state.centre, state.heights, state.slack, state.globals)
+
+
+def learn_noise(model: Model, result: Result[PeopleState]) -> Noise:
+    """The sightings' noise from their residuals, each divided by the root of its redundancy.
+
+    The redundancy is the share of a residual that the fit does not absorb (Foerstner 1979); medians keep outliers out. Boxes whose noise
+    is all rounding keep the floor.
+    """
+    problem, noise = model.problem, model.problem.noise
+    terms = problem.terms(result.state, jacobians=True)
+    normal = result.normal
+    s = problem.sightings
+    box = s.has_foot > 0
+    if np.count_nonzero(box) >= 30:
+        V_inverse = np.linalg.inv(normal.families[0].V)
+        centre = _whitened_scale(terms[0], V_inverse, box)
+        height = _whitened_scale(terms[1], V_inverse, box)
+        typical = float(np.median(s.extent_px[box]))
+        noise = replace(
+            noise, across=_rescaled(noise.across, noise.floor_px / typical, centre[0]),
+            along=_rescaled(noise.along, noise.floor_px / typical, centre[1]),
+            height=_rescaled(noise.height, noise.floor_px / typical, height[0]),
+        )  # fmt: skip
+    if problem.n_joints and len(problem.joints.camera) >= 30:
+        term = next(t for t in terms if t.family == 1 and t.by_block is not None)
+        V_inverse = np.linalg.inv(normal.families[1].V)
+        scale = _whitened_scale(term, V_inverse, np.ones(len(term.residual), bool))
+        typical = float(np.median(problem.joints.sigma_px) / noise.joint)
+        noise = replace(noise, joint=_rescaled(noise.joint, noise.floor_px / typical, float(np.sqrt(np.mean(scale**2)))))
+    return noise
+
+
+def _whitened_scale(term: Term, V_inverse: Floats, use: NDArray[np.bool_]) -> Floats:
+    """(k,) robust standard deviation of whitened residuals over their redundancy: 1 where the noise was guessed right."""
+    residual, J, block = term.residual[use], term.by_block[use], term.block[use]
+    squared = np.einsum("mk,mk->m", term.residual, term.residual)[use]
+    weight = term.loss.weight(squared)[:, None]
+    leverage = np.einsum("mki,mij,mkj->mk", J, V_inverse[block], J) * weight
+    redundancy = np.clip(1 - leverage, 0.05, 1.0)
+    return np.asarray(1.4826 * np.median(np.abs(residual) / np.sqrt(redundancy), axis=0))
+
+
+def _rescaled(share: float, floor: float, factor: float) -> float:
+    """The share whose noise, with the floor, is `factor` times the one before; never below a thousandth."""
+    total = np.hypot(share, floor) * factor
+    return float(np.sqrt(max(total**2 - floor**2, 1e-6)))
