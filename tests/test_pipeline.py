@@ -151,6 +151,11 @@ def test_unknown_options_name_the_nearest(tmp_path, solver):
         passerby.calibrate(write_scene(tmp_path, extra="[solver.options]\nround = 3"))
 
 
+def test_options_of_the_wrong_kind_are_told(tmp_path, solver):
+    with pytest.raises(InputError, match=r"\[solver.options\] rounds is 'many': "):
+        passerby.calibrate(write_scene(tmp_path, extra="[solver.options]\nrounds = 'many'"))
+
+
 def test_json_on_the_command_line(tmp_path, solver, capsys):
     assert run(["calibrate", str(write_scene(tmp_path)), "-o", str(tmp_path / "out"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError, InputError
@@ -19,6 +20,7 @@ from passerby.results import calibration_dict, write_calibration
 from passerby.scene import Scene
 from passerby.sharing import connected_groups, missing_overlap, shared_people
 from passerby.solver.solution import Solution, Verdict
+from passerby.verdict import judged
 
 if TYPE_CHECKING:
     from passerby.solver.geopose import GeoPoseOptions
@@ -93,7 +95,7 @@ def calibrate(scene: Scene | str | Path, *, seed: int = 0, progress: Progress | 
     options = solver_options(scene)
     read = time.perf_counter()
     tell("solving")
-    solution = _judged(_solve(scene, inputs, options, np.random.default_rng(seed)), inputs)
+    solution = judged(_solve(scene, inputs, options, np.random.default_rng(seed)), inputs.observations)
     solved = time.perf_counter()
     return Calibration(
         scene=scene,
@@ -122,9 +124,14 @@ def solver_options(scene: Scene) -> PeopleOptions | GeoPoseOptions:
             mend = f"did you mean '{close[0]}'?" if close else f"method {scene.solver.method} has {', '.join(known)}"
             raise InputError(f"{scene.place}: [solver.options]: unknown key '{key}': {mend}")
     try:
-        return kind(**chosen)
-    except (TypeError, ValueError, InputError) as error:
-        raise InputError(f"{scene.place}: [solver.options]: {error}") from error
+        return TypeAdapter(kind).validate_python(chosen)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise InputError(
+            f"{scene.place}: [solver.options] {'.'.join(map(str, fault['loc']))} is {fault['input']!r}: {fault['msg']}"
+        ) from None
+    except InputError as error:
+        raise InputError(f"{scene.place}: [solver.options]: {error}") from None
 
 
 def _options_type(method: str) -> type[PeopleOptions] | type[GeoPoseOptions]:
@@ -153,20 +160,3 @@ def _solve(scene: Scene, inputs: SceneInputs, options: Any, rng: np.random.Gener
         return solve_people(inputs.rig, inputs.observations, scene.scale_cues(), options, rng=rng)
     except EvidenceError as error:
         return Solution(scene.solver.method, inputs.rig, "refused", error.reasons)
-
-
-def _judged(solution: Solution, inputs: SceneInputs) -> Solution:
-    """A rig that lacks a camera is never accepted, and the reasons name that camera."""
-    lost = [camera.name for camera in solution.rig if camera.pose is None]
-    if not lost:
-        return solution
-    overlap = missing_overlap(shared_people(inputs.observations))
-    reasons = [*solution.reasons, *(reason for reason in overlap if reason not in solution.reasons)]
-    if len(lost) < len(inputs.rig):
-        named = " ".join(reasons)
-        reasons += [
-            f"camera {name} could not be registered: record more people in the view that it shares with the others"
-            for name in lost
-            if name not in named
-        ]
-    return replace(solution, verdict="doubtful" if solution.verdict == "accepted" else solution.verdict, reasons=tuple(reasons))

@@ -14,7 +14,8 @@ MISSING = "-"
 
 def number(value: float | None, digits: int = 1, unit: str = "") -> str:
     """A figure as text; a dash where it is undefined."""
-    return MISSING if value is None else f"{value:.{digits}f}{unit}"
+    # Adding zero turns -0.0 into 0.0.
+    return MISSING if value is None else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
 
 
 def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -1,0 +1,91 @@
+"""What no solver's answer may hide: cameras left out, and people who walked where they fix no rig."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.cameras import Floats, Rig
+from passerby.geometry.triangulation import triangulate
+from passerby.observations import UNKNOWN, Observations
+from passerby.sharing import missing_overlap, shared_people
+from passerby.solver.solution import Solution
+
+LINE_WIDTH_M = 0.25
+"""Nine of ten people this close to one line walked on one line: half a body's breadth, and the noise of a box's centre."""
+LINE_SHARE = 0.02
+"""Over long lines the noise grows: so much of their length counts as on the line too."""
+MIN_POSITIONS = 10
+SPOT_MEND = "record people who walk all over the view that the cameras share"
+
+
+def judged(solution: Solution, observations: Observations) -> Solution:
+    """The solution, no longer accepted where it lacks a camera, or where all people were on one line or spot.
+
+    The reasons name the camera, and what to record.
+    """
+    reasons = list(solution.reasons)
+    lost = [camera.name for camera in solution.rig if camera.pose is None]
+    if lost:
+        reasons += [reason for reason in missing_overlap(shared_people(observations)) if reason not in reasons]
+    if 0 < len(lost) < len(solution.rig):
+        named = " ".join(reasons)
+        reasons += [
+            f"camera {name} could not be registered: record more people in the view that it shares with the others"
+            for name in lost
+            if name not in named
+        ]
+    # Joints have extent of their own: one person on the spot is enough.
+    with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
+    degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
+    if degenerate is not None and not any(" line" in reason or " spot" in reason for reason in reasons):
+        reasons.append(degenerate)
+    doubtful = bool(lost) or degenerate is not None
+    verdict = "doubtful" if doubtful and solution.verdict == "accepted" else solution.verdict
+    return replace(solution, verdict=verdict, reasons=tuple(reasons))
+
+
+def people_positions(rig: Rig, observations: Observations) -> Floats:
+    """Where the people were whose boxes two cameras or more saw: (N, 3) triangulated box centres, world, metres."""
+    posed = [camera for camera in rig if camera.pose is not None]
+    columns, bearings = [], []
+    for index, camera in enumerate(posed):
+        boxes = observations[camera.name].boxes
+        columns.append(np.column_stack([np.full(len(boxes), index), boxes.frame, boxes.identity]))
+        bearings.append(camera.lens.bearings(boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2))
+    if not columns:
+        return np.zeros((0, 3))
+    rows, rays = np.concatenate(columns), np.concatenate(bearings)
+    sound = np.isfinite(rays).all(axis=1) & (rows[:, 2] > UNKNOWN)
+    rows, rays = rows[sound], rays[sound]
+    if not len(rows):
+        return np.zeros((0, 3))
+    instants, point = np.unique(rows[:, 1:], axis=0, return_inverse=True)
+    poses = [camera.pose for camera in posed if camera.pose is not None]
+    points = triangulate(
+        rows[:, 0],
+        point.reshape(-1),
+        rays,
+        np.array([pose.R_cw for pose in poses]),
+        np.array([pose.t_cw for pose in poses]),
+        len(instants),
+    )
+    return points[np.isfinite(points).all(axis=1)]
+
+
+def _one_line_or_spot(points: Floats) -> str | None:
+    """What is wrong with the places (N, 3) where boxes were seen, world, z up; None if nothing is, or nothing can be said."""
+    if len(points) < MIN_POSITIONS:
+        return None
+    ground = points[:, :2] - np.median(points[:, :2], axis=0)
+    near = ground[np.linalg.norm(ground, axis=1) <= np.percentile(np.linalg.norm(ground, axis=1), 90)]
+    _, _, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
+    along, across = np.abs((near - near.mean(axis=0)) @ axes.T).T
+    length = 2 * float(along.max())
+    width = float(np.percentile(across, 90))
+    if length < 2 * LINE_WIDTH_M:
+        return f"all people stay on one spot of {length:.1f} m: {SPOT_MEND}"
+    if width < max(LINE_WIDTH_M, LINE_SHARE * length):
+        return f"all people walk on one straight line of {length:.1f} m: {SPOT_MEND}"
+    return None
