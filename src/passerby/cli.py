@@ -17,8 +17,6 @@ from passerby import __version__
 from passerby.errors import InputError, PasserbyError
 
 if TYPE_CHECKING:
-    from passerby.check import SceneCheck
-    from passerby.evaluation.metrics import Comparison
     from passerby.pipeline import Calibration
 
 INTERRUPTED = 130
@@ -99,6 +97,7 @@ def calibrate(
     Exit status 3: doubtful or refused; what was found is written all the same, with the reasons.
     """
     from passerby.pipeline import calibrate as run_calibration
+    from passerby.tables import show_calibration
     from passerby.terminal import stages
 
     with stages() as tell:
@@ -108,7 +107,7 @@ def calibrate(
     if json:
         _print_json({**calibration.to_dict(), "seconds": calibration.seconds, "out": str(out)})
     else:
-        _show_calibration(calibration, verbose or bool(context.obj))
+        show_calibration(calibration, verbose or bool(context.obj))
         print(f"written to {out}")
     _tell_reasons(calibration)
     raise typer.Exit(calibration.exit_status)
@@ -124,12 +123,13 @@ def evaluate(
     """Compare a rig with the true one: errors of position and orientation, scale, vertical and ground."""
     from passerby.evaluation.metrics import compare
     from passerby.interchange.rig_toml import read_rig
+    from passerby.tables import show_comparison
 
     comparison = compare(read_rig(rig), read_rig(truth), reference)
     if json:
         _print_json(comparison.to_dict())
     else:
-        _show_comparison(comparison)
+        show_comparison(comparison)
 
 
 @app.command()
@@ -139,12 +139,13 @@ def check(scene: SceneFile, json: AsJson = False) -> None:
     Exit status 2: something cannot be used; 3: it can, but does not tie all cameras together.
     """
     from passerby.check import check_scene
+    from passerby.tables import show_check
 
     report = check_scene(scene)
     if json:
         _print_json(report.to_dict())
     else:
-        _show_check(report)
+        show_check(report)
     for fault in (*report.faults, *report.lacks):
         _fail(fault, report.exit_status)
     raise typer.Exit(report.exit_status)
@@ -220,6 +221,7 @@ def demo(
     from passerby.pipeline import calibrate as run_calibration
     from passerby.simulation import SimulationOptions, write_scene
     from passerby.simulation import simulate as run_simulation
+    from passerby.tables import show_calibration, show_comparison
     from passerby.terminal import stages
 
     with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages() as tell:
@@ -230,9 +232,9 @@ def demo(
         calibration.write(folder / "out")
         comparison = compare(read_rig(folder / "out" / "rig.toml"), read_rig(path.parent / "truth.toml"))
     print("A simulated terrace of 7 x 11 m: people walk, each box edge is off by 2 % of the box height.\n")
-    _show_calibration(calibration, verbose or bool(context.obj))
+    show_calibration(calibration, verbose or bool(context.obj))
     print()
-    _show_comparison(comparison)
+    show_comparison(comparison)
     if out is not None:
         print(f"\nwritten to {out}: scene/scene.toml and out/rig.toml")
     _tell_reasons(calibration)
@@ -259,94 +261,3 @@ def _tell_reasons(calibration: Calibration) -> None:
     if not calibration.accepted:
         reasons = "; ".join(calibration.reasons) or "no reason given"
         print(f"{calibration.verdict}: {' '.join(reasons.split())}", file=sys.stderr)
-
-
-def _show_calibration(calibration: Calibration, verbose: bool) -> None:
-    from passerby.interchange.json_text import to_json
-    from passerby.terminal import MISSING, number, show_table
-
-    rows = []
-    for camera in calibration.rig:
-        seen, sigma = calibration.observations[camera.name], camera.sigma
-        place = [MISSING] * 3 if camera.pose is None else [number(value, 3) for value in camera.pose.centre]
-        position, orientation = (None, None) if sigma is None else (1000 * sigma.position_m, sigma.orientation_deg)
-        rows.append(
-            [camera.name, *place, number(position), number(orientation, 2), str(len(seen.boxes)), str(len(seen.keypoints))]
-        )
-    columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", "boxes", "joints")
-    show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
-    for finding in calibration.findings:
-        print(f"note: {finding}")
-    if verbose:
-        print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
-        print(to_json(calibration.figures), end="")
-
-
-def _show_comparison(comparison: Comparison) -> None:
-    from passerby.terminal import number, show_table
-
-    metric, similarity = comparison.metric, comparison.similarity
-    rows = [
-        [
-            name,
-            number(metric.position_mm.get(name)),
-            number(metric.orientation_deg.get(name), 2),
-            number(similarity.position_mm.get(name)),
-            number(similarity.orientation_deg.get(name), 2),
-        ]
-        for name in (*comparison.names, *comparison.missing)
-    ]
-    for label, values in (
-        (
-            "mean",
-            [
-                metric.mean_position_mm,
-                metric.mean_orientation_deg,
-                similarity.mean_position_mm,
-                similarity.mean_orientation_deg,
-            ],
-        ),
-        (
-            "median",
-            [
-                metric.median_position_mm,
-                metric.median_orientation_deg,
-                similarity.median_position_mm,
-                similarity.median_orientation_deg,
-            ],
-        ),
-    ):
-        rows.append([label, *(number(value, 1 + index % 2) for index, value in enumerate(values))])
-    columns = ("camera", "metric mm", "metric deg", "similarity mm", "similarity deg")
-    show_table(f"errors; metric: {comparison.reference} held", columns, rows)
-    print(
-        f"scale {number(comparison.scale_ratio, 4)} of the true one, vertical off by "
-        f"{number(comparison.gravity_error_deg, 2)} deg, ground by {number(comparison.ground_error_mm)} mm; "
-        f"{len(comparison.names)} of {len(comparison.names) + len(comparison.missing)} cameras registered"
-    )
-
-
-def _show_check(report: SceneCheck) -> None:
-    from passerby.terminal import MISSING, show_table
-
-    if report.cameras:
-        rows = [
-            [
-                camera.name,
-                MISSING if camera.size is None else f"{camera.size[0]}x{camera.size[1]}",
-                MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}",
-                str(camera.frames),
-                str(camera.boxes),
-                str(camera.keypoints),
-                str(camera.identities),
-                " ".join(f"{name}:{shared.people}" for name, shared in camera.shared.items()),
-                str(len(camera.faults)) if camera.faults else "ok",
-            ]
-            for camera in report.cameras
-        ]
-        columns = ("camera", "picture", "span", "frames", "boxes", "joints", "people", "people shared with", "faults")
-        show_table(report.name, columns, rows)
-    for finding in report.findings:
-        print(f"note: {finding}")
-    if report.exit_status == 0:
-        print("all well")

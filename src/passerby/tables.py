@@ -1,0 +1,96 @@
+"""Results as tables on standard output."""
+
+from __future__ import annotations
+
+from passerby.check import SceneCheck
+from passerby.evaluation.metrics import Comparison
+from passerby.interchange.json_text import to_json
+from passerby.pipeline import Calibration
+from passerby.terminal import MISSING, number, show_table
+
+
+def show_calibration(calibration: Calibration, verbose: bool) -> None:
+    """Where the cameras stand and how sure that is; with `verbose` wall times and figures too."""
+    rows = []
+    for camera in calibration.rig:
+        seen, sigma = calibration.observations[camera.name], camera.sigma
+        place = [MISSING] * 3 if camera.pose is None else [number(value, 3) for value in camera.pose.centre]
+        position, orientation = (None, None) if sigma is None else (1000 * sigma.position_m, sigma.orientation_deg)
+        rows.append(
+            [camera.name, *place, number(position), number(orientation, 2), str(len(seen.boxes)), str(len(seen.keypoints))]
+        )
+    columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", "boxes", "joints")
+    show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
+    for finding in calibration.findings:
+        print(f"note: {finding}")
+    if verbose:
+        print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
+        print(to_json(calibration.figures), end="")
+
+
+def show_comparison(comparison: Comparison) -> None:
+    """The errors of every camera, their means and medians, and those of the world."""
+    metric, similarity = comparison.metric, comparison.similarity
+    rows = [
+        [
+            name,
+            number(metric.position_mm.get(name)),
+            number(metric.orientation_deg.get(name), 2),
+            number(similarity.position_mm.get(name)),
+            number(similarity.orientation_deg.get(name), 2),
+        ]
+        for name in (*comparison.names, *comparison.missing)
+    ]
+    for label, values in (
+        (
+            "mean",
+            [
+                metric.mean_position_mm,
+                metric.mean_orientation_deg,
+                similarity.mean_position_mm,
+                similarity.mean_orientation_deg,
+            ],
+        ),
+        (
+            "median",
+            [
+                metric.median_position_mm,
+                metric.median_orientation_deg,
+                similarity.median_position_mm,
+                similarity.median_orientation_deg,
+            ],
+        ),
+    ):
+        rows.append([label, *(number(value, 1 + index % 2) for index, value in enumerate(values))])
+    columns = ("camera", "metric mm", "metric deg", "similarity mm", "similarity deg")
+    show_table(f"errors; metric: {comparison.reference} held", columns, rows)
+    print(
+        f"scale {number(comparison.scale_ratio, 4)} of the true one, vertical off by "
+        f"{number(comparison.gravity_error_deg, 2)} deg, ground by {number(comparison.ground_error_mm)} mm; "
+        f"{len(comparison.names)} of {len(comparison.names) + len(comparison.missing)} cameras registered"
+    )
+
+
+def show_check(report: SceneCheck) -> None:
+    """What a scene holds, camera by camera; the faults are not among it."""
+    if report.cameras:
+        rows = [
+            [
+                camera.name,
+                MISSING if camera.size is None else f"{camera.size[0]}x{camera.size[1]}",
+                MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}",
+                str(camera.frames),
+                str(camera.boxes),
+                str(camera.keypoints),
+                str(camera.identities),
+                " ".join(f"{name}:{shared.people}" for name, shared in camera.shared.items()),
+                str(len(camera.faults)) if camera.faults else "ok",
+            ]
+            for camera in report.cameras
+        ]
+        columns = ("camera", "picture", "span", "frames", "boxes", "joints", "people", "people shared with", "faults")
+        show_table(report.name, columns, rows)
+    for finding in report.findings:
+        print(f"note: {finding}")
+    if report.exit_status == 0:
+        print("all well")
