@@ -28,8 +28,8 @@ Ints = NDArray[np.int64]
 MAX_RESIDUAL_SIGMAS = 4.0
 # People stand upright to within this angle of the common vertical; who leans farther says nothing about standing height.
 MAX_LEAN = np.deg2rad(15.0)
-# How far the mean direction from feet to heads is off, standard deviation: 0.7 to 2 degrees in twelve simulated scenes.
-DIRECTION_SIGMA = np.deg2rad(1.5)
+# How far the mean direction from feet to heads is off: 0.7 to 2 degrees in simulated scenes, 1.1 to 2.7 in real ones.
+DIRECTION_SIGMA = np.deg2rad(2.0)
 # Successive instants repeat one another: so many count as one independent footprint.
 INSTANTS_PER_STEP = 10
 # Width of the kernel on a person's lengths: box noise of 2 to 3 % in two views.
@@ -51,10 +51,30 @@ class Extents:
     """(P,) by part: whether it belongs to the upper end; indexed by the part's number (negative parts count from the end)."""
     is_bottom: NDArray[np.bool_]
     """(P,) the same for the lower end."""
-    span: float
-    """Share of the standing height between the ends."""
+    shares: tuple[float, float]
+    """Where the upper and the lower end are on a standing body, as shares of its height."""
     note: str | None = None
     """What was odd about the input."""
+
+    @property
+    def span(self) -> float:
+        """Share of the standing height between the ends."""
+        return self.shares[0] - self.shares[1]
+
+    def role(self) -> Ints:
+        """(M,) TOP, BOTTOM, or 0 for a sighting of neither end."""
+        part = self.points.part % len(self.is_top)
+        return np.where(self.is_top[part], TOP, np.where(self.is_bottom[part], BOTTOM, 0))
+
+    def shared(self, camera_a: int, camera_b: int) -> int:
+        """How many people-instants two cameras see with both ends, some part of each end in both."""
+        keep = np.flatnonzero(np.isin(self.points.camera, (camera_a, camera_b)) & (self.role() != 0))
+        points, role = self.points.take(keep), self.role()[keep]
+        in_both = np.unique(points.labels()[0], return_counts=True)[1] == 2
+        key = points.labels()[1][in_both]
+        end = np.where(np.isin(key[:, 2], points.part[role == TOP]), TOP, BOTTOM)
+        ends = np.unique(np.column_stack([key[:, :2], end]), axis=0)
+        return int((np.unique(ends[:, :2], axis=0, return_counts=True)[1] == 2).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +95,15 @@ class Segments:
         """The segments of the given rows."""
         return Segments(self.identity[rows], self.top[rows], self.bottom[rows])
 
+    def scaled(self, factor: float) -> Segments:
+        """The segments with all lengths times `factor`."""
+        return Segments(self.identity, self.top * factor, self.bottom * factor)
+
 
 def box_extents(rig: Rig, observations: Observations) -> Extents:
     """The top and bottom edges of boxes as the ends of people."""
     part = np.arange(3)
-    return Extents(box_points(rig, observations, (TOP, BOTTOM)), part == TOP + 3, part == BOTTOM + 3, 1.0)
+    return Extents(box_points(rig, observations, (TOP, BOTTOM)), part == TOP + 3, part == BOTTOM + 3, (1.0, 0.0))
 
 
 def joint_extents(rig: Rig, observations: Observations) -> Extents:
@@ -105,16 +129,16 @@ def joint_extents(rig: Rig, observations: Observations) -> Extents:
         ankles = np.array([name == "ankle" for name in bare])
         top = heads if seen[heads].max(initial=0) >= 0.5 * seen[shoulders].max(initial=0) else shoulders
         if top.any() and ankles.any():
-            return Extents(points, top, ankles, float(np.mean(nominal[top]) - np.mean(nominal[ankles])))
+            return Extents(points, top, ankles, (float(np.mean(nominal[top])), float(np.mean(nominal[ankles]))))
     if not np.isfinite(height).any():
-        return Extents(points, np.zeros(len(names), bool), np.zeros(len(names), bool), 1.0)
+        return Extents(points, np.zeros(len(names), bool), np.zeros(len(names), bool), (1.0, 0.0))
     top = np.arange(len(names)) == int(np.nanargmax(height))
     bottom = np.nan_to_num(height, nan=np.inf) <= np.nanmin(height) + FEET_BAND
     note = (
         f"the joints' names do not fit the pictures (correlation of {order:.2f} with the order from head to feet): joints are "
         "matched by number, and the highest and lowest ones stand in for head and feet; check the layout of the keypoint files"
     )
-    return Extents(points, top, bottom, EXTREME_FRACTIONS[0] - EXTREME_FRACTIONS[1], note)
+    return Extents(points, top, bottom, EXTREME_FRACTIONS, note)
 
 
 def triangulate_segments(
@@ -132,10 +156,7 @@ def triangulate_segments(
     """
     local = np.full(len(rig), -1)
     local[cameras] = np.arange(len(cameras))
-    width = len(extents.is_top)
-    role = np.where(extents.is_top[extents.points.part % width], TOP, 0)
-    role[extents.is_bottom[extents.points.part % width]] = BOTTOM
-    points = extents.points.take(np.flatnonzero((local[extents.points.camera] >= 0) & (role != 0)))
+    points = extents.points.take(np.flatnonzero((local[extents.points.camera] >= 0) & (extents.role() != 0)))
     if len(points) == 0:
         return Segments(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     label, key = points.labels()
@@ -150,14 +171,14 @@ def triangulate_segments(
     sound &= np.isfinite(ends).all(axis=1)
     directions = np.einsum("mji,mj->mi", np.asarray(rotations)[camera], points.bearing)
     sound &= _ray_spread(label, directions, len(key)) >= min_parallax
-    is_top = extents.is_top[key[:, 2] % width]
+    is_top = extents.is_top[key[:, 2] % len(extents.is_top)]
     return _pair_ends(key, ends, sound & is_top, sound & ~is_top)
 
 
 def vertical(segments: Segments) -> Floats:
     """(3,) unit vector up: from feet to heads, and across the plane of the feet.
 
-    The robust mean direction of the segments is right within 1 to 2 degrees whatever the people do, but
+    The robust mean direction of the segments is right within 1 to 3 degrees whatever the people do, but
     no better: boxes are not quite bodies, and each camera errs its own way. The plane through the feet is right within 0.1
     degrees where people spread over the ground. So the plane is fitted with the direction as its prior: on the spot the
     direction decides, on a wide floor the feet.
@@ -179,7 +200,7 @@ def vertical(segments: Segments) -> Floats:
     plane = np.array([0.0, 0.0, np.median(feet[:, 2])])
     for _ in range(20):
         miss = feet[:, 2] - design @ plane
-        scale = max(1.4826 * float(np.median(np.abs(miss))), 1e-3)
+        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.02)
         weight = 1.0 / (1.0 + (miss / (2 * scale)) ** 2) / (INSTANTS_PER_STEP * scale**2)
         plane = np.linalg.solve(design.T @ (weight[:, None] * design) + prior, design.T @ (weight * feet[:, 2]))
     normal = turn.T @ np.array([-plane[0], -plane[1], 1.0])
@@ -226,18 +247,19 @@ def longest_peak(lengths: Floats) -> float:
     return float(np.exp(grid[high[-1]]))
 
 
-def place_world(segments: Segments, up: Floats, reference: Floats) -> Similarity:
+def place_world(segments: Segments, up: Floats, reference: Floats, ends_above_ground: float = 0.0) -> Similarity:
     """The rigid motion to the world with z up, the ground at z = 0 under most feet, the reference camera above the origin.
 
     Args:
         segments: from heads to feet, metres.
         up: (3,) the vertical.
         reference: (3,) centre of the reference camera.
+        ends_above_ground: height of the lower ends of standing people, metres: that of ankles, 0 for boxes.
     """
     rotation = rotation_between(up, np.array([0.0, 0.0, 1.0]))
     feet = segments.bottom @ rotation[2]
     at = rotation @ reference
-    return Similarity(1.0, rotation, np.array([-at[0], -at[1], -float(np.median(feet))]))
+    return Similarity(1.0, rotation, np.array([-at[0], -at[1], ends_above_ground - float(np.median(feet))]))
 
 
 def _mean_direction(segments: Segments) -> Floats:
@@ -283,15 +305,16 @@ def _ray_spread(label: Ints, directions: Floats, count: int) -> Floats:
 
 
 def _pair_ends(key: Ints, ends: Floats, top: NDArray[np.bool_], bottom: NDArray[np.bool_]) -> Segments:
-    """Join the mean upper and the mean lower end of each identity and frame."""
+    """Join the mean upper end of each identity and frame with the lower end farthest from it: of two feet, the one stood on."""
     instant, number = np.unique(key[:, :2], axis=0, return_inverse=True)
     number = number.reshape(-1)
-
-    def mean(rows: NDArray[np.bool_]) -> Floats:
-        total = np.stack([np.bincount(number[rows], ends[rows, k], len(instant)) for k in range(3)], axis=1)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(total / np.bincount(number[rows], minlength=len(instant))[:, None])
-
-    upper, lower = mean(top), mean(bottom)
-    both = np.flatnonzero(np.isfinite(upper).all(axis=1) & np.isfinite(lower).all(axis=1))
-    return Segments(instant[both, 0], upper[both], lower[both])
+    upper = np.zeros((len(instant), 3))
+    np.add.at(upper, number[top], ends[top])
+    count = np.bincount(number[top], minlength=len(instant))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        upper /= count[:, None]
+    lower = np.flatnonzero(bottom & (count[number] > 0))
+    length = np.linalg.norm(ends[lower] - upper[number[lower]], axis=1)
+    order = lower[np.lexsort((-length, number[lower]))]
+    both, first = np.unique(number[order], return_index=True)
+    return Segments(instant[both, 0], upper[both], ends[order[first]])

@@ -11,17 +11,15 @@ What the paper leaves open is chosen here: PoseLib's RANSAC, the robust loss of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.cameras import Camera, PoseSigma, Rig
 from passerby.errors import EvidenceError, InputError
 from passerby.geometry.similarity import Similarity
-from passerby.geometry.triangulation import parallax_angles, triangulate_two_views
-from passerby.geometry.two_view import choose_by_cheirality, decompose_essential, relative_pose
 from passerby.observations import Observations
 from passerby.solver.body_extent import (
     Extents,
@@ -34,70 +32,40 @@ from passerby.solver.body_extent import (
     vertical,
 )
 from passerby.solver.bundle import PointAdjustment, adjust_points
-from passerby.solver.correspondences import ImagePoints, box_points, joint_points, match_pair, point_observations
+from passerby.solver.correspondences import ImagePoints, box_points, joint_points, point_observations
+from passerby.solver.geopose_pairs import (
+    IDENTITY,
+    GeoPoseOptions,
+    PairGeometry,
+    decompose,
+    local_bundle_adjustment,
+    pair_essential,
+    solve_pair,
+    triangulate_pair,
+)
 from passerby.solver.known_lengths import measured_lengths
 from passerby.solver.scale import ScaleCues
 from passerby.solver.solution import Solution, Verdict
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
-IDENTITY = Pose(np.eye(3), np.zeros(3))
+__all__ = [
+    "GeoPoseOptions", "PairGeometry", "check_people_stand", "decompose", "global_bundle_adjustment", "local_bundle_adjustment",
+    "measure_people", "merge_points", "pair_essential", "scale_from_prior", "solve_geopose", "solve_pair", "triangulate_pair",
+]  # fmt: skip
 
-# RANSAC's threshold in sigmas of a correspondence: 95 % of the honest ones of a two-dimensional error lie within it.
-THRESHOLD_SIGMAS = 2.5
-# After an adjustment points that miss one of their sightings by more sigmas than this are taken out.
-OUTLIER_SIGMAS = 4.0
 # Pairs that see the same person's point at places that differ by more than this share of its distance contradict each other.
 MAX_DISAGREEMENT = 0.15
+# By how much the errors of thirty simulated scenes exceed the adjustment's formal sigma. It takes sightings as independent, but
+# the centre of a box is another point of the body from every side, and stays so for as long as a person walks the same way.
+# Joints are the same points from all sides.
+SIGMA_FACTOR = {"boxes": 4.5, "joints": 1.6}
+# Of the measured length of standing people, as a share: running people are 1.5 % short, boxes around swinging feet 1 % long.
+STANDING_SD = 0.01
 MIN_INLIER_SHARE = 0.5
+MIN_STANDING_SHARE = 1 / 3
 MIN_PARALLAX_DEG = 3.0
-
-
-@dataclass(frozen=True)
-class GeoPoseOptions:
-    """Options of `solve_geopose`."""
-
-    reference: str
-    """Name of the reference camera, the paper's camera 0: the one that shares people with all others."""
-    person_height_m: float = 1.75
-    """The prior on scale: how tall people are on average."""
-    points: Literal["auto", "boxes", "joints"] = "auto"
-    """What makes correspondences: box centres (the paper), all joints, or joints wherever as many cameras have them."""
-    ransac_threshold_px: float | None = None
-    """Largest epipolar error of an inlier; None: 2.5 sigmas of the pair's median correspondence, 2 % of a box's height each."""
-    min_correspondences: int = 20
-    """A camera that shares fewer with the reference gets no pose; the paper finds 30 to suffice in its scenes."""
-    max_correspondences: int = 2000
-    """Most correspondences of a pair; more of the same people add time, little accuracy."""
-    max_iterations: int = 100
-    """Limit of each bundle adjustment."""
-
-
-@dataclass(frozen=True, eq=False)
-class PairGeometry:
-    """One camera and the reference: the pair's frame is the reference camera's."""
-
-    camera: int
-    """Index in the rig."""
-    pose: Pose
-    """Of the camera; the world is the reference camera's frame. Unit baseline, or metres once scaled."""
-    points: Floats
-    """(N, 3) in the reference camera's frame."""
-    label: Ints
-    """(N,) the points' numbers, alike in all pairs."""
-    rows: Ints
-    """(N, 2) rows of the sightings by the reference and by the camera."""
-    correspondences: int
-    """How many went into RANSAC."""
-    rms_px: float
-    parallax_deg: float
-    """Median angle between the two rays of a point."""
-
-    def scaled(self, factor: float) -> PairGeometry:
-        """The pair with all lengths times `factor`."""
-        return replace(self, pose=Pose(self.pose.R_cw, self.pose.t_cw * factor), points=self.points * factor)
 
 
 def solve_geopose(
@@ -137,7 +105,11 @@ def solve_geopose(
             continue
         try:
             pair = solve_pair(rig, points, label, priority, reference, camera, options, rng)
-            pairs.append(pair.scaled(scale_from_prior(rig, extents, cues, options, reference, [pair])[0]))
+            people = measure_people(rig, extents, reference, [pair])
+            if pair.parallax_deg >= MIN_PARALLAX_DEG:
+                check_people_stand(extents, reference, camera, len(people))
+            factor, _ = scale_from_prior(rig, people, extents.span, cues, options, reference, [pair])
+            pairs.append(pair.scaled(factor))
         except EvidenceError as error:
             reasons.append(f"camera {rig.names[camera]} could not be registered with {options.reference}: {error}")
     if not pairs:
@@ -147,11 +119,13 @@ def solve_geopose(
     merged, disagreement = merge_points(pairs, len(key))
     adjusted = global_bundle_adjustment(rig, points, label, pairs, merged, reference, options)
     final = [replace(pair, pose=pose) for pair, pose in zip(pairs, adjusted.poses[1:], strict=True)]
-    factor, prior, segments = scale_from_prior(rig, extents, cues, options, reference, final)
+    people = measure_people(rig, extents, reference, final)
+    factor, prior = scale_from_prior(rig, people, extents.span, cues, options, reference, final)
     final = [pair.scaled(factor) for pair in final]
-    segments = Segments(segments.identity, segments.top * factor, segments.bottom * factor)
-    world = place_world(segments, vertical(segments), np.zeros(3))
-    solved = _placed_rig(rig, reference, final, adjusted, factor, world)
+    people = people.scaled(factor)
+    world = place_world(people, vertical(people), np.zeros(3), extents.shares[1] * options.person_height_m)
+    covariance = _covariances(final, adjusted, factor, SIGMA_FACTOR[kind], prior["relative_sd"])
+    solved = _placed_rig(rig, reference, final, covariance, world)
     reasons += _doubts(rig, pairs, disagreement, adjusted)
     verdict: Verdict = "doubtful" if reasons else "accepted"
     figures = {
@@ -164,123 +138,49 @@ def solve_geopose(
     return Solution("geopose", replace(solved, verdict=verdict), verdict, tuple(reasons), figures)
 
 
-def solve_pair(
-    rig: Rig, points: ImagePoints, label: Ints, priority: Ints, reference: int, camera: int, options: GeoPoseOptions,
-    rng: np.random.Generator,
-) -> PairGeometry:  # fmt: skip
-    """One camera with the reference, up to scale: the paper's pairwise steps in their order.
-
-    Raises:
-        EvidenceError: too few correspondences, or too few that agree.
-    """
-    rows = np.column_stack(match_pair(points, label, reference, camera))
-    if len(rows) < options.min_correspondences:
-        raise EvidenceError(f"{len(rows)} common points, {options.min_correspondences} are needed")
-    rows = rows[np.sort(np.argsort(priority[label[rows[:, 0]]])[: options.max_correspondences])]
-    rays = points.bearing[rows[:, 0]], points.bearing[rows[:, 1]]
-    lenses = rig.cameras[reference].lens, rig.cameras[camera].lens
-    essential, inliers = pair_essential(*rays, lenses, points.sigma_px[rows], options, rng)
-    pose, front = decompose(essential, rays[0][inliers], rays[1][inliers])
-    kept = rows[np.flatnonzero(inliers)[front]]
-    if len(kept) < options.min_correspondences:
-        raise EvidenceError(
-            f"{len(kept)} of {len(rows)} common points agree on one relative pose, {options.min_correspondences} are needed"
-        )
-    triangulated = triangulate_pair(pose, points.bearing[kept[:, 0]], points.bearing[kept[:, 1]])
-    pose, triangulated, fits, rms = local_bundle_adjustment(
-        rig, points.take(kept.T.ravel()), camera, pose, triangulated, options
-    )
-    kept, triangulated = kept[fits], triangulated[fits]
-    angles = parallax_angles(points.bearing[kept[:, 0]], points.bearing[kept[:, 1]], pose.R_cw)
-    parallax = float(np.degrees(np.median(angles))) if len(kept) else 0.0
-    return PairGeometry(camera, pose, triangulated, label[kept[:, 0]], kept, len(rows), rms, parallax)
-
-
-def pair_essential(
-    rays_reference: Floats, rays_camera: Floats, lenses: tuple[Lens, Lens], sigma_px: Floats, options: GeoPoseOptions,
-    rng: np.random.Generator,
-) -> tuple[Floats, Bools]:  # fmt: skip
-    """The essential matrix (3, 3) from the reference to the camera, in RANSAC, and its inliers (N,).
-
-    Args:
-        rays_reference: (N, 3) unit rays in the reference camera's frame.
-        rays_camera: (N, 3) unit rays in the camera's frame.
-        lenses: of the reference and the camera.
-        sigma_px: (N, 2) standard deviations of the sightings.
-        options: for the threshold.
-        rng: drives RANSAC.
-    """
-    focal = np.array([lens.focal for lens in lenses])
-    if options.ransac_threshold_px is None:
-        threshold = THRESHOLD_SIGMAS * float(np.median(np.sqrt(np.mean((sigma_px / focal) ** 2, axis=1))))
-    else:
-        threshold = options.ransac_threshold_px / float(np.sqrt(focal.prod()))
-    view = relative_pose(rays_reference, rays_camera, threshold=threshold, rng=rng, max_points=options.max_correspondences)
-    return view.essential, view.inliers
-
-
-def decompose(essential: Floats, rays_reference: Floats, rays_camera: Floats) -> tuple[Pose, Bools]:
-    """The pose of the camera in the reference's frame, unit baseline, and which points (N,) lie in front of both."""
-    R, t, front = choose_by_cheirality(decompose_essential(essential), rays_reference, rays_camera)
-    return Pose(R, t), front
-
-
-def triangulate_pair(pose: Pose, rays_reference: Floats, rays_camera: Floats) -> Floats:
-    """(N, 3) points in the reference camera's frame, unit of the baseline."""
-    return triangulate_two_views(rays_reference, rays_camera, pose.R_cw, pose.t_cw)
-
-
-def local_bundle_adjustment(
-    rig: Rig, sightings: ImagePoints, camera: int, pose: Pose, points: Floats, options: GeoPoseOptions
-) -> tuple[Pose, Floats, Bools, float]:
-    """Refine the pair's pose and points on reprojection error, the reference held.
-
-    Args:
-        rig: the lenses.
-        sightings: 2 N sightings, first those of the reference, then those of the camera, in the order of the points.
-        camera: index of the camera in the rig.
-        pose: of the camera, in the reference's frame.
-        points: (N, 3) in the reference's frame.
-        options: for the iteration limit.
-
-    Returns:
-        pose, points, which of the points fit both sightings (N,), root mean square residual in pixels.
-    """
-    index = np.tile(np.arange(len(points), dtype=np.int64), 2)
-    seen = point_observations(rig, sightings, index)
-    seen = replace(seen, camera=(sightings.camera == camera).astype(np.int64))
-    adjusted = adjust_points([IDENTITY, pose], points, seen, max_iterations=options.max_iterations)
-    miss = np.linalg.norm(adjusted.residuals_px, axis=1) / sightings.sigma_px
-    fits = (miss.reshape(2, -1) <= OUTLIER_SIGMAS).all(axis=0)
-    return adjusted.poses[1], adjusted.points, fits, adjusted.rms_px
+def measure_people(rig: Rig, extents: Extents, reference: int, pairs: list[PairGeometry]) -> Segments:
+    """The people that the reference and the pairs' cameras see whole, from feet to head, in the frame and unit of the pairs."""
+    return triangulate_segments(rig, extents, *_star(reference, pairs))
 
 
 def scale_from_prior(
-    rig: Rig, extents: Extents, cues: ScaleCues, options: GeoPoseOptions, reference: int, pairs: list[PairGeometry]
-) -> tuple[float, dict[str, Any], Segments]:
-    """What to multiply all lengths by to get metres.
+    rig: Rig, people: Segments, span: float, cues: ScaleCues, options: GeoPoseOptions, reference: int, pairs: list[PairGeometry]
+) -> tuple[float, dict[str, Any]]:
+    """What to multiply all lengths by to get metres, and what it rests on.
 
     Known lengths that the cameras see come first, each weighted by its standard deviation; else the length of a standing person
-    is set to the prior's. Used for each pair, and once more for all cameras together after the global adjustment, which cannot
-    see the scale.
-
-    Returns:
-        The factor; what it rests on, for the report; the people measured, in the frame and unit of the pairs.
+    is set to the prior's, times the `span` of it that was measured. Used for each pair, and once more for all cameras together
+    after the global adjustment, which cannot see the scale.
     """
-    cameras = np.array([reference, *(pair.camera for pair in pairs)])
-    R = np.stack([np.eye(3), *(pair.pose.R_cw for pair in pairs)])
-    t = np.stack([np.zeros(3), *(pair.pose.t_cw for pair in pairs)])
-    segments = triangulate_segments(rig, extents, cameras, R, t)
-    lengths = measured_lengths(rig, cues.lengths, cameras, R, t)
+    lengths = measured_lengths(rig, cues.lengths, *_star(reference, pairs))
     if lengths:
         weight = np.array([(cue.metres / cue.sd_m) ** 2 for cue, _ in lengths])
         ratio = np.array([np.log(cue.metres / measured) for cue, measured in lengths])
         factor = float(np.exp(weight @ ratio / weight.sum()))
-        return factor, {"from": "known lengths", "lengths": len(lengths), "factor": factor}, segments
-    standing = standing_length(segments, vertical(segments))
-    factor = options.person_height_m * extents.span / standing
-    return factor, {"from": "person height", "height_m": options.person_height_m, "segments": len(segments),
-                    "people": len(np.unique(segments.identity)), "factor": factor}, segments  # fmt: skip
+        sd = float(1 / np.sqrt(weight.sum()))
+        return factor, {"from": "known lengths", "lengths": len(lengths), "factor": factor, "relative_sd": sd}
+    factor = options.person_height_m * span / standing_length(people, vertical(people))
+    count = len(np.unique(people.identity))
+    sd = float(np.hypot(cues.population.sd_m / options.person_height_m / np.sqrt(count), STANDING_SD))
+    return factor, {"from": "person height", "height_m": options.person_height_m, "sightings": len(people), "people": count,
+                    "factor": factor, "relative_sd": sd}  # fmt: skip
+
+
+def check_people_stand(extents: Extents, reference: int, camera: int, n_segments: int) -> None:
+    """Refuse a pair whose pose lets hardly anybody have head and feet.
+
+    Box centres lie in a thin level slab, and with cameras that face each other its mirror image fits as well. Nothing in the
+    centres shows that pose to be wrong, but the tops and the bottoms of the boxes do not meet in it.
+
+    Raises:
+        EvidenceError: fewer than a third of the people seen whole by both cameras have a head and feet in the pair.
+    """
+    shared = extents.shared(reference, camera)
+    if n_segments < MIN_STANDING_SHARE * shared:
+        raise EvidenceError(
+            f"heads and feet of only {n_segments} of {shared} people seen by both meet in its pose, so it is wrong (points on "
+            "one level cannot tell apart two poses of cameras that face each other): choose another reference camera"
+        )
 
 
 def merge_points(pairs: list[PairGeometry], count: int) -> tuple[Floats, float]:
@@ -329,6 +229,15 @@ def global_bundle_adjustment(
     return adjust_points(poses, merged[used], seen, max_iterations=options.max_iterations)
 
 
+def _star(reference: int, pairs: list[PairGeometry]) -> tuple[Ints, Floats, Floats]:
+    """Indices (C,), rotations (C, 3, 3) and translations (C, 3) of the reference and the pairs' cameras."""
+    return (
+        np.array([reference, *(pair.camera for pair in pairs)]),
+        np.stack([np.eye(3), *(pair.pose.R_cw for pair in pairs)]),
+        np.stack([np.zeros(3), *(pair.pose.t_cw for pair in pairs)]),
+    )
+
+
 def _kind_of_points(rig: Rig, observations: Observations, options: GeoPoseOptions) -> Literal["boxes", "joints"]:
     if options.points != "auto":
         return options.points
@@ -338,15 +247,27 @@ def _kind_of_points(rig: Rig, observations: Observations, options: GeoPoseOption
     return "joints" if with_joints and with_joints >= with_boxes else "boxes"
 
 
-def _placed_rig(
-    rig: Rig, reference: int, pairs: list[PairGeometry], adjusted: PointAdjustment, factor: float, world: Similarity
-) -> Rig:
+def _covariances(
+    pairs: list[PairGeometry], adjusted: PointAdjustment, factor: float, sigma_factor: float, scale_sd: float
+) -> Floats:
+    """(1 + pairs, 6, 6) covariances of the reference and the pairs' cameras in the reference's frame, metres and radians.
+
+    Those of the adjustment, whose scale is held, and what a wrong scale would do to the distance from the reference.
+    """
+    unit = np.diag([factor] * 3 + [1.0] * 3) * sigma_factor
+    covariance = unit @ adjusted.pose_covariance @ unit
+    for index, pair in enumerate(pairs, start=1):
+        covariance[index, :3, :3] += scale_sd**2 * np.outer(pair.pose.centre, pair.pose.centre)
+    return np.asarray(covariance)
+
+
+def _placed_rig(rig: Rig, reference: int, pairs: list[PairGeometry], covariances: Floats, world: Similarity) -> Rig:
     """The rig in the world, with sigmas; cameras without a pair have no pose."""
     turn = np.eye(6)
-    turn[:3, :3] = factor * world.rotation
+    turn[:3, :3] = world.rotation
     solved: dict[int, Camera] = {}
     for index, (camera, pose) in enumerate([(reference, IDENTITY), *((pair.camera, pair.pose) for pair in pairs)]):
-        covariance = turn @ adjusted.pose_covariance[index] @ turn.T
+        covariance = turn @ covariances[index] @ turn.T
         position = float(np.sqrt(np.trace(covariance[:3, :3])))
         orientation = float(np.degrees(np.sqrt(np.trace(covariance[3:, 3:]))))
         solved[camera] = replace(
