@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Lens, Pose, Rig
-from passerby.errors import EvidenceError
+from passerby.errors import EvidenceError, InputError
 from passerby.geometry.triangulation import parallax_angles, triangulate_two_views
-from passerby.geometry.two_view import choose_by_cheirality, decompose_essential, relative_pose
+from passerby.geometry.two_view import MIN_POINTS, choose_by_cheirality, decompose_essential, relative_pose
 from passerby.solver.bundle import adjust_points
 from passerby.solver.correspondences import ImagePoints, match_pair, point_observations
 
@@ -51,6 +51,17 @@ class GeoPoseOptions:
     """Limit of a pair's bundle adjustment; what is left to gain is left to the global one."""
     max_iterations: int = 200
     """Limit of the global bundle adjustment."""
+
+    def __post_init__(self) -> None:
+        threshold = 1.0 if self.ransac_threshold_px is None else self.ransac_threshold_px
+        for name, value, least in (
+            ("person_height_m", self.person_height_m, 0.1), ("ransac_threshold_px", threshold, 0.01),
+            ("min_correspondences", self.min_correspondences, MIN_POINTS),
+            ("max_correspondences", self.max_correspondences, self.min_correspondences),
+            ("local_iterations", self.local_iterations, 1), ("max_iterations", self.max_iterations, 1),
+        ):  # fmt: skip
+            if not (np.isfinite(value) and value >= least):
+                raise InputError(f"{name} = {value} is out of range: at least {least:g} is needed")
 
 
 @dataclass(frozen=True, eq=False)
