@@ -23,6 +23,8 @@ BORDER_PX = 2.0
 MIN_EXTENT_PX = 8.0
 MIN_JOINT_SCORE = 0.3
 MIN_JOINTS = 4
+# A joint found with half the usual confidence is taken to be twice as far off; the scores of no tool tell more than this range.
+DOUBT = (0.7, 3.0)
 
 BODY_HEIGHTS = {
     "head_top": 1.0, "nose": 0.93, "eye": 0.94, "ear": 0.93, "neck": 0.84, "shoulder": 0.82, "hip": 0.53,
@@ -50,8 +52,9 @@ class Evidence:
     identities: Ints
     """(P,) identity of each person."""
     joints: PointObservations
-    joint_instant: Ints
-    """(J,) person-instant number of each joint, over all of those with joints."""
+    """K sightings; `sigma_px` holds the person's extent in the picture, larger for a doubtful joint."""
+    joint_kind: Ints
+    """(J,) which joint of the body each is, by its number in the files."""
     n_cameras: int
     notes: tuple[str, ...] = ()
     """What was odd about the input, one sentence each."""
@@ -64,7 +67,7 @@ class Evidence:
     @property
     def n_joints(self) -> int:
         """Number of 3D joints."""
-        return len(self.joint_instant)
+        return len(self.joint_kind)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +107,8 @@ def gather_evidence(
     keep, block, key = _shared_instants(camera_of, frame, identity, rng, max_sightings)
     identities, person = np.unique(key[:, 0], return_inverse=True)
     sightings = _sightings(rig, tables, camera_of, keep, block)
-    joints, instant = _joints(rig, observations, rng, max_joints)
-    return Evidence(sightings, person, key[:, 1], identities, joints, instant, len(rig), note)
+    joints, kind = _joints(rig, observations, rng, max_joints)
+    return Evidence(sightings, person, key[:, 1], identities, joints, kind, len(rig), note)
 
 
 def _from_boxes(boxes: Boxes, lens: Lens) -> _Segments:
@@ -251,7 +254,7 @@ def _sightings(rig: Rig, tables: list[tuple[int, _Segments]], camera_of: Ints, k
 def _joints(rig: Rig, observations: Observations, rng: np.random.Generator, limit: int) -> tuple[PointObservations, Ints]:
     """Every joint that two cameras saw, as a point of its own."""
     columns: list[tuple[Ints, ...]] = []
-    xy, extent = [], []
+    xy, size_px = [], []
     for index, camera in enumerate(rig):
         keypoints = observations[camera.name].keypoints
         found = (keypoints.score > MIN_JOINT_SCORE) & (keypoints.identity >= 0)[:, None]
@@ -263,14 +266,15 @@ def _joints(rig: Rig, observations: Observations, rng: np.random.Generator, limi
         height = np.where(found, y, -np.inf).max(axis=1, initial=-np.inf) - np.where(found, y, np.inf).min(
             axis=1, initial=np.inf
         )
-        extent.append(height[row])
+        doubt = np.clip(np.median(keypoints.score[found]) / keypoints.score[row, joint], *DOUBT) if len(row) else np.zeros(0)
+        size_px.append(np.maximum(height[row], MIN_EXTENT_PX) * doubt)
     camera_of, frame, identity, joint = (np.concatenate(parts).astype(np.int64) for parts in zip(*columns, strict=True))
     empty = PointObservations(camera_of[:0], camera_of[:0], np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros(0))
     if len(frame) == 0:
         return empty, np.zeros(0, np.int64)
     n_joints = int(joint.max()) + 1
     rows, point, key = _shared_instants(camera_of, frame, identity * n_joints + joint, rng, limit)
-    pixels, size = np.concatenate(xy)[rows], np.maximum(np.concatenate(extent)[rows], MIN_EXTENT_PX)
+    pixels, size = np.concatenate(xy)[rows], np.concatenate(size_px)[rows]
     camera_of = camera_of[rows]
     bearing, tangent = np.zeros((len(rows), 3)), np.zeros((len(rows), 2, 3))
     for index, item in enumerate(rig):
@@ -278,5 +282,4 @@ def _joints(rig: Rig, observations: Observations, rng: np.random.Generator, limi
         bearing[own] = item.lens.bearings(pixels[own])
         tangent[own] = item.lens.tangents(bearing[own])
     good = np.isfinite(bearing).all(axis=1)
-    _, instant = np.unique(np.column_stack([key[:, 0] // n_joints, key[:, 1]]), axis=0, return_inverse=True)
-    return PointObservations(camera_of[good], point[good], bearing[good], tangent[good], size[good]), instant.ravel()
+    return PointObservations(camera_of[good], point[good], bearing[good], tangent[good], size[good]), key[:, 0] % n_joints

@@ -27,6 +27,9 @@ UPRIGHT, JOINT = 0, 1
 X, Y, LOW, HIGH = range(4)
 FOOT_SHIFT = 0
 
+# People who walk are on the mean this share of their standing height: the head bobs between both (Cavagna and Margaria 1966).
+GAIT_SHARE = 0.985
+
 # The visible length of a person who is not upright, as a share of the standing height: a wide prior.
 CROUCHED, CROUCHED_SD = 0.75, 0.3
 
@@ -69,20 +72,19 @@ class Sightings:
         return Sightings(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Noise:
     """What the residuals are weighed by; shares are of the sighting's extent in pixels."""
 
     floor_px: float = 0.5
-    across: float = 0.02
-    """The centre, across the picture."""
-    along: float = 0.02
-    """The centre, up and down."""
+    centre: float = 0.02
     height: float = 0.10
     lean: float = 0.06
     """The centre of head and ankles, in both directions: bodies lean, and the joints themselves fix the shape."""
     joint: float = 0.01
-    loss: float = 3.0
+    kinds: Floats | None = None
+    """(C, K) factor on the noise of each joint of the body in each camera; 1 when None."""
+    loss: float = 5.0
     """Scale of the Cauchy loss in sigmas; large values make it nearly quadratic for a first descent."""
 
 
@@ -163,10 +165,9 @@ class PeopleProblem:
         return Layout(self.n_cameras, CAMERA_SIZE, n_globals, len(self.height_mean), families)
 
     def centre_sigma(self) -> Floats:
-        """(M, 2) standard deviation of the sightings' centres, pixels."""
-        box = np.array([self.noise.across, self.noise.along])
-        share = np.where(self.sightings.has_foot[:, None] > 0, box, max(self.noise.lean, box.max()))
-        return np.asarray(np.hypot(self.noise.floor_px, share * self.sightings.extent_px[:, None]))
+        """(M,) standard deviation of the sightings' centres in each direction, pixels."""
+        share = np.where(self.sightings.has_foot > 0, self.noise.centre, max(self.noise.lean, self.noise.centre))
+        return np.asarray(np.hypot(self.noise.floor_px, share * self.sightings.extent_px))
 
     def height_sigma(self) -> Floats:
         """(M,) standard deviation of the logarithm of the sightings' extents."""
@@ -201,7 +202,7 @@ class PeopleProblem:
         r_bottom, bottom_by_d = project_near(s.bottom, s.bottom_tangent, d_bottom)
         centre_weight = 0.5 / self.centre_sigma()
         height_weight = 1.0 / self.height_sigma()
-        centre = (r_top + r_bottom) * centre_weight
+        centre = (r_top + r_bottom) * centre_weight[:, None]
         # In logarithms neither a small world nor a large slack can shrink the noise.
         predicted = np.maximum(s.extent_px + (r_bottom - r_top)[:, 1], MIN_EXTENT_SHARE * s.extent_px)
         height = (np.log(predicted / s.extent_px) + state.slack[s.camera]) * height_weight
@@ -223,7 +224,7 @@ class PeopleProblem:
         def rows(by_top: Floats, by_bottom: Floats, k: int) -> Floats:
             """Stack the derivatives of the centre (k = 2) or of the height (k = 1)."""
             if k == 2:
-                return np.asarray((by_top + by_bottom) * centre_weight[:, :, None])
+                return np.asarray((by_top + by_bottom) * centre_weight[:, None, None])
             return np.asarray((by_bottom - by_top)[:, 1:] * (height_weight / predicted)[:, None, None])
 
         terms = []
@@ -253,7 +254,7 @@ class PeopleProblem:
         # A person who is down still has a length: a weak pull keeps the free end from running away.
         rows = (
             (low / self.priors.low, loss, 1 / self.priors.low * np.ones(n), 0.0),
-            ((high - 1) * root, loss, 0.0, root),
+            ((high - GAIT_SHARE) * root, loss, 0.0, root),
             ((high - low - CROUCHED) / CROUCHED_SD, None, -1 / CROUCHED_SD, 1 / CROUCHED_SD),
         )
         terms = []

@@ -1,0 +1,140 @@
+"""Scale cues inside the adjustment: their rows, a first scale from them, and how much each one pulls."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.cameras import Rig
+from passerby.errors import InputError
+from passerby.geometry.triangulation import triangulate
+from passerby.solver.bundle import PointObservations
+from passerby.solver.person_model import CueRows
+from passerby.solver.scale import ScaleCues
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MARK_SIGMA_PX = 1.5
+"""How precisely a person marks a point in a picture."""
+
+POPULATION_BIAS = 0.02
+"""Relative standard deviation, common to all people, of height cues: a crowd is not the population, boxes are not bodies."""
+
+
+def expected_heights(cues: ScaleCues, identities: Ints) -> tuple[Floats, Floats]:
+    """Prior mean and standard deviation of each person's standing height, metres: (P,), (P,)."""
+    mean = np.full(len(identities), cues.population.mean_m)
+    sd = np.full(len(identities), cues.population.sd_m)
+    for cue in cues.people:
+        known = identities == cue.identity
+        mean[known], sd[known] = cue.metres, cue.sd_m
+    return mean, sd
+
+
+def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
+    """The lengths, distances and camera heights as rows over the rig's cameras; None where there are none.
+
+    Cues on cameras outside the rig are left out. Raises `InputError` for a marked point that the lens cannot have seen.
+    """
+    index = {name: number for number, name in enumerate(rig.names)}
+    lengths, sightings = [], []
+    for cue in cues.lengths:
+        inside = {name: pixels for name, pixels in cue.points.items() if name in index}
+        if len(inside) < 2:
+            continue
+        for name, pixels in inside.items():
+            bearing = rig[name].lens.bearings(pixels)
+            if not np.isfinite(bearing).all():
+                raise InputError(
+                    f"scale.lengths: a point marked in camera {name} lies outside what its lens can see: {pixels.tolist()}"
+                )
+            tangent = rig[name].lens.tangents(bearing)
+            sightings += [(index[name], 2 * len(lengths) + end, bearing[end], tangent[end]) for end in range(2)]
+        lengths.append((cue.metres, cue.sd_m))
+    distances = [cue for cue in cues.distances if set(cue.between) <= set(index)]
+    heights = [cue for cue in cues.camera_heights if cue.camera in index]
+    if not (lengths or distances or heights):
+        return None
+    sightings.sort(key=lambda sighting: sighting[0])
+    marks = None
+    if sightings:
+        camera, point, bearings, tangents = (np.array(column) for column in zip(*sightings, strict=True))
+        marks = PointObservations(camera, point, bearings, tangents, np.full(len(camera), MARK_SIGMA_PX))
+    return CueRows(
+        2 * len(lengths), marks, np.array(lengths).reshape(-1, 2),
+        np.array([[index[name] for name in cue.between] for cue in distances], dtype=np.int64).reshape(-1, 2),
+        np.array([[cue.metres, cue.sd_m] for cue in distances]).reshape(-1, 2),
+        np.array([index[cue.camera] for cue in heights], dtype=np.int64),
+        np.array([[cue.metres, cue.sd_m] for cue in heights]).reshape(-1, 2),
+    )  # fmt: skip
+
+
+def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats:
+    """(n, 3) marked points under a rig, metres. Raises `InputError` where the marks of a point do not meet."""
+    if rows is None or rows.marks is None:
+        return np.zeros((0, 3))
+    m = rows.marks
+    points = triangulate(m.camera, m.point, m.bearing, R, -np.einsum("cij,cj->ci", R, centre), rows.n_points)
+    if not np.isfinite(points).all():
+        number = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0]) // 2
+        raise InputError(
+            f"scale.lengths number {number + 1}: the marks of one end do not meet: mark it in cameras farther apart"
+        )
+    return points
+
+
+def measured(rows: CueRows | None, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
+    """(kind, measured, stated, standard deviation) of every length, distance and camera height, metres."""
+    if rows is None:
+        return []
+    out = []
+    ends = marks.reshape(-1, 2, 3)
+    for (metres, sd), (a, b) in zip(rows.lengths, ends, strict=True):
+        out.append(("length", float(np.linalg.norm(a - b)), float(metres), float(sd)))
+    for (metres, sd), (i, j) in zip(rows.distances, rows.distance_between, strict=True):
+        out.append(("distance", float(np.linalg.norm(centre[i] - centre[j])), float(metres), float(sd)))
+    for (metres, sd), i in zip(rows.heights, rows.height_of, strict=True):
+        out.append(("camera_height", float(centre[i, 2]), float(metres), float(sd)))
+    return out
+
+
+def first_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
+    """The factor that brings lengths built on people's height nearest to the cues, all weighed by their relative precision."""
+    logs, weights = [0.0], [1.0 / (population_sd**2 / max(n_people, 1) + POPULATION_BIAS**2)]
+    for _, value, stated, sd in measured(rows, centre, marks):
+        if value > 1e-3:
+            logs.append(np.log(stated / value))
+            weights.append((stated / sd) ** 2)
+    return float(np.exp(np.average(logs, weights=weights)))
+
+
+def report_pull(
+    cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints
+) -> tuple[list[dict[str, Any]], float]:
+    """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
+
+    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the population count
+    as one cue, with what they have in common (`POPULATION_BIAS`) in its sigma.
+    """
+    known = {cue.identity for cue in cues.people}
+    named = np.array([identity in known for identity in seen], dtype=bool)
+    found: list[tuple[str, float, float, float]] = []
+    if (~named).any():
+        count = int(np.count_nonzero(~named))
+        spread = float(np.hypot(np.mean(sd[~named]) / np.sqrt(count), POPULATION_BIAS * np.mean(mean[~named])))
+        found.append((f"population of {count}", float(np.mean(heights[~named])), float(np.mean(mean[~named])), spread))
+    for i in np.flatnonzero(named):
+        found.append((f"height of person {seen[i]}", float(heights[i]), float(mean[i]), float(sd[i])))
+    found += measured(rows, centre, marks)
+    information = np.array([(stated / spread) ** 2 for _, _, stated, spread in found])
+    total = float(information.sum())
+    return [
+        {
+            "cue": kind, "stated_m": stated, "measured_m": value, "sd_m": spread,
+            "residual_sigmas": (value - stated) / spread, "share": float(weight / total),
+        }
+        for (kind, value, stated, spread), weight in zip(found, information, strict=True)
+    ], float(1 / np.sqrt(total)) if total > 0 else float("nan")  # fmt: skip

@@ -1,0 +1,52 @@
+"""Who is standing: the instants at which a person's highest point tells the standing height.
+
+People crouch, bend and sit; they hardly ever grow. So the standing height is not the mean of what is seen but its highest frequent value,
+even for somebody who crouches most of the time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+KERNEL = 0.025
+"""Width of the kernel on heights, as a share: box noise over two or more views."""
+SIGNIFICANT = 0.35
+"""A mode counts as frequent when its density is at least this share of the highest mode's."""
+BELOW = 0.06
+"""Standing is no more than this share below the mode."""
+MIN_INSTANTS = 8
+
+
+def standing_share(ratio: Floats) -> float:
+    """The highest frequent value of a person's heights, as shares of the height assumed so far."""
+    grid = np.arange(0.4, 1.41, 0.005)
+    centred = (grid[:, None] - ratio[None, :]) / KERNEL
+    density = np.exp(-0.5 * centred**2).sum(axis=1)
+    inner = density[1:-1]
+    peak = np.flatnonzero((inner >= density[:-2]) & (inner > density[2:])) + 1
+    if len(peak) == 0:
+        return float(np.median(ratio))
+    frequent = peak[density[peak] >= SIGNIFICANT * density[peak].max()]
+    return float(grid[frequent.max()])
+
+
+def standing_instants(extent: Floats, height: Floats, person: Ints) -> Floats:
+    """(N,) 1 where a person may be standing, 0 where bent, crouching or sitting.
+
+    Args:
+        extent: (N,) distance from the lowest to the highest point, metres.
+        height: (N,) the person's standing height as assumed so far, metres.
+        person: (N,) person of each instant.
+    """
+    ratio = extent / height
+    out = np.ones(len(ratio))
+    everyone = standing_share(ratio) if len(ratio) >= MIN_INSTANTS else 1.0
+    for index in np.unique(person):
+        own = person == index
+        share = standing_share(ratio[own]) if np.count_nonzero(own) >= MIN_INSTANTS else everyone
+        out[own] = ratio[own] >= share - BELOW
+    return out
