@@ -78,6 +78,54 @@ def agree(
     return Consensus(np.where(np.isfinite(refined), refined, best), inlier)
 
 
+def adopt(
+    consensus: Consensus, camera: Ints, block: Ints, instant: Ints, block_instant: Ints, bearing: Floats, tangent: Floats,
+    tolerance_px: Floats, R: Floats, centre: Floats,
+) -> Ints:  # fmt: skip
+    """Give sightings that disagree with their block to the block of the same instant that they do agree with.
+
+    Where two people's identities were exchanged in one camera, both sightings are good and only their names are wrong. A block takes one
+    sighting a camera; the best fits go first.
+
+    Args:
+        consensus: of `agree` on the same sightings.
+        camera: (M,) camera index.
+        block: (M,) block of each sighting as named.
+        instant: (M,) instant of each sighting.
+        block_instant: (N,) instant of each block.
+        bearing: (M, 3) unit rays, camera frame.
+        tangent: (M, 2, 3) from `Lens.tangents`.
+        tolerance_px: (M,) largest residual of a fit.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+
+    Returns:
+        (M,) block of each sighting, -1 where none fits.
+    """
+    out = np.where(consensus.inlier, block, -1)
+    lost = np.flatnonzero(~consensus.inlier)
+    known = np.flatnonzero(np.isfinite(consensus.points).all(axis=1))
+    if len(lost) == 0 or len(known) == 0:
+        return np.asarray(out)
+    by_instant = known[np.argsort(block_instant[known], kind="stable")]
+    first = np.searchsorted(block_instant[by_instant], instant[lost], side="left")
+    count = np.searchsorted(block_instant[by_instant], instant[lost], side="right") - first
+    row = np.repeat(lost, count)
+    within = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    candidate = by_instant[np.repeat(first, count) + within]
+    n_cameras = len(R)
+    taken = np.zeros(len(block_instant) * n_cameras, dtype=bool)
+    taken[block[consensus.inlier] * n_cameras + camera[consensus.inlier]] = True
+    miss = _residual(consensus.points[candidate], camera[row], bearing[row], tangent[row], R, centre) / tolerance_px[row]
+    fits = (miss < 1.0) & ~taken[candidate * n_cameras + camera[row]]
+    for k in np.flatnonzero(fits)[np.argsort(miss[fits], kind="stable")]:
+        seat = candidate[k] * n_cameras + camera[row[k]]
+        if out[row[k]] < 0 and not taken[seat]:
+            out[row[k]] = candidate[k]
+            taken[seat] = True
+    return np.asarray(out)
+
+
 def _pairs(block: Ints, most: int) -> tuple[Ints, Ints]:
     """Row pairs within blocks of sorted rows."""
     first, second = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]

@@ -228,13 +228,13 @@ def _descend(start: _Start, state: RigState, options: PeopleOptions) -> _Fit:
     rounds: list[dict[str, Any]] = []
     for number in range(options.rounds):
         last = number == options.rounds - 1
-        model = build_model(evidence, state, noise, start.knowledge, share=share, stance=stance)
+        model = build_model(evidence, state, noise, start.knowledge, share=share, stance=stance, rename=number > 0)
         stopping = Stopping(options.max_iterations, options.tolerance) if last else Stopping(12, 1e-4)
         result = adjust(model, stopping)
         state = rig_of(result.state)
         rounds.append(
             {
-                "sightings": len(model.rows), "joints": len(model.joint_rows), "iterations": result.iterations,
+                "sightings": len(model.rows), "renamed": model.renamed, "joints": len(model.joint_rows), "iterations": result.iterations,
                 "converged": result.converged, "cost": result.cost,
             }
         )  # fmt: skip

@@ -28,7 +28,7 @@ X, Y, LOW, HIGH = range(4)
 FOOT_SHIFT = 0
 
 # People who walk are on the mean this share of their standing height: the head bobs between both (Cavagna and Margaria 1966).
-GAIT_SHARE = 0.985
+GAIT_SHARE = 0.99
 
 # The visible length of a person who is not upright, as a share of the standing height: a wide prior.
 CROUCHED, CROUCHED_SD = 0.75, 0.3

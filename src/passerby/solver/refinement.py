@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.solver.bundle import PointObservations
-from passerby.solver.consensus import agree
+from passerby.solver.consensus import adopt, agree
 from passerby.solver.evidence import Evidence
 from passerby.solver.least_squares import NormalEquations, Result, Stopping, Term, minimise
 from passerby.solver.person_model import JOINT, CueRows, Noise, PeopleProblem, PeopleState, Priors, Sightings
@@ -55,6 +55,8 @@ class Model:
     state: PeopleState
     rows: Ints
     """Rows of the evidence's sightings, in the problem's order."""
+    renamed: int
+    """How many of them show another person than their identity says."""
     blocks: Ints
     """Person-instants of the evidence, in the problem's order."""
     joint_rows: Ints
@@ -85,7 +87,7 @@ def middle_rays(s: Sightings) -> tuple[Floats, Floats]:
 
 def build_model(
     evidence: Evidence, rig: RigState, noise: Noise, knowledge: Knowledge, *, share: float,
-    blocks: Ints | None = None, joints: Ints | None = None, stance: Floats | None = None,
+    blocks: Ints | None = None, joints: Ints | None = None, stance: Floats | None = None, rename: bool = False,
 ) -> Model:  # fmt: skip
     """The sightings that agree under a rig, as a problem with a state to start from.
 
@@ -97,6 +99,7 @@ def build_model(
         share: tolerance of agreement, as a share of the sightings' extent.
         blocks: person-instants to use; all when None.
         joints: joints to use; all when None.
+        rename: whether sightings that disagree with their person may go to another one of the same instant.
         stance: (N,) weight of standing for each person-instant of the evidence; all 1 when None.
     """
     s, n_blocks = evidence.sightings, len(evidence.person)
@@ -109,12 +112,18 @@ def build_model(
     consensus = agree(
         s.camera[c], s.block[c], ray[c], tangent[c], tolerance[c], n_blocks, rig.R, rig.centre, height=(middle, 0.25 * typical)
     )
-    rows = c[consensus.inlier]
-    used = np.unique(s.block[rows])
+    block = np.where(consensus.inlier, s.block[c], -1)
+    if rename:
+        block = adopt(
+            consensus, s.camera[c], s.block[c], evidence.frame[s.block[c]], evidence.frame, ray[c], tangent[c], tolerance[c],
+            rig.R, rig.centre,
+        )  # fmt: skip
+    rows, block = c[block >= 0], block[block >= 0]
+    used = np.unique(block)
     number = np.full(n_blocks, -1)
     number[used] = np.arange(len(used))
     sightings = s.take(rows)
-    sightings = replace(sightings, block=number[sightings.block])
+    sightings = replace(sightings, block=number[block])
     joint_problem, joint_points, joint_rows, joint_used = _agreeing_joints(evidence, rig, noise, share, joints)
     person = evidence.person[used]
     problem = PeopleProblem(
@@ -123,7 +132,8 @@ def build_model(
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
     state = PeopleState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points)
-    return Model(problem, state, rows, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
+    renamed = int(np.count_nonzero(s.block[rows] != block))
+    return Model(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
 
 
 def _agreeing_joints(

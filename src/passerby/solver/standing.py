@@ -16,8 +16,8 @@ KERNEL = 0.025
 """Width of the kernel on heights, as a share: box noise over two or more views."""
 SIGNIFICANT = 0.35
 """A mode counts as frequent when its density is at least this share of the highest mode's."""
-BELOW = 0.06
-"""Standing is no more than this share below the mode."""
+NEAR = 0.06
+"""Standing is no farther than this share from the mode: less is bent, more is a raised arm or a jump."""
 MIN_INSTANTS = 8
 
 
@@ -35,7 +35,7 @@ def standing_share(ratio: Floats) -> float:
 
 
 def standing_instants(extent: Floats, height: Floats, person: Ints) -> Floats:
-    """(N,) 1 where a person may be standing, 0 where bent, crouching or sitting.
+    """(N,) 1 where a person may be standing, 0 where bent, crouching, sitting or reaching up.
 
     Args:
         extent: (N,) distance from the lowest to the highest point, metres.
@@ -48,5 +48,5 @@ def standing_instants(extent: Floats, height: Floats, person: Ints) -> Floats:
     for index in np.unique(person):
         own = person == index
         share = standing_share(ratio[own]) if np.count_nonzero(own) >= MIN_INSTANTS else everyone
-        out[own] = ratio[own] >= share - BELOW
+        out[own] = np.abs(ratio[own] - share) < NEAR
     return out
