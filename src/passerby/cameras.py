@@ -80,12 +80,10 @@ class Lens:
             return np.zeros((0, 2))
         zero = np.zeros(3)
         if self.fisheye:
-            pixels = _project_fisheye(points, self.matrix, self.distortions)
-        else:
-            safe = np.where(points[:, 2:] > 0, points, np.array([0.0, 0.0, 1.0]))
-            pixels = cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0]
-            pixels = np.where(points[:, 2:] > 0, pixels, np.nan)
-        return np.asarray(pixels, dtype=np.float64)
+            return _project_fisheye(points, self.matrix, self.distortions)
+        safe = np.where(points[:, 2:] > 0, points, np.array([0.0, 0.0, 1.0]))
+        pixels = cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0]
+        return np.asarray(np.where(points[:, 2:] > 0, pixels, np.nan), dtype=np.float64)
 
     def bearings(self, pixels: Floats) -> Floats:
         """Viewing rays of pixels.
@@ -103,8 +101,7 @@ class Lens:
             rays = _unproject_fisheye(pixels, self.matrix, self.distortions)
         else:
             rays = _unproject_pinhole(pixels, self.matrix, self.distortions)
-        norm = np.linalg.norm(rays, axis=1, keepdims=True)
-        rays = rays / norm
+        rays = np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
         with np.errstate(invalid="ignore"):
             back = np.linalg.norm(self.project_rays(np.nan_to_num(rays, nan=0.5)) - pixels, axis=1)
             rays[~(back < INVERSION_TOLERANCE_PX)] = np.nan

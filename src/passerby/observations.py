@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,8 @@ BODY_17 = (
 """COCO's 17 joints, in COCO's order."""
 
 
-def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str) -> NDArray:  # type: ignore[type-arg]
-    array = np.array(values, dtype=dtype).reshape(-1, *shape_tail)
+def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str) -> NDArray[Any]:
+    array: NDArray[Any] = np.array(values, dtype=dtype).reshape(-1, *shape_tail)
     if not np.isfinite(array).all():
         row = int(np.argwhere(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))[0, 0])
         raise InputError(f"{name} of row {row + 1} is not a finite number: {array[row].tolist()}")

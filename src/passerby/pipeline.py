@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
+from threadpoolctl import threadpool_limits
 
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError, InputError
@@ -95,7 +96,9 @@ def calibrate(scene: Scene | str | Path, *, seed: int = 0, progress: Progress | 
     options = solver_options(scene)
     read = time.perf_counter()
     tell("solving")
-    solution = judged(_solve(scene, inputs, options, np.random.default_rng(seed)), inputs.observations)
+    # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
+    with threadpool_limits(limits=1, user_api="blas"):
+        solution = judged(_solve(scene, inputs, options, np.random.default_rng(seed)), inputs.observations)
     solved = time.perf_counter()
     return Calibration(
         scene=scene,
@@ -116,6 +119,8 @@ def solver_options(scene: Scene) -> PeopleOptions | GeoPoseOptions:
     chosen = dict(scene.solver.options)
     if scene.solver.method == "geopose":
         chosen["reference"] = scene.solver.reference
+        if "person_height_m" in scene.scale.model_fields_set:
+            chosen.setdefault("person_height_m", scene.scale.person_height_m)
     kind = _options_type(scene.solver.method)
     known = [option.name for option in fields(kind)]
     for key in chosen:

@@ -1,8 +1,8 @@
 """The vertical, the camera's height and the ground plane from the people in one camera's view.
 
-People are upright, stand on one plane and are about equally tall. In the camera's frame the ground is given by the up direction n and
-the camera's height H: the foot ray b meets it at `H b / -(n . b)`; raised along n by a person's height, it must project onto the
-box's top. Three unknowns, two residuals a box.
+People are upright, stand on one plane and are about equally tall. In the camera's frame the ground is given by the up
+direction n and the camera's height H: the foot ray b meets it at `H b / -(n . b)`; raised along n by a person's height, it
+must project onto the box's top. Three unknowns, two residuals a box.
 """
 
 from __future__ import annotations
@@ -119,7 +119,9 @@ class _Fit:
         return np.asarray(np.where((drop > HORIZON)[:, None], residual, 3.0))
 
     def height_given_up(self, up: Floats) -> float | None:
-        """Median over the people of the camera height that puts the head on its ray; None if most feet are above the horizon."""
+        """Median over the people of the camera height that puts the head on its ray; None if most feet are above the
+        horizon.
+        """
         drop = -self.bottom @ up
         use = drop > HORIZON
         if np.count_nonzero(use) < 0.6 * len(use):

@@ -1,1 +1,1 @@
-
+"""From identified people to a rig: the faithful GeoPose solver and the person-model solver."""

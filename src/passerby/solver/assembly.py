@@ -26,7 +26,9 @@ _ALONE = 0.05
 
 
 def components(n_cameras: int, hypotheses: Sequence[PairHypothesis], min_inliers: int) -> list[list[int]]:
-    """Groups of cameras joined by hypotheses with enough inliers, the largest first (the smaller numbers first among equals)."""
+    """Groups of cameras joined by hypotheses with enough inliers, the largest first (the smaller numbers first among
+    equals).
+    """
     label = list(range(n_cameras))
     for h in hypotheses:
         if h.inliers >= min_inliers:
@@ -37,7 +39,9 @@ def components(n_cameras: int, hypotheses: Sequence[PairHypothesis], min_inliers
 
 
 def cycle_support(hypotheses: Sequence[PairHypothesis], n_cameras: int) -> Floats:
-    """How well each hypothesis agrees with the ways through third cameras: the mean over these of the best agreement, 0 to 1."""
+    """How well each hypothesis agrees with the ways through third cameras: the mean over these of the best agreement, 0 to
+    1.
+    """
     by_pair: dict[tuple[int, int], list[PairHypothesis]] = {}
     for h in hypotheses:
         by_pair.setdefault((h.a, h.b), []).append(h)

@@ -1,7 +1,7 @@
 """Bundle adjustment of camera poses and 3D points on reprojection error.
 
-Poses move by `R <- exp(w) R`, `C <- C + c`: a rotation vector in the camera's frame and the centre in the world. The residual of a point
-seen near the ray b is `tangent @ d / (b . d)` with `d = R (X - C)` (see `Lens.tangents`), in pixels, for any lens.
+Poses move by `R <- exp(w) R`, `C <- C + c`: a rotation vector in the camera's frame and the centre in the world. The residual
+of a point seen near the ray b is `tangent @ d / (b . d)` with `d = R (X - C)` (see `Lens.tangents`), in pixels, for any lens.
 """
 
 from __future__ import annotations
@@ -166,7 +166,8 @@ def adjust_points(
         fixed_cameras: cameras whose pose stays.
         loss_scale_px: scale of the Cauchy loss, in units of the sightings' sigma.
         max_iterations: limit of the solver.
-        fix_scale: hold the distance between the first fixed camera and the camera farthest from it, to first order, by rescaling
+        fix_scale: hold the distance between the first fixed camera and the camera farthest from it, to first order, by
+        rescaling
             the result about the fixed camera; the residuals do not depend on it.
     """
     R = np.array([pose.R_cw for pose in poses])

@@ -1,7 +1,7 @@
 """Which sightings of one thing agree: every pair of rays proposes a point, the others vote.
 
-Identities are sometimes wrong, so that two of the sightings of a person-instant may show somebody else. All pairs of all blocks are tried at
-once; there are few cameras, so that no random sampling is needed.
+Identities are sometimes wrong, so that two of the sightings of a person-instant may show somebody else. All pairs of all
+blocks are tried at once; there are few cameras, so that no random sampling is needed.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def adopt(
 ) -> Ints:  # fmt: skip
     """Give sightings that disagree with their block to the block of the same instant that they do agree with.
 
-    Where two people's identities were exchanged in one camera, both sightings are good and only their names are wrong. A block takes one
-    sighting a camera; the best fits go first.
+    Where two people's identities were exchanged in one camera, both sightings are good and only their names are wrong. A block
+    takes one sighting a camera; the best fits go first.
 
     Args:
         consensus: of `agree` on the same sightings.

@@ -20,7 +20,7 @@ Ints = NDArray[np.int64]
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
 
-POPULATION_BIAS = 0.02
+POPULATION_BIAS = 0.025
 """Relative standard deviation, common to all people, of height cues: a crowd is not the population, boxes are not bodies."""
 
 
@@ -40,7 +40,8 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
     Cues on cameras outside the rig are left out. Raises `InputError` for a marked point that the lens cannot have seen.
     """
     index = {name: number for number, name in enumerate(rig.names)}
-    lengths, sightings = [], []
+    lengths: list[tuple[float, float]] = []
+    sightings = []
     for cue in cues.lengths:
         inside = {name: pixels for name, pixels in cue.points.items() if name in index}
         if len(inside) < 2:
@@ -116,8 +117,8 @@ def report_pull(
 ) -> tuple[list[dict[str, Any]], float]:
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
-    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the population count
-    as one cue, with what they have in common (`POPULATION_BIAS`) in its sigma.
+    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
+    population count as one cue, with what they have in common (`POPULATION_BIAS`) in its sigma.
     """
     known = {cue.identity for cue in cues.people}
     named = np.array([identity in known for identity in seen], dtype=bool)

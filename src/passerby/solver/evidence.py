@@ -1,7 +1,7 @@
 """From observations with identities to what a solver weighs: sightings of upright people, and sightings of joints.
 
-A *person-instant* is one identity at one frame. It counts when two cameras or more saw it; a box whose edge lies at the picture's
-border is cut off there and says nothing about the body's extent.
+A *person-instant* is one identity at one frame. It counts when two cameras or more saw it; a box whose edge lies at the
+picture's border is cut off there and says nothing about the body's extent.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[str, 
     if order >= MIN_ORDER_CORRELATION:
         return True, ()
     return False, (
-        f"the joints' names do not fit the pictures (they order the joints from head to feet with a correlation of {order:.2f}): "
+        f"the joints' names do not fit the pictures (they order them from head to feet with a correlation of {order:.2f}): "
         "is it another layout than the file says? Joints are matched by their number, head and feet by position",
     )
 

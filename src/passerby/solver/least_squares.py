@@ -1,10 +1,10 @@
 """Robust nonlinear least squares for camera rigs: Levenberg-Marquardt on a twice reduced system.
 
-The unknowns have three levels. *Shared* ones are few and dense: the cameras' parameters, then the globals. *Groups* are scalars,
-one a person (a body height). *Blocks* are small vectors, one a person-instant or a 3D point, in one or more families. A residual
-row sees at most one camera, one block, that block's group, and the globals; so the blocks are eliminated first (a batched Schur
-complement), then the groups (what is left between them is diagonal), and the system that remains has the cameras' size only. See
-Triggs et al., *Bundle Adjustment: A Modern Synthesis* (2000), section 6.
+The unknowns have three levels. *Shared* ones are few and dense: the cameras' parameters, then the globals. *Groups* are
+scalars, one a person (a body height). *Blocks* are small vectors, one a person-instant or a 3D point, in one or more families.
+A residual row sees at most one camera, one block, that block's group, and the globals; so the blocks are eliminated first (a
+batched Schur complement), then the groups (what is left between them is diagonal), and the system that remains has the
+cameras' size only. See Triggs et al., *Bundle Adjustment: A Modern Synthesis* (2000), section 6.
 
 The robust loss enters by iteratively reweighted least squares; a step counts as good by the true robust cost.
 """
@@ -331,7 +331,8 @@ def _sum_rows(index: Ints, rows: Floats, count: int) -> Floats:
 def minimise(
     problem: Problem[State], state: State, stopping: Stopping | None = None, *, free: NDArray[np.bool_] | None = None
 ) -> Result[State]:
-    """Levenberg-Marquardt with Nielsen's damping rule (Madsen, Nielsen, Tingleff, *Methods for Non-Linear Least Squares*, 2004).
+    """Levenberg-Marquardt with Nielsen's damping rule (Madsen, Nielsen, Tingleff, *Methods for Non-Linear Least Squares*,
+    2004).
 
     Args:
         problem: residuals, Jacobians and the retraction.

@@ -1,9 +1,9 @@
 """Hypotheses of how two cameras stand to each other, by two routes.
 
-*Ground*: both cameras are levelled by their own people (`geometry.single_view`), so that they differ by a motion of the plane only;
-two matched people fix it. *Epipolar*: the essential matrix of highest and lowest points (or of joints), its baseline scaled by the
-people's height. The routes fail in different places: the first where a camera's vertical is poor, the second where all is far or
-flat. Both are kept, and third cameras decide (`assembly`).
+*Ground*: both cameras are levelled by their own people (`geometry.single_view`), so that they differ by a motion of the plane
+only; two matched people fix it. *Epipolar*: the essential matrix of highest and lowest points (or of joints), its baseline
+scaled by the people's height. The routes fail in different places: the first where a camera's vertical is poor, the second
+where all is far or flat. Both are kept, and third cameras decide (`assembly`).
 """
 
 from __future__ import annotations

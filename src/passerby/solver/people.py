@@ -1,7 +1,7 @@
 """The person-model solver: from people with identities to a metric, gravity-aligned rig. No camera is special.
 
-Data flow: evidence -> each camera's own vertical and ground -> hypotheses of camera pairs -> spanning trees by agreement -> descent from
-each tree on a part of the evidence -> descent to the optimum on all of it -> covariance and verdict.
+Data flow: evidence -> each camera's own vertical and ground -> hypotheses of camera pairs -> spanning trees by agreement ->
+descent from each tree on a part of the evidence -> descent to the optimum on all of it -> covariance and verdict.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ _COARSE = Stopping(15, 1e-4)
 # A pose whose sigma exceeds these is no calibration: of the rig's extent, and in degrees.
 _MAX_POSITION_SHARE = 0.05
 _MAX_ORIENTATION_DEG = 2.0
+_MAX_VERTICAL_DEG = 5.0
 _MIN_AGREEING = 0.4
 _MIN_SIGHTINGS = 20
 
@@ -86,8 +87,8 @@ def solve_people(
         rng: drives RANSAC and the choice among too many observations.
 
     Returns:
-        The rig in a world with z up, the ground at z = 0, the first registered camera above the origin and looking along +y. Cameras
-        that share too little with the largest group have no pose, and a reason.
+        The rig in a world with z up, the ground at z = 0, the first registered camera above the origin and looking along +y.
+        Cameras that share too little with the largest group have no pose, and a reason.
 
     Raises:
         EvidenceError: no two cameras saw enough of the same people at the same instants.
@@ -97,8 +98,8 @@ def solve_people(
     groups = components(len(rig), first.hypotheses, MIN_MATCHES)
     if len(groups[0]) < 2:
         raise EvidenceError(
-            f"no two cameras share {MIN_MATCHES} sightings of the same people that fit one motion: check the identities and the "
-            "intrinsics, or record more people where the views overlap"
+            f"no two cameras share {MIN_MATCHES} sightings of the same people that fit one motion: check the identities and "
+            "the intrinsics, or record more people where the views overlap"
         )
     reasons = _apart(rig, groups)
     start = first
@@ -110,7 +111,7 @@ def solve_people(
     covariance, cue_report = _sure(start, fit, cues)
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
-    reasons = [*start.evidence.notes, *reasons, *choice.doubts, *_doubts(start, fit, posed)]
+    reasons = [*start.evidence.notes, *reasons, *choice.doubts, *_doubts(start, fit, covariance)]
     verdict: Verdict = "doubtful" if reasons else "accepted"
     figures = _figures(start, choice, fit, covariance, cue_report)
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(reasons), figures)
@@ -170,8 +171,8 @@ def _level(evidence: Evidence, camera: int, body_m: float, rng: np.random.Genera
 def _apart(rig: Rig, groups: list[list[int]]) -> list[str]:
     names = [", ".join(rig.names[c] for c in group) for group in groups]
     return [
-        f"{'cameras' if len(group) > 1 else 'camera'} {name} could not be joined to {names[0]}: too few of the same people were "
-        "seen by both at the same instants; record people who walk through both views"
+        f"{'cameras' if len(group) > 1 else 'camera'} {name} could not be joined to {names[0]}: too few of the same people "
+        "were seen by both at the same instants; record people who walk through both views"
         for group, name in zip(groups[1:], names[1:], strict=True)
     ]
 
@@ -194,9 +195,7 @@ def _choose(start: _Start, options: PeopleOptions, rng: np.random.Generator) -> 
         model = build_model(evidence, state, Noise(), knowledge, share=0.1, blocks=blocks, joints=joints)
         found.append((len(model.rows) + len(model.joint_rows), name, state))
     if not found or max(count for count, _, _ in found) == 0:
-        raise EvidenceError(
-            "no arrangement of the cameras agrees with the people's identities: check the identities and intrinsics"
-        )
+        raise EvidenceError("no arrangement of the cameras agrees with the people: check their identities and the intrinsics")
     best = max(found, key=lambda item: item[0])
     rivals = [name for count, name, state in found if count > _RIVAL_SHARE * best[0] and _differ(state, best[2]) > _RIVAL_ANGLE]
     doubts = [
@@ -234,7 +233,8 @@ def _descend(start: _Start, state: RigState, options: PeopleOptions) -> _Fit:
         state = rig_of(result.state)
         rounds.append(
             {
-                "sightings": len(model.rows), "renamed": model.renamed, "joints": len(model.joint_rows), "iterations": result.iterations,
+                "sightings": len(model.rows), "renamed": model.renamed, "joints": len(model.joint_rows),
+                "iterations": result.iterations,
                 "converged": result.converged, "cost": result.cost,
             }
         )  # fmt: skip
@@ -264,9 +264,9 @@ def _sure(start: _Start, fit: _Fit, cues: ScaleCues) -> tuple[RigCovariance, dic
         cues, knowledge.cues, state.centre, state.globals[1:].reshape(-1, 3), state.heights[seen], knowledge.height_mean[seen],
         knowledge.height_sd[seen], start.evidence.identities[seen],
     )  # fmt: skip
-    terms = fit.model.problem.terms(state, jacobians=False)
+    terms = fit.model.problem.terms(state, jacobians=True)
     inflation = correlation_inflation(fit.model, start.evidence, terms)
-    covariance = rig_covariance(fit.result.normal, state, inflation, sigma)
+    covariance = rig_covariance(terms, fit.model.problem.layout, state, inflation, sigma)
     return covariance, {"relative_sigma": sigma, "cues": report}
 
 
@@ -285,10 +285,10 @@ def _placed(rig: Rig, state: PeopleState, covariance: RigCovariance) -> Rig:
     return Rig(tuple(cameras))
 
 
-def _doubts(start: _Start, fit: _Fit, rig: Rig) -> list[str]:
+def _doubts(start: _Start, fit: _Fit, covariance: RigCovariance) -> list[str]:
     """What speaks against the optimum, by camera."""
     out = []
-    state, model = fit.result.state, fit.model
+    state, model, rig = fit.result.state, fit.model, start.rig
     total = np.bincount(start.evidence.sightings.camera, minlength=len(rig)) + np.bincount(
         start.evidence.joints.camera, minlength=len(rig)
     )
@@ -297,20 +297,24 @@ def _doubts(start: _Start, fit: _Fit, rig: Rig) -> list[str]:
     )
     extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
     for c, camera in enumerate(rig):
-        sigma = camera.sigma
-        assert sigma is not None
+        sigma = covariance.shape_sigma(c)
         if used[c] < _MIN_SIGHTINGS:
             out.append(f"camera {camera.name} rests on {used[c]} sightings only: record more people in its view")
         elif used[c] < _MIN_AGREEING * total[c]:
             out.append(
-                f"camera {camera.name}: only {used[c]} of {total[c]} sightings agree with the rig: check its intrinsics, its clock and "
-                "the identities"
+                f"camera {camera.name}: only {used[c]} of {total[c]} sightings agree with the rig: check its intrinsics, its "
+                "clock and the identities"
             )
         if sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > _MAX_ORIENTATION_DEG:
             out.append(
-                f"camera {camera.name} is uncertain by {1000 * sigma.position_m:.0f} mm and {sigma.orientation_deg:.1f} degrees: "
-                "record longer, or people nearer to it and in more places"
+                f"camera {camera.name} is uncertain by {1000 * sigma.position_m:.0f} mm and {sigma.orientation_deg:.1f} "
+                "degrees: record longer, or people nearer to it and in more places"
             )
+    if covariance.vertical_deg > _MAX_VERTICAL_DEG:
+        out.append(
+            f"the vertical is uncertain by {covariance.vertical_deg:.1f} degrees: record people who walk about, "
+            "seen from head to feet"
+        )
     if not fit.result.converged:
         out.append("the adjustment did not converge: raise [solver.options] max_iterations")
     return out
@@ -327,6 +331,7 @@ def _figures(start: _Start, choice: _Choice, fit: _Fit, covariance: RigCovarianc
     for c, camera in enumerate(rig):
         own = sightings.camera == c
         level = start.levels[c]
+        within = covariance.shape_sigma(c)
         cameras.append(
             {
                 "name": camera.name, "sightings": int(np.count_nonzero(start.evidence.sightings.camera == c)),
@@ -334,6 +339,8 @@ def _figures(start: _Start, choice: _Choice, fit: _Fit, covariance: RigCovarianc
                 "joints": int(np.count_nonzero(model.problem.joints.camera == c)),
                 "median_residual_px": float(np.median(residual_px[own])) if own.any() else None,
                 "slack": float(state.slack[c]),
+                "shape_position_sigma_mm": 1000 * within.position_m,
+                "shape_orientation_sigma_deg": within.orientation_deg,
                 "own_level": None if level is None else {"height_m": level.height, "residual": level.residual},
             }
         )  # fmt: skip
@@ -356,5 +363,6 @@ def _figures(start: _Start, choice: _Choice, fit: _Fit, covariance: RigCovarianc
                 str(start.evidence.identities[p]): float(state.heights[p]) for p in np.unique(model.problem.person)
             },
         },
-        "foot_shift_m": float(state.globals[0]), "scale": scale, "covariance_inflation": covariance.inflation,
+        "foot_shift_m": float(state.globals[0]), "scale": scale | {"relative_sigma": covariance.scale},
+        "vertical_sigma_deg": covariance.vertical_deg, "covariance_inflation": covariance.inflation,
     }  # fmt: skip

@@ -1,11 +1,13 @@
 """The person model: upright people on a ground plane, seen by cameras, as a least-squares problem.
 
-World: z up, ground z = 0. The unknowns are what is really there: the cameras' poses; for each camera one slack factor (how much taller
-than the people its boxes are); how far the lowest visible point of a body lies nearer to the camera than the body's axis; each
-person's height; for each person and instant a ground position (x, y), the height of the lowest and of the highest point; and 3D joints.
+World: z up, ground z = 0. The unknowns are what is really there: the cameras' poses; for each camera one slack factor (how
+much taller than the people its boxes are); how far the lowest visible point of a body lies nearer to the camera than the
+body's axis; each person's height; for each person and instant a ground position (x, y), the height of the lowest and of the
+highest point; and 3D joints.
 
-A box enters by residuals that are not weighed alike, since a detector's slack and the model's bias move the two edges in opposite
-directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres the shape.
+A box enters by residuals that are not weighed alike, since a detector's slack and the model's bias move the two edges in
+opposite directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres the
+shape.
 """
 
 from __future__ import annotations

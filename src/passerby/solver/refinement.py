@@ -173,8 +173,8 @@ def rig_of(state: PeopleState) -> RigState:
 def learn_noise(model: Model, result: Result[PeopleState]) -> Noise:
     """The sightings' noise from their residuals, each divided by the root of its redundancy.
 
-    The redundancy is the share of a residual that the fit does not absorb (Foerstner 1979); medians keep outliers out. Boxes whose noise
-    is all rounding keep the floor.
+    The redundancy is the share of a residual that the fit does not absorb (Foerstner 1979); medians keep outliers out. Boxes
+    whose noise is all rounding keep the floor.
     """
     problem, noise = model.problem, model.problem.noise
     terms = problem.terms(result.state, jacobians=True)
@@ -182,7 +182,7 @@ def learn_noise(model: Model, result: Result[PeopleState]) -> Noise:
     s = problem.sightings
     box = s.has_foot > 0
     if np.count_nonzero(box) >= 30:
-        V_inverse: Floats = np.linalg.inv(normal.families[0].V)
+        V_inverse = np.asarray(np.linalg.inv(normal.families[0].V), dtype=np.float64)
         centre = _whitened_scale(terms[0], V_inverse, box)
         height = _whitened_scale(terms[1], V_inverse, box)
         typical = float(np.median(s.extent_px[box]))
@@ -201,11 +201,11 @@ def learn_noise(model: Model, result: Result[PeopleState]) -> Noise:
 def _learn_joints(model: Model, term: Term, normal: NormalEquations) -> Noise:
     """The noise of joints: one share for all, and a factor for each joint of the body in each camera.
 
-    Detectors find eyes better than hips, and a hip better from the front than from the side: half of each factor's logarithm comes
-    from the camera's own residuals of that joint, half from all cameras'.
+    Detectors find eyes better than hips, and a hip better from the front than from the side: half of each factor's logarithm
+    comes from the camera's own residuals of that joint, half from all cameras'.
     """
     problem, noise = model.problem, model.problem.noise
-    V_inverse: Floats = np.linalg.inv(normal.families[JOINT].V)
+    V_inverse = np.asarray(np.linalg.inv(normal.families[JOINT].V), dtype=np.float64)
     every = np.ones(len(term.residual), bool)
     kind = model.joint_kind[problem.joints.point]
     scale = float(np.sqrt(np.mean(_whitened_scale(term, V_inverse, every) ** 2)))
