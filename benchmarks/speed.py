@@ -27,10 +27,10 @@ def run(scratch: Path, quick: bool) -> Section:
 _HEAD = """# Speed and memory
 
 The point bundle adjustment of 8 cameras x 2000 points, all seen by all, 1 px noise, start off by 0.03 rad and 0.2 m, intrinsics
-and one pose held; one process, the same start, in turn, after a warm-up: medians of {repeats}. Passerby's time runs from pixels to
-poses with their covariance; pycolmap's is that of setting up and solving, on two threads, without filling its reconstruction.
-*pycolmap*: with its own stopping rule (no cost tolerance); *same stop*: it may end as soon as Passerby does, at a gain below 1e-8
-of the cost. The cost is computed alike for both."""
+and one pose held; one process, the same start, in turn, after a warm-up: medians of {repeats}. Passerby's time runs from pixels
+to poses with their covariance; pycolmap's is that of setting up and solving on two threads, its reconstruction already filled.
+*pycolmap*: with its own stopping rule (no cost tolerance); *same stop*: it may end as soon as Passerby does, at a gain below
+1e-8 of the cost. The cost is computed alike for both."""
 
 _PETS = "A whole `passerby calibrate` of `pets2009/identities`, start of Python included, and the same with every second frame."
 
@@ -69,7 +69,8 @@ def _pets(scratch: Path, repeats: int) -> str:
         ["wall time, all frames", f"{seconds['all frames']:.2f} s", f"under {LARGEST_SECONDS:g} s",
          yes(seconds["all frames"] < LARGEST_SECONDS)],
         ["wall time, every second", f"{seconds['every second']:.2f} s", "", ""],
-        ["doubling the frames", f"{number(doubling, 2)} x", f"at most {LARGEST_DOUBLING:g} x", yes(doubling <= LARGEST_DOUBLING)],
+        ["doubling the frames", f"{number(doubling, 2)} x", f"at most {LARGEST_DOUBLING:g} x",
+         yes(doubling <= LARGEST_DOUBLING)],
         ["peak memory, all frames", f"{peak:.0f} MB", f"under {LARGEST_MB:g} MB", yes(peak < LARGEST_MB)],
     ]  # fmt: skip
     return table(("pets2009", "measured", "goal", "reached"), rows)
