@@ -70,7 +70,7 @@ def _agreement(h: PairHypothesis, first: PairHypothesis, second: PairHypothesis)
 def candidate_trees(
     hypotheses: Sequence[PairHypothesis], group: Sequence[int], n_cameras: int
 ) -> list[tuple[str, list[PairHypothesis]]]:
-    """Spanning trees of a group: of all routes by agreement, of each route alone, and by inliers alone; duplicates left out."""
+    """Spanning trees of a group: of all routes by agreement, and of each route alone; duplicates left out."""
     support = cycle_support(hypotheses, n_cameras)
     inliers = np.array([h.inliers for h in hypotheses], dtype=np.float64)
     share = inliers / np.array([max(h.matches, 1) for h in hypotheses])
@@ -78,7 +78,6 @@ def candidate_trees(
     routes = sorted({h.route for h in hypotheses})
     weights = [("all", by_agreement)]
     weights += [(route, np.where([h.route == route for h in hypotheses], by_agreement, 0.0)) for route in routes]
-    weights.append(("inliers", inliers))
     trees: list[tuple[str, list[PairHypothesis]]] = []
     seen = set()
     for name, weight in weights:

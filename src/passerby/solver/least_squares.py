@@ -174,7 +174,7 @@ class NormalEquations:
         self.cross = np.zeros((s, layout.n_groups))
         self.G = np.zeros(layout.n_groups)
         self.group_gradient = np.zeros(layout.n_groups)
-        self._W = [np.zeros((f.count, f.size, layout.n_cameras, layout.camera_size)) for f in layout.families]
+        self._W = [np.zeros((f.count * layout.n_cameras, f.size * layout.camera_size)) for f in layout.families]
         self._W_globals = [np.zeros((f.count, f.size, layout.n_globals)) for f in layout.families]
         self._V = [np.zeros((f.count, f.size, f.size)) for f in layout.families]
         self._w = [np.zeros((f.count, f.size)) for f in layout.families]
@@ -182,7 +182,11 @@ class NormalEquations:
         for term in terms:
             if len(term.residual):
                 self._add(term)
-        flat = [W.reshape(*W.shape[:2], W.shape[2] * W.shape[3]) for W in self._W]
+        n, p = layout.n_cameras, layout.camera_size
+        flat = [
+            W.reshape(f.count, n, f.size, p).transpose(0, 2, 1, 3).reshape(f.count, f.size, n * p)
+            for W, f in zip(self._W, layout.families, strict=True)
+        ]
         if layout.n_globals:
             flat = [np.concatenate([W, W_g], axis=2) for W, W_g in zip(flat, self._W_globals, strict=True)]
         self.families = tuple(
@@ -256,7 +260,8 @@ class NormalEquations:
         if J_p is not None:
             self._w[term.family] += _sum_rows(term.block, (J_bt @ J_p[:, :, None])[:, :, 0], n)
         if J_c is not None and term.camera is not None:
-            self._W[term.family][term.block, :, term.camera] += J_bt @ J_c
+            place = term.block * self.layout.n_cameras + term.camera
+            self._W[term.family][place] += (J_bt @ J_c).reshape(len(place), -1)
         if J_g is not None:
             g = J_g.shape[2]
             self._W_globals[term.family] += _sum_rows(term.block, (J_bt @ J_g).reshape(-1, d * g), n).reshape(n, d, g)

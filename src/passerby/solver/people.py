@@ -59,6 +59,10 @@ class PeopleOptions:
     """Person-instants of the descents that choose among the first guesses."""
     coarse_joints: int = 1500
     """Joints of the same."""
+    learning_people: int = 1500
+    """Person-instants of the first round, which learns how noisy the sightings are."""
+    learning_joints: int = 6000
+    """Joints of the same."""
     rounds: int = 3
     """Most rounds of agreement, adjustment and learnt noise on all of the evidence."""
     max_iterations: int = 60
@@ -67,7 +71,16 @@ class PeopleOptions:
     """Relative decrease of the cost at which a round has converged."""
 
     def __post_init__(self) -> None:
-        for name in ("max_sightings", "max_joints", "coarse_people", "coarse_joints", "rounds", "max_iterations"):
+        for name in (
+            "max_sightings",
+            "max_joints",
+            "coarse_people",
+            "coarse_joints",
+            "learning_people",
+            "learning_joints",
+            "rounds",
+            "max_iterations",
+        ):
             if getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name)}: it must be 1 or more")
         if not 0 < self.tolerance < 1:
@@ -107,7 +120,7 @@ def solve_people(
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         start = _Start.prepare(inside, observations, cues, options, rng)
     choice = _choose(start, options, rng)
-    fit = _descend(start, choice.state, options)
+    fit = _descend(start, choice.state, options, rng)
     covariance, cue_report = _sure(start, fit, cues)
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
@@ -220,14 +233,19 @@ def _differ(a: RigState, b: RigState) -> float:
     return float(np.max(angle_between(a.R @ turn, b.R)))
 
 
-def _descend(start: _Start, state: RigState, options: PeopleOptions) -> _Fit:
+def _descend(start: _Start, state: RigState, options: PeopleOptions, rng: np.random.Generator) -> _Fit:
     """Rounds on all of the evidence: who agrees, where is the optimum, how noisy is it, who stands."""
     evidence = start.evidence
     noise, stance, share = Noise(), np.ones(len(evidence.person)), 0.15
     rounds: list[dict[str, Any]] = []
     for number in range(options.rounds):
         last = number == options.rounds - 1
-        model = build_model(evidence, state, noise, start.knowledge, share=share, stance=stance, rename=number > 0)
+        part = number == 0 and not last
+        blocks = np.sort(rng.permutation(len(evidence.person))[: options.learning_people]) if part else None
+        joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
+        model = build_model(
+            evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance, rename=number > 0
+        )
         stopping = Stopping(options.max_iterations, options.tolerance) if last else Stopping(12, 1e-4)
         result = adjust(model, stopping)
         state = rig_of(result.state)
