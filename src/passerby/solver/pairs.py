@@ -129,13 +129,12 @@ def _by_ground(
     a = ground_a[:, 0] + 1j * ground_a[:, 1]
     b = ground_b[:, 0] + 1j * ground_b[:, 1]
     span = a[second] - a[first]
-    apart = np.abs(span) > 2 * sigma[first]
-    if not apart.any():
+    turn = np.divide(b[second] - b[first], span, out=np.zeros_like(span), where=np.abs(span) > 1e-9)
+    # Two people far enough apart to give a direction, and about as far apart in both cameras.
+    sound = (np.abs(span) > 2 * sigma[first]) & (np.abs(turn) > 0.6) & (np.abs(turn) < 1.6)
+    if not sound.any():
         return None
-    turn = (b[second] - b[first])[apart] / span[apart]
-    turn = turn[(np.abs(turn) > 0.6) & (np.abs(turn) < 1.6)] if ((np.abs(turn) > 0.6) & (np.abs(turn) < 1.6)).any() else turn
-    turn = turn / np.abs(turn)
-    anchor = first[apart][: len(turn)]
+    turn, anchor = turn[sound] / np.abs(turn[sound]), first[sound]
     shift = b[anchor] - turn * a[anchor]
     miss = np.abs(turn[:, None] * a[None, :] + shift[:, None] - b[None, :]) / sigma
     best = int(np.argmin(np.log1p(miss**2).sum(axis=1)))
