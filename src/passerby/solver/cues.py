@@ -70,6 +70,11 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
         np.array([[cue.metres, cue.sd_m] for cue in distances]).reshape(-1, 2),
         np.array([index[cue.camera] for cue in heights], dtype=np.int64),
         np.array([[cue.metres, cue.sd_m] for cue in heights]).reshape(-1, 2),
+        (
+            *(f"length {number + 1}" for number in range(len(lengths))),
+            *(f"distance {cue.between[0]} to {cue.between[1]}" for cue in distances),
+            *(f"height of camera {cue.camera}" for cue in heights),
+        ),
     )  # fmt: skip
 
 
@@ -88,18 +93,16 @@ def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats
 
 
 def measured(rows: CueRows | None, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
-    """(kind, measured, stated, standard deviation) of every length, distance and camera height, metres."""
+    """(name, measured, stated, standard deviation) of every length, distance and camera height, metres."""
     if rows is None:
         return []
-    out = []
-    ends = marks.reshape(-1, 2, 3)
-    for (metres, sd), (a, b) in zip(rows.lengths, ends, strict=True):
-        out.append(("length", float(np.linalg.norm(a - b)), float(metres), float(sd)))
-    for (metres, sd), (i, j) in zip(rows.distances, rows.distance_between, strict=True):
-        out.append(("distance", float(np.linalg.norm(centre[i] - centre[j])), float(metres), float(sd)))
-    for (metres, sd), i in zip(rows.heights, rows.height_of, strict=True):
-        out.append(("camera_height", float(centre[i, 2]), float(metres), float(sd)))
-    return out
+    values = [float(np.linalg.norm(a - b)) for a, b in marks.reshape(-1, 2, 3)]
+    values += [float(np.linalg.norm(centre[i] - centre[j])) for i, j in rows.distance_between]
+    values += [float(centre[i, 2]) for i in rows.height_of]
+    stated = np.concatenate([rows.lengths, rows.distances, rows.heights])
+    return [
+        (name, value, float(metres), float(sd)) for name, value, (metres, sd) in zip(rows.names, values, stated, strict=True)
+    ]
 
 
 def first_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:

@@ -43,6 +43,7 @@ _COARSE = Stopping(15, 1e-4)
 _MAX_POSITION_SHARE = 0.05
 _MAX_ORIENTATION_DEG = 2.0
 _MAX_VERTICAL_DEG = 5.0
+_MAX_CUE_SIGMAS = 4.0
 _MIN_AGREEING = 0.4
 _MIN_SIGHTINGS = 20
 
@@ -124,7 +125,7 @@ def solve_people(
     covariance, cue_report = _sure(start, fit, cues)
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
-    reasons = [*start.evidence.notes, *reasons, *choice.doubts, *_doubts(start, fit, covariance)]
+    reasons = [*start.evidence.notes, *reasons, *choice.doubts, *_doubts(start, fit, covariance), *_contradictions(cue_report)]
     verdict: Verdict = "doubtful" if reasons else "accepted"
     figures = _figures(start, choice, fit, covariance, cue_report)
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(reasons), figures)
@@ -336,6 +337,15 @@ def _doubts(start: _Start, fit: _Fit, covariance: RigCovariance) -> list[str]:
     if not fit.result.converged:
         out.append("the adjustment did not converge: raise [solver.options] max_iterations")
     return out
+
+
+def _contradictions(scale: dict[str, Any]) -> list[str]:
+    return [
+        f"the scale cue '{cue['cue']}' says {cue['stated_m']:.3f} m, but the rest makes it {cue['measured_m']:.3f} m, "
+        f"{abs(cue['residual_sigmas']):.0f} sigmas off: check it"
+        for cue in scale["cues"]
+        if abs(cue["residual_sigmas"]) > _MAX_CUE_SIGMAS
+    ]
 
 
 def _figures(start: _Start, choice: _Choice, fit: _Fit, covariance: RigCovariance, scale: dict[str, Any]) -> dict[str, Any]:

@@ -332,6 +332,8 @@ class CueRows:
     distances: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     height_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     heights: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    names: tuple[str, ...] = ()
+    """What each cue is called in reports: lengths, then distances, then heights."""
 
     def terms(self, state: PeopleState, layout: Layout) -> list[Term]:
         """The cues' residuals with dense Jacobians; there are few of them."""
