@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from passerby.check import SceneCheck
 from passerby.evaluation.metrics import Comparison
 from passerby.interchange.json_text import to_json
@@ -21,11 +23,19 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
         )
     columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", "boxes", "joints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
+    show_scale(calibration.figures.get("scale", {}))
     for finding in calibration.findings:
         print(f"note: {finding}")
     if verbose:
         print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
         print(to_json(calibration.figures), end="")
+
+
+def show_scale(scale: dict[str, Any]) -> None:
+    """One line on how sure the scale is and how much each cue pulls; nothing where the solver does not tell."""
+    if "cues" in scale:
+        pulls = ", ".join(f"{cue['cue']} {100 * cue['share']:.0f} %" for cue in scale["cues"])
+        print(f"scale known to {100 * scale['relative_sigma']:.1f} %, from {pulls}")
 
 
 def show_comparison(comparison: Comparison) -> None:
