@@ -358,7 +358,9 @@ def minimise(
             damping, growth = damping * growth, growth * 2
             continue
         candidate = problem.retract(state, step)
-        new_cost = sum(term.cost() for term in problem.terms(candidate, jacobians=False))
+        # Most steps are taken: Jacobians at the candidate at once cost less than its residuals twice.
+        terms = problem.terms(candidate, jacobians=True)
+        new_cost = sum(term.cost() for term in terms)
         predicted = _predicted_decrease(normal, step)
         if np.isfinite(new_cost) and new_cost < cost:
             gain = (cost - new_cost) / max(predicted, 1e-300)
@@ -367,7 +369,7 @@ def minimise(
             state, cost = candidate, new_cost
             damping = max(damping * max(0.1, 1 - (2 * gain - 1) ** 3), 1e-12)
             growth = 2.0
-            normal = NormalEquations(layout, problem.terms(state, jacobians=True))
+            normal = NormalEquations(layout, terms)
         else:
             converged = predicted <= stopping.tolerance * 0.1 * cost
             damping, growth = damping * growth, growth * 2
