@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from accuracy import NOT_HERE
-from command import Calibrated, calibrate, run_program
+from command import ONE_THREAD, Calibrated, calibrate, run_program
 from datasets import data_set, every_second_frame, folder_of, write_scene
 from tables import Section, load, number, table, yes
 
@@ -28,16 +28,16 @@ _HEAD = """# Speed and memory
 
 The point bundle adjustment of 8 cameras x 2000 points, all seen by all, 1 px noise, start off by 0.03 rad and 0.2 m, intrinsics
 and one pose held; one process, the same start, in turn, after a warm-up: medians of {repeats}. Passerby's time runs from pixels
-to poses with their covariance; pycolmap's is that of setting up and solving on two threads, its reconstruction already filled.
-*pycolmap*: with its own stopping rule (no cost tolerance); *same stop*: it may end as soon as Passerby does, at a gain below
-1e-8 of the cost. The cost is computed alike for both."""
+to poses with their covariance, on one thread; pycolmap's is that of setting up and solving on two threads, its reconstruction
+already filled. *pycolmap*: with its own stopping rule (no cost tolerance); *same stop*: it may end as soon as Passerby does, at
+a gain below 1e-8 of the cost. The cost is computed alike for both."""
 
 _PETS = "A whole `passerby calibrate` of `pets2009/identities`, start of Python included, and the same with every second frame."
 
 
 def _race(repeats: int) -> str:
     program = Path(__file__).with_name("bundle_race.py")
-    result = json.loads(run_program([str(program), "--repeats", str(repeats)]).output)
+    result = json.loads(run_program([str(program), "--repeats", str(repeats)], ONE_THREAD).output)
     rows = []
     for row in result["rows"]:
         rival = row["solver"] != "passerby"
