@@ -21,14 +21,17 @@ def looking_at(centre, target):
 @pytest.fixture(scope="module")
 def case():
     rng = np.random.default_rng(5)
-    n_cameras, n_people, n_blocks, n_joints = 3, 2, 5, 4
+    n_cameras, _n_people, n_blocks, n_joints = 3, 2, 5, 4
     centre = np.array([[6.0, 0, 2.5], [-5, 3, 3.0], [0, -7, 2.0]])
     R = np.array([looking_at(c, np.array([0, 0, 1.0])) for c in centre])
-    people = np.column_stack([rng.uniform(-1.5, 1.5, (n_blocks, 2)), rng.normal(0, 0.05, n_blocks), rng.normal(1.7, 0.1, n_blocks)])
+    people = np.column_stack(
+        [rng.uniform(-1.5, 1.5, (n_blocks, 2)), rng.normal(0, 0.05, n_blocks), rng.normal(1.7, 0.1, n_blocks)]
+    )
     joints = rng.uniform([-1, -1, 0], [1, 1, 1.8], (n_joints, 3))
     points = rng.uniform([-1, -1, 0], [1, 1, 1.8], (2, 3))
-    state = PeopleState(R, centre, rng.normal(0, 0.02, 3), np.concatenate([[0.12], points.ravel()]),
-                        np.array([1.7, 1.8]), people, joints)
+    state = PeopleState(
+        R, centre, rng.normal(0, 0.02, 3), np.concatenate([[0.12], points.ravel()]), np.array([1.7, 1.8]), people, joints
+    )
     camera, block = (a.ravel() for a in np.meshgrid(np.arange(n_cameras), np.arange(n_blocks), indexing="ij"))
 
     def rays(world):
@@ -39,8 +42,18 @@ def case():
     top = rays(np.column_stack([people[block, :2], people[block, 3]]))
     bottom = rays(np.column_stack([people[block, :2], people[block, 2]]))
     n = len(camera)
-    sightings = Sightings(camera, block, top, bottom, LENS.tangents(top), LENS.tangents(bottom), rng.uniform(150, 250, n),
-                          rng.uniform(0.9, 1, n), rng.uniform(0, 0.1, n), (np.arange(n) % 2).astype(float))
+    sightings = Sightings(
+        camera,
+        block,
+        top,
+        bottom,
+        LENS.tangents(top),
+        LENS.tangents(bottom),
+        rng.uniform(150, 250, n),
+        rng.uniform(0.9, 1, n),
+        rng.uniform(0, 0.1, n),
+        (np.arange(n) % 2).astype(float),
+    )
 
     def sight(world):
         c, p = (a.ravel() for a in np.meshgrid(np.arange(n_cameras), np.arange(len(world)), indexing="ij"))
@@ -48,15 +61,33 @@ def case():
         b = LENS.bearings(LENS.project_rays(d) + rng.normal(0, 2, (len(c), 2)))
         return PointObservations(c, p, b, LENS.tangents(b), rng.uniform(1, 2, len(c)))
 
-    cues = CueRows(2, sight(points), np.array([[1.2, 0.02]]), np.array([[0, 1]]), np.array([[11.0, 0.1]]), np.array([2]),
-                   np.array([[2.1, 0.05]]))
-    return PeopleProblem(n_cameras, sightings, sight(joints), np.array([0, 0, 1, 1, 1]), n_joints, np.full(2, 1.72),
-                         np.full(2, 0.09), rng.uniform(0.2, 1, n_blocks), cues=cues), state
+    cues = CueRows(
+        2,
+        sight(points),
+        np.array([[1.2, 0.02]]),
+        np.array([[0, 1]]),
+        np.array([[11.0, 0.1]]),
+        np.array([2]),
+        np.array([[2.1, 0.05]]),
+    )
+    return PeopleProblem(
+        n_cameras,
+        sightings,
+        sight(joints),
+        np.array([0, 0, 1, 1, 1]),
+        n_joints,
+        np.full(2, 1.72),
+        np.full(2, 0.09),
+        rng.uniform(0.2, 1, n_blocks),
+        cues=cues,
+    ), state
 
 
 def unit_step(problem, level, index, size):
     layout = problem.layout
-    step = Step(np.zeros(layout.n_shared), np.zeros(layout.n_groups), tuple(np.zeros((f.count, f.size)) for f in layout.families))
+    step = Step(
+        np.zeros(layout.n_shared), np.zeros(layout.n_groups), tuple(np.zeros((f.count, f.size)) for f in layout.families)
+    )
     if level == "shared":
         step.shared[index] = size
     elif level == "group":
@@ -112,8 +143,13 @@ def test_every_jacobian_matches_central_differences(case):
         for number, term in enumerate(terms):
             expected = numerical(problem, state, level, index, number)
             seen[number] |= bool(np.abs(expected).max() > 1e-3)
-            np.testing.assert_allclose(dense(problem, term, level, index), expected, rtol=2e-5, atol=2e-5,
-                                       err_msg=f"term {number}, unknown {level} {index}")
+            np.testing.assert_allclose(
+                dense(problem, term, level, index),
+                expected,
+                rtol=2e-5,
+                atol=2e-5,
+                err_msg=f"term {number}, unknown {level} {index}",
+            )
     assert seen.all(), "a term depends on nothing"
 
 
