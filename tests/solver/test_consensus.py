@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.cameras import Rig
-from passerby.solver.consensus import Consensus, agree
+from passerby.solver.consensus import Consensus, adopt, agree
 from person_scenes import ring
 
 N = 30
@@ -139,3 +139,24 @@ def test_the_order_of_the_sightings_is_of_no_account(seed: int) -> None:
     second = run(rig, camera[order], block[order], bearing[order], tangent[order])
     np.testing.assert_array_equal(first.inlier[order], second.inlier)
     np.testing.assert_allclose(first.points, second.points, atol=1e-9)
+
+
+def test_exchanged_people_go_back_to_whom_they_show() -> None:
+    """Two people of one instant exchanged in one camera: each sighting ends at the block it fits, all others stay."""
+    rig = ring(4)
+    points, camera, block, bearing, tangent = case(rig, np.random.default_rng(6))
+    a, b = 0, int(np.argmax(np.linalg.norm(points - points[0], axis=1)))
+    bearing, tangent = swap([(2 * N + a, 2 * N + b)], bearing, tangent)
+    consensus = run(rig, camera, block, bearing, tangent)
+    R, centre = (np.array([getattr(c.pose, name) for c in rig]) for name in ("R_cw", "centre"))
+    tolerance = np.full(len(camera), 10.0)
+    expected = block.copy()
+    expected[[2 * N + a, 2 * N + b]] = b, a
+    same = np.zeros(N, dtype=int)
+    found = adopt(consensus, camera, block, same[block], same, bearing, tangent, tolerance, R, centre)
+    np.testing.assert_array_equal(found, expected)
+    # At another instant nobody may be taken over.
+    apart = np.arange(N)
+    left = adopt(consensus, camera, block, apart[block], apart, bearing, tangent, tolerance, R, centre)
+    expected[[2 * N + a, 2 * N + b]] = -1
+    np.testing.assert_array_equal(left, expected)

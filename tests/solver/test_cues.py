@@ -1,0 +1,177 @@
+"""Scale cues: each pulls the scale to its value, together by their weights, and what contradicts is told."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from passerby.errors import InputError
+from passerby.evaluation.metrics import compare
+from passerby.solver.cues import cue_rows, expected_heights, first_scale, measured, triangulate_marks
+from passerby.solver.people import PeopleOptions
+from passerby.solver.scale import (
+    CameraDistance,
+    CameraHeight,
+    KnownLength,
+    PersonHeight,
+    PopulationHeight,
+    ScaleCues,
+)
+from passerby.solver.solution import Solution
+from person_scenes import part, simulated, solve
+
+TRUTH = simulated("terrace", seconds=8.0)
+SEEN = part(TRUTH.observations)
+QUICK = PeopleOptions(coarse_people=150)
+# What the population says is wrong and hardly believed, so that a cue has to do it alone.
+VAGUE = PopulationHeight(1.95, 0.5)
+TRUE_DISTANCE = float(np.linalg.norm(TRUTH.rig["C1"].centre - TRUTH.rig["C3"].centre))
+TRUE_HEIGHT = float(TRUTH.rig["C2"].centre[2])
+ENDS = np.array([[-1.8, 0.5, 0.0], [1.8, 0.5, 0.0]])
+
+
+def length(metres: float, sd_m: float = 0.01, cameras: tuple[str, ...] = ("C1", "C2", "C3")) -> KnownLength:
+    """3.6 m on the ground, marked to the pixel, whatever `metres` says of it."""
+    return KnownLength(metres, sd_m, {name: np.round(TRUTH.rig[name].project(ENDS)) for name in cameras})
+
+
+def solved(cues: ScaleCues) -> Solution:
+    return solve(TRUTH.rig, SEEN, cues, QUICK)
+
+
+def scale_of(solution: Solution) -> float:
+    ratio = compare(solution.rig, TRUTH.rig).scale_ratio
+    assert ratio is not None
+    return ratio
+
+
+@cache
+def vague_scale() -> float:
+    return scale_of(solved(ScaleCues(VAGUE)))
+
+
+def person(share: float = 1.0) -> PersonHeight:
+    return PersonHeight(2, TRUTH.heights[2] * share, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("name", "cues", "tolerance"),
+    [
+        ("length", ScaleCues(VAGUE, lengths=(length(3.6 * 1.2),)), 0.01),
+        ("distance", ScaleCues(VAGUE, distances=(CameraDistance(("C1", "C3"), TRUE_DISTANCE * 1.2, 0.01),)), 0.01),
+        ("camera height", ScaleCues(VAGUE, camera_heights=(CameraHeight("C2", TRUE_HEIGHT * 1.2, 0.002),)), 0.02),
+        ("height of one person", ScaleCues(VAGUE, (person(1.2),)), 0.04),
+    ],
+)
+def test_each_cue_pulls_the_scale_to_its_value(name: str, cues: ScaleCues, tolerance: float) -> None:
+    """All lengths stated 20 % too long, so the world must come out 20 % too large."""
+    assert abs(vague_scale() - 1.2) > 0.1
+    solution = solved(cues)
+    assert scale_of(solution) == pytest.approx(1.2, rel=tolerance)
+    report = solution.figures["scale"]["cues"]
+    told = [item for item in report if not item["cue"].startswith("population")]
+    assert len(told) == 1
+    assert abs(told[0]["residual_sigmas"]) < 1.5
+    assert told[0]["share"] > 0.9
+    assert name.split()[0] in told[0]["cue"]
+
+
+def test_shares_sum_to_one_and_go_with_the_sigmas() -> None:
+    """Two distances that contradict by a fifth, one known half as well: the scale lies at the weighted mean of the two."""
+    cues = ScaleCues(
+        VAGUE,
+        distances=(
+            CameraDistance(("C1", "C3"), TRUE_DISTANCE, 0.02),
+            CameraDistance(("C1", "C3"), 1.2 * TRUE_DISTANCE, 0.04),
+        ),
+    )
+    solution = solved(cues)
+    report = solution.figures["scale"]["cues"]
+    assert sum(item["share"] for item in report) == pytest.approx(1)
+    first, second = report[-2:]
+    assert scale_of(solution) == pytest.approx(0.8 * 1.0 + 0.2 * 1.2, abs=0.01)
+    assert first["share"] > 2 * second["share"]
+    # Both are told to be contradicted: by 4 % of the distance in 2 cm, by 16 % in 4 cm.
+    assert first["residual_sigmas"] == pytest.approx(0.04 * TRUE_DISTANCE / 0.02, rel=0.3)
+    assert second["residual_sigmas"] == pytest.approx(-0.16 * TRUE_DISTANCE / 0.04, rel=0.3)
+
+
+def test_a_cue_against_precise_people_is_told_with_its_residual() -> None:
+    mean = float(np.mean(list(TRUTH.heights.values())))
+    loose = ScaleCues(PopulationHeight(mean, 0.03), distances=(CameraDistance(("C1", "C3"), 1.3 * TRUE_DISTANCE, 1.0),))
+    solution = solved(loose)
+    population, distance = solution.figures["scale"]["cues"]
+    assert population["cue"].startswith("population of")
+    assert abs(population["residual_sigmas"]) < 2
+    assert distance["residual_sigmas"] < -2
+    assert distance["share"] < 0.3
+    assert distance["measured_m"] == pytest.approx(TRUE_DISTANCE, rel=0.06)
+    assert distance["stated_m"] == pytest.approx(1.3 * TRUE_DISTANCE)
+
+
+def test_the_scales_sigma_shrinks_with_each_cue() -> None:
+    sigmas = [
+        solved(cues).figures["scale"]["relative_sigma"]
+        for cues in (
+            ScaleCues(),
+            ScaleCues(camera_heights=(CameraHeight("C2", TRUE_HEIGHT, 0.02),)),
+            ScaleCues(camera_heights=(CameraHeight("C2", TRUE_HEIGHT, 0.02),), lengths=(length(3.6),)),
+        )
+    ]
+    assert sigmas[0] > sigmas[1] > sigmas[2]
+    assert 0.02 < sigmas[0] < 0.06
+    assert sigmas[2] < 0.01
+
+
+def test_expected_heights_are_those_of_the_named() -> None:
+    mean, sd = expected_heights(ScaleCues(people=(PersonHeight(7, 1.9, 0.01),)), np.array([3, 7, 9]))
+    assert mean.tolist() == [1.72, 1.9, 1.72]
+    assert sd.tolist() == [0.09, 0.01, 0.09]
+
+
+def test_cues_on_cameras_outside_the_rig_are_left_out() -> None:
+    cues = ScaleCues(
+        lengths=(length(3.6, cameras=("C1", "C2")),),
+        distances=(CameraDistance(("C1", "Z"), 5.0, 0.1),),
+        camera_heights=(CameraHeight("Z", 5.0, 0.1),),
+    )
+    rows = cue_rows(cues, TRUTH.rig)
+    assert rows is not None
+    assert rows.n_points == 2
+    assert len(rows.distances) == len(rows.heights) == 0
+    assert cue_rows(ScaleCues(), TRUTH.rig) is None
+    assert cue_rows(ScaleCues(distances=cues.distances), TRUTH.rig) is None
+
+
+def test_rows_measure_the_true_rig() -> None:
+    cues = ScaleCues(
+        lengths=(length(3.0),),
+        distances=(CameraDistance(("C1", "C3"), 1.0, 0.1),),
+        camera_heights=(CameraHeight("C2", 1.0, 0.1),),
+    )
+    rows = cue_rows(cues, TRUTH.rig)
+    R, centre = (np.array([getattr(c.pose, name) for c in TRUTH.rig]) for name in ("R_cw", "centre"))
+    marks = triangulate_marks(rows, R, centre)
+    np.testing.assert_allclose(marks, ENDS, atol=0.03)
+    values = [value for _, value, _, _ in measured(rows, centre, marks)]
+    np.testing.assert_allclose(values, [3.6, TRUE_DISTANCE, TRUE_HEIGHT], atol=0.03)
+
+
+def test_first_scale_weighs_people_against_cues() -> None:
+    """A precise cue wins over a few people, many people over a vague cue."""
+    cue = ScaleCues(distances=(CameraDistance(("C1", "C3"), 2 * TRUE_DISTANCE, 0.001),))
+    vague = ScaleCues(distances=(CameraDistance(("C1", "C3"), 2 * TRUE_DISTANCE, 100.0),))
+    centre = np.array([c.centre for c in TRUTH.rig])
+    marks = np.zeros((0, 3))
+    assert first_scale(cue_rows(cue, TRUTH.rig), centre, marks, 5, 0.05) == pytest.approx(2, abs=0.01)
+    assert first_scale(cue_rows(vague, TRUTH.rig), centre, marks, 5, 0.05) == pytest.approx(1, abs=0.01)
+    assert first_scale(None, centre, marks, 0, 0.05) == 1.0
+
+
+def test_a_mark_that_the_lens_cannot_see_is_refused() -> None:
+    """NaN pixels stand for any mark outside what the lens can express."""
+    marks = {"C1": np.array([[1.0, 2.0], [np.nan, 3.0]]), "C2": np.zeros((2, 2))}
+    with pytest.raises(InputError, match="camera C1"):
+        cue_rows(ScaleCues(lengths=(KnownLength(1.0, 0.1, marks),)), TRUTH.rig)
