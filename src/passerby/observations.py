@@ -28,10 +28,23 @@ BODY_17 = (
 
 
 def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str) -> NDArray[Any]:
-    array: NDArray[Any] = np.array(values, dtype=dtype).reshape(-1, *shape_tail)
-    if not np.isfinite(array).all():
-        row = int(np.argwhere(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))[0, 0])
-        raise InputError(f"{name} of row {row + 1} is not a finite number: {array[row].tolist()}")
+    given = np.asarray(values)
+    if given.size == 0:
+        given = given.reshape(0, *shape_tail)
+    if given.shape[1:] != shape_tail or given.ndim != 1 + len(shape_tail):
+        raise InputError(f"{name} has the shape {given.shape}: (rows, {', '.join(map(str, shape_tail))}) is needed")
+    try:
+        numbers = given.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} does not hold numbers: {error}") from None
+    finite = np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim)))
+    if not finite.all():
+        row = int(np.flatnonzero(~finite)[0])
+        raise InputError(f"{name} of row {row + 1} is not a finite number: {given[row].tolist()}")
+    if np.issubdtype(dtype, np.integer) and (numbers != np.round(numbers)).any():
+        row = int(np.flatnonzero(numbers != np.round(numbers))[0])
+        raise InputError(f"{name} of row {row + 1} is {given[row]}: a whole number is needed")
+    array: NDArray[Any] = np.array(given, dtype=dtype)
     array.setflags(write=False)
     return array
 

@@ -108,12 +108,6 @@ def retract_poses(R: Floats, centre: Floats, step: Floats) -> tuple[Floats, Floa
     return Rotation.from_rotvec(step[:, :3]).as_matrix() @ R, centre + step[:, 3:6]
 
 
-def median_sigma(squared: Floats, dof: int) -> float:
-    """Robust scale of whitened residual norms: the root of their median over that of chi squared with `dof` degrees."""
-    expected = {1: 0.4549, 2: 1.3863, 3: 2.3660}[dof]
-    return float(np.sqrt(np.median(squared) / expected)) if len(squared) else 1.0
-
-
 @dataclass(frozen=True, eq=False)
 class _PointState:
     R: Floats
@@ -187,6 +181,7 @@ def adjust_points(
     residuals = np.empty_like(term.residual)
     residuals[problem.order] = term.residual * problem.observations.sigma_px[:, None]
     sigma2 = problem.observations.sigma_px**2
+    variance = _robust_variance(squared, weight, loss_scale_px, int(np.count_nonzero(free)) + 3 * n_points)
     rms = float(np.sqrt(np.sum(weight * squared * sigma2) / max(np.sum(weight), 1e-12)))
     return PointAdjustment(
         poses=tuple(Pose.from_centre(state.R[c], state.centre[c]) for c in range(n_cameras)),
@@ -195,7 +190,7 @@ def adjust_points(
         rms_px=rms,
         iterations=result.iterations,
         converged=result.converged,
-        pose_covariance=_pose_covariance(result.normal.reduce().H, free.ravel(), n_cameras) * median_sigma(squared, 2) ** 2,
+        pose_covariance=_pose_covariance(result.normal.reduce().H, free.ravel(), n_cameras) * variance,
     )
 
 
@@ -209,6 +204,19 @@ def _rescaled(state: _PointState, start: _PointState, fixed: int) -> _PointState
         return state
     scale = before[far] / now
     return _PointState(state.R, origin + scale * (state.centre - origin), origin + scale * (state.points - origin))
+
+
+def _robust_variance(squared: Floats, weight: Floats, scale: float, unknowns: int) -> float:
+    """What to multiply the inverse of the reweighted normal equations by, for a covariance.
+
+    An M-estimator's covariance is `mean(psi^2) / mean(psi')^2` times the inverse of the unweighted equations, with a
+    correction for the unknowns, each of which absorbs a residual (Huber, *Robust Statistics*, 1981, section 7.6); the weights'
+    mean turns one inverse into the other.
+    """
+    count = 2 * len(squared)
+    spread = 0.5 * np.mean(weight**2 * squared)
+    slope = np.mean(weight - squared * weight**2 / scale**2)
+    return float(spread / slope**2 * np.mean(weight) * count / max(count - unknowns, 1))
 
 
 def _pose_covariance(H: Floats, free: NDArray[np.bool_], n_cameras: int) -> Floats:

@@ -60,7 +60,7 @@ MAX_DISAGREEMENT = 0.15
 # By how much the errors of thirty simulated scenes exceed the adjustment's formal sigma. It takes sightings as independent, but
 # the centre of a box is another point of the body from every side, and stays so for as long as a person walks the same way.
 # Joints are the same points from all sides.
-SIGMA_FACTOR = {"boxes": 4.5, "joints": 1.6}
+SIGMA_FACTOR = {"boxes": 3.5, "joints": 1.25}
 # Of the measured length of standing people, as a share: running people are 1.5 % short, boxes around swinging feet 1 % long.
 STANDING_SD = 0.01
 MIN_INLIER_SHARE = 0.5
