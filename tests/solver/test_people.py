@@ -1,0 +1,285 @@
+"""The person-model solver as a whole against simulated truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Rig
+from passerby.errors import EvidenceError, InputError
+from passerby.evaluation.metrics import Comparison, compare
+from passerby.observations import CameraObservations, Observations
+from passerby.solver.geopose import GeoPoseOptions, solve_geopose
+from passerby.solver.people import PeopleOptions, solve_people
+from passerby.solver.scale import PopulationHeight, ScaleCues
+from passerby.solver.solution import Solution
+from person_scenes import part, simulated, solve, without_poses
+
+PRESETS = ("terrace", "basketball", "construction")
+# Similarity errors with 2 % box noise over 20 seconds: the largest of three seeds was 23.8, 16.7 and 24.3 mm, and 0.158, 0.050
+# and 0.035 degrees; that of 30 % swapped identities 21.2, 17.2 and 25.8 mm.
+WORST = {"terrace": (32, 0.22), "basketball": (24, 0.08), "construction": (32, 0.06)}
+
+
+@cache
+def boxes_only(preset: str, swaps: float = 0.0) -> tuple[Rig, Observations]:
+    truth = simulated(preset, identity_swaps=swaps)
+    return truth.rig, part(truth.observations)
+
+
+@cache
+def solved(preset: str, swaps: float = 0.0) -> Solution:
+    return solve(*boxes_only(preset, swaps))
+
+
+def errors(solution: Solution, truth: Rig) -> tuple[float, float, Comparison]:
+    """Similarity errors: mm and degrees; and all of the comparison."""
+    found = compare(solution.rig, truth)
+    position, orientation = found.similarity.mean_position_mm, found.similarity.mean_orientation_deg
+    assert position is not None
+    assert orientation is not None
+    return position, orientation, found
+
+
+def assert_metric(found: Comparison, *, ground_mm: float = 50.0, gravity_deg: float = 0.3) -> None:
+    """Scale, vertical and ground as they are to be."""
+    assert found.missing == ()
+    assert found.scale_ratio == pytest.approx(1, abs=0.05)
+    assert found.gravity_error_deg is not None
+    assert found.gravity_error_deg < gravity_deg
+    assert found.ground_error_mm is not None
+    assert found.ground_error_mm < ground_mm
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_presets_are_solved_in_shape_scale_vertical_and_ground(preset: str) -> None:
+    solution = solved(preset)
+    position, orientation, found = errors(solution, simulated(preset).rig)
+    assert position < WORST[preset][0]
+    assert orientation < WORST[preset][1]
+    assert_metric(found)
+    assert solution.verdict == "accepted"
+    assert solution.method == "people"
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_third_of_swapped_identities_costs_little(preset: str) -> None:
+    position, orientation, found = errors(solved(preset, 0.3), simulated(preset).rig)
+    clean, _, _ = errors(solved(preset), simulated(preset).rig)
+    assert position < max(1.3 * clean, WORST[preset][0])
+    assert orientation < 1.3 * WORST[preset][1]
+    assert_metric(found)
+
+
+@pytest.mark.parametrize(("preset", "scenes"), [("terrace", 3), ("basketball", 2)])
+def test_not_worse_than_the_faithful_solver(preset: str, scenes: int) -> None:
+    """On the mean of some short scenes: one decides by the luck of its noise (terrace, seed 0: 17.7 against 14.7 mm)."""
+    people, geopose = [], []
+    for seed in range(scenes):
+        truth = simulated(preset, seed=seed)
+        seen = part(truth.observations)
+        people.append(errors(solve(truth.rig, seen) if seed else solved(preset), truth.rig))
+        faithful = solve_geopose(
+            without_poses(truth.rig), seen, ScaleCues(), GeoPoseOptions("C1", points="boxes"), rng=np.random.default_rng(0)
+        )
+        geopose.append(errors(faithful, truth.rig))
+    for number in (0, 1):
+        assert np.mean([e[number] for e in people]) < 1.02 * np.mean([e[number] for e in geopose])
+    ground = [[found.ground_error_mm or 0.0 for _, _, found in solver] for solver in (people, geopose)]
+    assert np.mean(ground[0]) < np.mean(ground[1])
+
+
+def test_the_same_input_and_seed_give_the_same_bits() -> None:
+    first, second = solved("terrace"), solve(*boxes_only("terrace"))
+    for a, b in zip(first.rig, second.rig, strict=True):
+        assert a.pose is not None
+        assert b.pose is not None
+        np.testing.assert_array_equal(a.pose.R_cw, b.pose.R_cw)
+        np.testing.assert_array_equal(a.pose.t_cw, b.pose.t_cw)
+        assert a.sigma is not None
+        assert b.sigma is not None
+        assert a.sigma.position_m == b.sigma.position_m
+    assert first.figures == second.figures
+
+
+def test_no_camera_is_special() -> None:
+    """In another order the cameras come out as the same rig, but for which one stands above the origin."""
+    rig, seen = boxes_only("terrace")
+    order = [2, 0, 3, 1]
+    other = solve(Rig(tuple(rig.cameras[c] for c in order)), seen, seed=5)
+    position, orientation, found = errors(other, solved("terrace").rig)
+    assert position < 1.0
+    assert orientation < 0.01
+    assert found.scale_ratio == pytest.approx(1, abs=0.003)
+    np.testing.assert_allclose(other.rig["C3"].centre[:2], 0, atol=1e-9)
+
+
+def test_the_world_stands_on_the_ground_below_the_first_camera() -> None:
+    first = solved("basketball").rig["C1"]
+    assert first.pose is not None
+    np.testing.assert_allclose(first.centre[:2], 0, atol=1e-9)
+    assert first.centre[2] == pytest.approx(2, abs=0.3)
+    assert first.pose.R_cw[2, 0] == pytest.approx(0, abs=1e-9)
+    assert first.pose.R_cw[2, 1] > 0
+
+
+def test_poses_that_are_handed_in_are_not_read() -> None:
+    """A wrong pose in the input, as a rig file with an old calibration has it, changes nothing."""
+    rig, seen = boxes_only("terrace")
+    turned = rig.moved(np.diag([1.0, -1, -1]), np.array([5.0, 6, 7]), 3.0)
+    solution = solve_people(turned, seen, ScaleCues(), rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(solution.rig["C2"].centre, solved("terrace").rig["C2"].centre)
+
+
+def test_scale_goes_with_the_height_of_people() -> None:
+    rig, seen = boxes_only("terrace")
+    options = PeopleOptions(coarse_people=150)
+    scales = [
+        compare(solve(rig, seen, ScaleCues(PopulationHeight(mean, 0.05)), options).rig, rig).scale_ratio for mean in (1.6, 1.8)
+    ]
+    assert scales[0] is not None
+    assert scales[1] is not None
+    assert scales[1] / scales[0] == pytest.approx(1.8 / 1.6, rel=0.01)
+
+
+def renamed(seen: CameraObservations, by: int) -> CameraObservations:
+    return CameraObservations(replace(seen.boxes, identity=seen.boxes.identity + by))
+
+
+def test_of_two_groups_the_larger_is_registered_and_the_others_are_named() -> None:
+    truth = simulated("terrace", cameras=5, seed=3, seconds=15.0)
+    seen = part(truth.observations)
+    apart = Observations({name: renamed(camera, 100 if name in ("C2", "C5") else 0) for name, camera in seen.cameras.items()})
+    solution = solve(truth.rig, apart)
+    assert solution.rig.names == truth.rig.names
+    assert solution.rig.posed().names == ("C1", "C3", "C4")
+    assert solution.verdict == "doubtful"
+    assert any("C2, C5" in reason and "C1, C3, C4" in reason for reason in solution.reasons), solution.reasons
+    position, _, found = errors(solution, truth.rig)
+    assert position < 45
+    assert found.missing == ("C2", "C5")
+
+
+def test_cameras_that_share_nobody_are_no_rig() -> None:
+    rig, seen = boxes_only("terrace")
+    apart = Observations({name: renamed(camera, 100 * n) for n, (name, camera) in enumerate(seen.cameras.items())})
+    with pytest.raises(EvidenceError, match="no two cameras share 8 sightings"):
+        solve(rig, apart)
+
+
+def test_nobody_at_all_is_no_rig() -> None:
+    rig, seen = boxes_only("terrace")
+    with pytest.raises(EvidenceError):
+        solve(rig, Observations({name: CameraObservations() for name in seen.cameras}))
+    with pytest.raises(EvidenceError):
+        solve(Rig((rig["C1"],)), seen)
+
+
+def test_two_cameras_are_enough() -> None:
+    truth = simulated("terrace", seconds=30.0)
+    pair = Rig((truth.rig["C1"], truth.rig["C3"]))
+    solution = solve(pair, part(truth.observations))
+    _, orientation, found = errors(solution, pair)
+    assert orientation < 0.08  # measured 0.016; of two centres a similarity leaves no position error
+    assert solution.verdict == "accepted"
+    assert_metric(found)
+
+
+def test_joints_alone() -> None:
+    truth = simulated("terrace", seconds=8.0, joint_noise_px=1.0)
+    solution = solve(truth.rig, part(truth.observations, boxes=False, keypoints=True))
+    position, orientation, found = errors(solution, truth.rig)
+    assert position < 6  # measured 3.2
+    assert orientation < 0.05  # measured 0.022
+    assert_metric(found)
+    assert solution.verdict == "accepted"
+
+
+def test_joints_beside_boxes_make_it_better() -> None:
+    truth = simulated("terrace", seconds=8.0, joint_noise_px=1.0)
+    both = errors(solve(truth.rig, truth.observations), truth.rig)
+    alone = errors(solve(truth.rig, part(truth.observations)), truth.rig)
+    assert both[0] < 0.4 * alone[0]  # measured 3.1 and 25.6 mm
+    assert both[1] < 0.4 * alone[1]
+    assert_metric(both[2])
+
+
+def test_people_who_are_taller_than_expected_do_not_bend_the_rig() -> None:
+    truth = simulated("terrace", seconds=15.0, person_height_mean_m=1.9)
+    position, orientation, found = errors(solve(truth.rig, part(truth.observations)), truth.rig)
+    assert position < 50  # measured 32.6
+    assert orientation < 0.3
+    assert found.scale_ratio == pytest.approx(1.72 / 1.9, abs=0.04)
+    assert found.gravity_error_deg is not None
+    assert found.gravity_error_deg < 0.3
+
+
+def test_a_detectors_slack_is_borne() -> None:
+    """It moves the edges and so scale (by 1 / 1.08) and ground, which no picture can tell, but not the shape."""
+    truth = simulated("terrace", seconds=15.0, box_slack=0.04)
+    position, orientation, found = errors(solve(truth.rig, part(truth.observations)), truth.rig)
+    assert position < 30  # measured 16.6
+    assert orientation < 0.2
+    assert found.scale_ratio == pytest.approx(1 / 1.08, abs=0.04)
+    assert found.ground_error_mm is not None
+    assert found.ground_error_mm < 80
+
+
+def test_missing_and_false_boxes_are_borne() -> None:
+    truth = simulated("terrace", seconds=20.0, missing=0.4, false_boxes=0.3)
+    position, orientation, found = errors(solve(truth.rig, part(truth.observations)), truth.rig)
+    assert position < 36  # measured 25.1
+    assert orientation < 0.15
+    assert_metric(found)
+
+
+def test_sigmas_and_figures_are_whole() -> None:
+    solution = solved("construction")
+    for camera in solution.rig:
+        assert camera.sigma is not None
+        assert camera.sigma.covariance is not None
+        assert 0 < camera.sigma.position_m < 1
+        assert 0 < camera.sigma.orientation_deg < 2
+        assert camera.sigma.position_m**2 == pytest.approx(np.trace(camera.sigma.covariance[:3, :3]))
+    assert {camera["name"] for camera in solution.figures["cameras"]} == set(solution.rig.names)
+    assert len(solution.figures["pairs"]) >= 6
+    heights = solution.figures["people"]["heights_m"]
+    truth = simulated("construction").heights
+    scale = compare(solution.rig, simulated("construction").rig).scale_ratio
+    assert scale is not None
+    miss = [height / scale - truth[int(identity)] for identity, height in heights.items()]
+    assert np.median(np.abs(miss)) < 0.04
+
+
+def test_single_heights_are_found() -> None:
+    truth, heights = simulated("terrace").heights, solved("terrace").figures["people"]["heights_m"]
+    assert np.corrcoef([truth[int(i)] for i in heights], list(heights.values()))[0, 1] > 0.95  # measured 0.999
+
+
+@pytest.mark.xfail(strict=True, reason="poses, slack and learnt noise take up a wrong focal length")
+def test_a_camera_with_a_wrong_lens_is_doubted() -> None:
+    """Twice the focal length: off by 1.8 m, and the rig is accepted."""
+    rig, seen = boxes_only("terrace")
+    lens = rig["C2"].lens
+    matrix = lens.matrix.copy()
+    matrix[[0, 1], [0, 1]] *= 2
+    wrong = Rig(tuple(Camera(c.name, replace(lens, matrix=matrix)) if c.name == "C2" else c for c in rig))
+    solution = solve(wrong, seen)
+    assert solution.verdict == "doubtful"
+    assert any("C2" in reason for reason in solution.reasons), solution.reasons
+
+
+@pytest.mark.parametrize("options", [{"rounds": 0}, {"max_sightings": 0}, {"tolerance": 0.0}, {"tolerance": 1.0}])
+def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(options))):
+        PeopleOptions(**options)  # type: ignore[arg-type]
+
+
+def test_a_limit_on_sightings_is_kept_and_costs_little() -> None:
+    rig, seen = boxes_only("construction")
+    solution = solve(rig, seen, options=PeopleOptions(max_sightings=1500))
+    assert solution.figures["rounds"][-1]["sightings"] <= 1500
+    assert errors(solution, rig)[0] < WORST["construction"][0]  # measured 17.4, with all of them 15.3
