@@ -6,6 +6,7 @@ of a point seen near the ray b is `tangent @ d / (b . d)` with `d = R (X - C)` (
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -76,9 +77,10 @@ def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, F
     """
     depth = np.einsum("mi,mi->m", bearing, d)
     # A point behind its ray has no residual; hold the depth above a floor so that the cost is large but finite.
-    depth = np.maximum(depth, _MIN_COSINE * np.linalg.norm(d, axis=1) + 1e-9)
-    residual = (tangent @ d[:, :, None])[:, :, 0] / depth[:, None]
-    by_d = (tangent - residual[:, :, None] * bearing[:, None, :]) / depth[:, None, None]
+    depth = np.maximum(depth, _MIN_COSINE * np.sqrt(np.einsum("mi,mi->m", d, d)) + 1e-9)
+    inverse = 1.0 / depth
+    residual = (tangent[:, :, 0] * d[:, :1] + tangent[:, :, 1] * d[:, 1:2] + tangent[:, :, 2] * d[:, 2:]) * inverse[:, None]
+    by_d = (tangent - residual[:, :, None] * bearing[:, None, :]) * inverse[:, None, None]
     return residual, by_d
 
 
@@ -121,20 +123,40 @@ class _PointProblem:
     def __init__(self, n_cameras: int, n_points: int, observations: PointObservations, loss: Cauchy) -> None:
         order = np.argsort(observations.camera, kind="stable")
         self.order = order
-        self.observations = observations.take(order)
+        self.observations = o = observations.take(order)
         self.loss = loss
         self.layout = Layout(n_cameras, POSE_SIZE, families=(Family(n_points, 3),))
+        # Component by component, each a row of M numbers: many tiny matrices cost more in calls than in arithmetic.
+        self.bearing = np.ascontiguousarray(o.bearing.T)
+        self.tangent = np.ascontiguousarray((o.tangent / o.sigma_px[:, None, None]).transpose(1, 2, 0))
+        bounds = np.searchsorted(o.camera, np.arange(n_cameras + 1))
+        self.rows = [slice(i, j) for i, j in itertools.pairwise(bounds)]
 
     def terms(self, state: _PointState, *, jacobians: bool) -> list[Term]:
-        o = self.observations
-        R = state.R[o.camera]
-        d = (R @ (state.points[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
-        residual, by_d = project_near(o.bearing, o.tangent, d)
-        residual = residual / o.sigma_px[:, None]
+        """The residuals of `project_near`, in sigmas, and their Jacobians, laid out by component."""
+        o, bearing, tangent = self.observations, self.bearing, self.tangent
+        count = len(o.camera)
+        world = np.ascontiguousarray(state.points.T)
+        d = np.empty((3, count))
+        for c, rows in enumerate(self.rows):
+            np.matmul(state.R[c], np.take(world, o.point[rows], axis=1) - state.centre[c][:, None], out=d[:, rows])
+        depth = (bearing * d).sum(axis=0)
+        depth = np.maximum(depth, _MIN_COSINE * np.sqrt((d * d).sum(axis=0)) + 1e-9)
+        inverse = 1.0 / depth
+        r = (tangent[:, 0] * d[0] + tangent[:, 1] * d[1] + tangent[:, 2] * d[2]) * inverse
         if not jacobians:
-            return [Term(residual, self.loss)]
-        by_camera, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
-        return [Term(residual, self.loss, camera=o.camera, by_camera=by_camera, block=o.point, by_block=by_point)]
+            return [Term(r.T, self.loss)]
+        by_pose = np.empty((2, POSE_SIZE, count))
+        by_d = (tangent - r[:, None] * bearing) * inverse
+        # g . (d x w) = w . (g x d); the residual's derivative by the rotation is its negative
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            by_pose[:, i] = d[j] * by_d[:, k] - d[k] * by_d[:, j]
+        by_point = np.empty((2, 3, count))
+        for c, rows in enumerate(self.rows):
+            by_point[:, :, rows] = state.R[c].T @ by_d[:, :, rows]
+        np.negative(by_point, out=by_pose[:, 3:])
+        by_camera, by_block = by_pose.transpose(2, 0, 1), by_point.transpose(2, 0, 1)
+        return [Term(r.T, self.loss, camera=o.camera, by_camera=by_camera, block=o.point, by_block=by_block)]
 
     def retract(self, state: _PointState, step: Step) -> _PointState:
         R, centre = retract_poses(state.R, state.centre, step.shared.reshape(-1, POSE_SIZE))

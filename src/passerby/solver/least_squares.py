@@ -236,11 +236,12 @@ class NormalEquations:
             if bounds[c] == bounds[c + 1]:
                 continue
             own = slice(c * p, (c + 1) * p)
-            flat = J_c[rows].reshape(-1, p)
-            self.H[own, own] += flat.T @ flat
-            self.gradient[own] += flat.T @ r[rows].ravel()
+            for component in range(r.shape[1]):  # no copy, whatever the order of the axes in memory
+                flat = J_c[rows, component]
+                self.H[own, own] += flat.T @ flat
+                self.gradient[own] += flat.T @ r[rows, component]
             if J_g is not None:
-                cross = flat.T @ J_g[rows].reshape(flat.shape[0], -1)
+                cross = J_c[rows].reshape(-1, p).T @ J_g[rows].reshape(-1, J_g.shape[2])
                 self.H[own, g] += cross
                 self.H[g, own] += cross.T
             if J_p is not None and group is not None:
@@ -254,14 +255,27 @@ class NormalEquations:
         assert term.block is not None
         family = self.layout.families[term.family]
         d, n = family.size, family.count
+        # Component by component: products of tiny matrices cost more in calls than in arithmetic.
         J_bt = J_b.transpose(0, 2, 1)
-        self._V[term.family] += _sum_rows(term.block, (J_bt @ J_b).reshape(-1, d * d), n).reshape(n, d, d)
-        self._g[term.family] += _sum_rows(term.block, (J_bt @ r[:, :, None])[:, :, 0], n)
+        V, g = self._V[term.family], self._g[term.family]
+        B, residual = np.ascontiguousarray(J_b.transpose(1, 2, 0)), np.ascontiguousarray(r.T)
+        for i in range(d):
+            g[:, i] += np.bincount(term.block, (B[:, i] * residual).sum(axis=0), n)
+            for j in range(i, d):
+                entry = np.bincount(term.block, (B[:, i] * B[:, j]).sum(axis=0), n)
+                V[:, i, j] += entry
+                if j > i:
+                    V[:, j, i] += entry
         if J_p is not None:
             self._w[term.family] += _sum_rows(term.block, (J_bt @ J_p[:, :, None])[:, :, 0], n)
         if J_c is not None and term.camera is not None:
+            C = np.ascontiguousarray(J_c.transpose(1, 2, 0))
             place = term.block * self.layout.n_cameras + term.camera
-            self._W[term.family][place] += (J_bt @ J_c).reshape(len(place), -1)
+            cells = np.empty((len(place), d, C.shape[1]))
+            for i in range(d):
+                for j in range(C.shape[1]):
+                    cells[:, i, j] = (B[:, i] * C[:, j]).sum(axis=0)
+            self._W[term.family][place] += cells.reshape(len(place), -1)
         if J_g is not None:
             g = J_g.shape[2]
             self._W_globals[term.family] += _sum_rows(term.block, (J_bt @ J_g).reshape(-1, d * g), n).reshape(n, d, g)
