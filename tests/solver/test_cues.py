@@ -9,7 +9,7 @@ import pytest
 
 from passerby.errors import InputError
 from passerby.evaluation.metrics import compare
-from passerby.solver.cues import cue_rows, expected_heights, first_scale, measured, triangulate_marks
+from passerby.solver.cues import POPULATION_BIAS, cue_rows, expected_heights, first_scale, measured, triangulate_marks
 from passerby.solver.people import PeopleOptions
 from passerby.solver.scale import (
     CameraDistance,
@@ -26,7 +26,7 @@ TRUTH = simulated("terrace", seconds=8.0)
 SEEN = part(TRUTH.observations)
 QUICK = PeopleOptions(coarse_people=150)
 # What the population says is wrong and hardly believed, so that a cue has to do it alone.
-VAGUE = PopulationHeight(1.95, 0.5)
+VAGUE = PopulationHeight(1.5, 0.5)
 TRUE_DISTANCE = float(np.linalg.norm(TRUTH.rig["C1"].centre - TRUTH.rig["C3"].centre))
 TRUE_HEIGHT = float(TRUTH.rig["C2"].centre[2])
 ENDS = np.array([[-1.8, 0.5, 0.0], [1.8, 0.5, 0.0]])
@@ -128,7 +128,9 @@ def test_the_scales_sigma_shrinks_with_each_cue() -> None:
 def test_expected_heights_are_those_of_the_named() -> None:
     mean, sd = expected_heights(ScaleCues(people=(PersonHeight(7, 1.9, 0.01),)), np.array([3, 7, 9]))
     assert mean.tolist() == [1.72, 1.9, 1.72]
-    assert sd.tolist() == [0.09, 0.01, 0.09]
+    assert sd[1] == 0.01
+    # The mean of the two others is known to their own spread and to what all people have in common.
+    assert sd[0] / np.sqrt(2) == pytest.approx(np.hypot(0.09 / np.sqrt(2), POPULATION_BIAS * 1.72))
 
 
 def test_cues_on_cameras_outside_the_rig_are_left_out() -> None:

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 _CYCLE_ANGLE = np.deg2rad(6.0)
 _CYCLE_SHARE = 0.25
 # What a guess is worth that no third camera speaks for.
-_ALONE = 0.05
+_ALONE = 0.02
 
 
 def components(n_cameras: int, hypotheses: Sequence[PairHypothesis], min_inliers: int) -> list[list[int]]:
@@ -63,8 +63,7 @@ def _agreement(h: PairHypothesis, first: PairHypothesis, second: PairHypothesis)
     turn = float(angle_between(R, h.R_ba)) / _CYCLE_ANGLE
     reach = np.linalg.norm(first.t_ba) + np.linalg.norm(second.t_ba) + np.linalg.norm(h.t_ba)
     shift = float(np.linalg.norm(t - h.t_ba) / (_CYCLE_SHARE * 0.5 * reach))
-    trust = min(first.inliers / max(first.matches, 1), second.inliers / max(second.matches, 1))
-    return trust * float(np.exp(-0.5 * (turn**2 + shift**2)))
+    return float(np.exp(-0.5 * (turn**2 + shift**2)))
 
 
 def candidate_trees(

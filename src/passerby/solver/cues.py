@@ -28,9 +28,14 @@ Lengths came out 4 to 11 % short on five real sets, whose boxes and joints reach
 
 
 def expected_heights(cues: ScaleCues, identities: Ints) -> tuple[Floats, Floats]:
-    """Prior mean and standard deviation of each person's standing height, metres: (P,), (P,)."""
+    """Prior mean and standard deviation of each person's standing height, metres: (P,), (P,).
+
+    What all people have in common does not shrink with their number: each one's standard deviation is widened so that the
+    mean of all is known to no better than `POPULATION_BIAS`.
+    """
     mean = np.full(len(identities), cues.population.mean_m)
-    sd = np.full(len(identities), cues.population.sd_m)
+    unnamed = len(identities) - int(np.isin(identities, [cue.identity for cue in cues.people]).sum())
+    sd = np.full(len(identities), np.hypot(cues.population.sd_m, np.sqrt(unnamed) * POPULATION_BIAS * cues.population.mean_m))
     for cue in cues.people:
         known = identities == cue.identity
         mean[known], sd[known] = cue.metres, cue.sd_m
@@ -110,7 +115,7 @@ def measured(rows: CueRows | None, centre: Floats, marks: Floats) -> list[tuple[
 
 def first_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
     """The factor that brings lengths built on people's height nearest to the cues, all weighed by their relative precision."""
-    logs, weights = [0.0], [1.0 / (population_sd**2 / max(n_people, 1) + POPULATION_BIAS**2)]
+    logs, weights = [0.0], [max(n_people, 1) / population_sd**2]
     for _, value, stated, sd in measured(rows, centre, marks):
         if value > 1e-3:
             logs.append(np.log(stated / value))
@@ -124,14 +129,14 @@ def report_pull(
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
-    population count as one cue, with what they have in common (`POPULATION_BIAS`) in its sigma.
+    population count as one cue.
     """
     known = {cue.identity for cue in cues.people}
     named = np.array([identity in known for identity in seen], dtype=bool)
     found: list[tuple[str, float, float, float]] = []
     if (~named).any():
         count = int(np.count_nonzero(~named))
-        spread = float(np.hypot(np.mean(sd[~named]) / np.sqrt(count), POPULATION_BIAS * np.mean(mean[~named])))
+        spread = float(np.mean(sd[~named]) / np.sqrt(count))
         found.append((f"population of {count}", float(np.mean(heights[~named])), float(np.mean(mean[~named])), spread))
     for i in np.flatnonzero(named):
         found.append((f"height of person {seen[i]}", float(heights[i]), float(mean[i]), float(sd[i])))

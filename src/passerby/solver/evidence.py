@@ -214,7 +214,7 @@ def _shared_instants(
 ) -> tuple[Ints, Ints, Ints]:
     """Rows of person-instants that two cameras saw, their block number, and (identity, frame) of each block.
 
-    Above the limit whole person-instants are drawn, those seen by more cameras first among equals of a random order.
+    Above the limit whole person-instants are drawn at random.
     """
     if len(frame) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.int64)

@@ -391,6 +391,6 @@ def _figures(start: _Start, choice: _Choice, fit: _Fit, covariance: RigCovarianc
                 str(start.evidence.identities[p]): float(state.heights[p]) for p in np.unique(model.problem.person)
             },
         },
-        "foot_shift_m": float(state.globals[0]), "scale": scale | {"relative_sigma": covariance.scale},
+        "foot_shift": float(state.globals[0]), "scale": scale | {"relative_sigma": covariance.scale},
         "vertical_sigma_deg": covariance.vertical_deg, "covariance_inflation": covariance.inflation,
     }  # fmt: skip

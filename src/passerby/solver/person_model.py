@@ -99,8 +99,9 @@ class Priors:
     high: float = 0.06
     """The highest point's distance from standing height, the same: gait, a bent neck, shoes."""
     slack: float = 0.05
-    foot_shift_m: float = 0.10
-    foot_shift_sd_m: float = 0.05
+    foot_shift: float = 0.08
+    """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the person's height."""
+    foot_shift_sd: float = 0.04
     stance_loss: float = 2.0
 
 
@@ -123,7 +124,7 @@ class PeopleState:
     slack: Floats
     """(C,) boxes are taller than people by this factor, as a logarithm; 0 on the mean."""
     globals: Floats
-    """Foot shift (metres), then three coordinates per marked point."""
+    """Foot shift (share of the height), then three coordinates per marked point."""
     heights: Floats
     """(P,) standing heights, metres."""
     people: Floats
@@ -196,7 +197,9 @@ class PeopleProblem:
         toward = C[:, :2] - body[:, :2]
         distance = np.maximum(np.linalg.norm(toward, axis=1), 0.1)
         toward = toward / distance[:, None]
-        moved = (shift * s.has_foot)[:, None]
+        person = self.person[s.block]
+        height_of = state.heights[person]
+        moved = (shift * s.has_foot * height_of)[:, None]
         bottom = np.column_stack([body[:, :2] + moved * toward, body[:, LOW] + s.bottom_fraction * length])
         d_top = (R @ (top - C)[:, :, None])[:, :, 0]
         d_bottom = (R @ (bottom - C)[:, :, None])[:, :, 0]
@@ -220,7 +223,7 @@ class PeopleProblem:
         top_by_block = _by_body(top_by_point, s.top_fraction)
         bottom_by_block = _by_body(bottom_by_point, s.bottom_fraction)
         bottom_by_block[:, :, :2] -= lean
-        bottom_by_shift = (bottom_by_point[:, :, :2] @ toward[:, :, None])[:, :, 0] * s.has_foot[:, None]
+        bottom_by_reach = (bottom_by_point[:, :, :2] @ toward[:, :, None]) * s.has_foot[:, None, None]
         n, n_globals = len(s), len(state.globals)
 
         def rows(by_top: Floats, by_bottom: Floats, k: int) -> Floats:
@@ -234,12 +237,14 @@ class PeopleProblem:
             by_camera = np.zeros((n, k, CAMERA_SIZE))
             by_camera[:, :, :POSE_SIZE] = rows(top_by_pose, bottom_by_pose, k)
             by_globals = np.zeros((n, k, n_globals))
-            by_globals[:, :, FOOT_SHIFT] = rows(np.zeros((n, 2, 1)), bottom_by_shift[:, :, None], k)[:, :, 0]
+            by_reach = rows(np.zeros((n, 2, 1)), bottom_by_reach, k)[:, :, 0]
+            by_globals[:, :, FOOT_SHIFT] = by_reach * height_of[:, None]
             if k == 1:
                 by_camera[:, 0, SLACK] = height_weight
             terms.append(
                 Term(residual, loss, camera=s.camera, by_camera=by_camera, family=UPRIGHT, block=s.block,
-                     by_block=rows(top_by_block, bottom_by_block, k), by_globals=by_globals)
+                     by_block=rows(top_by_block, bottom_by_block, k), by_globals=by_globals, group=person,
+                     by_group=by_reach * shift)
             )  # fmt: skip
         return terms
 
@@ -253,11 +258,13 @@ class PeopleProblem:
         height = np.maximum(state.heights[self.person], 0.05)
         low, high = state.people[:, LOW] / height, state.people[:, HIGH] / height
         root = np.sqrt(self.stance_weight) / self.priors.high
-        # A person who is down still has a length: a weak pull keeps the free end from running away.
+        # A person who is down still has a length: a weak pull keeps the free end from running away. On those who stand it would
+        # pull as well, and make everybody 1 % taller.
+        down = np.sqrt(1 - self.stance_weight) / CROUCHED_SD
         rows = (
             (low / self.priors.low, loss, 1 / self.priors.low * np.ones(n), 0.0),
             ((high - GAIT_SHARE) * root, loss, 0.0, root),
-            ((high - low - CROUCHED) / CROUCHED_SD, None, -1 / CROUCHED_SD, 1 / CROUCHED_SD),
+            ((high - low - CROUCHED) * down, None, -down, down),
         )
         terms = []
         for residual, row_loss, by_low, by_high in rows:
@@ -292,8 +299,8 @@ class PeopleProblem:
         by_slack[np.arange(n), 0, np.arange(n) * CAMERA_SIZE + SLACK] = 1 / self.priors.slack
         by_slack[n, 0, np.arange(n) * CAMERA_SIZE + SLACK] = 1 / (n * MEAN_SLACK_SD)
         by_shift = np.zeros((1, 1, layout.n_shared))
-        by_shift[0, 0, n * CAMERA_SIZE + FOOT_SHIFT] = 1 / self.priors.foot_shift_sd_m
-        shift = (state.globals[FOOT_SHIFT] - self.priors.foot_shift_m) / self.priors.foot_shift_sd_m
+        by_shift[0, 0, n * CAMERA_SIZE + FOOT_SHIFT] = 1 / self.priors.foot_shift_sd
+        shift = (state.globals[FOOT_SHIFT] - self.priors.foot_shift) / self.priors.foot_shift_sd
         people = np.arange(len(self.height_mean))
         return [
             Term(slack[:, None], by_shared=by_slack),

@@ -44,7 +44,7 @@ class RigState:
     @classmethod
     def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats) -> RigState:
         """A first state: people as tall as expected, no slack."""
-        return cls(R, centre, height_mean.copy(), np.zeros(len(R)), np.concatenate([[priors.foot_shift_m], marks.ravel()]))
+        return cls(R, centre, height_mean.copy(), np.zeros(len(R)), np.concatenate([[priors.foot_shift], marks.ravel()]))
 
 
 @dataclass(frozen=True, eq=False)
