@@ -40,9 +40,10 @@ _HEAD = """# Simulated scenes
 identities given: the mean over {seeds} seeds, and the worst seed. *aim* is half of *acceptable*; the error of the scale counts
 too (3 % and 1.5 %)."""
 
-_GEOPOSE = """The paper's solver (`method = "geopose"`) on the same scenes, with the scene file's prior of a 1.72 m person, the mean
-of those whom the simulated people are drawn from (the paper's 1.75 m would be 1.7 % too long here from the start). *metric*: the reference camera held. *paper*: its own figures on the real
-scenes. The last column: seeds on which the person model's similarity error is no larger than GeoPose's."""
+_GEOPOSE = """The paper's solver (`method = "geopose"`) on the same scenes, with the scene file's prior of a 1.72 m person, the
+mean of those whom the simulated people are drawn from (the paper's 1.75 m would be 1.7 % too long here from the start).
+*metric*: the reference camera held. *paper*: its own figures on the real scenes. The last column: seeds on which the person
+model's similarity error is no larger than GeoPose's."""
 
 
 def _people(results: dict[str, list[Calibrated]]) -> str:
