@@ -261,7 +261,7 @@ def test_single_heights_are_found() -> None:
 
 @pytest.mark.xfail(strict=True, reason="poses, slack and learnt noise take up a wrong focal length")
 def test_a_camera_with_a_wrong_lens_is_doubted() -> None:
-    """Twice the focal length: off by 1.8 m, and the rig is accepted."""
+    """Twice the focal length: the camera would be off by 1.8 m."""
     rig, seen = boxes_only("terrace")
     lens = rig["C2"].lens
     matrix = lens.matrix.copy()

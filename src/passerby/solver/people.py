@@ -22,6 +22,7 @@ from passerby.solver.assembly import candidate_trees, components, cycle_support,
 from passerby.solver.cues import cue_rows, expected_heights, first_scale, report_pull, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.least_squares import Result, Stopping
+from passerby.solver.lens_check import FocalCheck, check_focals
 from passerby.solver.pairs import MIN_MATCHES, PairHypothesis, pair_hypotheses
 from passerby.solver.person_model import Noise, PeopleState, Priors
 from passerby.solver.refinement import AGREE_SIGMAS, Knowledge, Model, RigState, adjust, build_model, learn_noise, rig_of
@@ -123,11 +124,19 @@ def solve_people(
     choice = _choose(start, options, rng)
     fit = _descend(start, choice.state, options, rng)
     covariance, cue_report = _sure(start, fit, cues)
+    focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
-    reasons = [*start.evidence.notes, *reasons, *choice.doubts, *_doubts(start, fit, covariance), *_contradictions(cue_report)]
+    reasons = [
+        *start.evidence.notes,
+        *reasons,
+        *choice.doubts,
+        *_doubts(start, fit, covariance),
+        *_contradictions(cue_report),
+        *_wrong_lenses(focals),
+    ]
     verdict: Verdict = "doubtful" if reasons else "accepted"
-    figures = _figures(start, choice, fit, covariance, cue_report)
+    figures = _figures(start, choice, fit, covariance, cue_report, focals)
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(reasons), figures)
 
 
@@ -339,6 +348,15 @@ def _doubts(start: _Start, fit: _Fit, covariance: RigCovariance) -> list[str]:
     return out
 
 
+def _wrong_lenses(focals: list[FocalCheck]) -> list[str]:
+    return [
+        f"camera {check.camera}: people fit a focal length {100 * abs(np.expm1(check.change)):.0f} % "
+        f"{'longer' if check.change > 0 else 'shorter'} than stated: check its intrinsics"
+        for check in focals
+        if check.wrong
+    ]
+
+
 def _contradictions(scale: dict[str, Any]) -> list[str]:
     return [
         f"the scale cue '{cue['cue']}' says {cue['stated_m']:.3f} m, but the rest makes it {cue['measured_m']:.3f} m, "
@@ -348,7 +366,9 @@ def _contradictions(scale: dict[str, Any]) -> list[str]:
     ]
 
 
-def _figures(start: _Start, choice: _Choice, fit: _Fit, covariance: RigCovariance, scale: dict[str, Any]) -> dict[str, Any]:
+def _figures(
+    start: _Start, choice: _Choice, fit: _Fit, covariance: RigCovariance, scale: dict[str, Any], focals: list[FocalCheck]
+) -> dict[str, Any]:
     """JSON-ready figures of every stage."""
     state, model, rig = fit.result.state, fit.model, start.rig
     support = cycle_support(start.hypotheses, len(rig))
@@ -367,6 +387,7 @@ def _figures(start: _Start, choice: _Choice, fit: _Fit, covariance: RigCovarianc
                 "joints": int(np.count_nonzero(model.problem.joints.camera == c)),
                 "median_residual_px": float(np.median(residual_px[own])) if own.any() else None,
                 "slack": float(state.slack[c]),
+                "focal_change": focals[c].change, "focal_change_sigma": focals[c].sigma,
                 "shape_position_sigma_mm": 1000 * within.position_m,
                 "shape_orientation_sigma_deg": within.orientation_deg,
                 "own_level": None if level is None else {"height_m": level.height, "residual": level.residual},

@@ -71,7 +71,7 @@ def rig_covariance(
         inflation: how many times less the sightings tell than as many independent ones would; priors are not touched by it.
         scale_sigma: relative standard deviation of the scale, from all cues and what people have in common.
     """
-    H = NormalEquations(layout, [_deflated(term, inflation) for term in terms]).reduce().H
+    H = NormalEquations(layout, [deflated(term, inflation) for term in terms]).reduce().H
     n = len(H)
     constraint = _placement_freedoms(state, n)
     centres_only = _only_centres(constraint, len(state.R))
@@ -101,7 +101,7 @@ def rig_covariance(
     )  # fmt: skip
 
 
-def _deflated(term: Term, inflation: float) -> Term:
+def deflated(term: Term, inflation: float) -> Term:
     """The term at its robust weights; rows about people and joints, which follow one another, count less by the inflation."""
     squared = np.einsum("mk,mk->m", term.residual, term.residual)
     weight = term.loss.weight(squared) if term.loss is not None else np.ones(len(squared))
