@@ -259,7 +259,6 @@ def test_single_heights_are_found() -> None:
     assert np.corrcoef([truth[int(i)] for i in heights], list(heights.values()))[0, 1] > 0.95  # measured 0.999
 
 
-@pytest.mark.xfail(strict=True, reason="poses, slack and learnt noise take up a wrong focal length")
 def test_a_camera_with_a_wrong_lens_is_doubted() -> None:
     """Twice the focal length: the camera would be off by 1.8 m."""
     rig, seen = boxes_only("terrace")
