@@ -13,7 +13,7 @@ from passerby.geometry.single_view import Level
 from passerby.observations import Observations
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.pairs import PairHypothesis, body_lengths, pair_hypotheses, shared_rows
-from passerby.solver.people import _level
+from passerby.solver.stages import level_of
 from person_scenes import observe, part, ring, simulated
 
 BODY = 1.72
@@ -21,7 +21,7 @@ PAIRS = [(a, b) for a in range(4) for b in range(a + 1, 4)]
 
 
 def hypotheses(rig: Rig, evidence: Evidence, body_m: float = BODY) -> list[PairHypothesis]:
-    levels = [_level(evidence, c, body_m, np.random.default_rng(0)) for c in range(len(rig))]
+    levels = [level_of(evidence, c, body_m, np.random.default_rng(0)) for c in range(len(rig))]
     focal = np.array([camera.lens.focal for camera in rig])
     return pair_hypotheses(evidence, levels, focal, body_m, np.random.default_rng(0))
 

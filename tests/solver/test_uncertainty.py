@@ -12,11 +12,11 @@ from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.observations import CameraObservations, Observations
-from passerby.solver import people
 from passerby.solver.people import PeopleOptions
 from passerby.solver.person_model import PeopleProblem, PeopleState
 from passerby.solver.scale import CameraHeight, ScaleCues
 from passerby.solver.solution import Solution
+from passerby.solver.stages import Start, choose, descend
 from passerby.solver.uncertainty import RigCovariance, rig_covariance
 from person_scenes import part, simulated, solve, without_poses
 
@@ -29,8 +29,8 @@ def optimum() -> tuple[PeopleProblem, PeopleState]:
     truth = simulated("terrace", seconds=6.0)
     cues = ScaleCues(camera_heights=(CameraHeight("C2", float(truth.rig["C2"].centre[2]), 0.02),))
     rng = np.random.default_rng(0)
-    start = people._Start.prepare(without_poses(truth.rig), part(truth.observations), cues, QUICK, rng)
-    fit = people._descend(start, people._choose(start, QUICK, rng).state, QUICK, rng)
+    start = Start.prepare(without_poses(truth.rig), part(truth.observations), cues, QUICK, rng)
+    fit = descend(start, choose(start, QUICK, rng).state, QUICK, rng)
     return fit.model.problem, fit.result.state
 
 

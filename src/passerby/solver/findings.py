@@ -1,0 +1,140 @@
+"""What speaks for and against a solved rig: doubts with their mends, and the figures of every stage."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.cameras import Rig
+from passerby.solver.assembly import cycle_support
+from passerby.solver.lens_check import FocalCheck
+from passerby.solver.stages import Choice, Fit, Start
+from passerby.solver.uncertainty import RigCovariance
+
+Floats = NDArray[np.float64]
+
+# A pose whose sigma exceeds these is no calibration: of the rig's extent, and in degrees.
+_MAX_POSITION_SHARE = 0.05
+_MAX_ORIENTATION_DEG = 2.0
+_MAX_VERTICAL_DEG = 5.0
+_MAX_CUE_SIGMAS = 4.0
+_MIN_AGREEING = 0.4
+_MIN_SIGHTINGS = 20
+
+
+def apart(rig: Rig, groups: list[list[int]]) -> list[str]:
+    """The groups of cameras that nobody joins to the largest one."""
+    names = [", ".join(rig.names[c] for c in group) for group in groups]
+    return [
+        f"{'cameras' if len(group) > 1 else 'camera'} {name} could not be joined to {names[0]}: too few of the same people "
+        "were seen by both at the same instants; record people who walk through both views"
+        for group, name in zip(groups[1:], names[1:], strict=True)
+    ]
+
+
+def doubts_about(start: Start, fit: Fit, covariance: RigCovariance) -> list[str]:
+    """What speaks against the optimum, by camera."""
+    out = []
+    state, model, rig = fit.result.state, fit.model, start.rig
+    total = np.bincount(start.evidence.sightings.camera, minlength=len(rig)) + np.bincount(
+        start.evidence.joints.camera, minlength=len(rig)
+    )
+    used = np.bincount(model.problem.sightings.camera, minlength=len(rig)) + np.bincount(
+        model.problem.joints.camera, minlength=len(rig)
+    )
+    extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
+    for c, camera in enumerate(rig):
+        sigma = covariance.shape_sigma(c)
+        if used[c] < _MIN_SIGHTINGS:
+            out.append(f"camera {camera.name} rests on {used[c]} sightings only: record more people in its view")
+        elif used[c] < _MIN_AGREEING * total[c]:
+            out.append(
+                f"camera {camera.name}: only {used[c]} of {total[c]} sightings agree with the rig: check its intrinsics, its "
+                "clock and the identities"
+            )
+        if sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > _MAX_ORIENTATION_DEG:
+            out.append(
+                f"camera {camera.name} is uncertain by {1000 * sigma.position_m:.0f} mm and {sigma.orientation_deg:.1f} "
+                "degrees: record longer, or people nearer to it and in more places"
+            )
+    if covariance.vertical_deg > _MAX_VERTICAL_DEG:
+        out.append(
+            f"the vertical is uncertain by {covariance.vertical_deg:.1f} degrees: record people who walk about, "
+            "seen from head to feet"
+        )
+    if not fit.result.converged:
+        out.append("the adjustment did not converge: raise [solver.options] max_iterations")
+    return out
+
+
+def wrong_lenses(focals: list[FocalCheck]) -> list[str]:
+    """The cameras whose focal length contradicts the people."""
+    return [
+        f"camera {check.camera}: people fit a focal length {100 * abs(np.expm1(check.change)):.0f} % "
+        f"{'longer' if check.change > 0 else 'shorter'} than stated: check its intrinsics"
+        for check in focals
+        if check.wrong
+    ]
+
+
+def contradictions(scale: dict[str, Any]) -> list[str]:
+    """The scale cues that contradict the rest."""
+    return [
+        f"the scale cue '{cue['cue']}' says {cue['stated_m']:.3f} m, but the rest makes it {cue['measured_m']:.3f} m, "
+        f"{abs(cue['residual_sigmas']):.0f} sigmas off: check it"
+        for cue in scale["cues"]
+        if abs(cue["residual_sigmas"]) > _MAX_CUE_SIGMAS
+    ]
+
+
+def figures_of(
+    start: Start, choice: Choice, fit: Fit, covariance: RigCovariance, scale: dict[str, Any], focals: list[FocalCheck]
+) -> dict[str, Any]:
+    """JSON-ready figures of every stage."""
+    state, model, rig = fit.result.state, fit.model, start.rig
+    support = cycle_support(start.hypotheses, len(rig))
+    sightings = model.problem.sightings
+    terms = model.problem.terms(state, jacobians=False)
+    residual_px = np.linalg.norm(terms[0].residual, axis=1) * model.problem.centre_sigma() if len(sightings) else np.zeros(0)
+    cameras = []
+    for c, camera in enumerate(rig):
+        own = sightings.camera == c
+        level = start.levels[c]
+        within = covariance.shape_sigma(c)
+        cameras.append(
+            {
+                "name": camera.name, "sightings": int(np.count_nonzero(start.evidence.sightings.camera == c)),
+                "agreeing": int(np.count_nonzero(own)),
+                "joints": int(np.count_nonzero(model.problem.joints.camera == c)),
+                "median_residual_px": float(np.median(residual_px[own])) if own.any() else None,
+                "slack": float(state.slack[c]),
+                "focal_change": focals[c].change, "focal_change_sigma": focals[c].sigma,
+                "shape_position_sigma_mm": 1000 * within.position_m,
+                "shape_orientation_sigma_deg": within.orientation_deg,
+                "own_level": None if level is None else {"height_m": level.height, "residual": level.residual},
+            }
+        )  # fmt: skip
+    noise = fit.noise
+    return {
+        "cameras": cameras,
+        "pairs": [
+            {
+                "cameras": [rig.names[h.a], rig.names[h.b]], "route": h.route, "inliers": h.inliers, "matches": h.matches,
+                "support": float(agreement),
+            }
+            for h, agreement in zip(start.hypotheses, support, strict=True)
+        ],
+        "trees": choice.candidates, "tree": choice.tree, "rounds": fit.rounds,
+        "noise": {"floor_px": noise.floor_px, "centre": noise.centre, "height": noise.height, "joint": noise.joint},
+        "people": {
+            "identities": len(np.unique(model.problem.person)), "instants": len(model.problem.person),
+            "standing": float(np.mean(fit.stance[model.blocks])) if len(model.blocks) else None,
+            "heights_m": {
+                str(start.evidence.identities[p]): float(state.heights[p]) for p in np.unique(model.problem.person)
+            },
+        },
+        "foot_shift": float(state.globals[0]), "scale": scale | {"relative_sigma": covariance.scale},
+        "vertical_sigma_deg": covariance.vertical_deg, "covariance_inflation": covariance.inflation,
+    }  # fmt: skip

@@ -1,0 +1,295 @@
+"""Normal equations in three levels of unknowns, and their reduction to the cameras' (see `least_squares`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_TINY = 1e-12
+
+
+@dataclass(frozen=True)
+class Cauchy:
+    """The Cauchy loss on whitened residuals: a row at `scale` sigmas has half its weight; far outliers are let go."""
+
+    scale: float
+
+    def cost(self, squared: Floats) -> Floats:
+        """Half the robust cost of squared norms (M,)."""
+        c2 = self.scale**2
+        return 0.5 * c2 * np.log1p(squared / c2)
+
+    def weight(self, squared: Floats) -> Floats:
+        """IRLS weights (M,) of squared norms (M,)."""
+        weight: Floats = 1.0 / (1.0 + squared / self.scale**2)
+        return weight
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """A family of `count` blocks of `size` unknowns; `group` (count,) is each block's group, or None."""
+
+    count: int
+    size: int
+    group: Ints | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The sizes of the three levels of unknowns."""
+
+    n_cameras: int
+    camera_size: int
+    n_globals: int = 0
+    n_groups: int = 0
+    families: tuple[Family, ...] = ()
+
+    @property
+    def n_shared(self) -> int:
+        """Number of shared unknowns: cameras first, globals behind."""
+        return self.n_cameras * self.camera_size + self.n_globals
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """M rows of k whitened residuals with their Jacobians, as far as they depend on each level.
+
+    Within one term a (block, camera) pair stands at most once.
+    """
+
+    residual: Floats
+    """(M, k)"""
+    loss: Cauchy | None = None
+    camera: Ints | None = None
+    """(M,), sorted in ascending order."""
+    by_camera: Floats | None = None
+    """(M, k, camera_size)"""
+    family: int = 0
+    block: Ints | None = None
+    """(M,)"""
+    by_block: Floats | None = None
+    """(M, k, d)"""
+    group: Ints | None = None
+    """(M,); for rows with a block it is the group of that block."""
+    by_group: Floats | None = None
+    """(M, k)"""
+    by_globals: Floats | None = None
+    """(M, k, n_globals)"""
+    by_shared: Floats | None = None
+    """(M, k, n_shared): for the few rows that see several cameras at once."""
+
+    def cost(self) -> float:
+        """The term's robust cost."""
+        squared = np.einsum("mk,mk->m", self.residual, self.residual)
+        return float(np.sum(self.loss.cost(squared) if self.loss else 0.5 * squared))
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """An increment of all unknowns."""
+
+    shared: Floats
+    groups: Floats
+    blocks: tuple[Floats, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _FamilyNormal:
+    """Normal equations of one family: V (N, d, d), W (N, d, n_shared), w (N, d) to its group, and the gradient (N, d)."""
+
+    V: Floats
+    W: Floats
+    w: Floats
+    gradient: Floats
+    group: Ints | None
+
+
+class NormalEquations:
+    """Gauss-Newton normal equations in the three levels, and their reduction."""
+
+    def __init__(self, layout: Layout, terms: Sequence[Term]) -> None:
+        self.layout = layout
+        s = layout.n_shared
+        self.H = np.zeros((s, s))
+        self.gradient = np.zeros(s)
+        self.cross = np.zeros((s, layout.n_groups))
+        self.G = np.zeros(layout.n_groups)
+        self.group_gradient = np.zeros(layout.n_groups)
+        self._W = [np.zeros((f.count * layout.n_cameras, f.size * layout.camera_size)) for f in layout.families]
+        self._W_globals = [np.zeros((f.count, f.size, layout.n_globals)) for f in layout.families]
+        self._V = [np.zeros((f.count, f.size, f.size)) for f in layout.families]
+        self._w = [np.zeros((f.count, f.size)) for f in layout.families]
+        self._g = [np.zeros((f.count, f.size)) for f in layout.families]
+        for term in terms:
+            if len(term.residual):
+                self._add(term)
+        n, p = layout.n_cameras, layout.camera_size
+        flat = [
+            W.reshape(f.count, n, f.size, p).transpose(0, 2, 1, 3).reshape(f.count, f.size, n * p)
+            for W, f in zip(self._W, layout.families, strict=True)
+        ]
+        if layout.n_globals:
+            flat = [np.concatenate([W, W_g], axis=2) for W, W_g in zip(flat, self._W_globals, strict=True)]
+        self.families = tuple(
+            _FamilyNormal(V, W, w, g, f.group)
+            for V, W, w, g, f in zip(self._V, flat, self._w, self._g, layout.families, strict=True)
+        )
+
+    def _add(self, term: Term) -> None:
+        residual = term.residual
+        root = np.ones(len(residual))
+        if term.loss is not None:
+            root = np.sqrt(term.loss.weight(np.einsum("mk,mk->m", residual, residual)))
+        r = residual * root[:, None]
+        n_cameras = self.layout.n_cameras * self.layout.camera_size
+        g = slice(n_cameras, self.layout.n_shared)
+        J_c = None if term.by_camera is None else term.by_camera * root[:, None, None]
+        J_b = None if term.by_block is None else term.by_block * root[:, None, None]
+        J_p = None if term.by_group is None else term.by_group * root[:, None]
+        J_g = None if term.by_globals is None else term.by_globals * root[:, None, None]
+        if J_c is not None and term.camera is not None:
+            self._add_cameras(term.camera, J_c, J_g, J_p, term.group, r)
+        if J_g is not None:
+            flat = J_g.reshape(-1, J_g.shape[2])
+            self.H[g, g] += flat.T @ flat
+            self.gradient[g] += flat.T @ r.ravel()
+            if J_p is not None and term.group is not None:
+                np.add.at(self.cross[g].T, term.group, np.einsum("mkg,mk->mg", J_g, J_p))
+        if J_p is not None and term.group is not None:
+            n = self.layout.n_groups
+            self.G += np.bincount(term.group, np.einsum("mk,mk->m", J_p, J_p), n)
+            self.group_gradient += np.bincount(term.group, np.einsum("mk,mk->m", J_p, r), n)
+        if term.by_shared is not None:
+            flat = (term.by_shared * root[:, None, None]).reshape(-1, self.layout.n_shared)
+            self.H += flat.T @ flat
+            self.gradient += flat.T @ r.ravel()
+        if J_b is not None and term.block is not None:
+            self._add_blocks(term, J_b, J_c, J_p, J_g, r)
+
+    def _add_cameras(
+        self, camera: Ints, J_c: Floats, J_g: Floats | None, J_p: Floats | None, group: Ints | None, r: Floats
+    ) -> None:
+        p = self.layout.camera_size
+        g = slice(self.layout.n_cameras * p, self.layout.n_shared)
+        bounds = np.searchsorted(camera, np.arange(self.layout.n_cameras + 1))
+        for c in range(self.layout.n_cameras):
+            rows = slice(bounds[c], bounds[c + 1])
+            if bounds[c] == bounds[c + 1]:
+                continue
+            own = slice(c * p, (c + 1) * p)
+            for component in range(r.shape[1]):  # no copy, whatever the order of the axes in memory
+                flat = J_c[rows, component]
+                self.H[own, own] += flat.T @ flat
+                self.gradient[own] += flat.T @ r[rows, component]
+            if J_g is not None:
+                cross = J_c[rows].reshape(-1, p).T @ J_g[rows].reshape(-1, J_g.shape[2])
+                self.H[own, g] += cross
+                self.H[g, own] += cross.T
+            if J_p is not None and group is not None:
+                product = np.einsum("mkp,mk->mp", J_c[rows], J_p[rows])
+                for column in range(p):
+                    self.cross[c * p + column] += np.bincount(group[rows], product[:, column], self.layout.n_groups)
+
+    def _add_blocks(
+        self, term: Term, J_b: Floats, J_c: Floats | None, J_p: Floats | None, J_g: Floats | None, r: Floats
+    ) -> None:
+        assert term.block is not None
+        family = self.layout.families[term.family]
+        d, n = family.size, family.count
+        # Component by component: products of tiny matrices cost more in calls than in arithmetic.
+        J_bt = J_b.transpose(0, 2, 1)
+        V, g = self._V[term.family], self._g[term.family]
+        B, residual = np.ascontiguousarray(J_b.transpose(1, 2, 0)), np.ascontiguousarray(r.T)
+        for i in range(d):
+            g[:, i] += np.bincount(term.block, (B[:, i] * residual).sum(axis=0), n)
+            for j in range(i, d):
+                entry = np.bincount(term.block, (B[:, i] * B[:, j]).sum(axis=0), n)
+                V[:, i, j] += entry
+                if j > i:
+                    V[:, j, i] += entry
+        if J_p is not None:
+            self._w[term.family] += _sum_rows(term.block, (J_bt @ J_p[:, :, None])[:, :, 0], n)
+        if J_c is not None and term.camera is not None:
+            C = np.ascontiguousarray(J_c.transpose(1, 2, 0))
+            place = term.block * self.layout.n_cameras + term.camera
+            cells = np.empty((len(place), d, C.shape[1]))
+            for i in range(d):
+                for j in range(C.shape[1]):
+                    cells[:, i, j] = (B[:, i] * C[:, j]).sum(axis=0)
+            self._W[term.family][place] += cells.reshape(len(place), -1)
+        if J_g is not None:
+            g = J_g.shape[2]
+            self._W_globals[term.family] += _sum_rows(term.block, (J_bt @ J_g).reshape(-1, d * g), n).reshape(n, d, g)
+
+    def reduce(self, damping: float = 0.0) -> Reduced:
+        """Eliminate blocks and groups; `damping` adds that share of each diagonal (Marquardt)."""
+        H = self.H + damping * np.diag(np.maximum(np.diag(self.H), _TINY))
+        gradient = self.gradient.copy()
+        cross, G, group_gradient = self.cross.copy(), self.G * (1.0 + damping) + _TINY, self.group_gradient.copy()
+        eliminated = []
+        for normal in self.families:
+            d = normal.V.shape[1]
+            diagonal = np.einsum("ndd->nd", normal.V)
+            V = normal.V + (damping * diagonal + _TINY + 1e-14 * diagonal)[:, :, None] * np.eye(d)
+            inverse_root = np.linalg.inv(np.linalg.cholesky(V))
+            Y = inverse_root @ normal.W
+            z = (inverse_root @ normal.gradient[:, :, None])[:, :, 0]
+            flat = Y.reshape(Y.shape[0] * Y.shape[1], Y.shape[2])
+            H -= flat.T @ flat
+            gradient -= flat.T @ z.ravel()
+            y = np.zeros_like(z)
+            if normal.group is not None:
+                y = (inverse_root @ normal.w[:, :, None])[:, :, 0]
+                n_groups = len(G)
+                cross -= _sum_rows(normal.group, (y[:, None, :] @ Y)[:, 0], n_groups).T
+                G -= np.bincount(normal.group, np.einsum("nd,nd->n", y, y), n_groups)
+                group_gradient -= np.bincount(normal.group, np.einsum("nd,nd->n", y, z), n_groups)
+            eliminated.append((inverse_root, Y, y, z, normal.group))
+        scaled = cross / np.maximum(G, _TINY)
+        H -= scaled @ cross.T
+        gradient -= scaled @ group_gradient
+        return Reduced(0.5 * (H + H.T), gradient, cross, np.maximum(G, _TINY), group_gradient, eliminated)
+
+
+class Reduced:
+    """The reduced camera system, and the way back to all unknowns."""
+
+    def __init__(
+        self, H: Floats, gradient: Floats, cross: Floats, G: Floats, group_gradient: Floats,
+        eliminated: list[tuple[Floats, Floats, Floats, Floats, Ints | None]],
+    ) -> None:  # fmt: skip
+        self.H = H
+        self.gradient = gradient
+        self._cross, self._G, self._group_gradient = cross, G, group_gradient
+        self._eliminated = eliminated
+
+    def solve(self, free: NDArray[np.bool_]) -> Step:
+        """The step that solves the system, shared unknowns outside `free` held. Raises `LinAlgError` if it is singular."""
+        shared = np.zeros(len(self.gradient))
+        H = self.H[np.ix_(free, free)]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(H), _TINY))
+        factor = scipy.linalg.cho_factor(H * scale[:, None] * scale, lower=True, check_finite=False)
+        shared[free] = -scale * scipy.linalg.cho_solve(factor, scale * self.gradient[free], check_finite=False)
+        groups = -(self._group_gradient + self._cross.T @ shared) / self._G
+        blocks = []
+        for inverse_root, Y, y, z, group in self._eliminated:
+            right = z + Y @ shared
+            if group is not None:
+                right = right + y * groups[group][:, None]
+            blocks.append(-(inverse_root.transpose(0, 2, 1) @ right[:, :, None])[:, :, 0])
+        return Step(shared, groups, tuple(blocks))
+
+
+def _sum_rows(index: Ints, rows: Floats, count: int) -> Floats:
+    """(count, n): the sums of the rows (M, n) of each index."""
+    out = np.empty((count, rows.shape[1]))
+    for column in range(rows.shape[1]):
+        out[:, column] = np.bincount(index, rows[:, column], count)
+    return out
