@@ -100,15 +100,15 @@ def test_shares_sum_to_one_and_go_with_the_sigmas() -> None:
 
 def test_a_cue_against_precise_people_is_told_with_its_residual() -> None:
     mean = float(np.mean(list(TRUTH.heights.values())))
-    loose = ScaleCues(PopulationHeight(mean, 0.03), distances=(CameraDistance(("C1", "C3"), 1.5 * TRUE_DISTANCE, 2.0),))
+    loose = ScaleCues(PopulationHeight(mean, 0.03), distances=(CameraDistance(("C1", "C3"), 1.6 * TRUE_DISTANCE, 2.7),))
     solution = solved(loose)
     population, distance = solution.figures["scale"]["cues"]
     assert population["cue"].startswith("population of")
     assert abs(population["residual_sigmas"]) < 2
     assert distance["residual_sigmas"] < -2
-    assert distance["share"] < 0.35
+    assert distance["share"] < 0.3
     assert distance["measured_m"] == pytest.approx(TRUE_DISTANCE, rel=0.06)
-    assert distance["stated_m"] == pytest.approx(1.5 * TRUE_DISTANCE)
+    assert distance["stated_m"] == pytest.approx(1.6 * TRUE_DISTANCE)
 
 
 def test_the_scales_sigma_shrinks_with_each_cue() -> None:
