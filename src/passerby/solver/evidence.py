@@ -24,8 +24,8 @@ MIN_EXTENT_PX = 8.0
 MIN_JOINT_SCORE = 0.3
 MIN_JOINTS = 4
 # How much farther off a joint is taken to be that was found with less confidence than usual: this power of the ratio, within a
-# range. Residuals grow with the first power only. The power was chosen by the true position errors of just two sets, so it may
-# not carry over: for powers 1, 2 and 3 they are 31.8, 31.3 and 31.1 mm on Shelf, 34.2, 31.2 and 28.7 mm on Pose2Sim (one person).
+# range. Residuals grow with the first power only. The power was chosen by the true position errors of just two sets, so it
+# may not carry over: for powers 1, 2 and 3, Shelf 31.8, 31.3 and 31.1 mm, Pose2Sim (one person) 34.2, 31.2 and 28.7 mm.
 DOUBT_POWER, DOUBT_RANGE = 3, (0.5, 10.0)
 
 BODY_HEIGHTS = {
