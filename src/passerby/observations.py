@@ -1,7 +1,7 @@
 """What the cameras saw, in columns: one numpy array per property, one row per box or person.
 
-Frames are whole numbers counted alike in all cameras (the same number is the same instant). An identity is a whole number; -1
-means unknown. The arrays are checked once, on entry, and read-only from then on.
+Frames are whole numbers. Without clocks they are counted alike in all cameras: the same number is the same instant. An identity
+is a whole number; -1 means unknown. The arrays are checked once, on entry, and read-only from then on.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from passerby.errors import InputError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Vectors = NDArray[np.float32]
 
 UNKNOWN = -1
 
@@ -49,6 +50,37 @@ def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str)
     return array
 
 
+def _unit_vectors(values: object) -> Vectors:
+    """(N, D) rows of length one. A row of zeros stays as it is: nothing is known of that box."""
+    given = np.array(values, dtype=np.float32)
+    if given.ndim != 2:
+        raise InputError(f"boxes.embedding has the shape {given.shape}: (boxes, dimensions) is needed")
+    length = np.linalg.norm(given, axis=1)
+    if not np.isfinite(length).all():
+        raise InputError(f"boxes.embedding of row {int(np.flatnonzero(~np.isfinite(length))[0]) + 1} is not finite")
+    unit = given / np.where(length > 0, length, 1.0)[:, None]
+    unit.setflags(write=False)
+    return np.asarray(unit, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """From a camera's frame numbers to the rig's time."""
+
+    fps: float
+    """Frames per second of the camera's frame numbers."""
+    offset_s: float = 0.0
+    """The rig's time at frame 1: frame f shows the world at (f - 1) / fps + offset_s."""
+
+    def seconds(self, frame: Ints | Floats) -> Floats:
+        """(N,) the rig's time of frames, seconds."""
+        return np.asarray((frame - 1.0) / self.fps + self.offset_s)
+
+    def frames(self, seconds: Floats) -> Floats:
+        """(N,) fractional frame numbers at the rig's times."""
+        return np.asarray((seconds - self.offset_s) * self.fps + 1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Boxes:
     """Bounding boxes of people in one camera."""
@@ -61,12 +93,17 @@ class Boxes:
     """(N, 4): left, top, width, height in pixels; width and height above 0."""
     score: Floats
     """(N,) the detector's confidence."""
+    embedding: Vectors | None = None
+    """(N, D) appearance, one unit vector a box; None where nothing is known of it."""
 
     def __post_init__(self) -> None:
         for name, dtype, tail in (("frame", np.int64, ()), ("identity", np.int64, ()), ("ltwh", np.float64, (4,)),
                                   ("score", np.float64, ())):  # fmt: skip
             object.__setattr__(self, name, _column(getattr(self, name), dtype, tail, f"boxes.{name}"))
-        if not len(self.frame) == len(self.identity) == len(self.ltwh) == len(self.score):
+        if self.embedding is not None:
+            object.__setattr__(self, "embedding", _unit_vectors(self.embedding))
+        lengths = {len(self.frame), len(self.identity), len(self.ltwh), len(self.score)}
+        if len(lengths | ({len(self.embedding)} if self.embedding is not None else set())) > 1:
             raise InputError("the columns of the boxes differ in length")
         flat = np.flatnonzero((self.ltwh[:, 2:] <= 0).any(axis=1))
         if len(flat):
@@ -86,7 +123,8 @@ class Boxes:
 
     def take(self, rows: NDArray[np.generic]) -> Boxes:
         """The boxes of the given rows (indices or a mask)."""
-        return Boxes(self.frame[rows], self.identity[rows], self.ltwh[rows], self.score[rows])
+        embedding = None if self.embedding is None else self.embedding[rows]
+        return Boxes(self.frame[rows], self.identity[rows], self.ltwh[rows], self.score[rows], embedding)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +178,9 @@ class Observations:
 
     cameras: Mapping[str, CameraObservations]
     fps: float | None = None
-    """Frames per second of the frame numbers, when known."""
+    """Frames per second of the frame numbers, when known; of the first camera's where they differ."""
+    clocks: Mapping[str, Clock] = field(default_factory=dict)
+    """Each camera's clock. Empty: the same frame number is the same instant in all cameras."""
 
     def __getitem__(self, name: str) -> CameraObservations:
         return self.cameras[name]
