@@ -73,7 +73,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, eq=False)
-class _Segments:
+class Segments:
     """Highest and lowest points of people in one camera's picture, pixels."""
 
     frame: Ints
@@ -98,12 +98,12 @@ def gather_evidence(
         max_joints: the same for sightings of joints.
     """
     named, note = _names_hold(rig, observations)
-    tables: list[tuple[int, _Segments]] = []
+    tables: list[tuple[int, Segments]] = []
     for index, camera in enumerate(rig):
         seen = observations[camera.name]
-        boxes = _from_boxes(seen.boxes, camera.lens)
-        keypoints = _from_keypoints(seen.keypoints, named)
-        tables += [(index, boxes), (index, _without(keypoints, boxes))]
+        boxes = segments_of_boxes(seen.boxes, camera.lens)
+        keypoints = segments_of_keypoints(seen.keypoints, named)
+        tables += [(index, boxes), (index, segments_without(keypoints, boxes))]
     camera_of = np.concatenate([np.full(len(s.frame), c, dtype=np.int64) for c, s in tables])
     frame, identity = (np.concatenate([getattr(s, name) for _, s in tables]) for name in ("frame", "identity"))
     keep, block, key = _shared_instants(camera_of, frame, identity, rng, max_sightings)
@@ -113,16 +113,18 @@ def gather_evidence(
     return Evidence(sightings, person, key[:, 1], identities, joints, kind, len(rig), note)
 
 
-def _from_boxes(boxes: Boxes, lens: Lens) -> _Segments:
-    """Boxes not cut by the border, as segments from top to bottom at the middle of their width."""
+def segments_of_boxes(boxes: Boxes, lens: Lens, *, unknown: bool = False) -> Segments:
+    """Boxes not cut by the border, as segments from top to bottom at the middle of their width; those without an identity only if
+    `unknown` are wanted.
+    """
     x, y, w, h = boxes.ltwh.T
     whole = (
         (x > BORDER_PX) & (y > BORDER_PX) & (x + w < lens.size[0] - BORDER_PX) & (y + h < lens.size[1] - BORDER_PX)
-        & (h >= MIN_EXTENT_PX) & (boxes.identity >= 0)
+        & (h >= MIN_EXTENT_PX) & ((boxes.identity >= 0) | unknown)
     )  # fmt: skip
     x, y, w, h = x[whole], y[whole], w[whole], h[whole]
     n = len(x)
-    return _Segments(
+    return Segments(
         boxes.frame[whole], boxes.identity[whole], np.column_stack([x + w / 2, y]), np.column_stack([x + w / 2, y + h]),
         np.ones(n), np.zeros(n), np.ones(n),
     )  # fmt: skip
@@ -161,8 +163,8 @@ def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[str, 
     )
 
 
-def _from_keypoints(keypoints: Keypoints, named: bool) -> _Segments:
-    """People with head and feet found, as segments between them."""
+def segments_of_keypoints(keypoints: Keypoints, named: bool, *, unknown: bool = False) -> Segments:
+    """People with head and feet found, as segments between them; those without an identity only if `unknown` are wanted."""
     score, xy = keypoints.score, keypoints.xy
     found = score > MIN_JOINT_SCORE
     nominal = nominal_heights(keypoints.joints)
@@ -180,8 +182,8 @@ def _from_keypoints(keypoints: Keypoints, named: bool) -> _Segments:
         top = xy[rows, np.where(found, y, np.inf).argmin(axis=1)]
         bottom = xy[rows, np.where(found, y, -np.inf).argmax(axis=1)]
         top_fraction, bottom_fraction = (np.full(len(xy), value) for value in EXTREME_FRACTIONS)
-    use &= (keypoints.identity >= 0) & (bottom[:, 1] - top[:, 1] >= MIN_EXTENT_PX)
-    return _Segments(
+    use &= ((keypoints.identity >= 0) | unknown) & (bottom[:, 1] - top[:, 1] >= MIN_EXTENT_PX)
+    return Segments(
         keypoints.frame[use], keypoints.identity[use], top[use], bottom[use], top_fraction[use], bottom_fraction[use],
         np.zeros(np.count_nonzero(use)),
     )  # fmt: skip
@@ -198,14 +200,14 @@ def _mean_joint(xy: Floats, use: NDArray[np.bool_], nominal: Floats) -> tuple[Fl
     return mean, np.where(use, np.nan_to_num(nominal), 0.0).sum(axis=1) / count
 
 
-def _without(segments: _Segments, other: _Segments) -> _Segments:
+def segments_without(segments: Segments, other: Segments) -> Segments:
     """The segments of people that `other` does not hold."""
     pairs = np.column_stack([segments.frame, segments.identity])
     both = np.concatenate([np.column_stack([other.frame, other.identity]), pairs])
     _, number = np.unique(both, axis=0, return_inverse=True)
     number = number.ravel()
     new = ~np.isin(number[len(other.frame) :], number[: len(other.frame)])
-    return _Segments(**{name: getattr(segments, name)[new] for name in segments.__dataclass_fields__})
+    return Segments(**{name: getattr(segments, name)[new] for name in segments.__dataclass_fields__})
 
 
 def _shared_instants(
@@ -232,7 +234,7 @@ def _shared_instants(
     return rows, renumbered[number[rows]], np.column_stack([kept // span, kept % span + base])
 
 
-def _sightings(rig: Rig, tables: list[tuple[int, _Segments]], camera_of: Ints, keep: Ints, block: Ints) -> Sightings:
+def _sightings(rig: Rig, tables: list[tuple[int, Segments]], camera_of: Ints, keep: Ints, block: Ints) -> Sightings:
     """Rays and tangents of the kept rows; a row whose ray cannot be found is dropped."""
 
     def column(name: str) -> Floats:

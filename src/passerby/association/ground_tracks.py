@@ -1,0 +1,128 @@
+"""The people of one camera as tracks on the ground below it, sampled on a grid of time.
+
+Before anything is known of the other cameras, one camera's own people give its vertical and its height (`geometry.single_view`),
+and so a place on the ground to every foot. Positions and velocities are local straight-line fits to the samples around each
+grid time, so that cameras of different frame rates and clocks become comparable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.bodies import Bodies
+from passerby.geometry.single_view import Level
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STEP_S = 0.5
+"""Step of the time grid. A walking person moves 0.7 m meanwhile: no more than the ground positions are off by."""
+MIN_TRACK_S = 1.0
+"""Shorter tracklets have no direction."""
+TOLERANCE_FLOOR_M, TOLERANCE_SHARE = 0.3, 0.06
+"""A ground position is known to this: stride and box noise, and what is left of the level's tilt, which grows with distance."""
+MAX_REACH_HEIGHTS = 25.0
+"""Feet farther off than so many camera heights lie within 2.3 degrees of the horizon, where a tilt of one degree halves or doubles
+the distance."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTracks:
+    """Tracks on the ground of one camera: N samples of its tracklets at grid times, sorted by time.
+
+    The frame is the camera's own, levelled: origin below the camera, z up, the view's heading along +y.
+    """
+
+    level: Level
+    step: Ints
+    """(N,) grid times: the camera's time is `step * STEP_S`."""
+    tracklet: Ints
+    """(N,) tracklet numbers."""
+    position: NDArray[np.complex128]
+    """(N,) x + iy, metres."""
+    velocity: NDArray[np.complex128]
+    """(N,) metres per second."""
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+    @property
+    def tolerance(self) -> Floats:
+        """(N,) how far off a position may be, metres."""
+        return np.asarray(TOLERANCE_FLOOR_M + TOLERANCE_SHARE * np.abs(self.position))
+
+
+def ground_tracks(bodies: Bodies, level: Level) -> GroundTracks:
+    """Tracks of the bodies that belong to a tracklet (identity > -1).
+
+    Args:
+        bodies: one camera's people with their times.
+        level: the camera's vertical and height.
+    """
+    ground = level.ground_positions(bodies.bottom)
+    use = np.isfinite(ground).all(axis=1) & (bodies.tracklet >= 0)
+    use &= np.linalg.norm(np.nan_to_num(ground), axis=1) < MAX_REACH_HEIGHTS * level.height
+    order = np.lexsort((bodies.seconds[use], bodies.tracklet[use]))
+    tracklet, seconds = bodies.tracklet[use][order], bodies.seconds[use][order]
+    place = (ground[use, 0] + 1j * ground[use, 1])[order]
+    gaps = np.diff(seconds)[np.diff(tracklet) == 0]
+    usual_gap = float(np.median(gaps)) if len(gaps) else STEP_S
+    # Three samples at least, also of slow cameras.
+    half = max(0.5, 1.51 * usual_gap)
+    return _sampled(tracklet, seconds, place, half, level)
+
+
+def _sampled(tracklet: Ints, seconds: Floats, place: NDArray[np.complex128], half: float, level: Level) -> GroundTracks:
+    """Local lines through the samples within `half` seconds of each grid time, by sums over sorted columns."""
+    empty = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.complex128), np.zeros(0, np.complex128)
+    if len(tracklet) == 0:
+        return GroundTracks(level, *empty)
+    first = np.flatnonzero(np.concatenate([[True], np.diff(tracklet) > 0]))
+    last = np.concatenate([first[1:], [len(tracklet)]]) - 1
+    long = seconds[last] - seconds[first] >= MIN_TRACK_S
+    first, last = first[long], last[long]
+    low, high = np.ceil(seconds[first] / STEP_S).astype(np.int64), np.floor(seconds[last] / STEP_S).astype(np.int64)
+    count = np.maximum(high - low + 1, 0)
+    owner = np.repeat(np.arange(len(first)), count)
+    step = low[owner] + np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    if len(step) == 0:
+        return GroundTracks(level, *empty)
+    # Times of one tracklet after another, shifted so that one search serves all.
+    start, stop = seconds[first], seconds[last]
+    stride = float((stop - start).max()) + 4 * half
+    base = np.searchsorted(first, np.arange(len(seconds)), side="right") - 1
+    inside = (base >= 0) & (np.arange(len(seconds)) <= last[np.maximum(base, 0)])
+    key = (seconds[inside] - start[base[inside]]) + base[inside] * stride
+    at = step * STEP_S - start[owner] + owner * stride
+    begin, end = np.searchsorted(key, at - half - 1e-9), np.searchsorted(key, at + half + 1e-9)
+    value = place[inside]
+    # Times relative to each tracklet's start and places relative to its first keep the sums small.
+    t = seconds[inside] - start[base[inside]]
+    origin = place[first]
+    x = value - origin[base[inside]]
+    sums = [_window(column, begin, end) for column in (np.ones_like(t), t, t * t, x, x * t)]
+    n, st, stt, sx, sxt = sums
+    tau = step * STEP_S - start[owner]
+    # Moments about the grid time.
+    s1, s2 = (st - n * tau).real, (stt - 2 * tau * st + n * tau**2).real
+    sxt = sxt - tau * sx
+    n = n.real
+    spread = n * s2 - s1**2
+    good = (n >= 3) & (spread > 1e-9)
+    spread = np.where(good, spread, 1.0)
+    velocity = (n * sxt - s1 * sx) / spread
+    position = (s2 * sx - s1 * sxt) / spread + origin[owner]
+    good &= np.isfinite(position) & (np.abs(velocity) < 12.0)
+    order = np.argsort(step[good], kind="stable")
+    return GroundTracks(
+        level, step[good][order], tracklet[first][owner][good][order], position[good][order], velocity[good][order]
+    )
+
+
+def _window(column: NDArray[np.complex128] | Floats, begin: Ints, end: Ints) -> NDArray[np.complex128]:
+    """Sums of a column over [begin, end)."""
+    total = np.concatenate([[0], np.cumsum(column.astype(np.complex128))])
+    return np.asarray(total[end] - total[begin])
