@@ -1,0 +1,136 @@
+"""Embeddings as npz: round trips, what other tools write, and every fault told with its place and mend."""
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from passerby.errors import InputError
+from passerby.interchange.embeddings import read_embeddings, write_embeddings
+
+VECTORS = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 7.0]])
+UNIT = [[0.6, 0.8, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+def saved(tmp_path, **arrays):
+    path = tmp_path / "V1.npz"
+    np.savez(path, **arrays)
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+@pytest.mark.parametrize("name", ["embeddings", "feats", "arr_0"])
+def test_rows_come_to_length_one_and_keep_their_order(tmp_path, dtype, save, name):
+    path = tmp_path / "V1.npz"
+    save(path, **{name: VECTORS.astype(dtype), "score": np.ones(3)})
+    found = read_embeddings(path)
+    np.testing.assert_allclose(found.vectors, UNIT, atol=1e-6)
+    assert found.vectors.dtype == np.float32
+    assert found.frame is None
+
+
+def test_lengths_beyond_half_precision(tmp_path):
+    """The squares of float16 overflow and underflow; those of the lengths must not."""
+    path = saved(tmp_path, embeddings=np.array([[6e4, 6e4], [6e-8, 0]], dtype=np.float16))
+    np.testing.assert_allclose(read_embeddings(path).vectors, [[0.5**0.5, 0.5**0.5], [1, 0]], rtol=1e-6)
+
+
+def test_the_named_array_is_taken_among_others(tmp_path):
+    path = saved(tmp_path, embeddings=VECTORS, other=np.ones((5, 5)), names=np.array(["a", None], dtype=object))
+    assert len(read_embeddings(path)) == 3
+
+
+def test_round_trip(tmp_path):
+    rng = np.random.default_rng(0)
+    vectors, frame = rng.normal(size=(40, 16)), np.sort(rng.integers(1, 20, 40))
+    for name in ("one", "two"):
+        write_embeddings(tmp_path / name / "V1.npz", vectors, frame)
+    found = read_embeddings(tmp_path / "one" / "V1.npz")
+    np.testing.assert_allclose(found.vectors, vectors / np.linalg.norm(vectors, axis=1, keepdims=True), atol=1e-6)
+    assert found.frame.tolist() == frame.tolist()
+    assert (tmp_path / "one" / "V1.npz").read_bytes() == (tmp_path / "two" / "V1.npz").read_bytes()
+    assert [path.name for path in (tmp_path / "one").iterdir()] == ["V1.npz"]
+    write_embeddings(tmp_path / "none.npz", np.zeros((0, 16)))
+    assert read_embeddings(tmp_path / "none.npz").vectors.shape == (0, 16)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "told"),
+    [
+        ({}, "which array is meant? It holds nothing"),
+        ({"a": VECTORS, "b": VECTORS}, "which array is meant? It holds a, b: .* call it 'embeddings'"),
+        ({"a": np.ones(3)}, "which array is meant? It holds a"),
+        ({"embeddings": np.ones(3)}, r"embeddings has the shape \(3,\): \(boxes, dimensions\)"),
+        ({"embeddings": np.ones((3, 0))}, r"embeddings has the shape \(3, 0\)"),
+        ({"embeddings": np.ones((3, 2), dtype=int)}, "embeddings holds int64: float16, float32 or float64"),
+        ({"embeddings": np.ones((3, 2), dtype=complex)}, "embeddings holds complex128"),
+        ({"embeddings": np.array([[1, 2], [np.nan, 1], [np.inf, 1]])}, r"row 2 of embeddings is not finite \(2 of 3 rows\)"),
+        ({"embeddings": np.array([[1.0, None]], dtype=object)}, "pickled Python objects"),
+        ({"a": np.array([[1.0, None]], dtype=object)}, "pickled Python objects"),
+        ({"embeddings": VECTORS, "frame": np.ones(2, dtype=int)}, r"frame has the shape \(2,\), but there are 3 embeddings"),
+        ({"embeddings": VECTORS, "frame": np.array([1, 1.5, 2])}, "frame holds float64 that are not whole"),
+        ({"embeddings": VECTORS, "frame": np.array(["1", "2", "3"])}, "that are not whole"),
+    ],
+)
+def test_a_fault_names_file_value_and_mend(tmp_path, arrays, told):
+    path = saved(tmp_path, **arrays)
+    with pytest.raises(InputError, match=told.replace("?", r"\?")) as caught:
+        read_embeddings(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def archive_with(name, content):
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr(name, content)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"1,4,10,20\n",
+        b"PK\x03\x04 broken",
+        archive_with("embeddings.npy", b"no array"),
+        archive_with("embeddings.npy", b"\x93NUMPY\x01\x00"),
+    ],
+)
+def test_a_file_that_is_no_archive(tmp_path, content):
+    path = tmp_path / "V1.npz"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="npz") as caught:
+        read_embeddings(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_archive(tmp_path):
+    path = saved(tmp_path, embeddings=np.random.default_rng(0).normal(size=(50, 8)))
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_embeddings(path)
+
+
+def test_a_file_that_is_not_there_or_something_else(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_embeddings(tmp_path / "none.npz")
+    with pytest.raises(InputError, match="is a folder"):
+        read_embeddings(tmp_path)
+    with (tmp_path / "array.npz").open("wb") as file:
+        np.save(file, VECTORS)
+    with pytest.raises(InputError, match="is a single numpy array"):
+        read_embeddings(tmp_path / "array.npz")
+
+
+def test_what_cannot_be_written(tmp_path):
+    with pytest.raises(InputError, match="do not fit"):
+        write_embeddings(tmp_path / "V1.npz", VECTORS, [1, 2])
+    with pytest.raises(InputError, match="cannot be written"):
+        write_embeddings(tmp_path / "V1.npz", [1.0, 2.0])
+    assert not list(tmp_path.iterdir())
