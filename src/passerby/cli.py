@@ -9,7 +9,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -18,6 +18,8 @@ from passerby.errors import InputError, PasserbyError
 
 if TYPE_CHECKING:
     from passerby.pipeline import Calibration
+
+Number = TypeVar("Number", int, float)
 
 INTERRUPTED = 130
 BUG = 1
@@ -174,6 +176,17 @@ def simulate(
         str, typer.Option(help="Seconds: a largest offset drawn for each camera, or one for each, parted by commas.")
     ] = "0",
     joint_noise_px: Annotated[float, typer.Option(help="Sigma of the joints' pixels.")] = 0.0,
+    unrelated_ids: Annotated[bool, typer.Option(help="Tracklet numbers of each camera's own, not identities.")] = False,
+    tracklet_seconds: Annotated[
+        float, typer.Option(help="Mean length at which tracklets are cut at random; 0: never. Needs --unrelated-ids.")
+    ] = 0.0,
+    embeddings: Annotated[
+        str, typer.Option(help="Appearance of the boxes: none, distinct (tells people apart) or alike (tells nothing).")
+    ] = "none",
+    camera_fps: Annotated[str, typer.Option(help="Frames per second of each camera, parted by commas; all --fps.")] = "",
+    groups: Annotated[
+        str, typer.Option(help="Cameras in groups without common ground: their numbers, parted by commas, as 6,2.")
+    ] = "",
     keypoints: Annotated[bool, typer.Option(help="Write joints (COCO) too.")] = False,
 ) -> None:
     """Simulate people in a scene: boxes, joints on request, true cameras, and a scene file ready to calibrate."""
@@ -200,6 +213,11 @@ def simulate(
         identity_swaps=identity_swaps,
         clock_offsets=_clock_offsets(clock_offsets),
         joint_noise_px=joint_noise_px,
+        unrelated_ids=unrelated_ids,
+        tracklet_seconds=tracklet_seconds,
+        embeddings=embeddings,
+        camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
+        groups=_numbers(groups, int, "--groups", "the number of cameras of each group"),
     )
     with stages() as tell:
         tell("simulating")
@@ -249,6 +267,14 @@ def _clock_offsets(text: str) -> float | tuple[float, ...]:
             f"--clock-offsets {text!r}: give seconds, one number or one for each camera parted by commas"
         ) from None
     return offsets[0] if len(offsets) == 1 else offsets
+
+
+def _numbers(text: str, kind: type[Number], option: str, wanted: str) -> tuple[Number, ...]:
+    """Numbers parted by commas; none where the text is empty."""
+    try:
+        return tuple(kind(part) for part in text.split(",")) if text else ()
+    except ValueError:
+        raise InputError(f"{option} {text!r}: give {wanted}, parted by commas") from None
 
 
 def _print_json(value: object) -> None:

@@ -6,6 +6,8 @@ another one draws.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,9 +29,19 @@ VISIBLE_PART_PROBABILITY = 0.5
 SMALLEST_PX = 2.0
 
 
+@dataclass(frozen=True, eq=False)
+class Detected:
+    """What a detector reports, and whom its boxes really show."""
+
+    seen: CameraObservations
+    """Boxes and joints; the joints' rows are those of the boxes with a person, in their order."""
+    true_identity: Ints
+    """(N,) of the boxes' rows; -1 for a box without a person."""
+
+
 def detect(
     view: View, frames: Ints, identities: Ints, picture: tuple[int, int], options: SimulationOptions, rng: np.random.Generator
-) -> CameraObservations:
+) -> Detected:
     """Boxes and joints of one camera with the faults that the options ask for.
 
     Args:
@@ -58,7 +70,10 @@ def detect(
     boxes = Boxes(frames[rows[0]], assigned[rows], ltwh, 1.0 - 0.6 * view.hidden[rows])
     joints = view.joints + options.joint_noise_px * joint_noise.standard_normal(view.joints.shape)
     keypoints = Keypoints(frames[rows[0]], assigned[rows], joints[rows], np.where(view.joint_visible[rows], 0.9, 0.0))
-    return CameraObservations(_with_false_boxes(boxes, frames, picture, options.false_boxes, false), keypoints)
+    boxes = _with_false_boxes(boxes, frames, picture, options.false_boxes, false)
+    true_identity = np.full(len(boxes), UNKNOWN)
+    true_identity[boxes.identity != UNKNOWN] = identities[rows[1]]  # false boxes come between, the order stays
+    return Detected(CameraObservations(boxes, keypoints), true_identity)
 
 
 def _perturbed(

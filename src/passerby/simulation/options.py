@@ -11,6 +11,9 @@ from passerby.simulation.presets import PRESETS, Preset
 
 MAX_CLOCK_OFFSET_S = 5.0
 """Motion is simulated this long before the first and after the last instant, so that every clock sees moving people."""
+EMBEDDINGS = ("none", "distinct", "alike")
+MIN_PEOPLE = 4
+"""Each area of a scene in several groups has at least this many people: fewer would be a test of scarcity instead."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,19 @@ class SimulationOptions:
     """
     joint_noise_px: float = 0.0
     """Standard deviation of the joints' pixels (Gaussian)."""
+    unrelated_ids: bool = False
+    """Each camera numbers its people on its own: identities are tracklet numbers that mean nothing in another camera."""
+    tracklet_seconds: float = 0.0
+    """Tracklets are cut at random, exponential lengths with this mean, and where a person is not seen for over a second.
+
+    0: one tracklet for each person and camera. Needs `unrelated_ids`.
+    """
+    embeddings: str = "none"
+    """none | distinct (appearance tells people apart, as well as re-identification does) | alike (it tells nothing)."""
+    camera_fps: tuple[float, ...] = ()
+    """Frames per second of each camera; all have `fps` unless given. Then the observations hold clocks without offsets."""
+    groups: tuple[int, ...] = ()
+    """Numbers of cameras that stand around areas of their own, with no common ground; the people are shared out among them."""
 
     def __post_init__(self) -> None:
         if self.preset not in PRESETS:
@@ -73,15 +89,49 @@ class SimulationOptions:
         _check("joint_noise_px", self.joint_noise_px, 0.0, 200.0)
         if isinstance(self.clock_offsets, int | float):
             _check("clock_offsets", self.clock_offsets, 0.0, MAX_CLOCK_OFFSET_S)
-            return
-        object.__setattr__(self, "clock_offsets", tuple(float(offset) for offset in self.clock_offsets))
-        if len(self.clock_offsets) != self.n_cameras:
+        else:
+            object.__setattr__(self, "clock_offsets", tuple(float(offset) for offset in self.clock_offsets))
+            self._check_count("clock_offsets", len(self.clock_offsets), "or a single largest offset")
+            for offset in self.clock_offsets:
+                _check("clock_offsets", offset, -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S)
+        self._check_tracklets()
+        object.__setattr__(self, "camera_fps", tuple(float(fps) for fps in self.camera_fps))
+        if self.camera_fps:
+            self._check_count("camera_fps", len(self.camera_fps), "or none, where all cameras have the scene's fps")
+            for fps in self.camera_fps:
+                _check("camera_fps", fps, 0.1, 100.0)
+        self._check_groups()
+
+    def _check_count(self, name: str, count: int, otherwise: str) -> None:
+        if count != self.n_cameras:
+            raise InputError(f"{name} has {count} values for {self.n_cameras} cameras: give one per camera, {otherwise}")
+
+    def _check_tracklets(self) -> None:
+        _check("tracklet_seconds", self.tracklet_seconds, 0.0, 3600.0)
+        if self.tracklet_seconds > 0 and not self.unrelated_ids:
             raise InputError(
-                f"clock_offsets has {len(self.clock_offsets)} values for {self.n_cameras} cameras: give one per camera, "
-                "or a single largest offset"
+                f"tracklet_seconds = {self.tracklet_seconds:g} would cut identities that are the same in all cameras: "
+                "set unrelated_ids, or tracklet_seconds = 0"
             )
-        for offset in self.clock_offsets:
-            _check("clock_offsets", offset, -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S)
+        if self.embeddings not in EMBEDDINGS:
+            raise InputError(f"embeddings {self.embeddings!r} do not exist: choose one of {', '.join(EMBEDDINGS)}")
+
+    def _check_groups(self) -> None:
+        object.__setattr__(self, "groups", tuple(self.groups))
+        for count in self.groups:
+            _check("groups", count, 1, 64)
+            if count != int(count):
+                raise InputError(f"groups holds {count}: give whole numbers of cameras")
+        object.__setattr__(self, "groups", tuple(int(count) for count in self.groups))
+        if self.groups and sum(self.groups) != self.n_cameras:
+            raise InputError(
+                f"groups = {list(self.groups)} are {sum(self.groups)} cameras, but there are {self.n_cameras}: "
+                f"give groups that add up to {self.n_cameras}, or cameras = {sum(self.groups)}"
+            )
+        if len(self.groups) > 1 and self.n_people < MIN_PEOPLE * len(self.groups):
+            raise InputError(
+                f"people = {self.n_people} are too few for {len(self.groups)} groups: give {MIN_PEOPLE} or more for each"
+            )
 
     @property
     def scene(self) -> Preset:
@@ -107,6 +157,16 @@ class SimulationOptions:
     def n_frames(self) -> int:
         """The number of instants, at least one."""
         return max(1, round(self.seconds * self.fps))
+
+    @property
+    def frame_rates(self) -> tuple[float, ...]:
+        """Frames per second of each camera."""
+        return self.camera_fps or (self.fps,) * self.n_cameras
+
+    @property
+    def group_sizes(self) -> tuple[int, ...]:
+        """Numbers of cameras by group; one group unless given."""
+        return self.groups or (self.n_cameras,)
 
 
 def _check(name: str, value: float, low: float, high: float) -> None:

@@ -24,8 +24,9 @@ def place_cameras(
     height_m: float,
     picture: tuple[int, int],
     rng: np.random.Generator,
+    first: int = 1,
 ) -> Rig:
-    """Cameras named C1, C2, ... around a rectangle centred on the origin, looking in.
+    """Cameras named C1, C2, ... (from `first` on) around a rectangle centred on the origin, looking in.
 
     Four stand at the corners; any other number is spread evenly along the perimeter from the first corner. Position, aim,
     field of view and roll (2 degrees either way) are jittered by `rng`.
@@ -37,6 +38,7 @@ def place_cameras(
         height_m: height of the cameras over the ground z = 0, metres (jittered by up to 5 cm).
         picture: (width, height), pixels.
         rng: each camera uses its own child of it, so that the first cameras stay when more are asked for at the same places.
+        first: number of the first camera's name.
     """
     half = np.asarray(area_m) / 2 + standoff_m
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half
@@ -50,7 +52,7 @@ def place_cameras(
         aim = np.array([*(child.uniform(-0.06, 0.06, 2) * area_m), AIM_HEIGHT_M])
         roll = np.radians(child.uniform(-2.0, 2.0))
         pose = Pose.from_centre(looking_at(centre, aim, roll), centre)
-        cameras.append(Camera(f"C{index + 1}", _lens(picture, child), pose))
+        cameras.append(Camera(f"C{first + index}", _lens(picture, child), pose))
     return Rig(tuple(cameras))
 
 

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Rig
-from passerby.observations import BODY_17, Observations
+from passerby.observations import BODY_17, UNKNOWN, Boxes, Clock, Observations
+from passerby.simulation.appearance import box_embeddings, people_looks
+from passerby.simulation.areas import Areas, move_groups, place_groups
 from passerby.simulation.body import pose_joints
-from passerby.simulation.detect import detect
-from passerby.simulation.motion import Motion, simulate_motion
+from passerby.simulation.detect import Detected, detect
+from passerby.simulation.motion import Motion
 from passerby.simulation.observe import View, view
 from passerby.simulation.options import SimulationOptions
-from passerby.simulation.placement import place_cameras
 from passerby.simulation.presets import PRESETS
+from passerby.simulation.tracklets import renumbered
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,7 +34,7 @@ class SimulatedScene:
     rig: Rig
     """The true cameras, with poses."""
     observations: Observations
-    """Boxes and COCO joints per camera; `fps` is the options'. Frame numbers start at 1."""
+    """Boxes and COCO joints per camera. Frame numbers start at 1; clocks are there where frame rates are given per camera."""
     heights: dict[int, float]
     """Identity -> standing height with shoes, metres."""
     frames: Ints
@@ -45,32 +48,55 @@ class SimulatedScene:
     upright: NDArray[np.bool_]
     """(T, P) who stands, walks or runs, and neither crouches, leans, sits, jumps nor reaches overhead."""
     clock_offsets: dict[str, float]
-    """Camera -> seconds: its frame f shows the world at (f - 1) / fps + offset."""
+    """Camera -> seconds: its frame f shows the world at (f - 1) / fps + offset, with the camera's own fps."""
+    true_identities: dict[str, Ints]
+    """Camera -> (N,) who each of its boxes really shows; -1 for a box without a person."""
+
+    @property
+    def truth(self) -> dict[str, Boxes]:
+        """Camera -> its boxes of people, with their true identities."""
+        found = {}
+        for name, identity in self.true_identities.items():
+            boxes = replace(self.observations[name].boxes, identity=identity)
+            found[name] = boxes.take(identity != UNKNOWN)
+        return found
+
+    @property
+    def true_clocks(self) -> dict[str, Clock]:
+        """Camera -> its true clock."""
+        rates = dict(zip(self.rig.names, self.options.frame_rates, strict=True))
+        return {name: Clock(fps, self.clock_offsets[name]) for name, fps in rates.items()}
 
 
 def simulate(options: SimulationOptions) -> SimulatedScene:
     """Simulate a scene; the same options give the same scene, bit for bit.
 
-    Cameras, heights, motion, clocks and every fault of the detector draw from generators of their own: a fault
-    changes neither the motion nor the cameras nor another fault.
+    Cameras, heights, motion, clocks, every fault of the detector, tracklets and appearance draw from generators of their own:
+    a fault changes neither the motion nor the cameras nor another fault.
     """
-    seeds = np.random.SeedSequence((options.seed, list(PRESETS).index(options.preset))).spawn(5)
-    placing, growing, moving, clocks, detecting = (np.random.default_rng(seed) for seed in seeds)
-    scene = options.scene
-    rig = place_cameras(options.n_cameras, scene.area_m, scene.standoff_m, options.camera_height, scene.picture, placing)
+    seeds = np.random.SeedSequence((options.seed, list(PRESETS).index(options.preset))).spawn(8)
+    placing, growing, moving, clocks, detecting, elsewhere, cutting, looking = (np.random.default_rng(seed) for seed in seeds)
+    areas = Areas.of(options)
+    others = [generator.spawn(2) for generator in elsewhere.spawn(len(options.group_sizes) - 1)]
+    rig = place_groups(options, areas, [placing, *(other[0] for other in others)])
     # Beyond 2.5 sigma is left out: a child-sized adult would say more about the draw than about the method.
     normal = np.clip(growing.standard_normal(options.n_people), -2.5, 2.5)
     heights = options.person_height_mean_m + options.person_height_sd_m * normal
-    motion = simulate_motion(scene, heights, options.n_frames / options.fps, moving)
+    rates = options.frame_rates
+    counts = [max(1, round(options.seconds * fps)) for fps in rates]
+    seconds = max(options.n_frames / options.fps, *(count / fps for count, fps in zip(counts, rates, strict=True)))
+    motion = move_groups(options, areas, heights, seconds, [moving, *(other[1] for other in others)])
     frames = np.arange(1, options.n_frames + 1)
     identities = np.arange(1, options.n_people + 1)
     times = (frames - 1) / options.fps
     offsets = _clock_offsets(options, clocks)
 
-    cameras = {}
-    for camera, offset, rng in zip(rig, offsets, detecting.spawn(len(rig)), strict=True):
-        seen = _view(camera, motion, times + offset, heights, options.occlusion)
-        cameras[camera.name] = detect(seen, frames, identities, camera.lens.size, options, rng)
+    found = {}
+    for index, (camera, rng) in enumerate(zip(rig, detecting.spawn(len(rig)), strict=True)):
+        own = np.arange(1, counts[index] + 1)
+        here = areas.of_person == areas.of_camera[index]
+        seen = _view(camera, motion, (own - 1) / rates[index] + offsets[index], heights, here, options.occlusion)
+        found[camera.name] = detect(seen, own, identities, camera.lens.size, options, rng)
 
     state, present = motion.at(times)
     absent = ~present[..., None]
@@ -79,7 +105,7 @@ def simulate(options: SimulationOptions) -> SimulatedScene:
     return SimulatedScene(
         options=options,
         rig=rig,
-        observations=Observations(cameras, options.fps),
+        observations=_observations(options, found, cutting, looking),
         heights=dict(zip(identities.tolist(), heights.tolist(), strict=True)),
         frames=frames,
         identities=identities,
@@ -87,16 +113,40 @@ def simulate(options: SimulationOptions) -> SimulatedScene:
         joints3d=np.where(absent[..., None], np.nan, pose_joints(state, heights)[:, :, : len(BODY_17)]),
         upright=present & ~bent,
         clock_offsets=dict(zip(rig.names, offsets.tolist(), strict=True)),
+        true_identities={name: detected.true_identity for name, detected in found.items()},
     )
 
 
-def _view(camera: Camera, motion: Motion, times: Floats, heights: Floats, occlusion: bool) -> View:
-    """The view at all times, computed in stretches: memory stays at a few hundred MB however long the scene is."""
+def _observations(
+    options: SimulationOptions, found: Mapping[str, Detected], cutting: np.random.Generator, looking: np.random.Generator
+) -> Observations:
+    """What the detectors report, with the tracklet numbers, the embeddings and the clocks that the options ask for."""
+    dressing, *watching = looking.spawn(1 + len(found))
+    looks = people_looks(options.n_people, dressing) if options.embeddings == "distinct" else None
+    cameras = {}
+    for (name, detected), fps, cuts, look in zip(
+        found.items(), options.frame_rates, cutting.spawn(len(found)), watching, strict=True
+    ):
+        seen = detected.seen
+        if options.unrelated_ids:
+            seen = renumbered(seen, options.n_people, fps, options.tracklet_seconds, cuts)
+        if options.embeddings != "none":
+            seen = replace(seen, boxes=replace(seen.boxes, embedding=box_embeddings(detected.true_identity, looks, look)))
+        cameras[name] = seen
+    clocks = {name: Clock(fps) for name, fps in zip(found, options.camera_fps, strict=False)}
+    return Observations(cameras, options.frame_rates[0], clocks)
+
+
+def _view(camera: Camera, motion: Motion, times: Floats, heights: Floats, here: NDArray[np.bool_], occlusion: bool) -> View:
+    """The view at all times of the people (P,) who are here.
+
+    It is computed in stretches: memory stays at a few hundred MB however long the scene is.
+    """
     stretch = max(1, BODIES_AT_ONCE // len(heights))
     parts = []
     for start in range(0, len(times), stretch):
         state, present = motion.at(times[start : start + stretch])
-        parts.append(view(camera, pose_joints(state, heights), heights, present, occlusion))
+        parts.append(view(camera, pose_joints(state, heights), heights, present & here, occlusion))
     return View(**{item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(View)})
 
 

@@ -16,10 +16,11 @@ import tomli_w
 
 from passerby.cameras import Rig
 from passerby.errors import InputError
-from passerby.interchange.atomic import write_text
+from passerby.interchange.atomic import write_bytes, write_text
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
+from passerby.observations import Boxes
 from passerby.simulation.scene import SimulatedScene
 
 SCENE_FILE = "scene.toml"
@@ -29,9 +30,11 @@ OPTIONS_FILE = "simulation.toml"
 def write_scene(simulated: SimulatedScene, directory: str | Path, keypoints: bool = False) -> Path:
     """Write a scene folder, whole or not at all, and return the path of its scene file.
 
-    The folder holds `scene.toml` (identities given), `intrinsics.toml` (lenses, no poses), `tracks/CAMERA.txt` (MOTChallenge),
-    on request `keypoints/CAMERA.json` (COCO), and the truth: `truth.toml` (the rig with its poses), `heights.csv`,
-    `ground_positions.csv` and `simulation.toml` (the options and the cameras' clock offsets).
+    The folder holds `scene.toml` (identities given; to be found where they are unrelated), `intrinsics.toml` (lenses, no
+    poses), `tracks/CAMERA.txt` (MOTChallenge), `embeddings/CAMERA.npz` (where the options ask for them; rows as in the
+    tracks), on request `keypoints/CAMERA.json` (COCO), and the truth: `truth.toml` (the rig with its poses), `truth/CAMERA.txt`
+    (where identities are unrelated: the boxes of people with their true identities), `heights.csv`, `ground_positions.csv` and
+    `simulation.toml` (the options and the cameras' clock offsets).
 
     A folder written by an earlier simulation is replaced as a whole. Raises `InputError` for one that holds anything else, or
     that cannot be written.
@@ -73,9 +76,16 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
     write_rig(folder / "truth.toml", simulated.rig)
     for camera in simulated.rig.names:
         seen = simulated.observations[camera]
-        write_boxes(folder / _tracks(camera), seen.boxes)
+        # In the order in which they are written, so that the rows of the embeddings are those of the tracks.
+        boxes = seen.boxes.take(np.lexsort((seen.boxes.identity, seen.boxes.frame)))
+        write_boxes(folder / _tracks(camera), boxes)
+        if boxes.embedding is not None:
+            _write_embeddings(folder / _embeddings(camera), boxes)
         if keypoints:
             write_keypoints(folder / _keypoints(camera), seen.keypoints)
+    if simulated.options.unrelated_ids:
+        for camera, boxes in simulated.truth.items():
+            write_boxes(folder / "truth" / f"{camera}.txt", boxes)
     write_text(folder / "heights.csv", _csv(("id", "height_m"), ((i, f"{h:.4f}") for i, h in simulated.heights.items())))
     places = (
         (frame, identity, f"{x:.4f}", f"{y:.4f}")
@@ -90,27 +100,42 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
 
 
 def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, Any]:
-    """The content of the scene file."""
+    """The content of the scene file: nothing in it tells the clocks' offsets."""
+    options = simulated.options
     cameras = {
         camera: {"intrinsics": "intrinsics.toml", "tracks": _tracks(camera)}
+        | ({"embeddings": _embeddings(camera)} if options.embeddings != "none" else {})
         | ({"keypoints": _keypoints(camera)} if keypoints else {})
-        for camera in simulated.rig.names
+        | ({"fps": float(fps)} if fps != options.fps else {})
+        for camera, fps in zip(simulated.rig.names, options.frame_rates, strict=True)
     }
     return {
-        "scene": {"name": name, "fps": float(simulated.options.fps)},
+        "scene": {"name": name, "fps": float(options.fps)},
         "cameras": cameras,
-        "association": {"mode": "given"},
+        "association": {"mode": "combined" if options.unrelated_ids else "given"},
         "solver": {"method": "people", "reference": simulated.rig.names[0]},
         "scale": {
-            "person_height_m": simulated.options.person_height_mean_m,
+            "person_height_m": options.person_height_mean_m,
             # A spread of zero would claim a height that is known exactly; a centimetre is as good as anybody knows it.
-            "person_height_sd_m": max(simulated.options.person_height_sd_m, 0.01),
+            "person_height_sd_m": max(options.person_height_sd_m, 0.01),
         },
     }
 
 
 def _tracks(camera: str) -> str:
     return f"tracks/{camera}.txt"
+
+
+def _embeddings(camera: str) -> str:
+    return f"embeddings/{camera}.npz"
+
+
+def _write_embeddings(path: Path, boxes: Boxes) -> None:
+    """The archive that goes with a file of boxes: `embeddings` (N, D) float32 and `frame` (N,), rows as in that file."""
+    assert boxes.embedding is not None
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, embeddings=boxes.embedding, frame=boxes.frame)
+    write_bytes(path, buffer.getvalue())
 
 
 def _keypoints(camera: str) -> str:
