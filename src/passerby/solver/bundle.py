@@ -39,11 +39,14 @@ class PointObservations:
     """(M, 2, 3) pixels, from `Lens.tangents`."""
     sigma_px: Floats
     """(M,) standard deviation of the sighting, pixels."""
+    velocity: Floats | None = None
+    """(M, 2) how fast the point moves through the picture, pixels a second; None where time is no question."""
 
     def take(self, rows: NDArray[np.generic]) -> PointObservations:
         """The sightings of the given rows."""
+        velocity = None if self.velocity is None else self.velocity[rows]
         return PointObservations(
-            self.camera[rows], self.point[rows], self.bearing[rows], self.tangent[rows], self.sigma_px[rows]
+            self.camera[rows], self.point[rows], self.bearing[rows], self.tangent[rows], self.sigma_px[rows], velocity
         )
 
 

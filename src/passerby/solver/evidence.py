@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Lens, Rig
+from passerby.errors import InputError
 from passerby.observations import Boxes, Keypoints, Observations
 from passerby.solver.bundle import PointObservations
+from passerby.solver.image_motion import image_velocity
 from passerby.solver.person_model import Sightings
 
 Floats = NDArray[np.float64]
@@ -84,10 +86,16 @@ class Segments:
     bottom_fraction: Floats
     has_foot: Floats
 
+    def velocity(self, fps: float) -> Floats:
+        """(M, 2) how fast the middles move through the picture, pixels a second."""
+        extent = np.linalg.norm(self.bottom - self.top, axis=1)
+        return image_velocity(self.frame, self.identity, 0.5 * (self.top + self.bottom), extent, fps)
+
 
 def gather_evidence(
-    rig: Rig, observations: Observations, rng: np.random.Generator, *, max_sightings: int = 30_000, max_joints: int = 24_000
-) -> Evidence:
+    rig: Rig, observations: Observations, rng: np.random.Generator, *, max_sightings: int = 30_000, max_joints: int = 24_000,
+    moving: bool = False,
+) -> Evidence:  # fmt: skip
     """Collect the evidence of all cameras.
 
     Args:
@@ -96,26 +104,36 @@ def gather_evidence(
         rng: draws the person-instants that are kept where there are more than the limits allow.
         max_sightings: most sightings of people; keeps time and memory flat in the length of a recording.
         max_joints: the same for sightings of joints.
+        moving: whether to find out how fast everything moves, which errors of the clocks show by.
+
+    Raises:
+        InputError: `moving`, and the observations' frame rate is not known.
     """
+    if moving and not observations.fps:
+        raise InputError("clocks cannot be refined without a frame rate: give the instants' fps")
+    fps = observations.fps if moving else None
     named, note = _names_hold(rig, observations)
     tables: list[tuple[int, Segments]] = []
+    velocity = []
     for index, camera in enumerate(rig):
         seen = observations[camera.name]
         boxes = segments_of_boxes(seen.boxes, camera.lens)
-        keypoints = segments_of_keypoints(seen.keypoints, named)
-        tables += [(index, boxes), (index, segments_without(keypoints, boxes))]
+        keypoints = segments_without(segments_of_keypoints(seen.keypoints, named), boxes)
+        tables += [(index, boxes), (index, keypoints)]
+        velocity += [segments.velocity(fps) for segments in (boxes, keypoints)] if fps else []
     camera_of = np.concatenate([np.full(len(s.frame), c, dtype=np.int64) for c, s in tables])
     frame, identity = (np.concatenate([getattr(s, name) for _, s in tables]) for name in ("frame", "identity"))
     keep, block, key = _shared_instants(camera_of, frame, identity, rng, max_sightings)
     identities, person = np.unique(key[:, 0], return_inverse=True)
-    sightings = _sightings(rig, tables, camera_of, keep, block)
-    joints, kind = _joints(rig, observations, rng, max_joints)
+    sightings = _sightings(rig, tables, camera_of, keep, block, np.concatenate(velocity)[keep] if fps else None)
+    joints, kind = _joints(rig, observations, rng, max_joints, fps)
     return Evidence(sightings, person, key[:, 1], identities, joints, kind, len(rig), note)
 
 
 def segments_of_boxes(boxes: Boxes, lens: Lens, *, unknown: bool = False) -> Segments:
-    """Boxes not cut by the border, as segments from top to bottom at the middle of their width; those without an identity only if
-    `unknown` are wanted.
+    """Boxes not cut by the border, as segments from top to bottom at the middle of their width.
+
+    Those without an identity are left out unless `unknown` are wanted.
     """
     x, y, w, h = boxes.ltwh.T
     whole = (
@@ -234,7 +252,9 @@ def _shared_instants(
     return rows, renumbered[number[rows]], np.column_stack([kept // span, kept % span + base])
 
 
-def _sightings(rig: Rig, tables: list[tuple[int, Segments]], camera_of: Ints, keep: Ints, block: Ints) -> Sightings:
+def _sightings(
+    rig: Rig, tables: list[tuple[int, Segments]], camera_of: Ints, keep: Ints, block: Ints, velocity: Floats | None
+) -> Sightings:
     """Rays and tangents of the kept rows; a row whose ray cannot be found is dropped."""
 
     def column(name: str) -> Floats:
@@ -250,15 +270,17 @@ def _sightings(rig: Rig, tables: list[tuple[int, Segments]], camera_of: Ints, ke
         top_tangent[rows], bottom_tangent[rows] = item.lens.tangents(top_ray[rows]), item.lens.tangents(bottom_ray[rows])
     sightings = Sightings(
         camera, block, top_ray, bottom_ray, top_tangent, bottom_tangent, np.linalg.norm(bottom - top, axis=1),
-        column("top_fraction"), column("bottom_fraction"), column("has_foot"),
+        column("top_fraction"), column("bottom_fraction"), column("has_foot"), velocity,
     )  # fmt: skip
     return sightings.take(np.isfinite(np.concatenate([top_ray, bottom_ray], axis=1)).all(axis=1))
 
 
-def _joints(rig: Rig, observations: Observations, rng: np.random.Generator, limit: int) -> tuple[PointObservations, Ints]:
+def _joints(
+    rig: Rig, observations: Observations, rng: np.random.Generator, limit: int, fps: float | None
+) -> tuple[PointObservations, Ints]:
     """Every joint that two cameras saw, as a point of its own."""
     columns: list[tuple[Ints, ...]] = []
-    xy, size_px = [], []
+    xy, size_px, velocity = [], [], []
     for index, camera in enumerate(rig):
         keypoints = observations[camera.name].keypoints
         found = (keypoints.score > MIN_JOINT_SCORE) & (keypoints.identity >= 0)[:, None]
@@ -272,10 +294,15 @@ def _joints(rig: Rig, observations: Observations, rng: np.random.Generator, limi
         )
         usual = float(np.median(keypoints.score[found])) if len(row) else 1.0
         doubt = np.clip((usual / keypoints.score[row, joint]) ** DOUBT_POWER, *DOUBT_RANGE)
-        size_px.append(np.maximum(height[row], MIN_EXTENT_PX) * doubt)
+        size = np.maximum(height[row], MIN_EXTENT_PX)
+        size_px.append(size * doubt)
+        if fps:
+            whose = keypoints.identity[row] * len(keypoints.joints) + joint
+            velocity.append(image_velocity(keypoints.frame[row], whose, xy[-1], size, fps))
     camera_of, frame, identity, joint = (np.concatenate(parts).astype(np.int64) for parts in zip(*columns, strict=True))
-    empty = PointObservations(camera_of[:0], camera_of[:0], np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros(0))
     if len(frame) == 0:
+        still = np.zeros((0, 2)) if fps else None
+        empty = PointObservations(camera_of[:0], camera_of[:0], np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros(0), still)
         return empty, np.zeros(0, np.int64)
     n_joints = int(joint.max()) + 1
     rows, point, key = _shared_instants(camera_of, frame, identity * n_joints + joint, rng, limit)
@@ -286,5 +313,7 @@ def _joints(rig: Rig, observations: Observations, rng: np.random.Generator, limi
         own = camera_of == index
         bearing[own] = item.lens.bearings(pixels[own])
         tangent[own] = item.lens.tangents(bearing[own])
-    good = np.isfinite(bearing).all(axis=1)
-    return PointObservations(camera_of[good], point[good], bearing[good], tangent[good], size[good]), key[:, 0] % n_joints
+    good = np.flatnonzero(np.isfinite(bearing).all(axis=1))
+    motion = np.concatenate(velocity)[rows] if fps else None
+    sightings = PointObservations(camera_of, point, bearing, tangent, size, motion)
+    return sightings.take(good), key[:, 0] % n_joints

@@ -137,4 +137,15 @@ def figures_of(
         },
         "foot_shift": float(state.globals[0]), "scale": scale | {"relative_sigma": covariance.scale},
         "vertical_sigma_deg": covariance.vertical_deg, "covariance_inflation": covariance.inflation,
+        "clocks": _clocks(rig, state.time, covariance.time_s),
     }  # fmt: skip
+
+
+def _clocks(rig: Rig, time: Floats, sigma: Floats | None) -> dict[str, dict[str, float]]:
+    """What to add to each camera's clock offset for it to agree with the first camera's, which stays as it is; empty where
+    the clocks were not refined.
+    """
+    if sigma is None:
+        return {}
+    correction = time - time[0]
+    return {name: {"correction_s": float(correction[c]), "sigma_s": float(sigma[c])} for c, name in enumerate(rig.names)}

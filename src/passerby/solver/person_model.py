@@ -25,6 +25,8 @@ Ints = NDArray[np.int64]
 
 CAMERA_SIZE = POSE_SIZE + 1
 SLACK = POSE_SIZE
+# One unknown more a camera where the clocks are refined.
+TIME = POSE_SIZE + 1
 UPRIGHT, JOINT = 0, 1
 X, Y, LOW, HIGH = range(4)
 FOOT_SHIFT = 0
@@ -38,7 +40,9 @@ CROUCHED, CROUCHED_SD = 0.75, 0.3
 # A body's extent in the picture cannot be predicted below this share of what was seen: the logarithm stays finite.
 MIN_EXTENT_SHARE = 0.1
 
+# Means over all cameras that no picture tells are held at 0 by these: slack (as a logarithm) and clocks (seconds).
 MEAN_SLACK_SD = 1e-4
+MEAN_TIME_SD = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +69,16 @@ class Sightings:
     """(M,) the same of the lowest point: 0 for a box."""
     has_foot: Floats
     """(M,) 1 where the lowest point is the visible foot of a box, which lies nearer to the camera than the axis; else 0."""
+    velocity: Floats | None = None
+    """(M, 2) how fast the middle of the two points moves through the picture, pixels a second; None where clocks are right."""
 
     def __len__(self) -> int:
         return len(self.camera)
 
     def take(self, rows: NDArray[np.generic]) -> Sightings:
         """The sightings of the given rows."""
-        return Sightings(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+        columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
+        return Sightings(**{name: column[rows] for name, column in columns.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +110,8 @@ class Priors:
     """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the person's height."""
     foot_shift_sd: float = 0.04
     stance_loss: float = 2.0
+    time: float = 0.3
+    """Error of a camera's clock, seconds: whole frames are found before, so that half a frame of 2 a second is left at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +140,9 @@ class PeopleState:
     """(N, 4): x, y, height of the lowest and of the highest point, metres."""
     joints: Floats
     """(J, 3) 3D joints, metres."""
+    time: Floats = field(default_factory=lambda: np.zeros(0))
+    """(C,) seconds to be added to the clocks' offsets: a camera shows the world so much later than its clock says. Empty where
+    the clocks are right."""
 
     def scaled(self, scale: float) -> PeopleState:
         """All lengths of cameras, people and joints times `scale`, the standing heights too."""
@@ -161,11 +173,21 @@ class PeopleProblem:
     cues: CueRows | None = None
 
     @property
+    def timed(self) -> bool:
+        """Whether the clocks' errors are unknowns."""
+        return self.sightings.velocity is not None
+
+    @property
+    def camera_size(self) -> int:
+        """Number of a camera's unknowns."""
+        return CAMERA_SIZE + self.timed
+
+    @property
     def layout(self) -> Layout:
         """The sizes of the unknowns."""
         families = (Family(len(self.person), 4, self.person), Family(self.n_joints, 3))
         n_globals = 1 + (3 * self.cues.n_points if self.cues else 0)
-        return Layout(self.n_cameras, CAMERA_SIZE, n_globals, len(self.height_mean), families)
+        return Layout(self.n_cameras, self.camera_size, n_globals, len(self.height_mean), families)
 
     def centre_sigma(self) -> Floats:
         """(M,) standard deviation of the sightings' centres in each direction, pixels."""
@@ -208,6 +230,10 @@ class PeopleProblem:
         centre_weight = 0.5 / self.centre_sigma()
         height_weight = 1.0 / self.height_sigma()
         centre = (r_top + r_bottom) * centre_weight[:, None]
+        if s.velocity is not None:
+            # What was seen is where the person is that much later. How the extent changes meanwhile is far below its noise.
+            by_time = s.velocity * (2 * centre_weight)[:, None]
+            centre = centre + by_time * state.time[s.camera, None]
         # In logarithms neither a small world nor a large slack can shrink the noise.
         predicted = np.maximum(s.extent_px + (r_bottom - r_top)[:, 1], MIN_EXTENT_SHARE * s.extent_px)
         height = (np.log(predicted / s.extent_px) + state.slack[s.camera]) * height_weight
@@ -234,13 +260,15 @@ class PeopleProblem:
 
         terms = []
         for k, residual in ((2, centre), (1, height[:, None])):
-            by_camera = np.zeros((n, k, CAMERA_SIZE))
+            by_camera = np.zeros((n, k, self.camera_size))
             by_camera[:, :, :POSE_SIZE] = rows(top_by_pose, bottom_by_pose, k)
             by_globals = np.zeros((n, k, n_globals))
             by_reach = rows(np.zeros((n, 2, 1)), bottom_by_reach, k)[:, :, 0]
             by_globals[:, :, FOOT_SHIFT] = by_reach * height_of[:, None]
             if k == 1:
                 by_camera[:, 0, SLACK] = height_weight
+            elif s.velocity is not None:
+                by_camera[:, :, TIME] = by_time
             terms.append(
                 Term(residual, loss, camera=s.camera, by_camera=by_camera, family=UPRIGHT, block=s.block,
                      by_block=rows(top_by_block, bottom_by_block, k), by_globals=by_globals, group=person,
@@ -283,39 +311,51 @@ class PeopleProblem:
         d = (R @ (state.joints[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
         residual, by_d = project_near(o.bearing, o.tangent, d)
         residual = residual / o.sigma_px[:, None]
+        if o.velocity is not None:
+            residual = residual + (o.velocity / o.sigma_px[:, None]) * state.time[o.camera, None]
         if not jacobians:
             return Term(residual, loss)
         by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
-        by_camera = np.concatenate([by_pose, np.zeros((len(d), 2, 1))], axis=2)
+        by_camera = np.concatenate([by_pose, np.zeros((len(d), 2, self.camera_size - POSE_SIZE))], axis=2)
+        if o.velocity is not None:
+            by_camera[:, :, TIME] = o.velocity / o.sigma_px[:, None]
         return Term(residual, loss, camera=o.camera, by_camera=by_camera, family=JOINT, block=o.point, by_block=by_point)
 
     def _shared_priors(self, state: PeopleState) -> list[Term]:
-        layout = self.layout
-        n = self.n_cameras
         # Slack that all cameras have in common is the same as a scale: no picture tells them apart, so the mean is held at 0,
         # and what it may be goes into the scale's sigma instead.
-        slack = np.concatenate([state.slack / self.priors.slack, [state.slack.mean() / MEAN_SLACK_SD]])
-        by_slack = np.zeros((n + 1, 1, layout.n_shared))
-        by_slack[np.arange(n), 0, np.arange(n) * CAMERA_SIZE + SLACK] = 1 / self.priors.slack
-        by_slack[n, 0, np.arange(n) * CAMERA_SIZE + SLACK] = 1 / (n * MEAN_SLACK_SD)
-        by_shift = np.zeros((1, 1, layout.n_shared))
-        by_shift[0, 0, n * CAMERA_SIZE + FOOT_SHIFT] = 1 / self.priors.foot_shift_sd
+        slack = self._mean_held(state.slack, SLACK, self.priors.slack, MEAN_SLACK_SD)
+        # Nor do clocks that are all wrong alike change anything but when it happened.
+        time = [self._mean_held(state.time, TIME, self.priors.time, MEAN_TIME_SD)] if self.timed else []
+        by_shift = np.zeros((1, 1, self.layout.n_shared))
+        by_shift[0, 0, self.n_cameras * self.camera_size + FOOT_SHIFT] = 1 / self.priors.foot_shift_sd
         shift = (state.globals[FOOT_SHIFT] - self.priors.foot_shift) / self.priors.foot_shift_sd
         people = np.arange(len(self.height_mean))
         return [
-            Term(slack[:, None], by_shared=by_slack),
+            slack,
+            *time,
             Term(np.array([[shift]]), by_shared=by_shift),
             Term(((state.heights - self.height_mean) / self.height_sd)[:, None], group=people,
                  by_group=(1 / self.height_sd)[:, None]),
         ]  # fmt: skip
 
+    def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:
+        """Priors around 0 on one unknown (C,) of each camera, and on its mean."""
+        n, of_camera = self.n_cameras, np.arange(self.n_cameras)
+        J = np.zeros((n + 1, 1, self.layout.n_shared))
+        J[of_camera, 0, of_camera * self.camera_size + unknown] = 1 / sd
+        J[n, 0, of_camera * self.camera_size + unknown] = 1 / (n * mean_sd)
+        return Term(np.concatenate([values / sd, [values.mean() / mean_sd]])[:, None], by_shared=J)
+
     def retract(self, state: PeopleState, step: Step) -> PeopleState:
         """The state moved by a step."""
-        by_camera = step.shared[: self.n_cameras * CAMERA_SIZE].reshape(-1, CAMERA_SIZE)
+        n_cameras = self.n_cameras * self.camera_size
+        by_camera = step.shared[:n_cameras].reshape(-1, self.camera_size)
         R, centre = retract_poses(state.R, state.centre, by_camera[:, :POSE_SIZE])
         return PeopleState(
-            R, centre, state.slack + by_camera[:, SLACK], state.globals + step.shared[self.n_cameras * CAMERA_SIZE :],
+            R, centre, state.slack + by_camera[:, SLACK], state.globals + step.shared[n_cameras:],
             state.heights + step.groups, state.people + step.blocks[UPRIGHT], state.joints + step.blocks[JOINT],
+            state.time + by_camera[:, TIME] if self.timed else state.time,
         )  # fmt: skip
 
 

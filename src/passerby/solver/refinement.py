@@ -40,11 +40,14 @@ class RigState:
     """(P,) standing heights."""
     slack: Floats
     globals: Floats
+    time: Floats
+    """(C,) errors of the clocks, seconds (`PeopleState`)."""
 
     @classmethod
     def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats) -> RigState:
-        """A first state: people as tall as expected, no slack."""
-        return cls(R, centre, height_mean.copy(), np.zeros(len(R)), np.concatenate([[priors.foot_shift], marks.ravel()]))
+        """A first state: people as tall as expected, no slack, clocks as stated."""
+        none = np.zeros(len(R))
+        return cls(R, centre, height_mean.copy(), none, np.concatenate([[priors.foot_shift], marks.ravel()]), none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +88,17 @@ def middle_rays(s: Sightings) -> tuple[Floats, Floats]:
     return ray, tangent
 
 
+def _on_time(ray: Floats, tangent: Floats, velocity: Floats | None, seconds: Floats) -> Floats:
+    """Rays (M, 3) to where the points would have been seen had the clocks not been wrong by `seconds` (M,)."""
+    if velocity is None or not seconds.any():
+        return ray
+    moved = -velocity * seconds[:, None]
+    # The ray that misses the old one by these pixels: the least change of it that the tangent turns into them.
+    gram = tangent @ tangent.transpose(0, 2, 1)
+    on_time = ray + (tangent.transpose(0, 2, 1) @ np.linalg.solve(gram, moved[:, :, None]))[:, :, 0]
+    return np.asarray(on_time / np.linalg.norm(on_time, axis=1, keepdims=True))
+
+
 def build_model(
     evidence: Evidence, rig: RigState, noise: Noise, knowledge: Knowledge, *, share: float,
     blocks: Ints | None = None, joints: Ints | None = None, stance: Floats | None = None, rename: bool = False,
@@ -104,6 +118,7 @@ def build_model(
     """
     s, n_blocks = evidence.sightings, len(evidence.person)
     ray, tangent = middle_rays(s)
+    ray = _on_time(ray, tangent, s.velocity, rig.time[s.camera])
     tolerance = 2.0 + share * s.extent_px
     typical = float(np.median(knowledge.height_mean)) if len(knowledge.height_mean) else 1.7
     middle = 0.5 * typical * float(np.median(s.top_fraction + s.bottom_fraction)) if len(s) else 0.0
@@ -131,7 +146,7 @@ def build_model(
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, knowledge.cues,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
-    state = PeopleState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points)
+    state = PeopleState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time)
     renamed = int(np.count_nonzero(s.block[rows] != block))
     return Model(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
 
@@ -143,20 +158,21 @@ def _agreeing_joints(
     o = evidence.joints
     candidate = np.ones(len(o.camera), bool) if joints is None else np.isin(o.point, joints)
     c = np.flatnonzero(candidate)
-    # `sigma_px` of the evidence holds the person's extent; the noise says what share of it a joint is off by.
-    extent = o.sigma_px[c]
+    seen = o.take(c)
+    ray = _on_time(seen.bearing, seen.tangent, seen.velocity, rig.time[seen.camera])
     consensus = agree(
-        o.camera[c], o.point[c], o.bearing[c], o.tangent[c], 2.0 + share * extent, evidence.n_joints, rig.R, rig.centre
+        seen.camera, seen.point, ray, seen.tangent, 2.0 + share * seen.sigma_px, evidence.n_joints, rig.R, rig.centre
     )
     rows = c[consensus.inlier]
     used = np.unique(o.point[rows])
     number = np.full(evidence.n_joints, -1)
     number[used] = np.arange(len(used))
+    # `sigma_px` of the evidence holds the person's extent; the noise says what share of it a joint is off by.
     share_px = noise.joint * o.sigma_px[rows]
     if noise.kinds is not None:
         share_px = share_px * noise.kinds[o.camera[rows], evidence.joint_kind[o.point[rows]]]
     sigma = np.hypot(noise.floor_px, share_px)
-    taken = PointObservations(o.camera[rows], number[o.point[rows]], o.bearing[rows], o.tangent[rows], sigma)
+    taken = replace(o.take(rows), point=number[o.point[rows]], sigma_px=sigma)
     return taken, consensus.points[used], rows, used
 
 
@@ -167,7 +183,7 @@ def adjust(model: Model, stopping: Stopping) -> Result[PeopleState]:
 
 def rig_of(state: PeopleState) -> RigState:
     """What the next round starts from."""
-    return RigState(state.R, state.centre, state.heights, state.slack, state.globals)
+    return RigState(state.R, state.centre, state.heights, state.slack, state.globals, state.time)
 
 
 def learn_noise(model: Model, result: Result[PeopleState]) -> Noise:

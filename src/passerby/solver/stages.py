@@ -56,6 +56,8 @@ class PeopleOptions:
     """Iterations of the adjustment in each round."""
     tolerance: float = 1e-6
     """Relative decrease of the cost at which a round has converged."""
+    refine_time: bool = False
+    """Whether each camera's clock has an unknown error; takes observations whose frame rate is known."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -89,7 +91,10 @@ class Start:
         cls, rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator
     ) -> Start:
         """Gather the evidence, level each camera, and guess at all pairs."""
-        evidence = gather_evidence(rig, observations, rng, max_sightings=options.max_sightings, max_joints=options.max_joints)
+        evidence = gather_evidence(
+            rig, observations, rng, max_sightings=options.max_sightings, max_joints=options.max_joints,
+            moving=options.refine_time,
+        )  # fmt: skip
         mean, sd = expected_heights(cues, evidence.identities)
         body_m = float(np.median(mean)) if len(mean) else cues.population.mean_m
         levels = [level_of(evidence, c, body_m, rng) for c in range(len(rig))]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from passerby.cameras import PoseSigma
 from passerby.solver.evidence import Evidence
 from passerby.solver.least_squares import Layout, NormalEquations, Term
-from passerby.solver.person_model import CAMERA_SIZE, PeopleState
+from passerby.solver.person_model import TIME, PeopleState
 from passerby.solver.refinement import Model
 
 Floats = NDArray[np.float64]
@@ -44,6 +44,8 @@ class RigCovariance:
     """Relative one sigma of all lengths."""
     inflation: float
     """Factor on the covariance for residuals that are alike from one instant to the next."""
+    time_s: Floats | None = None
+    """(C,) one sigma of the cameras' clocks against the first camera's, seconds; None where they were not refined."""
 
     def sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures in the metric world."""
@@ -73,8 +75,9 @@ def rig_covariance(
     """
     H = NormalEquations(layout, [deflated(term, inflation) for term in terms]).reduce().H
     n = len(H)
-    constraint = _placement_freedoms(state, n)
-    centres_only = _only_centres(constraint, len(state.R))
+    size = layout.camera_size
+    constraint = _placement_freedoms(state, n, size)
+    centres_only = _only_centres(constraint, len(state.R), size)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
     B = centres_only / np.linalg.norm(centres_only * scale[:, None], axis=0)
     system = H * scale[:, None] * scale + (B * scale[:, None]) @ (B * scale[:, None]).T
@@ -84,7 +87,7 @@ def rig_covariance(
     covariance = inverse - constraint @ (freedom @ freedom.T) @ constraint.T
     n_cameras = len(state.R)
     order = np.array([3, 4, 5, 0, 1, 2])
-    own = (np.arange(n_cameras)[:, None] * CAMERA_SIZE + order).ravel()
+    own = (np.arange(n_cameras)[:, None] * size + order).ravel()
     cameras = covariance[np.ix_(own, own)]
     freedoms = _similarity_freedoms(state)
     along = np.linalg.inv(freedoms.parts.T @ freedoms.moves) @ freedoms.parts.T
@@ -98,7 +101,17 @@ def rig_covariance(
         _blocks(metric, n_cameras), _blocks(shape, n_cameras),
         float(np.degrees(np.sqrt(of_freedoms[3, 3] + of_freedoms[4, 4]))),
         float(np.sqrt(of_freedoms[6, 6] + beyond)), inflation,
+        _time_sigmas(covariance, size, n_cameras) if size > TIME else None,
     )  # fmt: skip
+
+
+def _time_sigmas(covariance: Floats, size: int, n_cameras: int) -> Floats:
+    """(C,) sigmas of the clocks' differences from the first camera's: their mean is held, so single ones mean little."""
+    clocks = np.arange(n_cameras) * size + TIME
+    against_first = np.eye(n_cameras)
+    against_first[:, 0] -= 1.0
+    variance = np.diag(against_first @ covariance[np.ix_(clocks, clocks)] @ against_first.T)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def deflated(term: Term, inflation: float) -> Term:
@@ -149,17 +162,17 @@ def _similarity_freedoms(state: PeopleState) -> _Freedoms:
     return _Freedoms(moves.reshape(-1, 7), parts.reshape(-1, 7))
 
 
-def _placement_freedoms(state: PeopleState, n: int) -> Floats:
+def _placement_freedoms(state: PeopleState, n: int, camera_size: int) -> Floats:
     """(n, 3) directions of the shared unknowns that no residual notices: along x, along y, about z."""
     out = np.zeros((n, 3))
     up = np.array([0.0, 0.0, 1.0])
     for c in range(len(state.R)):
-        first = c * CAMERA_SIZE
+        first = c * camera_size
         out[first + 3, 0] = out[first + 4, 1] = 1.0
         # A turn of the world about z by w moves a centre by w z x C, and turns the camera by -R z w in its own frame.
         out[first : first + 3, 2] = -state.R[c] @ up
         out[first + 3 : first + 6, 2] = np.cross(up, state.centre[c])
-    first = len(state.R) * CAMERA_SIZE + 1
+    first = len(state.R) * camera_size + 1
     for point in range((len(state.globals) - 1) // 3):
         at = state.globals[1 + 3 * point : 4 + 3 * point]
         out[first + 3 * point, 0] = out[first + 3 * point + 1, 1] = 1.0
@@ -167,11 +180,11 @@ def _placement_freedoms(state: PeopleState, n: int) -> Floats:
     return out
 
 
-def _only_centres(freedoms: Floats, n_cameras: int) -> Floats:
+def _only_centres(freedoms: Floats, n_cameras: int, camera_size: int) -> Floats:
     """The freedoms as constraints on the camera centres alone."""
     out = np.zeros_like(freedoms)
     for c in range(n_cameras):
-        rows = slice(c * CAMERA_SIZE + 3, c * CAMERA_SIZE + 6)
+        rows = slice(c * camera_size + 3, c * camera_size + 6)
         out[rows] = freedoms[rows]
     return out
 
