@@ -21,10 +21,11 @@ def rows(frames=10, identities=(1, 2), left=100):
     )
 
 
-def write_scene(folder: Path, cameras=("A", "B"), extra="", files=None):
+def write_scene(folder: Path, cameras=("A", "B"), extra="", files=None, association='mode = "given"'):
     """A folder with a scene of three sound files a camera; `files` replaces some of them (None: is left out)."""
     content = {
-        "scene.toml": "".join(f'[cameras.{name}]\nintrinsics = "rig.toml"\ntracks = "{name}.txt"\n' for name in cameras)
+        "scene.toml": f"[association]\n{association}\n"
+        + "".join(f'[cameras.{name}]\nintrinsics = "rig.toml"\ntracks = "{name}.txt"\n' for name in cameras)
         + extra,
         "rig.toml": "".join(lens(name) for name in cameras),
         **{f"{name}.txt": rows() for name in cameras},

@@ -71,7 +71,8 @@ def test_check_of_a_sound_scene(tmp_path, capsys):
     assert report["ok"]
     assert report["cameras"][1] == {
         "name": "B", "size": [1280, 720], "frames": 13, "first_frame": 1, "last_frame": 13, "boxes": 37, "identities": 3,
-        "keypoints": 0, "joints": 0, "shared": {"A": {"people": 2, "sightings": 16}}, "faults": [],
+        "keypoints": 0, "joints": 0, "embedding_dimensions": None, "fps": None,
+        "shared": {"A": {"people": 2, "sightings": 16}}, "faults": [],
     }  # fmt: skip
     assert "1 of 37 rows have no identity" in report["findings"][0]
 

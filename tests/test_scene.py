@@ -27,7 +27,9 @@ def test_the_smallest_scene_and_its_defaults(tmp_path):
     scene = load(tmp_path, CAMERAS)
     assert scene.name == "scene"
     assert scene.scene.fps is None
-    assert scene.association.mode == "given"
+    assert scene.association.mode == "combined"
+    assert scene.association.max_offset_s is None
+    assert scene.fps_of("A") is None
     assert scene.solver.method == "people"
     cues = scene.scale_cues()
     assert (cues.population.mean_m, cues.population.sd_m) == (1.72, 0.09)
@@ -45,6 +47,8 @@ def test_scale_cues(tmp_path):
         tmp_path,
         CAMERAS
         + """
+[association]
+mode = "given"
 [scale]
 person_height_m = 1.75
 person_height_sd_m = 0.07
@@ -73,6 +77,27 @@ sd_m = 0.1
     assert (cues.camera_heights[0].camera, cues.camera_heights[0].metres, cues.camera_heights[0].sd_m) == ("B", 2.5, 0.1)
 
 
+@pytest.mark.parametrize(
+    ("association", "seconds"),
+    [
+        ("", 5.0),
+        ("mode = 'combined'", 5.0),
+        ("mode = 'trajectory'", 5.0),
+        ("mode = 'appearance'", 0.0),
+        ("mode = 'given'", 0.0),
+        ("max_offset_s = 0", 0.0),
+        ("mode = 'appearance'\nmax_offset_s = 12.5", 12.5),
+    ],
+)
+def test_how_far_clocks_are_searched(tmp_path, association, seconds):
+    assert load(tmp_path, CAMERAS + f"[association]\n{association}").association.search_s == seconds
+
+
+def test_a_cameras_frame_rate_is_its_own_or_the_scenes(tmp_path):
+    scene = load(tmp_path, CAMERAS + "fps = 30\n[scene]\nfps = 25")
+    assert (scene.fps_of("A"), scene.fps_of("B")) == (25, 30)
+
+
 def test_a_scene_cannot_be_changed(tmp_path):
     with pytest.raises(ValueError, match="frozen"):
         load(tmp_path, CAMERAS).cameras["A"].tracks = None
@@ -92,8 +117,16 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[solver]\nmethod = 'magic'", r"\[solver\] method is 'magic': .*'people' or 'geopose'"),
         (CAMERAS + "[solver]\nmethod = 'geopose'", r"geopose. needs a reference camera"),
         (CAMERAS + "[solver]\nreference = 'C'", r"\[solver\] reference: camera 'C' is not declared: there are A, B"),
-        (CAMERAS + "[association]\nmode = 'combined'", r"mode 'combined' does not work yet: write mode = .given."),
-        (CAMERAS + "[association]\nmode = 'guess'", r"mode 'guess' is unknown"),
+        (CAMERAS + "[association]\nmode = 'guess'", r"\[association\] mode is 'guess': .*'combined', .* or 'given'"),
+        (CAMERAS + "[association]\nmax_offset_s = -1", r"\[association\] max_offset_s is -1: "),
+        (CAMERAS + "[association]\nmax_offset_s = inf", r"\[association\] max_offset_s: a finite number"),
+        (CAMERAS + "fps = 0", r"\[cameras.B\] fps is 0: "),
+        (CAMERAS + "fps = 25", r"\[cameras.A\]: has no fps, but camera B has: add fps there, or to \[scene\]"),
+        (CAMERAS + "embeddings = 'b.npz'", r"\[cameras.B\]: has embeddings, but no boxes .* add `tracks` or `detections`"),
+        (
+            CAMERAS + "[[scale.people]]\nidentity = 1\nheight_m = 1.8",
+            r"\[\[scale.people\]\]: names identities, but mode 'combined' does not know them .* mode = \"given\"",
+        ),
         (CAMERAS + "[scale]\nperson_height_m = 172", r"\[scale\] person_height_m: 172 is not a person's height: metres"),
         (CAMERAS + "[scale]\nperson_height_sd_m = -0.1", r"person_height_sd_m is -0.1"),
         (CAMERAS + "[[scale.people]]\nidentity = 1\nheight = 1.8", r"\[\[scale.people\]\] 1: unknown key 'height'"),

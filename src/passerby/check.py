@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from passerby.errors import EvidenceError, InputError
-from passerby.inputs import CameraReading, read_camera, scene_faults, scene_findings
+from passerby.inputs import observations_of, scene_faults, scene_findings
 from passerby.interchange.faults import faults_of
-from passerby.observations import UNKNOWN, Observations
+from passerby.observations import UNKNOWN, CameraObservations, Ints, Observations
+from passerby.reading import CameraReading, read_camera
 from passerby.scene import Scene
 from passerby.sharing import Shared, missing_overlap, shared_people
 
@@ -29,13 +30,17 @@ class CameraCheck:
     last_frame: int | None
     boxes: int
     identities: int
-    """Different identities in boxes and joints."""
+    """Different ids in boxes and joints: people in mode "given", else tracklets of this camera's own; 0 for mere detections."""
     keypoints: int
     """People with joints."""
     joints: int
     """Joints a person."""
+    embedding_dimensions: int | None
+    """Dimensions of the boxes' embeddings; None where there are none."""
+    fps: float | None
+    """Frames per second of the frame numbers; None where unknown."""
     shared: dict[str, Shared]
-    """What it shares with every other camera."""
+    """What it shares with every other camera; empty where identities are not given."""
     faults: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -50,6 +55,8 @@ class CameraCheck:
             "identities": self.identities,
             "keypoints": self.keypoints,
             "joints": self.joints,
+            "embedding_dimensions": self.embedding_dimensions,
+            "fps": self.fps,
             "shared": {name: {"people": shared.people, "sightings": shared.sightings} for name, shared in self.shared.items()},
             "faults": list(self.faults),
         }
@@ -60,6 +67,8 @@ class SceneCheck:
     """What a scene holds and what is wrong with it."""
 
     name: str
+    mode: str | None
+    """How identities are found; None where the scene file cannot be read."""
     cameras: tuple[CameraCheck, ...]
     faults: tuple[str, ...]
     """What makes the input unusable, of all cameras and of the scene."""
@@ -79,6 +88,7 @@ class SceneCheck:
         """As plain values for JSON."""
         return {
             "scene": self.name,
+            "mode": self.mode,
             "ok": self.exit_status == 0,
             "cameras": [camera.to_dict() for camera in self.cameras],
             "faults": list(self.faults),
@@ -92,22 +102,45 @@ def check_scene(path: str | Path) -> SceneCheck:
     try:
         scene = Scene.load(path)
     except InputError as error:
-        return SceneCheck(Path(path).stem, (), faults_of(error), (), ())
+        return SceneCheck(Path(path).stem, None, (), faults_of(error), (), ())
     readings = [read_camera(scene, name) for name in scene.cameras]
-    shared = shared_people(Observations({reading.name: reading.seen for reading in readings}))
+    given = scene.association.given
+    shared = shared_people(_counted_alike(observations_of(scene, readings))) if given else {}
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     return SceneCheck(
         name=scene.name,
-        cameras=tuple(_camera_check(reading, shared[reading.name]) for reading in readings),
+        mode=scene.association.mode,
+        cameras=tuple(_camera_check(reading, shared.get(reading.name, {})) for reading in readings),
         faults=tuple(dict.fromkeys(faults)),
-        lacks=() if faults else tuple(missing_overlap(shared)),
+        lacks=tuple(missing_overlap(shared)) if given and not faults else (),
         findings=tuple(findings),
     )
 
 
+def _counted_alike(observations: Observations) -> Observations:
+    """The observations with the frame numbers of the slowest camera, to count who is seen at one instant."""
+    clocks = observations.clocks
+    if not clocks:
+        return observations
+    slowest = min(clock.fps for clock in clocks.values())
+
+    def ticks(name: str, frame: Ints) -> Ints:
+        return np.asarray(np.rint(clocks[name].seconds(frame) * slowest), dtype=np.int64)
+
+    return Observations(
+        {
+            name: CameraObservations(
+                replace(seen.boxes, frame=ticks(name, seen.boxes.frame)),
+                replace(seen.keypoints, frame=ticks(name, seen.keypoints.frame)),
+            )
+            for name, seen in observations.cameras.items()
+        }
+    )
+
+
 def _camera_check(reading: CameraReading, shared: dict[str, Shared]) -> CameraCheck:
-    frames = np.unique(np.concatenate([reading.boxes.frame, reading.keypoints.frame]))
+    frames = reading.frames
     identities = np.unique(np.concatenate([reading.boxes.identity, reading.keypoints.identity]))
     return CameraCheck(
         name=reading.name,
@@ -119,6 +152,8 @@ def _camera_check(reading: CameraReading, shared: dict[str, Shared]) -> CameraCh
         identities=int((identities > UNKNOWN).sum()),
         keypoints=len(reading.keypoints),
         joints=len(reading.keypoints.joints) if len(reading.keypoints) else 0,
+        embedding_dimensions=reading.dimensions,
+        fps=reading.fps,
         shared=shared,
         faults=tuple(reading.faults),
     )

@@ -1,39 +1,23 @@
-"""From a scene file to observations: everything that it names is read, checked against each other, and told about.
+"""From a scene file to observations: everything that it names is read, and the cameras are checked against each other.
 
 *Faults* make an input unusable; *findings* are odd, but do not stop a calibration.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TypeVar
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Lens, Rig
-from passerby.errors import InputError
-from passerby.interchange.coco import read_keypoints
-from passerby.interchange.faults import FileFaults, faults_of
-from passerby.interchange.motchallenge import read_boxes
-from passerby.interchange.rig_toml import read_lens
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Keypoints, Observations
+from passerby.cameras import Camera, Rig
+from passerby.interchange.faults import FileFaults
+from passerby.observations import Clock, Observations
+from passerby.reading import CameraReading, read_camera
 from passerby.scene import Scene
 
-OUTSIDE_SHARE = 0.01
-"""A tracker may predict a box or two past the border; where more than this share of the boxes does not touch the picture (grown
-by 2 %), the boxes were made on a picture of another size."""
-BORDER_SHARE = 0.02
-FILLED_SHARE = 0.6
-"""People who all stay within this share of the width and the height hint at a size that is too large."""
-FILLED_ROWS = 100
-PRINCIPAL_SHARE = 0.25
-"""A cropped picture can have its principal point outside; further out than this share of the size, matrix and size disagree."""
-
-
-T = TypeVar("T")
+SPAN_RATIO = 1.5
+"""Recordings whose lengths in seconds differ by more are told: a frame rate is mostly mistaken for half or twice itself (25 and
+50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,28 +27,9 @@ class SceneInputs:
     rig: Rig
     """The cameras, without poses."""
     observations: Observations
-    """In mode "given": people with a known identity only."""
+    """In mode "given": people with a known identity only. Else all rows, with tracklet numbers of each camera's own or -1."""
     findings: tuple[str, ...]
     """What is odd, one sentence each."""
-
-
-@dataclass(eq=False)
-class CameraReading:
-    """What was read of one camera, as far as it could be."""
-
-    name: str
-    lens: Lens | None = None
-    boxes: Boxes = field(default_factory=Boxes.empty)
-    keypoints: Keypoints = field(default_factory=Keypoints.empty)
-    faults: list[str] = field(default_factory=list)
-    findings: list[str] = field(default_factory=list)
-
-    @property
-    def seen(self) -> CameraObservations:
-        """The observations with a known identity."""
-        return CameraObservations(
-            self.boxes.take(self.boxes.identity > UNKNOWN), self.keypoints.take(self.keypoints.identity > UNKNOWN)
-        )
 
 
 def read_inputs(scene: Scene) -> SceneInputs:
@@ -77,35 +42,54 @@ def read_inputs(scene: Scene) -> SceneInputs:
     if faults:
         raise FileFaults(list(dict.fromkeys(faults)))
     rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
-    observations = Observations({reading.name: reading.seen for reading in readings}, scene.scene.fps)
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
-    return SceneInputs(rig, observations, tuple(findings))
+    return SceneInputs(rig, observations_of(scene, readings), tuple(findings))
 
 
-def read_camera(scene: Scene, name: str) -> CameraReading:
-    """Read one camera's files; faults are gathered, not raised."""
-    table = scene.cameras[name]
-    reading = CameraReading(name)
+def observations_of(scene: Scene, readings: list[CameraReading]) -> Observations:
+    """What the cameras saw, with their clocks."""
+    fps = readings[0].fps if readings else None
+    return Observations({reading.name: reading.seen for reading in readings}, fps, clocks_of(scene))
 
-    def path_of(path: Path | None) -> Path | None:
-        return None if path is None else scene.resolve(path)
 
-    reading.lens = _attempt(lambda path: read_lens(path, name), path_of(table.intrinsics), reading.faults)
-    reading.boxes = _attempt(read_boxes, path_of(table.tracks), reading.faults) or reading.boxes
-    reading.keypoints = _attempt(read_keypoints, path_of(table.keypoints), reading.faults) or reading.keypoints
-    _attempt(read_boxes, path_of(table.detections), reading.faults)
-    _attempt(_existing, path_of(table.video), reading.faults)
-    _check_identities(scene, reading)
-    if reading.lens is not None:
-        _check_principal_point(scene, reading, reading.lens)
-        _check_extents(scene, reading, reading.lens)
-    return reading
+def clocks_of(scene: Scene) -> dict[str, Clock]:
+    """Each camera's clock, its offset 0. Empty where the same frame number is the same instant in all cameras.
+
+    That is so where no frame rate is known, and, with nothing to search for, where identities are given and all rates alike.
+    """
+    rates = {name: rate for name in scene.cameras if (rate := scene.fps_of(name)) is not None}
+    association = scene.association
+    if association.given and len(set(rates.values())) == 1 and association.search_s == 0:
+        return {}
+    return {name: Clock(rate) for name, rate in rates.items()}
 
 
 def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     """Faults between cameras, and of what the scene file says about them."""
-    faults = []
+    return [
+        *_length_faults(scene, readings),
+        *_joint_faults(scene, readings),
+        *_embedding_faults(scene, readings),
+        *_emptiness_faults(scene, readings),
+    ]
+
+
+def scene_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Oddities between cameras."""
+    known = {
+        int(who) for reading in readings for part in (reading.boxes, reading.keypoints) for who in np.unique(part.identity)
+    }
+    found = [
+        f"{scene.place}: [[scale.people]]: identity {cue.identity} is seen by no camera; its height says nothing"
+        for cue in scene.scale.people
+        if cue.identity not in known
+    ]
+    return found + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
+
+
+def _length_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     lenses = {reading.name: reading.lens for reading in readings}
+    faults = []
     for number, length in enumerate(scene.scale.lengths, start=1):
         for name, ends in length.points.items():
             lens = lenses[name]
@@ -114,6 +98,11 @@ def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
                     f"{scene.place}: [[scale.lengths]] {number} points: {[list(end) for end in ends]} lies outside the "
                     f"{lens.size[0]} x {lens.size[1]} picture of camera {name}: give pixels of that picture"
                 )
+    return faults
+
+
+def _joint_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    faults = []
     with_joints = [reading for reading in readings if len(reading.keypoints)]
     for reading in with_joints[1:]:
         if not set(reading.keypoints.joints) & set(with_joints[0].keypoints.joints):
@@ -125,116 +114,67 @@ def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     return faults
 
 
-def scene_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
-    """Oddities between cameras."""
-    known = {
-        int(who) for reading in readings for part in (reading.boxes, reading.keypoints) for who in np.unique(part.identity)
+def _embedding_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Embeddings of different kinds, and mode "appearance" without embeddings."""
+    with_looks = [reading for reading in readings if reading.dimensions is not None]
+    faults = [
+        f"{scene.place}: [cameras.{reading.name}] embeddings have {reading.dimensions} dimensions, those of camera "
+        f"{with_looks[0].name} {with_looks[0].dimensions}: take them from the same network"
+        for reading in with_looks[1:]
+        if reading.dimensions != with_looks[0].dimensions
+    ]
+    if scene.association.mode != "appearance":
+        return faults
+    mend = 'add embeddings = "NAME.npz", or write mode = "combined", which can do without'
+    wanting = [reading.name for reading in readings if reading.people and scene.cameras[reading.name].embeddings is None]
+    if all(table.embeddings is None for table in scene.cameras.values()):
+        return [*faults, f'{scene.place}: mode "appearance" needs embeddings, and no camera has any: {mend}']
+    return faults + [f'{scene.place}: [cameras.{name}] mode "appearance" needs embeddings: {mend}' for name in wanting]
+
+
+def _emptiness_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Where identities are not given, a camera that saw nobody is left out; two others must be left."""
+    awake = [reading.name for reading in readings if reading.people]
+    if scene.association.given or len(awake) > 1 or any(reading.faults for reading in readings):
+        return []
+    who = f"only camera {awake[0]} saw anybody" if awake else "no camera saw anybody: their files have no rows"
+    return [f"{scene.place}: {who}: a calibration needs people in two cameras or more"]
+
+
+def _clock_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Rates that are missing or contradict the length of the recordings."""
+    if all(reading.fps is None for reading in readings):
+        if scene.association.search_s == 0:
+            return []
+        return [
+            f"{scene.place}: no frame rate is given: frame numbers are taken to be counted alike in all cameras, and no "
+            "difference of their clocks is searched for: add fps to [scene], or max_offset_s = 0 to [association]"
+        ]
+    spans = {
+        reading.name: (seen[0], seen[-1], reading.fps)
+        for reading in readings
+        if reading.fps is not None and len(seen := reading.frames) > 1
     }
+    seconds = {name: float((last - first) / fps) for name, (first, last, fps) in spans.items()}
+    if not seconds or max(seconds.values()) <= SPAN_RATIO * min(seconds.values()):
+        return []
+    usual = float(np.exp(np.median(np.log(list(seconds.values())))))
+    odd = [name for name in seconds if max(seconds[name] / usual, usual / seconds[name]) >= SPAN_RATIO**0.5]
+    told = ", ".join(f"{name} {seconds[name]:.1f} s (frames {first} to {last} at {fps:g} fps)"
+                     for name, (first, last, fps) in spans.items() if name in odd)  # fmt: skip
+    others = f"; the other cameras about {usual:.1f} s" if len(odd) < len(seconds) else ""
     return [
-        f"{scene.place}: [[scale.people]]: identity {cue.identity} is seen by no camera; its height says nothing"
-        for cue in scene.scale.people
-        if cue.identity not in known
+        f"{scene.place}: by their frame rates the recordings differ in length: {told}{others}: check fps, unless people were "
+        "there for a part of the time only"
     ]
 
 
-def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) -> T | None:
-    """What `read` makes of the file, or None with its faults added."""
-    if path is None:
-        return None
-    try:
-        return read(path)
-    except InputError as error:
-        faults += faults_of(error)
-        return None
-
-
-def _existing(path: Path) -> Path:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file: a video is needed here; check the path and its spelling")
-    return path
-
-
-def _check_identities(scene: Scene, reading: CameraReading) -> None:
-    """Mode "given": people need identities."""
-    table = scene.cameras[reading.name]
-    if table.tracks is None and table.keypoints is None:
-        reading.faults.append(
-            f"{scene.place}: [cameras.{reading.name}] has only detections, which carry no identities: "
-            'mode "given" needs `tracks` or `keypoints` with identities that are the same in all cameras'
-        )
-        return
-    if table.detections is not None:
-        reading.findings.append(f'{scene.place}: [cameras.{reading.name}] detections are not used in mode "given"')
-    for path, part, key in ((table.tracks, reading.boxes, "id"), (table.keypoints, reading.keypoints, "track_id")):
-        if path is None:
-            continue
-        unknown = int((part.identity == UNKNOWN).sum())
-        if len(part) and unknown == len(part):
-            reading.faults.append(
-                f'{scene.resolve(path)}: camera {reading.name}: no row has an identity ({key}): mode "given" needs them, '
-                "the same number for the same person in all cameras"
-            )
-        elif unknown:
-            reading.findings.append(
-                f"{scene.resolve(path)}: camera {reading.name}: {unknown} of {len(part)} rows have no identity and are not used"
-            )
-        elif not len(part) and not reading.faults:
-            reading.findings.append(f"{scene.resolve(path)}: camera {reading.name} saw nobody: the file has no rows")
-
-
-def _check_principal_point(scene: Scene, reading: CameraReading, lens: Lens) -> None:
-    """Matrix against picture size."""
-    beyond = float((np.abs(lens.matrix[:2, 2] / lens.size - 0.5) - 0.5).max())
-    if beyond > 0:
-        text = (
-            f"{scene.resolve(scene.cameras[reading.name].intrinsics)}: [{reading.name}] the principal point "
-            f"{lens.matrix[:2, 2].round(1).tolist()} lies outside the {lens.size[0]} x {lens.size[1]} picture: "
-            "wrong image size? Matrix and size must be of one picture"
-        )
-        (reading.faults if beyond > PRINCIPAL_SHARE else reading.findings).append(text)
-
-
-def _check_extents(scene: Scene, reading: CameraReading, lens: Lens) -> None:
-    """Picture size against where the people are."""
-    table = scene.cameras[reading.name]
-    width, height = lens.size
-    mend = f"the size {width} x {height} in {scene.resolve(table.intrinsics)} is not that of the picture"
-    for path, extent, rows in (
-        (table.tracks, _box_extents(reading.boxes), reading.boxes),
-        (table.keypoints, _joint_extents(reading.keypoints), reading.keypoints),
-    ):
-        if path is None or not len(extent):
-            continue
-        margin = BORDER_SHARE * np.array([width, height])
-        outside = ((extent[:, :2] > np.array([width, height]) + margin) | (extent[:, 2:] < -margin)).any(axis=1)
-        count, place = int(outside.sum()), f"{scene.resolve(path)}: camera {reading.name}"
-        if count:
-            first = int(np.flatnonzero(outside)[0])
-            text = (
-                f"{place}: {count} of {len(extent)} people lie outside the {width} x {height} picture (first: frame "
-                f"{rows.frame[first]}, from {extent[first, :2].round(1).tolist()} to {extent[first, 2:].round(1).tolist()})"
-            )
-            if count > OUTSIDE_SHARE * len(extent):
-                reading.faults.append(f"{text}: wrong image size? {mend} in which the people were found")
-            else:
-                reading.findings.append(text)
-        filled = (extent[:, 2:] / lens.size).max(axis=0)
-        if len(extent) >= FILLED_ROWS and filled.max() < FILLED_SHARE:
-            reading.findings.append(
-                f"{place}: all people lie within {filled[0]:.0%} of the width and {filled[1]:.0%} of the height: "
-                f"wrong image size? perhaps {mend} in which they were found"
-            )
-
-
-def _box_extents(boxes: Boxes) -> NDArray[np.float64]:
-    """(N, 4) left, top, right, bottom in pixels."""
-    return np.column_stack([boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]])
-
-
-def _joint_extents(keypoints: Keypoints) -> NDArray[np.float64]:
-    """(N, 4) left, top, right, bottom of the joints found in each person, pixels; (0, 0, 0, 0) where there is none."""
-    found = keypoints.score[..., None] > 0
-    some = found.any(axis=1)
-    low = np.where(some, np.where(found, keypoints.xy, np.inf).min(axis=1, initial=np.inf), 0.0)
-    high = np.where(some, np.where(found, keypoints.xy, -np.inf).max(axis=1, initial=-np.inf), 0.0)
-    return np.column_stack([low, high])
+def _embedding_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Mode "combined" where some cameras have embeddings and some have none."""
+    without = [reading.name for reading in readings if reading.people and reading.dimensions is None]
+    if scene.association.mode != "combined" or not without or all(reading.dimensions is None for reading in readings):
+        return []
+    return [
+        f"{scene.place}: camera{'s' if len(without) > 1 else ''} {', '.join(without)} ha{'ve' if len(without) > 1 else 's'} no "
+        "embeddings: people there are known by how they move alone"
+    ]

@@ -6,7 +6,6 @@ mend. Paths are relative to the scene file, or absolute.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import tomllib
@@ -18,6 +17,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, 
 
 from passerby.errors import InputError
 from passerby.interchange.faults import FileFaults, read_text
+from passerby.scene_errors import explained, nearest
 from passerby.solver.scale import CameraDistance, CameraHeight, KnownLength, PersonHeight, PopulationHeight, ScaleCues
 
 CAMERA_NAME = re.compile(r"[\w+@-][\w .+@-]*")
@@ -36,9 +36,16 @@ def _standing(value: float) -> float:
     return value
 
 
+Mode = Literal["combined", "trajectory", "appearance", "given"]
+
+SEARCHED_S = 5.0
+"""Recordings that are started by hand, or cut by cameras whose clocks are set now and then, differ by a few seconds."""
+
 Metres = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 Height = Annotated[float, AfterValidator(_standing)]
 Pixel = Annotated[float, AfterValidator(_finite)]
+FramesPerSecond = Annotated[float, Field(gt=0), AfterValidator(_finite)]
+Seconds = Annotated[float, Field(ge=0), AfterValidator(_finite)]
 Ends = tuple[tuple[Pixel, Pixel], tuple[Pixel, Pixel]]
 
 
@@ -53,8 +60,8 @@ class SceneTable(Table):
 
     name: str | None = None
     """What reports call the scene; the file's name without ending, unless given."""
-    fps: Annotated[float, Field(gt=0), AfterValidator(_finite)] | None = None
-    """Frames per second of the frame numbers. None: unknown, and nothing that needs speeds is used."""
+    fps: FramesPerSecond | None = None
+    """Frames per second of the frame numbers. None: unknown, and nothing that needs speeds or clocks is used."""
 
 
 class CameraTable(Table):
@@ -65,11 +72,15 @@ class CameraTable(Table):
     video: Path | None = None
     """A video. Declared for later: boxes or joints are needed beside it as long as videos are not decoded."""
     detections: Path | None = None
-    """Boxes without identities, MOTChallenge text, id -1."""
+    """Boxes without identities, MOTChallenge text, id -1. Read where there are no `tracks`, in every mode but "given"."""
     tracks: Path | None = None
-    """Boxes with identities, MOTChallenge text."""
+    """Boxes with ids, MOTChallenge text: identities in mode "given", else the camera's own tracklet numbers; -1 for unknown."""
     keypoints: Path | None = None
-    """Joints, COCO JSON; `track_id` is the identity."""
+    """Joints, COCO JSON; `track_id` as the ids in `tracks`, with the same numbers as there."""
+    embeddings: Path | None = None
+    """Appearance of the boxes in `tracks`, or else in `detections`: npz, one row a row of that file, in its order."""
+    fps: FramesPerSecond | None = None
+    """Frames per second of this camera's frame numbers. None: those of `[scene]`."""
 
     @model_validator(mode="after")
     def _has_a_source(self) -> Self:
@@ -77,24 +88,36 @@ class CameraTable(Table):
             if self.video is not None:
                 raise ValueError("has only a video, and videos are not read yet: add boxes (`tracks`) or joints (`keypoints`)")
             raise ValueError(
-                "says nothing of what the camera saw: add `tracks` (boxes with identities) or `keypoints` (joints)"
+                "says nothing of what the camera saw: add `tracks` (boxes with ids), `detections` (boxes without) "
+                "or `keypoints` (joints)"
             )
+        if self.embeddings is not None and self.detections is None and self.tracks is None:
+            raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")
         return self
 
 
 class AssociationTable(Table):
     """`[association]`: how identities over cameras are found."""
 
-    mode: str = "given"
-    """given: the ids in the files are global, the same id is the same person in all cameras. The only mode so far."""
+    mode: Mode = "combined"
+    """combined: by how people move and, where there are embeddings, how they look. trajectory: by how they move alone.
+    appearance: by how they look alone. given: the ids in the files are global, the same id is the same person in all cameras.
+    In all modes but given the ids are each camera's own: the same number in two cameras means nothing."""
+    max_offset_s: Seconds | None = None
+    """The largest difference of two cameras' clocks that is searched for. None: `SEARCHED_S` in modes combined and trajectory,
+    nothing in modes appearance and given. 0: the cameras' clocks agree."""
 
-    @model_validator(mode="after")
-    def _is_a_mode(self) -> Self:
-        if self.mode in ("combined", "trajectory", "appearance"):
-            raise ValueError(f"mode '{self.mode}' does not work yet: write mode = \"given\" and give global identities")
-        if self.mode != "given":
-            raise ValueError(f"mode '{self.mode}' is unknown: write mode = \"given\"")
-        return self
+    @property
+    def given(self) -> bool:
+        """Whether the ids in the files are global identities."""
+        return self.mode == "given"
+
+    @property
+    def search_s(self) -> float:
+        """The largest difference of two clocks to search for, seconds; without a frame rate there is nothing to search."""
+        if self.max_offset_s is not None:
+            return self.max_offset_s
+        return SEARCHED_S if self.mode in ("combined", "trajectory") else 0.0
 
 
 class SolverTable(Table):
@@ -187,7 +210,7 @@ class Scene(Table):
         except ValidationError as error:
             # A misspelt key is told before the key that is missing for it.
             faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
-            raise FileFaults([f"{path}: {_explained(dict(fault))}" for fault in faults]) from None
+            raise FileFaults([f"{path}: {explained(dict(fault), TABLES)}" for fault in faults]) from None
         scene._path = path
         return scene
 
@@ -209,6 +232,10 @@ class Scene(Table):
     def resolve(self, path: Path) -> Path:
         """A path of the scene file as one that can be opened."""
         return self._path.parent / path if self._path else path
+
+    def fps_of(self, camera: str) -> float | None:
+        """Frames per second of a camera's frame numbers; None where nothing is said of them, and then of no camera."""
+        return self.cameras[camera].fps or self.scene.fps
 
     def scale_cues(self) -> ScaleCues:
         """The scale table as the solvers take it."""
@@ -236,13 +263,26 @@ class Scene(Table):
                 )
         for place, name in self._mentions():
             if name not in self.cameras:
-                raise ValueError(f"{place}: camera '{name}' is not declared: {_nearest(name, list(self.cameras))}")
+                raise ValueError(f"{place}: camera '{name}' is not declared: {nearest(name, list(self.cameras))}")
         for number, length in enumerate(self.scale.lengths, start=1):
             if len(length.points) < 2:
                 raise ValueError(f"[[scale.lengths]] {number}: points are marked in one camera: mark both ends in two or more")
         for number, distance in enumerate(self.scale.distances, start=1):
             if distance.between[0] == distance.between[1]:
                 raise ValueError(f"[[scale.distances]] {number}: between names one camera twice: name two")
+        return self
+
+    @model_validator(mode="after")
+    def _tables_agree(self) -> Self:
+        timed = [name for name in self.cameras if self.fps_of(name) is not None]
+        for name in self.cameras:
+            if timed and name not in timed:
+                raise ValueError(f"[cameras.{name}]: has no fps, but camera {timed[0]} has: add fps there, or to [scene]")
+        if self.scale.people and not self.association.given:
+            raise ValueError(
+                f"[[scale.people]]: names identities, but mode '{self.association.mode}' does not know them beforehand: delete "
+                'the table, or give global identities and [association] mode = "given"'
+            )
         return self
 
     def _mentions(self) -> list[tuple[str, str]]:
@@ -269,50 +309,3 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     ("scale", "distances", "*"): DistanceTable,
     ("scale", "camera_heights", "*"): CameraHeightTable,
 }
-
-
-def _explained(fault: dict[str, Any]) -> str:
-    """One line of place, value and mend for a fault that pydantic found."""
-    location = tuple(fault["loc"])
-    message = str(fault["msg"]).removeprefix("Value error, ")
-    if not location:
-        return message
-    if fault["type"] == "extra_forbidden":
-        table, key = location[:-1], str(location[-1])
-        known = list(TABLES[_pattern(table)].model_fields)
-        return f"{_place(table) + ': unknown key' if table else 'unknown table'} '{key}': {_nearest(key, known)}"
-    place = _place(location)
-    if fault["type"] == "missing":
-        return f"{place}: is missing: add it"
-    if fault["type"] == "value_error":
-        return f"{place}: {message}"
-    value = fault["input"]
-    shown = f" is {value!r}" if isinstance(value, (str, int, float, bool)) else ""
-    return f"{place}{shown}: {message[0].lower()}{message[1:]}"
-
-
-def _pattern(table: tuple[str | int, ...]) -> tuple[str, ...]:
-    if table[:1] == ("cameras",) and len(table) == 2:
-        return ("cameras", "*")
-    return tuple("*" if isinstance(part, int) else part for part in table)
-
-
-def _place(location: tuple[str | int, ...]) -> str:
-    """`[cameras.V1] tracks`, `[[scale.people]] 2: height_m`: a location as one finds it in the file."""
-    for length in range(len(location), 0, -1):
-        pattern = _pattern(location[:length])
-        if pattern in TABLES:
-            key = " ".join(str(part) for part in location[length:])
-            if isinstance(location[length - 1], int):
-                number = int(location[length - 1]) + 1
-                head = f"[[{'.'.join(map(str, location[: length - 1]))}]] {number}"
-            else:
-                head = f"[{'.'.join(map(str, location[:length]))}]"
-            return f"{head} {key}".strip()
-    return f"[{'.'.join(map(str, location))}]"
-
-
-def _nearest(key: str, known: list[str]) -> str:
-    """The mend for a misspelt name."""
-    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from passerby.check import SceneCheck
+from passerby.check import CameraCheck, SceneCheck
 from passerby.evaluation.metrics import Comparison
 from passerby.interchange.json_text import to_json
 from passerby.pipeline import Calibration
@@ -84,23 +84,30 @@ def show_comparison(comparison: Comparison) -> None:
 def show_check(report: SceneCheck) -> None:
     """What a scene holds, camera by camera; the faults are not among it."""
     if report.cameras:
-        rows = [
-            [
-                camera.name,
-                MISSING if camera.size is None else f"{camera.size[0]}x{camera.size[1]}",
-                MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}",
-                str(camera.frames),
-                str(camera.boxes),
-                str(camera.keypoints),
-                str(camera.identities),
-                " ".join(f"{name}:{shared.people}" for name, shared in camera.shared.items()),
-                str(len(camera.faults)) if camera.faults else "ok",
-            ]
-            for camera in report.cameras
-        ]
-        columns = ("camera", "picture", "span", "frames", "boxes", "joints", "people", "people shared with", "faults")
-        show_table(report.name, columns, rows)
+        given = report.mode == "given"
+        last = ("people", "people shared with") if given else ("tracklets", "embeddings", "fps")
+        columns = ("camera", "picture", "span", "frames", "boxes", "joints", *last, "faults")
+        show_table(report.name, columns, [_check_row(camera, given) for camera in report.cameras])
     for finding in report.findings:
         print(f"note: {finding}")
     if report.exit_status == 0:
         print("all well")
+
+
+def _check_row(camera: CameraCheck, given: bool) -> list[str]:
+    """One line of `show_check`; ids that are a camera's own are shared with nobody."""
+    if given:
+        last = [str(camera.identities), " ".join(f"{name}:{shared.people}" for name, shared in camera.shared.items())]
+    else:
+        tracklets = str(camera.identities) if camera.identities or not camera.frames else "detections"
+        last = [tracklets, str(camera.embedding_dimensions or MISSING), MISSING if camera.fps is None else f"{camera.fps:g}"]
+    return [
+        camera.name,
+        MISSING if camera.size is None else f"{camera.size[0]}x{camera.size[1]}",
+        MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}",
+        str(camera.frames),
+        str(camera.boxes),
+        str(camera.keypoints),
+        *last,
+        str(len(camera.faults)) if camera.faults else "ok",
+    ]

@@ -1,0 +1,172 @@
+"""One camera's files: read, checked against each other, and told about.
+
+*Faults* make an input unusable; *findings* are odd, but do not stop a calibration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from passerby.cameras import Lens
+from passerby.errors import InputError
+from passerby.interchange.coco import read_keypoints
+from passerby.interchange.embeddings import read_embeddings
+from passerby.interchange.faults import faults_of
+from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.rig_toml import read_lens
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Ints, Keypoints
+from passerby.picture_checks import check_extents, check_principal_point
+from passerby.scene import Scene
+
+T = TypeVar("T")
+
+
+@dataclass(eq=False)
+class CameraReading:
+    """What was read of one camera, as far as it could be."""
+
+    name: str
+    given: bool = True
+    """Whether the ids are global identities (mode "given"); else they are this camera's own tracklet numbers."""
+    lens: Lens | None = None
+    boxes: Boxes = field(default_factory=Boxes.empty)
+    """The boxes that are used, with their embeddings, in the order of their file."""
+    boxes_path: Path | None = None
+    """The file that they are from: `tracks`, or else `detections` where identities are not given."""
+    keypoints: Keypoints = field(default_factory=Keypoints.empty)
+    keypoints_path: Path | None = None
+    fps: float | None = None
+    """Frames per second of the frame numbers."""
+    faults: list[str] = field(default_factory=list)
+    findings: list[str] = field(default_factory=list)
+
+    @property
+    def seen(self) -> CameraObservations:
+        """The observations that a calibration starts from; in mode "given" those with a known identity only."""
+        if not self.given:
+            return CameraObservations(self.boxes, self.keypoints)
+        return CameraObservations(
+            self.boxes.take(self.boxes.identity > UNKNOWN), self.keypoints.take(self.keypoints.identity > UNKNOWN)
+        )
+
+    @property
+    def people(self) -> int:
+        """Rows of boxes and joints."""
+        return len(self.boxes) + len(self.keypoints)
+
+    @property
+    def frames(self) -> Ints:
+        """(N,) the distinct frames with somebody in them, in order."""
+        return np.asarray(np.unique(np.concatenate([self.boxes.frame, self.keypoints.frame])))
+
+    @property
+    def dimensions(self) -> int | None:
+        """Dimensions of the boxes' embeddings; None where there are none."""
+        return None if self.boxes.embedding is None else self.boxes.embedding.shape[1]
+
+
+def read_camera(scene: Scene, name: str) -> CameraReading:
+    """Read one camera's files; faults are gathered, not raised."""
+    table, given = scene.cameras[name], scene.association.given
+    reading = CameraReading(name, given, fps=scene.fps_of(name))
+
+    def path_of(path: Path | None) -> Path | None:
+        return None if path is None else scene.resolve(path)
+
+    reading.lens = _attempt(lambda path: read_lens(path, name), path_of(table.intrinsics), reading.faults)
+    tracks = _attempt(read_boxes, path_of(table.tracks), reading.faults)
+    detections = _attempt(read_boxes, path_of(table.detections), reading.faults)
+    own, own_path = (tracks, table.tracks) if table.tracks is not None else (detections, table.detections)
+    looks = path_of(table.embeddings)
+    if looks is not None and own is not None and own_path is not None:
+        boxes, boxes_path = own, scene.resolve(own_path)
+        own = _attempt(lambda path: _with_embeddings(path, boxes_path, boxes), looks, reading.faults) or boxes
+    if own_path is not None and (table.tracks is not None or not given):
+        reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
+    reading.keypoints_path = path_of(table.keypoints)
+    reading.keypoints = _attempt(read_keypoints, reading.keypoints_path, reading.faults) or reading.keypoints
+    _attempt(_existing, path_of(table.video), reading.faults)
+    (_check_identities if given else _check_sources)(scene, reading)
+    if reading.lens is not None:
+        check_principal_point(scene, reading, reading.lens)
+        check_extents(scene, reading, reading.lens)
+    return reading
+
+
+def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) -> T | None:
+    """What `read` makes of the file, or None with its faults added."""
+    if path is None:
+        return None
+    try:
+        return read(path)
+    except InputError as error:
+        faults += faults_of(error)
+        return None
+
+
+def _existing(path: Path) -> Path:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: a video is needed here; check the path and its spelling")
+    return path
+
+
+def _with_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
+    """The boxes with the embeddings of a file, row by row. Raises `InputError` where the rows do not belong together."""
+    found = read_embeddings(path)
+    if len(found) != len(boxes):
+        raise InputError(
+            f"{path}: {len(found)} embeddings for {len(boxes)} boxes: give one row for each row of {boxes_path}, in its order"
+        )
+    if found.frame is not None and (found.frame != boxes.frame).any():
+        row = int(np.flatnonzero(found.frame != boxes.frame)[0])
+        raise InputError(
+            f"{path}: row {row + 1} is of frame {found.frame[row]}, but that row of {boxes_path} is of frame "
+            f"{boxes.frame[row]}: give the rows in the order of that file"
+        )
+    return replace(boxes, embedding=found.vectors)
+
+
+def _check_sources(scene: Scene, reading: CameraReading) -> None:
+    """All modes but "given": anything will do, even nothing."""
+    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
+    if table.tracks is not None and table.detections is not None:
+        reading.findings.append(f"{place} detections are not used, since there are tracks")
+    if not reading.people and not reading.faults:
+        reading.findings.append(f"{place} camera {reading.name} saw nobody: its files have no rows, it cannot be calibrated")
+
+
+def _check_identities(scene: Scene, reading: CameraReading) -> None:
+    """Mode "given": people need identities."""
+    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
+    if table.tracks is None and table.keypoints is None:
+        reading.faults.append(
+            f'{place} has only detections, which carry no identities: mode "given" needs `tracks` or `keypoints` with '
+            'identities that are the same in all cameras; mode "combined" finds them'
+        )
+        return
+    for key, path in (("detections", table.detections), ("embeddings", table.embeddings)):
+        if path is not None:
+            reading.findings.append(f'{place} {key} are not used in mode "given"')
+    for path, part, key in (
+        (reading.boxes_path, reading.boxes, "id"),
+        (reading.keypoints_path, reading.keypoints, "track_id"),
+    ):
+        if path is None:
+            continue
+        unknown = int((part.identity == UNKNOWN).sum())
+        if len(part) and unknown == len(part):
+            reading.faults.append(
+                f'{path}: camera {reading.name}: no row has an identity ({key}): mode "given" needs them, '
+                'the same number for the same person in all cameras; mode "combined" finds them'
+            )
+        elif unknown:
+            reading.findings.append(
+                f"{path}: camera {reading.name}: {unknown} of {len(part)} rows have no identity and are not used"
+            )
+        elif not len(part) and not reading.faults:
+            reading.findings.append(f"{path}: camera {reading.name} saw nobody: the file has no rows")

@@ -1,0 +1,59 @@
+"""What pydantic finds wrong with a scene file, as one line that names place, value and mend."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+Tables = Mapping[tuple[str, ...], type[BaseModel]]
+"""The model of each table by its place in the file, "*" for a camera's name or a number in a list."""
+
+
+def explained(fault: dict[str, Any], tables: Tables) -> str:
+    """One line of place, value and mend for a fault that pydantic found; `tables` has the models of the file by their place."""
+    location = tuple(fault["loc"])
+    message = str(fault["msg"]).removeprefix("Value error, ")
+    if not location:
+        return message
+    if fault["type"] == "extra_forbidden":
+        table, key = location[:-1], str(location[-1])
+        known = list(tables[_pattern(table)].model_fields)
+        return f"{_place(table, tables) + ': unknown key' if table else 'unknown table'} '{key}': {nearest(key, known)}"
+    place = _place(location, tables)
+    if fault["type"] == "missing":
+        return f"{place}: is missing: add it"
+    if fault["type"] == "value_error":
+        return f"{place}: {message}"
+    value = fault["input"]
+    shown = f" is {value!r}" if isinstance(value, (str, int, float, bool)) else ""
+    return f"{place}{shown}: {message[0].lower()}{message[1:]}"
+
+
+def _pattern(table: tuple[str | int, ...]) -> tuple[str, ...]:
+    if table[:1] == ("cameras",) and len(table) == 2:
+        return ("cameras", "*")
+    return tuple("*" if isinstance(part, int) else part for part in table)
+
+
+def _place(location: tuple[str | int, ...], tables: Tables) -> str:
+    """`[cameras.V1] tracks`, `[[scale.people]] 2: height_m`: a location as one finds it in the file."""
+    for length in range(len(location), 0, -1):
+        pattern = _pattern(location[:length])
+        if pattern in tables:
+            key = " ".join(str(part) for part in location[length:])
+            if isinstance(location[length - 1], int):
+                number = int(location[length - 1]) + 1
+                head = f"[[{'.'.join(map(str, location[: length - 1]))}]] {number}"
+            else:
+                head = f"[{'.'.join(map(str, location[:length]))}]"
+            return f"{head} {key}".strip()
+    return f"[{'.'.join(map(str, location))}]"
+
+
+def nearest(key: str, known: list[str]) -> str:
+    """The mend for a misspelt name."""
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
