@@ -10,6 +10,7 @@ import pytest
 from simulated_scenes import scene
 
 from passerby.errors import InputError
+from passerby.evaluation.identities import identity_agreement
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
@@ -61,6 +62,55 @@ def test_the_truth_beside_it(tmp_path):
     assert content["clock_offsets_s"] == pytest.approx(simulated.clock_offsets)
     assert content["options"]["box_noise"] == 0.02
     assert not (folder / "keypoints").exists()
+
+
+ASSOCIATION = {"unrelated_ids": True, "tracklet_seconds": 2.0, "embeddings": "distinct", "camera_fps": (5.0, 10.0, 5.0, 5.0)}
+
+
+def test_a_folder_whose_identities_are_to_be_found(tmp_path):
+    simulated = scene(**FAULTS, **ASSOCIATION)
+    folder = write_scene(simulated, tmp_path / "s", keypoints=True).parent
+    declared = tomllib.loads((folder / "scene.toml").read_text())
+    assert declared["association"]["mode"] == "combined"
+    assert declared["scene"]["fps"] == 5.0
+    assert [table.get("fps") for table in declared["cameras"].values()] == [None, 10.0, None, None]
+    tracks = {}
+    for name, table in declared["cameras"].items():
+        seen, tracks[name] = simulated.observations[name], read_boxes(folder / table["tracks"])
+        with np.load(folder / table["embeddings"]) as archive:
+            np.testing.assert_array_equal(archive["frame"], tracks[name].frame)
+            embeddings = archive["embeddings"]
+        assert embeddings.dtype == np.float32
+        # Row by row: the box that was written is the one that this embedding belongs to.
+        same = (seen.boxes.frame == tracks[name].frame[:, None]) & np.isclose(
+            seen.boxes.ltwh, tracks[name].ltwh[:, None], atol=1e-5
+        ).all(axis=-1)
+        np.testing.assert_array_equal(same.sum(axis=1), 1)
+        np.testing.assert_allclose(embeddings, seen.boxes.embedding[np.argmax(same, axis=1)], atol=1e-6)
+        np.testing.assert_array_equal(tracks[name].identity, seen.boxes.identity[np.argmax(same, axis=1)])
+    truth = {name: read_boxes(folder / "truth" / f"{name}.txt") for name in tracks}
+    judged = identity_agreement(tracks, truth, simulated.true_clocks)
+    assert judged.boxes_true == judged.boxes_identified == sum(len(boxes) for boxes in simulated.truth.values())
+    assert judged.boxes_without_truth == 0
+    assert identity_agreement(truth, truth, simulated.true_clocks).recall == 1.0
+    options = tomllib.loads((folder / "simulation.toml").read_text())["options"]
+    assert {key: tuple(v) if isinstance(v, list) else v for key, v in options.items() if key in ASSOCIATION} == ASSOCIATION
+
+
+def test_only_the_truth_tells_the_clocks_offsets(tmp_path):
+    """What a calibration reads is the same whatever the offsets are said to be, the boxes apart."""
+    texts = []
+    for offsets in ((0.0, 0.0, 0.0, 0.0), (0.0, 1.37, -2.11, 3.3)):
+        folder = write_scene(scene(seconds=3.0, clock_offsets=offsets, **ASSOCIATION), tmp_path / str(offsets[1]) / "s").parent
+        texts.append([(folder / name).read_text() for name in ("scene.toml", "intrinsics.toml")])
+        assert min(read_boxes(path).frame.min() for path in (folder / "tracks").iterdir()) == 1
+    assert texts[0] == texts[1]
+
+
+def test_identities_that_are_given_need_no_truth_beside_them(tmp_path):
+    folder = write_scene(scene(seconds=1.0), tmp_path / "s").parent
+    assert not (folder / "truth").exists()
+    assert not (folder / "embeddings").exists()
 
 
 def test_an_earlier_simulation_is_replaced_as_a_whole(tmp_path):

@@ -16,11 +16,11 @@ import tomli_w
 
 from passerby.cameras import Rig
 from passerby.errors import InputError
-from passerby.interchange.atomic import write_bytes, write_text
+from passerby.interchange.atomic import write_text
 from passerby.interchange.coco import write_keypoints
+from passerby.interchange.embeddings import write_embeddings
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
-from passerby.observations import Boxes
 from passerby.simulation.scene import SimulatedScene
 
 SCENE_FILE = "scene.toml"
@@ -80,7 +80,7 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
         boxes = seen.boxes.take(np.lexsort((seen.boxes.identity, seen.boxes.frame)))
         write_boxes(folder / _tracks(camera), boxes)
         if boxes.embedding is not None:
-            _write_embeddings(folder / _embeddings(camera), boxes)
+            write_embeddings(folder / _embeddings(camera), boxes.embedding, boxes.frame)
         if keypoints:
             write_keypoints(folder / _keypoints(camera), seen.keypoints)
     if simulated.options.unrelated_ids:
@@ -128,14 +128,6 @@ def _tracks(camera: str) -> str:
 
 def _embeddings(camera: str) -> str:
     return f"embeddings/{camera}.npz"
-
-
-def _write_embeddings(path: Path, boxes: Boxes) -> None:
-    """The archive that goes with a file of boxes: `embeddings` (N, D) float32 and `frame` (N,), rows as in that file."""
-    assert boxes.embedding is not None
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, embeddings=boxes.embedding, frame=boxes.frame)
-    write_bytes(path, buffer.getvalue())
 
 
 def _keypoints(camera: str) -> str:
