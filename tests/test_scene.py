@@ -1,11 +1,15 @@
 """The scene file: what it means, and what is told of a wrong one."""
 
+import re
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from passerby.errors import InputError
 from passerby.interchange.faults import faults_of
-from passerby.scene import Scene
+from passerby.scene import TABLES, AssociationTable, CameraTable, Scene
 
 CAMERAS = """
 [cameras.A]
@@ -163,3 +167,13 @@ def test_all_faults_are_gathered(tmp_path):
     with pytest.raises(InputError) as caught:
         load(tmp_path, CAMERAS + "[scene]\nfsp = 3\n[solver]\nmethod = 'magic'\n")
     assert len(faults_of(caught.value)) == 2
+
+
+def test_every_key_is_documented():
+    text = (Path(__file__).parents[1] / "docs" / "scene-file.md").read_text()
+    keys = {key for place, table in TABLES.items() if place for key in table.model_fields}
+    assert {key for key in keys if not re.search(rf"\b{key}\b", text)} == set()
+    for example in re.findall(r"```toml\n(.*?)```", text, re.DOTALL):
+        read = tomllib.loads(example)
+        for table in (*read["cameras"].values(), read["association"]):
+            (CameraTable if "intrinsics" in table else AssociationTable).model_validate(table)
