@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from passerby.cameras import Lens
 from passerby.geometry.single_view import Level, level_camera
 from passerby.observations import CameraObservations, Clock
-from passerby.solver.evidence import Segments, segments_of_boxes, segments_of_keypoints, segments_without
+from passerby.solver.evidence import segments_of_boxes, segments_of_keypoints, segments_without
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -1,8 +1,8 @@
 """The people of one camera as tracks on the ground below it, sampled on a grid of time.
 
-Before anything is known of the other cameras, one camera's own people give its vertical and its height (`geometry.single_view`),
-and so a place on the ground to every foot. Positions and velocities are local straight-line fits to the samples around each
-grid time, so that cameras of different frame rates and clocks become comparable.
+Before anything is known of the other cameras, one camera's own people give its vertical and its height
+(`geometry.single_view`), and so a place on the ground to every foot. Positions and velocities are local straight-line fits to
+the samples around each grid time, so that cameras of different frame rates and clocks become comparable.
 """
 
 from __future__ import annotations
@@ -22,11 +22,25 @@ STEP_S = 0.5
 """Step of the time grid. A walking person moves 0.7 m meanwhile: no more than the ground positions are off by."""
 MIN_TRACK_S = 1.0
 """Shorter tracklets have no direction."""
-TOLERANCE_FLOOR_M, TOLERANCE_SHARE = 0.3, 0.06
-"""A ground position is known to this: stride and box noise, and what is left of the level's tilt, which grows with distance."""
 MAX_REACH_HEIGHTS = 25.0
-"""Feet farther off than so many camera heights lie within 2.3 degrees of the horizon, where a tilt of one degree halves or doubles
-the distance."""
+"""Feet farther off than so many camera heights lie within 2.3 degrees of the horizon, where a tilt of one degree halves or
+doubles the distance."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far off a ground position may be: stride and box noise, and shares of the distance.
+
+    The defaults hold for a camera levelled by its own people.
+    """
+
+    floor_m: float = 0.3
+    along: float = 0.06
+    """Along the ray: what is left of the level's tilt and height."""
+    across: float = 0.025
+    """Across the ray: what is left of its roll, and of the turn between two cameras."""
+    foot_m: float = 0.0
+    """Height by which a foot is off: it moves the place along the ray by so much for each camera height of distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +51,7 @@ class GroundTracks:
     """
 
     level: Level
+    tolerance: Tolerance
     step: Ints
     """(N,) grid times: the camera's time is `step * STEP_S`."""
     tracklet: Ints
@@ -50,17 +65,22 @@ class GroundTracks:
         return len(self.step)
 
     @property
-    def tolerance(self) -> Floats:
-        """(N,) how far off a position may be, metres."""
-        return np.asarray(TOLERANCE_FLOOR_M + TOLERANCE_SHARE * np.abs(self.position))
+    def sigma(self) -> tuple[Floats, Floats]:
+        """(N,) how far off a position may be along its ray and (N,) across it, metres."""
+        reach, t = np.abs(self.position), self.tolerance
+        return t.floor_m + (t.along + t.foot_m / self.level.height) * reach, t.floor_m + t.across * reach
 
 
-def ground_tracks(bodies: Bodies, level: Level) -> GroundTracks:
+def ground_tracks(
+    bodies: Bodies, level: Level, tolerance: Tolerance | None = None, *, shortest_s: float = MIN_TRACK_S
+) -> GroundTracks:
     """Tracks of the bodies that belong to a tracklet (identity > -1).
 
     Args:
         bodies: one camera's people with their times.
         level: the camera's vertical and height.
+        tolerance: how far off its ground positions may be.
+        shortest_s: shorter tracklets are left out.
     """
     ground = level.ground_positions(bodies.bottom)
     use = np.isfinite(ground).all(axis=1) & (bodies.tracklet >= 0)
@@ -72,24 +92,27 @@ def ground_tracks(bodies: Bodies, level: Level) -> GroundTracks:
     usual_gap = float(np.median(gaps)) if len(gaps) else STEP_S
     # Three samples at least, also of slow cameras.
     half = max(0.5, 1.51 * usual_gap)
-    return _sampled(tracklet, seconds, place, half, level)
+    columns = _sampled(tracklet, seconds, place, half, shortest_s)
+    return GroundTracks(level, tolerance or Tolerance(), *columns)
 
 
-def _sampled(tracklet: Ints, seconds: Floats, place: NDArray[np.complex128], half: float, level: Level) -> GroundTracks:
+def _sampled(
+    tracklet: Ints, seconds: Floats, place: NDArray[np.complex128], half: float, shortest_s: float
+) -> tuple[Ints, Ints, NDArray[np.complex128], NDArray[np.complex128]]:
     """Local lines through the samples within `half` seconds of each grid time, by sums over sorted columns."""
     empty = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.complex128), np.zeros(0, np.complex128)
     if len(tracklet) == 0:
-        return GroundTracks(level, *empty)
+        return empty
     first = np.flatnonzero(np.concatenate([[True], np.diff(tracklet) > 0]))
     last = np.concatenate([first[1:], [len(tracklet)]]) - 1
-    long = seconds[last] - seconds[first] >= MIN_TRACK_S
+    long = seconds[last] - seconds[first] >= shortest_s
     first, last = first[long], last[long]
     low, high = np.ceil(seconds[first] / STEP_S).astype(np.int64), np.floor(seconds[last] / STEP_S).astype(np.int64)
     count = np.maximum(high - low + 1, 0)
     owner = np.repeat(np.arange(len(first)), count)
     step = low[owner] + np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
     if len(step) == 0:
-        return GroundTracks(level, *empty)
+        return empty
     # Times of one tracklet after another, shifted so that one search serves all.
     start, stop = seconds[first], seconds[last]
     stride = float((stop - start).max()) + 4 * half
@@ -104,12 +127,12 @@ def _sampled(tracklet: Ints, seconds: Floats, place: NDArray[np.complex128], hal
     origin = place[first]
     x = value - origin[base[inside]]
     sums = [_window(column, begin, end) for column in (np.ones_like(t), t, t * t, x, x * t)]
-    n, st, stt, sx, sxt = sums
+    n, st, stt = (total.real for total in sums[:3])
+    sx, sxt = sums[3:]
     tau = step * STEP_S - start[owner]
     # Moments about the grid time.
-    s1, s2 = (st - n * tau).real, (stt - 2 * tau * st + n * tau**2).real
+    s1, s2 = st - n * tau, stt - 2 * tau * st + n * tau**2
     sxt = sxt - tau * sx
-    n = n.real
     spread = n * s2 - s1**2
     good = (n >= 3) & (spread > 1e-9)
     spread = np.where(good, spread, 1.0)
@@ -117,9 +140,7 @@ def _sampled(tracklet: Ints, seconds: Floats, place: NDArray[np.complex128], hal
     position = (s2 * sx - s1 * sxt) / spread + origin[owner]
     good &= np.isfinite(position) & (np.abs(velocity) < 12.0)
     order = np.argsort(step[good], kind="stable")
-    return GroundTracks(
-        level, step[good][order], tracklet[first][owner][good][order], position[good][order], velocity[good][order]
-    )
+    return step[good][order], tracklet[first][owner][good][order], position[good][order], velocity[good][order]
 
 
 def _window(column: NDArray[np.complex128] | Floats, begin: Ints, end: Ints) -> NDArray[np.complex128]:

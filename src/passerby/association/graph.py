@@ -1,0 +1,220 @@
+"""The view graph: which of the pairwise registrations agree with each other, and what they say of the clocks.
+
+Every pair offers several guesses. A guess is believed when the ways through third cameras lead to the same turn, shift and
+lag, or, where no third camera can speak, when nothing comes near it among the pair's own guesses. A spanning tree of the best
+believed guesses then judges the rest: of each pair that guess is kept that agrees with the tree, or none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.registration import PairRegistration, Registration
+
+Floats = NDArray[np.float64]
+
+# Two ways to the same camera agree within about this: a few times the error of one registration.
+_TURN_SD, _LAG_SD_S, _SHIFT_FLOOR_M, _SHIFT_SHARE = np.deg2rad(8.0), 0.4, 1.0, 0.12
+# A guess that no third camera speaks for is believed if the runner-up has less than this share of its score,
+ALONE_RUNNER_UP = 0.75
+# and one that others speak for if they agree so much (0 to 1).
+_MIN_SUPPORT = 0.15
+# How far a guess may be from the tree's way, in the units above, per edge of the way.
+_MAX_MISS = 3.0
+_MIN_SCORE = 12.0
+"""Less than so many agreeing samples of walkers (half a second each) happen by chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """One pair of the view graph."""
+
+    a: int
+    b: int
+    guess: Registration | None
+    """The guess that is kept, or the pair's best where none is; None where the pair has no guess at all."""
+    runner_up: float
+    """Score of the best other guess, as a share of this one's; above 1 where third cameras overruled the pair's own order."""
+    support: float
+    """How well the ways through third cameras agree with it, 0 to 1."""
+    used: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ViewGraph:
+    """The pairs that agree, and the cameras that they join."""
+
+    edges: tuple[Edge, ...]
+    groups: tuple[tuple[int, ...], ...]
+    """Cameras joined by used edges, the largest group first."""
+    offset_s: Floats
+    """(C,) what to add to each camera's clock so that all of a group show the same time; 0 for the first of each group."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """From camera a's ground and clock to camera b's."""
+
+    turn: complex
+    shift: complex
+    lag_s: float
+
+    def then(self, other: _Motion) -> _Motion:
+        return _Motion(other.turn * self.turn, other.turn * self.shift + other.shift, self.lag_s + other.lag_s)
+
+    @property
+    def inverse(self) -> _Motion:
+        return _Motion(1 / self.turn, -self.shift / self.turn, -self.lag_s)
+
+
+def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
+    """Keep the registrations that agree.
+
+    Args:
+        pairs: registrations of pairs with a < b.
+        n_cameras: number of cameras.
+    """
+    guesses = [(pair, guess) for pair in pairs for guess in pair.candidates if guess.score >= _MIN_SCORE]
+    support = _support(guesses, n_cameras)
+    belief = np.array([_belief(pair, guess, s) for (pair, guess), s in zip(guesses, support, strict=True)])
+    tree = _tree(guesses, belief, n_cameras)
+    placed = _placed([guesses[i] for i in tree], n_cameras)
+    edges = []
+    for pair in pairs:
+        own = [i for i, (other, _) in enumerate(guesses) if other is pair]
+        kept = _kept(pair, [guesses[i][1] for i in own], placed)
+        chosen = own[kept] if kept is not None else (own[0] if own else None)
+        if chosen is None:
+            edges.append(Edge(pair.a, pair.b, pair.candidates[0] if pair.candidates else None, pair.runner_up, 0.0, False))
+            continue
+        guess = guesses[chosen][1]
+        rest = [other.score for other in pair.candidates if other is not guess]
+        used = kept is not None and (chosen in tree or support[chosen] > 0 or pair.runner_up < ALONE_RUNNER_UP)
+        edges.append(Edge(pair.a, pair.b, guess, max([*rest, 0.0]) / guess.score, float(support[chosen]), used))
+    groups = _groups(edges, n_cameras)
+    return ViewGraph(tuple(edges), groups, _offsets(edges, groups, n_cameras))
+
+
+def _belief(pair: PairRegistration, guess: Registration, support: float) -> float:
+    """The weight of a guess in the spanning tree; 0 where nothing speaks for it."""
+    rest = max([other.score for other in pair.candidates if other is not guess], default=0.0)
+    alone = guess.score > 0 and rest / guess.score < ALONE_RUNNER_UP
+    if not alone and support < _MIN_SUPPORT:
+        return 0.0
+    clarity = max(1.0 - rest / guess.score, 0.05)
+    return float(np.sqrt(guess.score) * clarity * (0.05 + support))
+
+
+def _motion(guess: Registration) -> _Motion:
+    return _Motion(guess.turn, guess.shift, guess.lag_s)
+
+
+def _miss(way: _Motion, guess: Registration) -> float:
+    """How far a way leads from a guess, squared, in standard deviations."""
+    turned = float(np.angle(way.turn / guess.turn)) / _TURN_SD
+    late = (way.lag_s - guess.lag_s) / _LAG_SD_S
+    there = guess.turn * guess.middle + guess.shift
+    apart = abs(way.turn * guess.middle + way.shift - there)
+    shifted = apart / (_SHIFT_FLOOR_M + _SHIFT_SHARE * (abs(guess.middle) + abs(there)))
+    return float(turned**2 + late**2 + shifted**2)
+
+
+def _support(guesses: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> Floats:
+    """(G,) mean over the third cameras that have something to say of the best agreement, 0 to 1."""
+    by_pair: dict[tuple[int, int], list[tuple[_Motion, float]]] = {}
+    for pair, guess in guesses:
+        clarity = min(1.0, guess.score / max(pair.candidates[0].score, 1e-9))
+        by_pair.setdefault((pair.a, pair.b), []).append((_motion(guess), clarity))
+        by_pair.setdefault((pair.b, pair.a), []).append((_motion(guess).inverse, clarity))
+    out = np.zeros(len(guesses))
+    for index, (pair, guess) in enumerate(guesses):
+        votes = []
+        for c in range(n_cameras):
+            ways = [
+                np.exp(-0.5 * _miss(first.then(second), guess)) * clear * clear_too
+                for first, clear in by_pair.get((pair.a, c), ())
+                for second, clear_too in by_pair.get((c, pair.b), ())
+            ]
+            if ways:
+                votes.append(max(ways))
+        out[index] = float(np.mean(votes)) if votes else 0.0
+    return out
+
+
+def _tree(guesses: Sequence[tuple[PairRegistration, Registration]], belief: Floats, n_cameras: int) -> list[int]:
+    """Indices of a maximum spanning forest (Kruskal)."""
+    label = list(range(n_cameras))
+    tree = []
+    for index in np.argsort(-belief, kind="stable").tolist():
+        pair = guesses[index][0]
+        if belief[index] <= 0 or label[pair.a] == label[pair.b]:
+            continue
+        old, new = label[pair.a], label[pair.b]
+        label = [new if value == old else value for value in label]
+        tree.append(index)
+    return tree
+
+
+def _placed(tree: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> dict[int, tuple[int, int, _Motion]]:
+    """For every camera in the tree: its tree's first camera, the edges on the way, and the motion from that camera."""
+    edges = [(p.a, p.b, _motion(g)) for p, g in tree] + [(p.b, p.a, _motion(g).inverse) for p, g in tree]
+    placed: dict[int, tuple[int, int, _Motion]] = {}
+    for root in range(n_cameras):
+        if root in placed:
+            continue
+        placed[root] = (root, 0, _Motion(1 + 0j, 0j, 0.0))
+        waiting = [root]
+        for a in waiting:
+            for first, second, motion in edges:
+                if first == a and second not in placed:
+                    placed[second] = (root, placed[a][1] + 1, placed[a][2].then(motion))
+                    waiting.append(second)
+    return placed
+
+
+def _kept(pair: PairRegistration, own: Sequence[Registration], placed: dict[int, tuple[int, int, _Motion]]) -> int | None:
+    """Which of a pair's guesses agrees with the tree."""
+    (root_a, hops_a, to_a), (root_b, hops_b, to_b) = placed[pair.a], placed[pair.b]
+    if root_a != root_b or not own:
+        return None
+    way = to_a.inverse.then(to_b)
+    miss = [_miss(way, guess) for guess in own]
+    best = int(np.argmin(miss))
+    return best if np.sqrt(miss[best]) < _MAX_MISS * np.sqrt(max(1, hops_a + hops_b)) else None
+
+
+def _groups(edges: Sequence[Edge], n_cameras: int) -> tuple[tuple[int, ...], ...]:
+    label = list(range(n_cameras))
+    for edge in edges:
+        if edge.used:
+            old, new = max(label[edge.a], label[edge.b]), min(label[edge.a], label[edge.b])
+            label = [new if value == old else value for value in label]
+    groups = [tuple(c for c in range(n_cameras) if label[c] == value) for value in sorted(set(label))]
+    return tuple(sorted(groups, key=lambda group: (-len(group), group[0])))
+
+
+def _offsets(edges: Sequence[Edge], groups: Sequence[Sequence[int]], n_cameras: int) -> Floats:
+    """Offsets that agree best with the lags of the used edges: least absolute deviations by reweighting."""
+    offset = np.zeros(n_cameras)
+    used = [(edge.a, edge.b, edge.guess) for edge in edges if edge.used and edge.guess is not None]
+    if not used:
+        return offset
+    rows = np.zeros((len(used) + len(groups), n_cameras))
+    target = np.zeros(len(rows))
+    for k, (a, b, guess) in enumerate(used):
+        # Both see one event: time_b = time_a + lag, and time + offset is the same for both.
+        rows[k, a], rows[k, b], target[k] = 1.0, -1.0, guess.lag_s
+    for k, group in enumerate(groups):
+        rows[len(used) + k, group[0]] = 1e3
+    base = np.concatenate([[np.sqrt(guess.score) for _, _, guess in used], np.ones(len(groups))])
+    weight = base
+    for _ in range(20):
+        offset = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
+        miss = np.abs(rows @ offset - target)
+        weight = base / np.sqrt(np.maximum(miss, 0.02))
+        weight[len(used) :] = 1.0
+    return np.asarray(offset - 0.0)

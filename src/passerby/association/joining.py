@@ -1,0 +1,95 @@
+"""Tracklets of all cameras joined to people: correlation clustering.
+
+Every two tracklets have a weight: how much speaks for one person less what speaks for two. The clustering that gains most is
+approximated by joining, again and again, the two groups with the largest summed weight, as long as it is above zero (greedy
+additive edge contraction: Keuper et al., *Efficient Decomposition of Image and Mesh Graphs by Lifted Multicuts*, ICCV 2015).
+Tracklets of one camera that overlap in time are different people and never join.
+"""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NEVER = -1e9
+"""Weight of two tracklets that cannot be one person."""
+
+
+def join(n: int, first: Ints, second: Ints, weight: Floats) -> Ints:
+    """Join n tracklets.
+
+    Args:
+        n: number of tracklets.
+        first: (E,) one end of each edge.
+        second: (E,) the other end.
+        weight: (E,) above 0 for one person, below for two; `NEVER` forbids. Edges that stand twice are added.
+
+    Returns:
+        (n,) group of each tracklet, numbered from 0 in the order of their first members.
+    """
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    apart = low != high
+    key, which = np.unique(low[apart] * n + high[apart], return_inverse=True)
+    total = np.bincount(which, weight[apart], len(key))
+    near: list[dict[int, float]] = [{} for _ in range(n)]
+    queue: list[tuple[float, int, int]] = []
+    for i, j, w in zip((key // n).tolist(), (key % n).tolist(), total.tolist(), strict=True):
+        near[i][j] = near[j][i] = w
+        if w > 0:
+            queue.append((-w, i, j))
+    heapq.heapify(queue)
+    parent = list(range(n))
+    while queue:
+        negative, i, j = heapq.heappop(queue)
+        if near[i].get(j) != -negative:
+            continue  # one of the two has been joined with another since
+        if len(near[i]) < len(near[j]):
+            i, j = j, i
+        parent[j] = i
+        del near[i][j]
+        for k, w in near[j].items():
+            if k == i:
+                continue
+            del near[k][j]
+            new = near[i].get(k, 0.0) + w
+            near[i][k] = near[k][i] = new
+            if new > 0:
+                heapq.heappush(queue, (-new, min(i, k), max(i, k)))
+        near[j] = {}
+    return _numbered(parent)
+
+
+def _numbered(parent: list[int]) -> Ints:
+    roots = []
+    for i in range(len(parent)):
+        root = i
+        while parent[root] != root:
+            root = parent[root]
+        roots.append(root)
+    _, first, which = np.unique(roots, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return np.asarray(rank[which.ravel()], dtype=np.int64)
+
+
+def overlapping(start: Floats, end: Floats, slack: float) -> tuple[Ints, Ints]:
+    """Pairs (i < j) of intervals of one camera that overlap by more than `slack` (seconds)."""
+    order = np.argsort(start, kind="stable")
+    first, second = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    # The next k-th intervals in the order of their starts: until none begins before its predecessor's end.
+    for k in range(1, len(order)):
+        i, j = order[:-k], order[k:]
+        if not (start[j] < end[i] - slack).any():
+            longest = float((end - start).max())
+            if not (start[j] < start[i] + longest - slack).any():
+                break
+            continue
+        both = (start[j] < end[i] - slack) & (end[j] - start[j] > slack)
+        first.append(np.minimum(i[both], j[both]))
+        second.append(np.maximum(i[both], j[both]))
+    return np.concatenate(first), np.concatenate(second)
