@@ -55,11 +55,14 @@ class SplittingOptions:
 
 
 def sample_interval_s(frame: Ints, fps: float) -> float:
-    """Seconds between neighbouring samples: every frame may be there, or every tenth. Raises `InputError` for a wrong fps."""
+    """Seconds between neighbouring samples: every frame may be there, or every tenth. Raises `InputError` for a wrong fps.
+
+    The tenth percentile of the steps, so that a camera that seldom sees anybody does not seem to be slow.
+    """
     if not np.isfinite(fps) or fps <= 0:
         raise InputError(f"tracking: fps = {fps}: give the frames per second of the frame numbers, a number above 0")
     steps = np.diff(np.unique(frame))
-    return float(np.median(steps)) / fps if len(steps) else 1.0 / fps
+    return float(np.percentile(steps, 10.0, method="lower")) / fps if len(steps) else 1.0 / fps
 
 
 def split(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> Boxes:
@@ -123,8 +126,8 @@ def _motion_cuts(rows: Boxes, fps: float, max_gap_s: float, options: SplittingOp
 def _contradicted(rows: Boxes, fps: float, costs: LinkCosts) -> Mask:
     """(N,) before which rows (sorted by tracklet and frame) the person came from, or went on to, another tracklet's box.
 
-    By motion alone: what appearance tells is told by `_appearance_cuts`. A single box that is numbered wrongly, between two that
-    agree, does not cut a tracklet.
+    By motion alone: what appearance tells is told by `_appearance_cuts`. A single box that is numbered wrongly, between two
+    that agree, does not cut a tracklet.
     """
     here, there = agreed_links(rows, rows.frame / fps, np.zeros(len(rows), dtype=np.bool_), costs, None)
     after, before = np.full(len(rows), -1), np.full(len(rows), -1)

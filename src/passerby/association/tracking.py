@@ -74,7 +74,9 @@ def track(boxes: Boxes, fps: float, options: TrackingOptions | None = None) -> B
         unlinked=options.unlinked_cost,
     )
     usable, weak = _score_classes(boxes.score)
-    rows = np.flatnonzero(_without_duplicates(boxes, usable))
+    # Sorted by all that a box is, so that the order of the rows decides nothing, not even the numbers.
+    order = np.lexsort((*boxes.ltwh.T, boxes.score, boxes.frame))
+    rows = order[_without_duplicates(boxes, usable)[order]]
     part, weak = boxes.take(rows), weak[rows]
     number = _agreed_tracklets(part, weak, fps, costs, None)
     if part.embedding is not None:
@@ -122,7 +124,7 @@ def _without_duplicates(boxes: Boxes, usable: Mask) -> Mask:
     """(N,) the usable boxes less those that cover nearly the same as one of higher score (the larger of equals)."""
     keep = np.array(usable)
     area = boxes.ltwh[:, 2] * boxes.ltwh[:, 3]
-    order = np.lexsort((-area, -boxes.score, boxes.frame))
+    order = np.lexsort((*boxes.ltwh.T, -area, -boxes.score, boxes.frame))
     order = order[usable[order]]
     for rows in np.split(order, np.flatnonzero(np.diff(boxes.frame[order])) + 1):
         if len(rows) < 2:

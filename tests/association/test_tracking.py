@@ -1,0 +1,293 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated_scenes import scene
+
+from passerby.association.resemblance import measure_resemblance
+from passerby.association.splitting import SplittingOptions, split
+from passerby.association.tracking import TrackingOptions, track
+from passerby.errors import InputError
+from passerby.interchange.motchallenge import read_boxes
+from passerby.observations import Boxes
+
+FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.05, "cameras": 2, "seconds": 20.0}
+
+
+def seen(preset: str, fps: float, **changes: object) -> Boxes:
+    """The boxes of a simulated camera, with the true identities."""
+    return scene(preset=preset, fps=fps, **{**FAULTS, **changes}).observations["C1"].boxes
+
+
+def forgotten(boxes: Boxes) -> Boxes:
+    return replace(boxes, identity=np.full(len(boxes), -1))
+
+
+def purity(tracklet: np.ndarray, truth: np.ndarray) -> float:
+    """Share of the boxes in tracklets whose tracklet's commonest person is theirs; boxes of nobody (-1) are one more person."""
+    use = tracklet >= 0
+    _, inverse = np.unique(tracklet[use], return_inverse=True)
+    people, person = np.unique(truth[use], return_inverse=True)
+    table = np.zeros((inverse.max() + 1, len(people)))
+    np.add.at(table, (inverse, person), 1)
+    return float(table.max(axis=1).sum() / table.sum())
+
+
+def count(tracklet: np.ndarray) -> int:
+    return len(np.unique(tracklet[tracklet >= 0]))
+
+
+def covered(tracklet: np.ndarray, truth: np.ndarray) -> float:
+    """Share of the people's boxes that are in a tracklet."""
+    return float((tracklet >= 0)[truth >= 0].mean())
+
+
+def worn(boxes: Boxes, spread: float, seed: int = 0, alike: bool = False) -> Boxes:
+    """The boxes with embeddings: one direction a person, and noise of so many times its length; nothing but noise if alike."""
+    rng = np.random.default_rng(seed)
+    person = 0.0 if alike else rng.standard_normal((boxes.identity.max() + 2, 64))[boxes.identity]
+    return replace(boxes, embedding=person + spread * rng.standard_normal((len(boxes), 64)))
+
+
+def walker(start: tuple[float, float], velocity: tuple[float, float], frames: np.ndarray, identity: int, fps: float) -> Boxes:
+    """A person of 100 pixels who walks straight: top left corner at frame 0 and velocity in pixels per second."""
+    corner = np.array(start) + np.array(velocity) * (frames / fps)[:, None]
+    size = np.tile([40.0, 100.0], (len(frames), 1))
+    return Boxes(frames, np.full(len(frames), identity), np.hstack([corner, size]), np.ones(len(frames)))
+
+
+def together(*parts: Boxes) -> Boxes:
+    columns = ("frame", "identity", "ltwh", "score")
+    return Boxes(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+
+
+def with_swaps(boxes: Boxes, fps: float, every_s: float) -> tuple[Boxes, int]:
+    """Every so many seconds the two people nearest to each other exchange their numbers for good."""
+    identity, swaps = np.array(boxes.identity), 0
+    for second in np.arange(every_s, boxes.frame.max() / fps, every_s):
+        frame = int(second * fps)
+        here = np.flatnonzero((boxes.frame == frame) & (identity >= 0))
+        place = boxes.ltwh[here, :2] + boxes.ltwh[here, 2:] / 2
+        apart = np.linalg.norm(place[:, None] - place, axis=-1) + 1e9 * np.eye(len(here))
+        one, two = identity[here[list(np.unravel_index(np.argmin(apart), apart.shape))]]
+        later = boxes.frame >= frame
+        first, second_one = later & (identity == one), later & (identity == two)
+        identity[first], identity[second_one] = two, one
+        swaps += 1
+    return replace(boxes, identity=identity), swaps
+
+
+@pytest.mark.parametrize(
+    ("preset", "fps", "most"),
+    [("terrace", 5.0, 0.65), ("terrace", 25.0, 0.88), ("basketball", 5.0, 0.75), ("basketball", 10.0, 0.85),
+     ("construction", 2.0, 0.6), ("construction", 10.0, 0.9)],
+)  # fmt: skip
+def test_tracklets_are_of_one_person(preset: str, fps: float, most: float) -> None:
+    boxes = seen(preset, fps)
+    found = track(forgotten(boxes), fps)
+    assert purity(found.identity, boxes.identity) > 0.985
+    assert covered(found.identity, boxes.identity) > most
+    np.testing.assert_array_equal(found.ltwh, boxes.ltwh)
+    np.testing.assert_array_equal(found.frame, boxes.frame)
+
+
+def test_many_false_boxes_do_not_join() -> None:
+    boxes = seen("terrace", 10.0, false_boxes=1.0)
+    found = track(forgotten(boxes), 10.0).identity
+    assert purity(found, boxes.identity) > 0.98
+    assert (found[boxes.identity < 0] >= 0).mean() < 0.05
+    assert covered(found, boxes.identity) > 0.75
+
+
+def test_scores_that_say_nothing_do_not_matter() -> None:
+    boxes = seen("basketball", 10.0)
+    found = track(replace(forgotten(boxes), score=np.ones(len(boxes))), 10.0).identity
+    assert purity(found, boxes.identity) > 0.985
+    assert covered(found, boxes.identity) > 0.85
+
+
+def test_the_order_of_the_rows_does_not_matter() -> None:
+    boxes = forgotten(seen("terrace", 10.0))
+    shuffle = np.random.default_rng(0).permutation(len(boxes))
+    np.testing.assert_array_equal(track(boxes.take(shuffle), 10.0).identity, track(boxes, 10.0).identity[shuffle])
+
+
+def test_only_time_counts_not_the_frame_numbers() -> None:
+    boxes = forgotten(seen("terrace", 5.0))
+    every_tenth = replace(boxes, frame=boxes.frame * 10 + 3)
+    np.testing.assert_array_equal(track(every_tenth, 50.0).identity, track(boxes, 5.0).identity)
+
+
+def test_two_who_merge_and_part_are_not_guessed() -> None:
+    """Two walk towards each other, stand as one for a while and part: whether they passed or turned back nobody can tell."""
+    fps = 10.0
+    frames = np.arange(60)
+    apart = np.concatenate([np.linspace(150, 0, 25), np.zeros(10), np.linspace(0, 150, 25)])
+    left, right = (walker((300, 50), (0, 0), frames, -1, fps) for _ in range(2))
+    offset = np.stack([apart, *np.zeros((3, 60))], axis=1)
+    found = track(together(replace(left, ltwh=left.ltwh - offset), replace(right, ltwh=right.ltwh + offset)), fps).identity
+    before = {int(found[10]), int(found[70])}
+    after = {int(found[50]), int(found[110])}
+    assert -1 not in before | after
+    assert len(before) == len(after) == 2
+    assert not before & after
+
+
+def test_two_who_pass_at_different_distances_go_on() -> None:
+    frames = np.arange(60)
+    one = walker((100, 50), (60, 0), frames, 1, 10.0)
+    two = walker((400, 200), (-60, 0), frames, 2, 10.0)
+    found = track(forgotten(together(one, two)), 10.0).identity
+    np.testing.assert_array_equal(found, np.repeat([0, 1], 60))
+
+
+def test_a_short_gap_is_bridged_and_a_long_one_is_not() -> None:
+    frames = np.arange(60)
+    there = np.ones(60, dtype=bool)
+    there[20:26] = False
+    there[40:53] = False
+    found = track(forgotten(walker((100, 50), (60, 0), frames[there], 1, 10.0)), 10.0).identity
+    np.testing.assert_array_equal(found, np.repeat([0, 1], [34, 7]))
+
+
+def test_a_person_found_twice_counts_once() -> None:
+    one = walker((100, 50), (60, 0), np.arange(20), 1, 10.0)
+    twin = replace(one, ltwh=one.ltwh + [2.0, 1.0, 0.0, 0.0], score=np.full(20, 0.9))
+    found = track(forgotten(together(twin, one)), 10.0).identity
+    np.testing.assert_array_equal(found, np.repeat([-1, 0], 20))
+
+
+def test_weak_boxes_continue_a_tracklet_but_begin_none() -> None:
+    one = walker((100, 50), (60, 0), np.arange(30), 1, 10.0)
+    other = walker((100, 400), (60, 0), np.arange(30), 2, 10.0)
+    score = np.concatenate([np.where(np.isin(np.arange(30), (12, 13)), 0.4, 1.0), np.full(30, 0.4)])
+    low = walker((700, 700), (0, 0), np.arange(10), -1, 10.0)
+    boxes = together(replace(together(one, other), score=score), replace(low, score=np.full(10, 0.3)))
+    found = track(forgotten(boxes), 10.0).identity
+    np.testing.assert_array_equal(found, np.repeat([0, -1, -1], [30, 30, 10]))
+
+
+def test_embeddings_help_where_people_differ_and_harm_nowhere() -> None:
+    boxes = seen("terrace", 5.0)
+    plain = track(forgotten(boxes), 5.0).identity
+    told = track(forgotten(worn(boxes, 1.0)), 5.0).identity
+    assert purity(told, boxes.identity) >= purity(plain, boxes.identity)
+    assert covered(told, boxes.identity) > covered(plain, boxes.identity) + 0.05
+    assert count(told) < 0.8 * count(plain)
+    alike = track(forgotten(worn(boxes, 1.0, alike=True)), 5.0).identity
+    np.testing.assert_array_equal(alike, plain)
+
+
+def test_resemblance_is_measured_and_noise_is_seen_through() -> None:
+    boxes = seen("construction", 5.0)
+    told = measure_resemblance(worn(boxes, 1.0))
+    assert told is not None
+    assert told.same[0] > 0.5 > told.other[0] + 0.3
+    assert measure_resemblance(worn(boxes, 1.0, alike=True)) is None
+    assert measure_resemblance(boxes) is None
+
+
+def test_nothing_and_little_to_track() -> None:
+    assert len(track(Boxes.empty(), 5.0)) == 0
+    assert len(split(Boxes.empty(), 5.0)) == 0
+    lone = walker((0, 0), (0, 0), np.arange(1), -1, 5.0)
+    assert track(lone, 5.0).identity.tolist() == [-1]
+    crowd = together(lone, lone, walker((300, 0), (0, 0), np.arange(1), -1, 5.0))
+    assert track(crowd, 5.0).identity.tolist() == [-1, -1, -1]
+
+
+def test_bad_input_is_named() -> None:
+    lone = walker((0, 0), (0, 0), np.arange(1), -1, 5.0)
+    with pytest.raises(InputError, match="fps = 0"):
+        track(lone, 0.0)
+    with pytest.raises(InputError, match="fps = nan"):
+        split(lone, float("nan"))
+    with pytest.raises(InputError, match="max_gap_s = -1"):
+        TrackingOptions(max_gap_s=-1.0)
+    with pytest.raises(InputError, match=r"size_ratio = 0\.5"):
+        SplittingOptions(size_ratio=0.5)
+
+
+def test_true_tracklets_stay_whole_whatever_the_embeddings() -> None:
+    boxes = seen("construction", 5.0, false_boxes=0.0)
+    gaps_only = SplittingOptions(max_speed=1e6, size_ratio=1e6, cross_check=False)
+    by_gaps = count(split(boxes, 5.0, gaps_only).identity)
+    for told in (boxes, worn(boxes, 1.0), worn(boxes, 3.0), worn(boxes, 1.0, alike=True)):
+        assert count(split(told, 5.0).identity) <= by_gaps + 2
+
+
+@pytest.mark.parametrize("preset", ["terrace", "basketball"])
+def test_swapped_tracklets_are_split(preset: str) -> None:
+    boxes = seen(preset, 10.0, false_boxes=0.0)
+    wrong, swaps = with_swaps(boxes, 10.0, 3.0)
+    pieces = count(split(boxes, 10.0).identity)
+    before = purity(wrong.identity, boxes.identity)
+    by_motion = split(wrong, 10.0).identity
+    told = worn(boxes, 1.0)
+    by_both = split(replace(told, identity=wrong.identity), 10.0).identity
+    assert before < 0.85
+    assert purity(by_motion, boxes.identity) > 0.93
+    assert purity(by_both, boxes.identity) > 0.99
+    assert count(by_both) <= pieces + 3 * swaps
+
+
+def test_split_at_a_jump_a_gap_and_a_change_of_size() -> None:
+    fps = 10.0
+    early, late = np.arange(20), np.arange(20, 40)
+    steady = walker((100, 50), (30, 0), early, 3, fps)
+    jumped = together(steady, walker((400, 50), (30, 0), late, 3, fps))
+    grown = walker((60, 0), (30, 0), late, 3, fps)
+    grown = together(steady, replace(grown, ltwh=grown.ltwh * [1, 1, 2, 2]))
+    gone = together(steady, walker((100, 50), (30, 0), late + 11, 3, fps))
+    for boxes in (jumped, grown, gone):
+        np.testing.assert_array_equal(split(boxes, fps).identity, np.repeat([3, 4], 20))
+
+
+def test_one_misplaced_box_and_a_half_hidden_person_do_not_split() -> None:
+    whole = walker((100, 50), (30, 0), np.arange(40), 3, 10.0)
+    ltwh = np.array(whole.ltwh)
+    ltwh[20, 0] += 300
+    ltwh[30:34, 3] = 45
+    np.testing.assert_array_equal(split(replace(whole, ltwh=ltwh), 10.0).identity, whole.identity)
+
+
+def test_split_leaves_unknown_rows_and_numbers_stay_unique() -> None:
+    first = together(walker((100, 50), (30, 0), np.arange(20), 7, 10.0), walker((600, 50), (30, 0), np.arange(40, 60), 7, 10.0))
+    other = walker((100, 400), (30, 0), np.arange(60), 2, 10.0)
+    loose = walker((500, 500), (0, 0), np.arange(5), -1, 10.0)
+    found = split(together(first, other, loose), 10.0).identity
+    np.testing.assert_array_equal(found, np.repeat([7, 8, 2, -1], [20, 20, 60, 5]))
+
+
+def test_a_change_of_appearance_alone_splits_where_it_is() -> None:
+    rng = np.random.default_rng(3)
+    people = rng.standard_normal((3, 64))
+    one, two = (walker((100, top), (10, 0), np.arange(100), number, 10.0) for number, top in ((0, 50), (1, 400)))
+    wears = np.concatenate([np.repeat([0, 2], [60, 40]), np.repeat(1, 100)])
+    boxes = replace(together(one, two), embedding=people[wears] + 1.5 * rng.standard_normal((200, 64)))
+    found = split(boxes, 10.0).identity
+    assert count(found) == 3
+    assert abs(int(np.flatnonzero(found[:100] != 0)[0]) - 60) <= 1
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("camera", ["V1", "V5"])
+def test_pets(data_root: Path, camera: str) -> None:
+    """Real detections at 7 fps. The labels flicker between people who walk side by side: 0.96 is about all there is."""
+    folder = data_root / "pets2009"
+    if not folder.is_dir():
+        pytest.skip(f"no data set {folder}")
+    boxes, labelled = read_boxes(folder / "detections" / f"{camera}.txt"), read_boxes(folder / "identities" / f"{camera}.txt")
+    keys = {(frame, *box): person for frame, box, person in zip(labelled.frame.tolist(), labelled.ltwh.tolist(),
+                                                                labelled.identity.tolist(), strict=True)}  # fmt: skip
+    truth = np.array(
+        [keys.get((frame, *box), -1) for frame, box in zip(boxes.frame.tolist(), boxes.ltwh.tolist(), strict=True)]
+    )
+    found = track(boxes, 7.0).identity
+    assert (truth >= 0).mean() > 0.8
+    known = truth >= 0
+    assert purity(found[known], truth[known]) > {"V1": 0.98, "V5": 0.945}[camera]
+    assert covered(found, truth) > 0.9
