@@ -1,5 +1,7 @@
 """Every Jacobian of the person model against central differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -83,6 +85,16 @@ def case():
     ), state
 
 
+@pytest.fixture(scope="module")
+def timed_case(case):
+    """The same with clocks that may be wrong."""
+    problem, state = case
+    rng = np.random.default_rng(6)
+    sightings = replace(problem.sightings, velocity=rng.normal(0, 60, (len(problem.sightings), 2)))
+    joints = replace(problem.joints, velocity=rng.normal(0, 60, (len(problem.joints.camera), 2)))
+    return replace(problem, sightings=sightings, joints=joints), replace(state, time=np.array([0.05, -0.1, 0.02]))
+
+
 def unit_step(problem, level, index, size):
     layout = problem.layout
     step = Step(
@@ -134,10 +146,11 @@ def all_unknowns(problem):
         yield from ((f, (i, j)) for i in range(family.count) for j in range(family.size))
 
 
-def test_every_jacobian_matches_central_differences(case):
-    problem, state = case
+@pytest.mark.parametrize(("which", "count"), [("case", 13), ("timed_case", 14)])
+def test_every_jacobian_matches_central_differences(which, count, request):
+    problem, state = request.getfixturevalue(which)
     terms = problem.terms(state, jacobians=True)
-    assert len(terms) == 13
+    assert len(terms) == count
     seen = np.zeros(len(terms), dtype=bool)
     for level, index in all_unknowns(problem):
         for number, term in enumerate(terms):

@@ -1,0 +1,155 @@
+"""Cameras with clocks of their own at common instants."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from passerby.association.instants import common_clock, common_instants
+from passerby.errors import InputError
+from passerby.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
+
+SPEED = np.array([35.0, -12.0, 3.0, 8.0])
+"""How the walker's box changes, pixels a second."""
+FIRST = np.array([300.0, 200.0, 60.0, 180.0])
+
+
+def walker(clock: Clock, frames: np.ndarray, identity: int = 4) -> Boxes:
+    """A box that changes evenly in time, as a camera with this clock sees it."""
+    ltwh = FIRST + clock.seconds(frames)[:, None] * SPEED
+    embedding = np.column_stack([np.cos(frames), np.sin(frames)])
+    return Boxes(frames, np.full(len(frames), identity), ltwh, 0.5 + 0.01 * (frames % 10), embedding)
+
+
+def brought(clocks: dict[str, Clock], boxes: dict[str, Boxes], **options: object) -> Observations:
+    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
+    return common_instants(seen, clocks, **options)  # type: ignore[arg-type]
+
+
+def walkers(clocks: dict[str, Clock], seconds: float = 8.0) -> dict[str, Boxes]:
+    return {name: walker(clock, np.arange(1, int(seconds * clock.fps) + 1)) for name, clock in clocks.items()}
+
+
+def assert_true_everywhere(found: Observations) -> None:
+    """Every box is where the walker is at its instant."""
+    assert found.fps is not None
+    for name, seen in found.cameras.items():
+        clock = found.clocks[name]
+        assert clock.fps == found.fps
+        at = FIRST + clock.seconds(seen.boxes.frame)[:, None] * SPEED
+        np.testing.assert_allclose(seen.boxes.ltwh, at, atol=1e-8, err_msg=name)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    offsets=st.lists(st.floats(-5, 5), min_size=3, max_size=3),
+    rates=st.lists(st.sampled_from([2.0, 5.0, 7.0, 25.0, 30000 / 1001]), min_size=3, max_size=3),
+)
+def test_an_even_motion_is_met_exactly_and_no_sample_counts_twice(offsets: list[float], rates: list[float]) -> None:
+    clocks = {f"C{n}": Clock(fps, offset) for n, (fps, offset) in enumerate(zip(rates, offsets, strict=True))}
+    given_boxes = walkers(clocks)
+    found = brought(clocks, given_boxes)
+    assert_true_everywhere(found)
+    for name, seen in found.cameras.items():
+        frame = seen.boxes.frame
+        assert len(np.unique(frame)) == len(frame)
+        assert len(frame) <= len(given_boxes[name]), "a sample counts twice"
+        # All instants within the walk, or as many as there are samples, but for the ends.
+        least = min(8.0 * found.fps, 8.0 * clocks[name].fps) - 2  # type: ignore[operator]
+        assert len(frame) >= np.floor(least) - 1
+
+
+def test_cameras_whole_frames_apart_keep_every_bit() -> None:
+    clocks = {"A": Clock(10.0), "B": Clock(10.0, -0.7), "C": Clock(10.0, 12.3)}
+    frames = np.array([2, 3, 9, 40, 41])
+    rows = {
+        name: Boxes(frames, [5, 5, -1, 5, 6], FIRST + np.random.default_rng(n).uniform(0, 9, (5, 4)), np.full(5, 0.3 + n))
+        for n, name in enumerate(clocks)
+    }
+    found = brought(clocks, rows)
+    for name, shift in (("A", 0), ("B", -7), ("C", 123)):
+        boxes = found[name].boxes
+        np.testing.assert_array_equal(boxes.frame, frames + shift)
+        for column in ("identity", "ltwh", "score"):
+            np.testing.assert_array_equal(getattr(boxes, column), getattr(rows[name], column))
+
+
+def test_without_clock_errors_nothing_changes() -> None:
+    clocks = {"A": Clock(29.97, 3.1), "B": Clock(29.97, 3.1)}
+    boxes = walkers(clocks)
+    found = brought(clocks, boxes)
+    for name, rows in boxes.items():
+        for column in ("frame", "identity", "ltwh", "score", "embedding"):
+            np.testing.assert_array_equal(getattr(found[name].boxes, column), getattr(rows, column))
+
+
+def test_the_grid_is_the_usual_rate_and_the_busiest_camera_of_it() -> None:
+    clocks = {"A": Clock(25.0, 0.013), "B": Clock(25.0, 0.2), "C": Clock(1.0, 0.4), "D": Clock(50.0, 0.1), "E": Clock(1.0)}
+    boxes = walkers(clocks)
+    boxes["B"] = walker(clocks["B"], np.arange(1, 400))
+    boxes["E"] = Boxes.empty()
+    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
+    assert common_clock(seen, clocks) == clocks["B"]
+    found = common_instants(seen, clocks)
+    np.testing.assert_array_equal(found["B"].boxes.ltwh, boxes["B"].ltwh)
+    assert len(found["C"].boxes) == len(boxes["C"])  # each sample at its nearest instant, but none turned into many
+    # Of rates that are equally usual the slower.
+    assert common_clock(seen, {**clocks, "A": Clock(1.0)}).fps == 1.0
+
+
+def test_nobody_is_interpolated_over_a_long_gap() -> None:
+    clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.05)}
+    frames = np.array([1, 2, 6, 7, 13, 14])
+    found = brought(clocks, {"A": walker(clocks["A"], np.arange(1, 30)), "B": walker(clocks["B"], frames)})
+    # Frame f of B lies halfway between instants f and f + 1. Frames 2 and 6 are 0.4 s apart, 7 and 13 are 0.6 s.
+    np.testing.assert_array_equal(found["B"].boxes.frame, [2, 3, 7, 14])
+    assert_true_everywhere(found)
+    fewer = brought(clocks, {"A": walker(clocks["A"], np.arange(1, 30)), "B": walker(clocks["B"], frames)}, max_gap_s=0.3)
+    np.testing.assert_array_equal(fewer["B"].boxes.frame, [2, 7, 14])
+
+
+def test_people_are_not_mixed_and_the_unknown_is_left_out() -> None:
+    clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.05)}
+    rows = Boxes([1, 2, 1, 2, 1], [3, 3, 8, 9, -1], np.tile(FIRST, (5, 1)), [0.9, 0.4, 1, 1, 1])
+    found = brought(clocks, {"A": walker(clocks["A"], np.arange(1, 9)), "B": rows})
+    assert found["B"].boxes.identity.tolist() == [3]
+    assert found["B"].boxes.score.tolist() == [0.4]
+
+
+def test_a_box_beside_the_border_is_not_made_of_one_that_is_cut_off() -> None:
+    clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.05)}
+    ltwh = np.array([[0.0, 200, 30, 180], [10.0, 200, 60, 180], [25.0, 200, 60, 180]])
+    boxes = {"A": walker(clocks["A"], np.arange(1, 9)), "B": Boxes([1, 2, 3], [4, 4, 4], ltwh, np.ones(3))}
+    assert brought(clocks, boxes)["B"].boxes.frame.tolist() == [2, 3]
+    found = brought(clocks, boxes, sizes={"A": (1280, 720), "B": (1280, 720)})["B"].boxes
+    assert found.frame.tolist() == [3]
+    assert found.ltwh[0].tolist() == [17.5, 200, 60, 180]
+
+
+def test_joints_move_along_and_doubt_stays() -> None:
+    clocks = {"A": Clock(10.0), "B": Clock(10.0, 0.025)}
+    xy = np.array([[[10.0, 20.0], [30.0, 40.0]], [[18.0, 20.0], [30.0, 48.0]]])
+    joints = Keypoints([1, 2], [7, 7], xy, [[0.9, 0.0], [0.6, 0.8]], ("nose", "neck"))
+    seen = Observations(
+        {"A": CameraObservations(walker(clocks["A"], np.arange(1, 9))), "B": CameraObservations(keypoints=joints)}
+    )
+    found = common_instants(seen, clocks)["B"].keypoints
+    assert found.frame.tolist() == [2]
+    np.testing.assert_allclose(found.xy[0], [[16.0, 20.0], [30.0, 46.0]])
+    assert found.score.tolist() == [[0.6, 0.0]]
+    assert found.joints == ("nose", "neck")
+
+
+def test_faults_are_told() -> None:
+    boxes = walkers({"A": Clock(10.0), "B": Clock(10.0)})
+    with pytest.raises(InputError, match="camera B has no clock"):
+        brought({"A": Clock(10.0)}, boxes)
+    with pytest.raises(InputError, match=r"camera B.*fps = 0"):
+        brought({"A": Clock(10.0), "B": Clock(0.0)}, boxes)
+    twice = Boxes([1, 2, 2], [4, 4, 4], np.tile(FIRST, (3, 1)), np.ones(3))
+    with pytest.raises(InputError, match="camera A: identity 4 has two boxes in frame 2"):
+        brought({"A": Clock(10.0), "B": Clock(10.0)}, {**boxes, "A": twice})
+    with pytest.raises(InputError, match="no camera"):
+        common_instants(Observations({}), {})
