@@ -38,6 +38,10 @@ class Bodies:
     """(N,) height of the highest point as a share of the body's."""
     bottom_fraction: Floats
     """(N,) the same of the lowest point."""
+    row: Ints
+    """(N,) the row of the boxes that each is,"""
+    from_joints: NDArray[np.bool_]
+    """(N,) or, where this holds, of the joints."""
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -68,6 +72,7 @@ def bodies_of(seen: CameraObservations, lens: Lens, clock: Clock) -> Bodies:
     found = Bodies(
         frame, clock.seconds(frame), column("identity").astype(np.int64), top_ray, bottom_ray, lens.tangents(top_ray),
         np.linalg.norm(bottom - top, axis=1), column("top_fraction"), column("bottom_fraction"),
+        column("row").astype(np.int64), np.concatenate([np.full(len(p.frame), p is joints) for p in parts]),
     )  # fmt: skip
     found = found.take(np.isfinite(np.concatenate([top_ray, bottom_ray], axis=1)).all(axis=1))
     return found.take(np.argsort(found.frame, kind="stable"))

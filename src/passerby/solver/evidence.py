@@ -85,6 +85,8 @@ class Segments:
     top_fraction: Floats
     bottom_fraction: Floats
     has_foot: Floats
+    row: Ints
+    """Which box, or which set of joints, each is."""
 
     def velocity(self, fps: float) -> Floats:
         """(M, 2) how fast the middles move through the picture, pixels a second."""
@@ -144,7 +146,7 @@ def segments_of_boxes(boxes: Boxes, lens: Lens, *, unknown: bool = False) -> Seg
     n = len(x)
     return Segments(
         boxes.frame[whole], boxes.identity[whole], np.column_stack([x + w / 2, y]), np.column_stack([x + w / 2, y + h]),
-        np.ones(n), np.zeros(n), np.ones(n),
+        np.ones(n), np.zeros(n), np.ones(n), np.flatnonzero(whole),
     )  # fmt: skip
 
 
@@ -203,7 +205,7 @@ def segments_of_keypoints(keypoints: Keypoints, named: bool, *, unknown: bool = 
     use &= ((keypoints.identity >= 0) | unknown) & (bottom[:, 1] - top[:, 1] >= MIN_EXTENT_PX)
     return Segments(
         keypoints.frame[use], keypoints.identity[use], top[use], bottom[use], top_fraction[use], bottom_fraction[use],
-        np.zeros(np.count_nonzero(use)),
+        np.zeros(np.count_nonzero(use)), np.flatnonzero(use),
     )  # fmt: skip
 
 

@@ -1,0 +1,128 @@
+"""What association starts from: the tracklets of each camera, clean, and where its people are on its own ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from passerby.association.bodies import Bodies, bodies_of, level_of_bodies
+from passerby.association.ground_tracks import GroundTracks, ground_tracks
+from passerby.association.splitting import split
+from passerby.association.tracking import track
+from passerby.cameras import Camera
+from passerby.geometry.single_view import Level
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MIN_JOINT_SCORE = 0.3
+SAME_PERSON_OVERLAP = 0.5
+"""Joints belong to the box that their extent overlaps by this much (intersection over union)."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCamera:
+    """One camera, ready for association."""
+
+    name: str
+    seen: CameraObservations
+    """Boxes and joints as they were read, their identities the tracklets 0, 1, ... of this camera, or -1."""
+    clock: Clock
+    bodies: Bodies
+    """The same people, times by the camera's own clock."""
+    level: Level | None
+    """The camera above its own ground; None where too few people tell."""
+    tracks: GroundTracks | None
+
+    @property
+    def n_tracklets(self) -> int:
+        """Tracklets are numbered below this."""
+        return max((int(part.identity.max(initial=-1)) for part in (self.seen.boxes, self.seen.keypoints)), default=-1) + 1
+
+
+def prepare_camera(
+    camera: Camera, seen: CameraObservations, clock: Clock, body_m: float, rng: np.random.Generator, *, given: bool = False
+) -> PreparedCamera:
+    """Track, split, level.
+
+    Args:
+        camera: name and lens.
+        seen: boxes and joints whose identities are tracklets of this camera, or -1 for detections.
+        clock: from frames to seconds.
+        body_m: expected standing height, metres.
+        rng: draws the people that the level is fitted to.
+        given: whether the identities are known people, which are neither tracked nor split nor renumbered.
+    """
+    tracked = seen if given else _tracked(seen, clock.fps)
+    bodies = bodies_of(tracked, camera.lens, clock)
+    level = level_of_bodies(bodies, body_m, rng)
+    tracks = None if level is None else ground_tracks(bodies, level)
+    return PreparedCamera(camera.name, tracked, clock, bodies, level, tracks)
+
+
+def _tracked(seen: CameraObservations, fps: float) -> CameraObservations:
+    """Every box and all joints in a tracklet of one person, or in none."""
+    boxes, joints = seen.boxes, seen.keypoints
+    if len(boxes):
+        boxes = split(_with_detections_tracked(boxes, fps), fps)
+        if len(joints):
+            joints = _joints_of_boxes(joints, boxes)
+    elif len(joints):
+        extents = _extents(joints)
+        found = extents[:, 2] > 0
+        made = Boxes(joints.frame[found], joints.identity[found], extents[found], joints.score[found].mean(axis=1))
+        made = split(_with_detections_tracked(made, fps), fps)
+        identity = np.full(len(joints), UNKNOWN)
+        identity[found] = made.identity
+        joints = replace(joints, identity=identity)
+    return CameraObservations(boxes, joints)
+
+
+def _with_detections_tracked(boxes: Boxes, fps: float) -> Boxes:
+    """Tracklets numbered from 0 on, detections among them joined to further ones."""
+    identity = np.full(len(boxes), UNKNOWN)
+    known = boxes.identity > UNKNOWN
+    numbers, identity[known] = np.unique(boxes.identity[known], return_inverse=True)
+    if not known.all():
+        found = track(boxes.take(~known), fps).identity
+        identity[~known] = np.where(found > UNKNOWN, found + len(numbers), UNKNOWN)
+    return replace(boxes, identity=identity)
+
+
+def _extents(joints: Keypoints) -> Floats:
+    """(N, 4) left, top, width, height of the joints found in each person; zeros where fewer than two are."""
+    found = (joints.score > MIN_JOINT_SCORE)[..., None]
+    low = np.where(found, joints.xy, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(found, joints.xy, -np.inf).max(axis=1, initial=-np.inf)
+    some = (high > low).all(axis=1)
+    return np.where(some[:, None], np.column_stack([low, high - low]), 0.0)
+
+
+def _joints_of_boxes(joints: Keypoints, boxes: Boxes) -> Keypoints:
+    """The joints under the tracklets of the boxes that they lie in; of two on one box the better fitting."""
+    identity = np.full(len(joints), UNKNOWN)
+    extents = _extents(joints)
+    by_frame = np.argsort(boxes.frame, kind="stable")
+    frames = boxes.frame[by_frame]
+    for frame in np.unique(joints.frame).tolist():
+        rows = np.flatnonzero((joints.frame == frame) & (extents[:, 2] > 0))
+        own = by_frame[np.searchsorted(frames, frame) : np.searchsorted(frames, frame, side="right")]
+        if not len(rows) or not len(own):
+            continue
+        overlap = _overlap(extents[rows], boxes.ltwh[own])
+        for i, j in zip(*linear_sum_assignment(-overlap), strict=True):
+            if overlap[i, j] > SAME_PERSON_OVERLAP:
+                identity[rows[i]] = boxes.identity[own[j]]
+    return replace(joints, identity=identity)
+
+
+def _overlap(a: Floats, b: Floats) -> Floats:
+    """(N, M) intersection over union of boxes (left, top, width, height)."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum((a[:, :2] + a[:, 2:])[:, None], (b[:, :2] + b[:, 2:])[None])
+    common = np.prod(np.clip(high - low, 0, None), axis=2)
+    return np.asarray(common / (np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None] - common))

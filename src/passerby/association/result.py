@@ -1,0 +1,27 @@
+"""What association hands on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from passerby.observations import Clock, Observations
+
+
+@dataclass(frozen=True, eq=False)
+class Association:
+    """Who is who, and when."""
+
+    observations: Observations
+    """Boxes and joints as they were read, with identities that hold over the rig; those of nobody are left out."""
+    instants: Observations
+    """The same at instants that all cameras share."""
+    clocks: Mapping[str, Clock]
+    """Each camera's clock with its offset; the first registered camera's offset is 0."""
+    sigma_s: Mapping[str, float] = field(default_factory=dict)
+    """One sigma of the offsets, as far as they were refined."""
+    figures: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready: cameras, pairs (route, score, runner-up, matched tracklets, matches, offset), rounds."""
+    notes: tuple[str, ...] = ()
+    """What speaks against relying on it, one sentence each."""
