@@ -13,6 +13,7 @@ from passerby.errors import EvidenceError, InputError
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.observations import CameraObservations, Observations
 from passerby.solver.geopose import GeoPoseOptions, solve_geopose
+from passerby.solver.pairs import PairHypothesis
 from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.scale import PopulationHeight, ScaleCues
 from passerby.solver.solution import Solution
@@ -161,6 +162,35 @@ def test_of_two_groups_the_larger_is_registered_and_the_others_are_named() -> No
     position, _, found = errors(solution, truth.rig)
     assert position < 45
     assert found.missing == ("C2", "C5")
+
+
+def true_guess(rig: Rig, a: int, b: int) -> PairHypothesis:
+    first, second = rig.cameras[a].pose, rig.cameras[b].pose
+    assert first is not None
+    assert second is not None
+    R_ba = second.R_cw @ first.R_cw.T
+    return PairHypothesis(a, b, R_ba, second.t_cw - R_ba @ first.t_cw, "tracks", 3, 3)
+
+
+def test_guesses_from_outside_are_counted_like_the_solvers_own() -> None:
+    """In the rig's own numbers, also where some of its cameras are left out; wrong ones are outvoted."""
+    truth = simulated("terrace", cameras=5, seed=3, seconds=15.0)
+    seen = part(truth.observations)
+    apart = Observations({name: renamed(camera, 100 if name in ("C2", "C5") else 0) for name, camera in seen.cameras.items()})
+    good = [true_guess(truth.rig, 2, 3), true_guess(truth.rig, 3, 0)]
+    bad = replace(true_guess(truth.rig, 0, 2), R_ba=np.eye(3))
+    nobody = true_guess(truth.rig, 1, 2)
+    solution = solve_people(
+        without_poses(truth.rig), apart, ScaleCues(), rng=np.random.default_rng(0), guesses=[*good, bad, nobody]
+    )
+    assert solution.rig.posed().names == ("C1", "C3", "C4")
+    found = {tuple(pair["cameras"]): pair for pair in solution.figures["pairs"] if pair["route"] == "tracks"}
+    assert set(found) == {("C3", "C4"), ("C4", "C1"), ("C1", "C3")}
+    for names in (("C3", "C4"), ("C4", "C1")):
+        assert found[names]["inliers"] > 0.9 * found[names]["matches"] > 50
+        assert found[names]["support"] > 0.5
+    assert found["C1", "C3"]["inliers"] < 0.1 * found["C1", "C3"]["matches"]
+    assert errors(solution, truth.rig)[0] < 45
 
 
 def test_cameras_that_share_nobody_are_no_rig() -> None:

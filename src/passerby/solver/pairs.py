@@ -8,7 +8,8 @@ where all is far or flat. Both are kept, and third cameras decide (`assembly`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +41,15 @@ class PairHypothesis:
     R_ba: Floats
     t_ba: Floats
     route: str
-    """ground | epipolar | joints"""
+    """ground | epipolar | joints; tracks for a guess from outside, found before anybody was known in both cameras"""
     inliers: int
     matches: int
+
+    def among(self, cameras: Sequence[int]) -> PairHypothesis | None:
+        """The same guess in a rig of these cameras alone; None where one of its two is not among them."""
+        if self.a not in cameras or self.b not in cameras:
+            return None
+        return replace(self, a=list(cameras).index(self.a), b=list(cameras).index(self.b))
 
     @property
     def inverse(self) -> PairHypothesis:
@@ -66,6 +73,20 @@ def pair_hypotheses(
     for a in range(evidence.n_cameras):
         for b in range(a + 1, evidence.n_cameras):
             out += _pair(evidence, levels, focal, body_m, a, b, rng)
+    return out
+
+
+def judged_guesses(guesses: Sequence[PairHypothesis], evidence: Evidence, focal: Floats, body_m: float) -> list[PairHypothesis]:
+    """Guesses from outside with inliers and matches counted on the evidence, as those of `pair_hypotheses` are.
+
+    A guess about cameras that share no sightings of whole people is left out: nothing would hold the two together.
+    """
+    s = evidence.sightings
+    out = []
+    for h in guesses:
+        rows_a, rows_b = shared_rows(s.camera, s.block, h.a, h.b)
+        if len(rows_a):
+            out.append(_judged(h, s.take(rows_a), s.take(rows_b), focal, body_m))
     return out
 
 

@@ -6,6 +6,7 @@ descent from each tree on a part of the evidence -> descent to the optimum on al
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +19,7 @@ from passerby.solver.assembly import components, heading_rotation
 from passerby.solver.cues import report_pull
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, wrong_lenses
 from passerby.solver.lens_check import check_focals
-from passerby.solver.pairs import MIN_MATCHES
+from passerby.solver.pairs import MIN_MATCHES, PairHypothesis
 from passerby.solver.person_model import PeopleState
 from passerby.solver.scale import ScaleCues
 from passerby.solver.solution import Solution, Verdict
@@ -29,8 +30,9 @@ __all__ = ["PeopleOptions", "solve_people"]
 
 
 def solve_people(
-    rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions | None = None, *, rng: np.random.Generator
-) -> Solution:
+    rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions | None = None, *, rng: np.random.Generator,
+    guesses: Sequence[PairHypothesis] = (),
+) -> Solution:  # fmt: skip
     """Calibrate a rig with the person model.
 
     Args:
@@ -39,6 +41,7 @@ def solve_people(
         cues: what is known about the scale.
         options: see `PeopleOptions`.
         rng: drives RANSAC and the choice among too many observations.
+        guesses: more guesses at how two cameras of `rig` stand to each other, from outside; they count by what agrees.
 
     Returns:
         The rig in a world with z up, the ground at z = 0, the first registered camera above the origin and looking along +y.
@@ -48,7 +51,7 @@ def solve_people(
         EvidenceError: no two cameras saw enough of the same people at the same instants.
     """
     options = options or PeopleOptions()
-    first = Start.prepare(rig, observations, cues, options, rng)
+    first = Start.prepare(rig, observations, cues, options, rng, guesses)
     groups = components(len(rig), first.hypotheses, MIN_MATCHES)
     if len(groups[0]) < 2:
         raise EvidenceError(
@@ -59,7 +62,8 @@ def solve_people(
     start = first
     if len(groups[0]) < len(rig):
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
-        start = Start.prepare(inside, observations, cues, options, rng)
+        among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
+        start = Start.prepare(inside, observations, cues, options, rng, among)
     choice = choose(start, options, rng)
     fit = descend(start, choice.state, options, rng)
     covariance, cue_report = _sure(start, fit, cues)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +19,7 @@ from passerby.solver.assembly import candidate_trees, levelled, poses_of_tree
 from passerby.solver.cues import cue_rows, expected_heights, first_scale, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.least_squares import Result, Stopping
-from passerby.solver.pairs import PairHypothesis, pair_hypotheses
+from passerby.solver.pairs import PairHypothesis, judged_guesses, pair_hypotheses
 from passerby.solver.person_model import Noise, PeopleState, Priors
 from passerby.solver.refinement import AGREE_SIGMAS, Knowledge, Model, RigState, adjust, build_model, learn_noise, rig_of
 from passerby.solver.scale import ScaleCues
@@ -88,9 +89,10 @@ class Start:
 
     @classmethod
     def prepare(
-        cls, rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator
-    ) -> Start:
-        """Gather the evidence, level each camera, and guess at all pairs."""
+        cls, rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator,
+        guesses: Sequence[PairHypothesis] = (),
+    ) -> Start:  # fmt: skip
+        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same."""
         evidence = gather_evidence(
             rig, observations, rng, max_sightings=options.max_sightings, max_joints=options.max_joints,
             moving=options.refine_time,
@@ -100,6 +102,7 @@ class Start:
         levels = [level_of(evidence, c, body_m, rng) for c in range(len(rig))]
         focal = np.array([camera.lens.focal for camera in rig])
         hypotheses = pair_hypotheses(evidence, levels, focal, body_m, rng)
+        hypotheses += judged_guesses(guesses, evidence, focal, body_m)
         return cls(rig, evidence, levels, hypotheses, Knowledge(mean, sd, Priors(), cue_rows(cues, rig)))
 
 
