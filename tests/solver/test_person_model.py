@@ -7,8 +7,10 @@ import pytest
 
 from passerby.cameras import Lens
 from passerby.solver.bundle import PointObservations
+from passerby.solver.cue_terms import CueRows
 from passerby.solver.least_squares import NormalEquations, Step
-from passerby.solver.person_model import CueRows, PeopleProblem, PeopleState, Sightings
+from passerby.solver.people_state import PeopleState, Sightings
+from passerby.solver.person_model import PeopleProblem
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 905.0, 360], [0, 0, 1]]), np.array([-0.1, 0.02, 0.001, -0.001, 0.0]))
 

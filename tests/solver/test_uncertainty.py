@@ -13,7 +13,8 @@ from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.observations import CameraObservations, Observations
 from passerby.solver.people import PeopleOptions
-from passerby.solver.person_model import PeopleProblem, PeopleState
+from passerby.solver.people_state import PeopleState
+from passerby.solver.person_model import PeopleProblem
 from passerby.solver.scale import CameraHeight, ScaleCues
 from passerby.solver.solution import Solution
 from passerby.solver.stages import Start, choose, descend

@@ -11,7 +11,7 @@ from passerby.cameras import Rig
 from passerby.errors import InputError
 from passerby.geometry.triangulation import triangulate
 from passerby.solver.bundle import PointObservations
-from passerby.solver.person_model import CueRows
+from passerby.solver.cue_terms import CueRows
 from passerby.solver.scale import ScaleCues
 
 Floats = NDArray[np.float64]

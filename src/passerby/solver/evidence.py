@@ -16,7 +16,7 @@ from passerby.errors import InputError
 from passerby.observations import Boxes, Keypoints, Observations
 from passerby.solver.bundle import PointObservations
 from passerby.solver.image_motion import image_velocity
-from passerby.solver.person_model import Sightings
+from passerby.solver.people_state import Sightings
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from passerby.cameras import Rig
 from passerby.solver.least_squares import Layout, NormalEquations, Term
-from passerby.solver.person_model import PeopleProblem, PeopleState
+from passerby.solver.people_state import PeopleState
+from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import deflated
 
 Floats = NDArray[np.float64]

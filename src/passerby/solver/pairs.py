@@ -20,7 +20,7 @@ from passerby.geometry.single_view import Level
 from passerby.geometry.triangulation import triangulate_two_views
 from passerby.geometry.two_view import relative_pose
 from passerby.solver.evidence import Evidence
-from passerby.solver.person_model import Sightings
+from passerby.solver.people_state import Sightings
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -20,7 +20,7 @@ from passerby.solver.cues import report_pull
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, wrong_lenses
 from passerby.solver.lens_check import check_focals
 from passerby.solver.pairs import MIN_MATCHES, PairHypothesis
-from passerby.solver.person_model import PeopleState
+from passerby.solver.people_state import PeopleState
 from passerby.solver.scale import ScaleCues
 from passerby.solver.solution import Solution, Verdict
 from passerby.solver.stages import Fit, PeopleOptions, Start, choose, descend

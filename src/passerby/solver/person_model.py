@@ -12,13 +12,15 @@ shape.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.solver.bundle import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
+from passerby.solver.cue_terms import CueRows
 from passerby.solver.least_squares import Cauchy, Family, Layout, Step, Term
+from passerby.solver.people_state import Noise, PeopleState, Priors, Sightings
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -43,113 +45,6 @@ MIN_EXTENT_SHARE = 0.1
 # Means over all cameras that no picture tells are held at 0 by these: slack (as a logarithm) and clocks (seconds).
 MEAN_SLACK_SD = 1e-4
 MEAN_TIME_SD = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Sightings:
-    """M upright people seen: the rays of a highest and of a lowest point, as boxes or as head and ankles give them."""
-
-    camera: Ints
-    """(M,) camera index, ascending."""
-    block: Ints
-    """(M,) person-instant."""
-    top: Floats
-    """(M, 3) unit ray of the highest point, camera frame."""
-    bottom: Floats
-    """(M, 3) unit ray of the lowest point."""
-    top_tangent: Floats
-    """(M, 2, 3) from `Lens.tangents`."""
-    bottom_tangent: Floats
-    """(M, 2, 3)"""
-    extent_px: Floats
-    """(M,) distance of the two points in the picture, pixels."""
-    top_fraction: Floats
-    """(M,) where on the body the highest point sits, as a share of its height: 1 for a box."""
-    bottom_fraction: Floats
-    """(M,) the same of the lowest point: 0 for a box."""
-    has_foot: Floats
-    """(M,) 1 where the lowest point is the visible foot of a box, which lies nearer to the camera than the axis; else 0."""
-    velocity: Floats | None = None
-    """(M, 2) how fast the middle of the two points moves through the picture, pixels a second; None where clocks are right."""
-
-    def __len__(self) -> int:
-        return len(self.camera)
-
-    def take(self, rows: NDArray[np.generic]) -> Sightings:
-        """The sightings of the given rows."""
-        columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
-        return Sightings(**{name: column[rows] for name, column in columns.items()})
-
-
-@dataclass(frozen=True, eq=False)
-class Noise:
-    """What the residuals are weighed by; shares are of the sighting's extent in pixels."""
-
-    floor_px: float = 0.5
-    centre: float = 0.02
-    height: float = 0.10
-    lean: float = 0.06
-    """The centre of head and ankles, in both directions: bodies lean, and the joints themselves fix the shape."""
-    joint: float = 0.01
-    kinds: Floats | None = None
-    """(C, K) factor on the noise of each joint of the body in each camera; 1 when None."""
-    loss: float = 5.0
-    """Scale of the Cauchy loss in sigmas; large values make it nearly quadratic for a first descent."""
-
-
-@dataclass(frozen=True)
-class Priors:
-    """Standard deviations of what people and detectors usually do."""
-
-    low: float = 0.05
-    """The lowest point's height above the ground, as a share of the person's height: steps, kerbs, slopes."""
-    high: float = 0.06
-    """The highest point's distance from standing height, the same: gait, a bent neck, shoes."""
-    slack: float = 0.05
-    foot_shift: float = 0.08
-    """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the person's height."""
-    foot_shift_sd: float = 0.04
-    stance_loss: float = 2.0
-    time: float = 0.3
-    """Error of a camera's clock, seconds: whole frames are found before, so that half a frame of 2 a second is left at most."""
-
-
-@dataclass(frozen=True, eq=False)
-class PriorRows:
-    """Rows of dense priors on the shared unknowns (scale cues): residuals and Jacobian at a state."""
-
-    residual: Floats
-    by_shared: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class PeopleState:
-    """A point in the space of unknowns."""
-
-    R: Floats
-    """(C, 3, 3) world to camera."""
-    centre: Floats
-    """(C, 3) metres."""
-    slack: Floats
-    """(C,) boxes are taller than people by this factor, as a logarithm; 0 on the mean."""
-    globals: Floats
-    """Foot shift (share of the height), then three coordinates per marked point."""
-    heights: Floats
-    """(P,) standing heights, metres."""
-    people: Floats
-    """(N, 4): x, y, height of the lowest and of the highest point, metres."""
-    joints: Floats
-    """(J, 3) 3D joints, metres."""
-    time: Floats = field(default_factory=lambda: np.zeros(0))
-    """(C,) seconds to be added to the clocks' offsets: a camera shows the world so much later than its clock says. Empty where
-    the clocks are right."""
-
-    def scaled(self, scale: float) -> PeopleState:
-        """All lengths of cameras, people and joints times `scale`, the standing heights too."""
-        return replace(
-            self, centre=self.centre * scale, globals=np.concatenate([self.globals[:1], self.globals[1:] * scale]),
-            heights=self.heights * scale, people=self.people * scale, joints=self.joints * scale,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,70 +258,3 @@ def _by_body(by_point: Floats, fraction: Floats) -> Floats:
     """Chain (M, k, 3) derivatives by a point on the body's axis to (M, k, 4) by x, y, low and high."""
     by_z = by_point[:, :, 2:]
     return np.concatenate([by_point[:, :, :2], by_z * (1 - fraction)[:, None, None], by_z * fraction[:, None, None]], axis=2)
-
-
-@dataclass(frozen=True, eq=False)
-class CueRows:
-    """Scale cues as rows of the problem: marked points, known lengths, distances and heights of cameras."""
-
-    n_points: int = 0
-    """Marked points; the two ends of length i are points 2i and 2i + 1."""
-    marks: PointObservations | None = None
-    """Sightings of the marked points, sorted by camera."""
-    lengths: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    """(L, 2): metres and standard deviation."""
-    distance_between: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
-    distances: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    height_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    heights: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    names: tuple[str, ...] = ()
-    """What each cue is called in reports: lengths, then distances, then heights."""
-
-    def terms(self, state: PeopleState, layout: Layout) -> list[Term]:
-        """The cues' residuals with dense Jacobians; there are few of them."""
-        out = []
-        first = layout.n_cameras * layout.camera_size
-        if len(self.distances):
-            a, b = self.distance_between.T
-            apart = state.centre[a] - state.centre[b]
-            norm = np.linalg.norm(apart, axis=1)
-            J = np.zeros((len(a), 1, layout.n_shared))
-            for axis in range(3):
-                value = apart[:, axis] / norm / self.distances[:, 1]
-                J[np.arange(len(a)), 0, a * layout.camera_size + 3 + axis] += value
-                J[np.arange(len(a)), 0, b * layout.camera_size + 3 + axis] -= value
-            out.append(Term(((norm - self.distances[:, 0]) / self.distances[:, 1])[:, None], by_shared=J))
-        if len(self.heights):
-            J = np.zeros((len(self.heights), 1, layout.n_shared))
-            J[np.arange(len(self.heights)), 0, self.height_of * layout.camera_size + 5] = 1 / self.heights[:, 1]
-            residual = (state.centre[self.height_of, 2] - self.heights[:, 0]) / self.heights[:, 1]
-            out.append(Term(residual[:, None], by_shared=J))
-        if self.marks is not None and self.n_points:
-            out += self._length_terms(state, layout, first)
-        return out
-
-    def _length_terms(self, state: PeopleState, layout: Layout, first: int) -> list[Term]:
-        assert self.marks is not None
-        o, points = self.marks, state.globals[1:].reshape(-1, 3)
-        R = state.R[o.camera]
-        d = (R @ (points[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
-        residual, by_d = project_near(o.bearing, o.tangent, d)
-        by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
-        rows = np.arange(len(d))
-        J = np.zeros((len(d), 2, layout.n_shared))
-        for column in range(POSE_SIZE):
-            J[rows, :, o.camera * layout.camera_size + column] = by_pose[:, :, column]
-        for axis in range(3):
-            J[rows, :, first + 1 + 3 * o.point + axis] = by_point[:, :, axis]
-        apart = points[0::2] - points[1::2]
-        norm = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
-        n = len(self.lengths)
-        J_length = np.zeros((n, 1, layout.n_shared))
-        for axis in range(3):
-            value = apart[:, axis] / norm / self.lengths[:, 1]
-            J_length[np.arange(n), 0, first + 1 + 6 * np.arange(n) + axis] = value
-            J_length[np.arange(n), 0, first + 4 + 6 * np.arange(n) + axis] = -value
-        return [
-            Term(residual / o.sigma_px[:, None], Cauchy(3.0), by_shared=J),
-            Term(((norm - self.lengths[:, 0]) / self.lengths[:, 1])[:, None], by_shared=J_length),
-        ]

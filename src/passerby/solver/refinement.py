@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from passerby.solver.bundle import PointObservations
 from passerby.solver.consensus import adopt, agree
+from passerby.solver.cue_terms import CueRows
 from passerby.solver.evidence import Evidence
 from passerby.solver.least_squares import NormalEquations, Result, Stopping, Term, minimise
-from passerby.solver.person_model import JOINT, CueRows, Noise, PeopleProblem, PeopleState, Priors, Sightings
+from passerby.solver.people_state import Noise, PeopleState, Priors, Sightings
+from passerby.solver.person_model import JOINT, PeopleProblem
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -20,7 +20,7 @@ from passerby.solver.cues import cue_rows, expected_heights, first_scale, triang
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.least_squares import Result, Stopping
 from passerby.solver.pairs import PairHypothesis, judged_guesses, pair_hypotheses
-from passerby.solver.person_model import Noise, PeopleState, Priors
+from passerby.solver.people_state import Noise, PeopleState, Priors
 from passerby.solver.refinement import AGREE_SIGMAS, Knowledge, Model, RigState, adjust, build_model, learn_noise, rig_of
 from passerby.solver.scale import ScaleCues
 from passerby.solver.standing import standing_instants

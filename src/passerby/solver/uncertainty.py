@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from passerby.cameras import PoseSigma
 from passerby.solver.evidence import Evidence
 from passerby.solver.least_squares import Layout, NormalEquations, Term
-from passerby.solver.person_model import TIME, PeopleState
+from passerby.solver.people_state import PeopleState
+from passerby.solver.person_model import TIME
 from passerby.solver.refinement import Model
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,82 @@
+"""What is known of lengths, distances and heights, as residuals on the shared unknowns of the person model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.solver.bundle import POSE_SIZE, PointObservations, pose_jacobian, project_near
+from passerby.solver.least_squares import Cauchy, Layout, Term
+from passerby.solver.people_state import PeopleState
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class CueRows:
+    """Scale cues as rows of the problem: marked points, known lengths, distances and heights of cameras."""
+
+    n_points: int = 0
+    """Marked points; the two ends of length i are points 2i and 2i + 1."""
+    marks: PointObservations | None = None
+    """Sightings of the marked points, sorted by camera."""
+    lengths: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    """(L, 2): metres and standard deviation."""
+    distance_between: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    distances: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    height_of: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    heights: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    names: tuple[str, ...] = ()
+    """What each cue is called in reports: lengths, then distances, then heights."""
+
+    def terms(self, state: PeopleState, layout: Layout) -> list[Term]:
+        """The cues' residuals with dense Jacobians; there are few of them."""
+        out = []
+        first = layout.n_cameras * layout.camera_size
+        if len(self.distances):
+            a, b = self.distance_between.T
+            apart = state.centre[a] - state.centre[b]
+            norm = np.linalg.norm(apart, axis=1)
+            J = np.zeros((len(a), 1, layout.n_shared))
+            for axis in range(3):
+                value = apart[:, axis] / norm / self.distances[:, 1]
+                J[np.arange(len(a)), 0, a * layout.camera_size + 3 + axis] += value
+                J[np.arange(len(a)), 0, b * layout.camera_size + 3 + axis] -= value
+            out.append(Term(((norm - self.distances[:, 0]) / self.distances[:, 1])[:, None], by_shared=J))
+        if len(self.heights):
+            J = np.zeros((len(self.heights), 1, layout.n_shared))
+            J[np.arange(len(self.heights)), 0, self.height_of * layout.camera_size + 5] = 1 / self.heights[:, 1]
+            residual = (state.centre[self.height_of, 2] - self.heights[:, 0]) / self.heights[:, 1]
+            out.append(Term(residual[:, None], by_shared=J))
+        if self.marks is not None and self.n_points:
+            out += self._length_terms(state, layout, first)
+        return out
+
+    def _length_terms(self, state: PeopleState, layout: Layout, first: int) -> list[Term]:
+        assert self.marks is not None
+        o, points = self.marks, state.globals[1:].reshape(-1, 3)
+        R = state.R[o.camera]
+        d = (R @ (points[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
+        residual, by_d = project_near(o.bearing, o.tangent, d)
+        by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
+        rows = np.arange(len(d))
+        J = np.zeros((len(d), 2, layout.n_shared))
+        for column in range(POSE_SIZE):
+            J[rows, :, o.camera * layout.camera_size + column] = by_pose[:, :, column]
+        for axis in range(3):
+            J[rows, :, first + 1 + 3 * o.point + axis] = by_point[:, :, axis]
+        apart = points[0::2] - points[1::2]
+        norm = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
+        n = len(self.lengths)
+        J_length = np.zeros((n, 1, layout.n_shared))
+        for axis in range(3):
+            value = apart[:, axis] / norm / self.lengths[:, 1]
+            J_length[np.arange(n), 0, first + 1 + 6 * np.arange(n) + axis] = value
+            J_length[np.arange(n), 0, first + 4 + 6 * np.arange(n) + axis] = -value
+        return [
+            Term(residual / o.sigma_px[:, None], Cauchy(3.0), by_shared=J),
+            Term(((norm - self.lengths[:, 0]) / self.lengths[:, 1])[:, None], by_shared=J_length),
+        ]

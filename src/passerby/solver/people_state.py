@@ -1,0 +1,110 @@
+"""The values of the person model: what was seen, what it is weighed by, and a point in the space of unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """M upright people seen: the rays of a highest and of a lowest point, as boxes or as head and ankles give them."""
+
+    camera: Ints
+    """(M,) camera index, ascending."""
+    block: Ints
+    """(M,) person-instant."""
+    top: Floats
+    """(M, 3) unit ray of the highest point, camera frame."""
+    bottom: Floats
+    """(M, 3) unit ray of the lowest point."""
+    top_tangent: Floats
+    """(M, 2, 3) from `Lens.tangents`."""
+    bottom_tangent: Floats
+    """(M, 2, 3)"""
+    extent_px: Floats
+    """(M,) distance of the two points in the picture, pixels."""
+    top_fraction: Floats
+    """(M,) where on the body the highest point sits, as a share of its height: 1 for a box."""
+    bottom_fraction: Floats
+    """(M,) the same of the lowest point: 0 for a box."""
+    has_foot: Floats
+    """(M,) 1 where the lowest point is the visible foot of a box, which lies nearer to the camera than the axis; else 0."""
+    velocity: Floats | None = None
+    """(M, 2) how fast the middle of the two points moves through the picture, pixels a second; None where clocks are right."""
+
+    def __len__(self) -> int:
+        return len(self.camera)
+
+    def take(self, rows: NDArray[np.generic]) -> Sightings:
+        """The sightings of the given rows."""
+        columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
+        return Sightings(**{name: column[rows] for name, column in columns.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What the residuals are weighed by; shares are of the sighting's extent in pixels."""
+
+    floor_px: float = 0.5
+    centre: float = 0.02
+    height: float = 0.10
+    lean: float = 0.06
+    """The centre of head and ankles, in both directions: bodies lean, and the joints themselves fix the shape."""
+    joint: float = 0.01
+    kinds: Floats | None = None
+    """(C, K) factor on the noise of each joint of the body in each camera; 1 when None."""
+    loss: float = 5.0
+    """Scale of the Cauchy loss in sigmas; large values make it nearly quadratic for a first descent."""
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard deviations of what people and detectors usually do."""
+
+    low: float = 0.05
+    """The lowest point's height above the ground, as a share of the person's height: steps, kerbs, slopes."""
+    high: float = 0.06
+    """The highest point's distance from standing height, the same: gait, a bent neck, shoes."""
+    slack: float = 0.05
+    foot_shift: float = 0.08
+    """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the person's height."""
+    foot_shift_sd: float = 0.04
+    stance_loss: float = 2.0
+    time: float = 0.3
+    """Error of a camera's clock, seconds: whole frames are found before, so that half a frame of 2 a second is left at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleState:
+    """A point in the space of unknowns."""
+
+    R: Floats
+    """(C, 3, 3) world to camera."""
+    centre: Floats
+    """(C, 3) metres."""
+    slack: Floats
+    """(C,) boxes are taller than people by this factor, as a logarithm; 0 on the mean."""
+    globals: Floats
+    """Foot shift (share of the height), then three coordinates per marked point."""
+    heights: Floats
+    """(P,) standing heights, metres."""
+    people: Floats
+    """(N, 4): x, y, height of the lowest and of the highest point, metres."""
+    joints: Floats
+    """(J, 3) 3D joints, metres."""
+    time: Floats = field(default_factory=lambda: np.zeros(0))
+    """(C,) seconds to be added to the clocks' offsets: a camera shows the world so much later than its clock says. Empty where
+    the clocks are right."""
+
+    def scaled(self, scale: float) -> PeopleState:
+        """All lengths of cameras, people and joints times `scale`, the standing heights too."""
+        return replace(
+            self, centre=self.centre * scale, globals=np.concatenate([self.globals[:1], self.globals[1:] * scale]),
+            heights=self.heights * scale, people=self.people * scale, joints=self.joints * scale,
+        )  # fmt: skip
