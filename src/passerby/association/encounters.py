@@ -23,6 +23,11 @@ class TrackPair:
     likeness: Floats | None = None
     """(T_a, T_b) log-likelihood ratio of tracklets showing one person rather than two, from their appearance."""
 
+    def instants_of(self, encounters: int) -> int:
+        """About how many instants have so many encounters, at any lag."""
+        crowd_a, crowd_b = (len(side) / max(1, len(np.unique(side.step))) for side in (self.a, self.b))
+        return int(np.ceil(encounters / max(crowd_a * crowd_b, 1.0)))
+
 
 @dataclass(frozen=True, eq=False)
 class TrackletPairs:

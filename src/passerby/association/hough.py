@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from passerby.association.encounters import TrackPair, encounters
 from passerby.association.ground_tracks import STEP_S
 from passerby.association.pair_matching import WALKING, GroundMotion
 
-Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
+SingleComplexes = NDArray[np.complex64]
 Complexes = NDArray[np.complex128]
 
 SAME_TURN, SAME_LAG_S, SAME_SHIFT_M = np.deg2rad(25.0), 1.6, 6.0
@@ -26,12 +26,12 @@ SAME_TURN, SAME_LAG_S, SAME_SHIFT_M = np.deg2rad(25.0), 1.6, 6.0
 # depend on how far apart the cameras are; what falls onto one spot from several rounds is told apart after.
 _TURNS, _CELLS, _CELL_M = 36, 64, 1.5
 _BLUR_CELLS = 1.0
-# Instants that vote; more would only say the same again.
-_INSTANTS = 240
+# Instants that vote, and about how many voters they may bring for each lag; more would only say the same again.
+_INSTANTS, _VOTERS = 240, 20_000
 # Velocities agree within this (metres per second), more for the fast.
 _VELOCITY_SD = 0.5
-_MIN_VOICE = 0.05
-"""Voters that weigh less at a turn are not counted."""
+_LEAST_VOICE = float(np.log(0.05))
+"""Logarithm of the weight: voters that weigh less at a turn are not counted."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ def likely_motions(tracks: TrackPair, max_lag_s: float, most: int) -> list[Groun
         max_lag_s: largest difference of the two clocks, seconds.
         most: number of motions.
     """
-    turns = np.exp(2j * np.pi * np.arange(_TURNS) / _TURNS)
     peaks: list[_Spot] = []
     voters = {}
+    most_instants, blur = min(_INSTANTS, tracks.instants_of(_VOTERS)), _blur()
     for lag in _lags(tracks, max_lag_s).tolist():
-        voters[lag] = _voters(tracks, lag)
-        votes = _counted(voters[lag], turns).reshape(_TURNS, -1)
+        voters[lag] = _voters(tracks, lag, most_instants)
+        votes = _counted(voters[lag], blur)
         peaks += [_Spot(float(votes[k, cell]), lag, k, cell) for k, cell in enumerate(votes.argmax(axis=1).tolist())]
     peaks.sort(key=lambda spot: (-spot.votes, abs(spot.lag), spot.turn))
     best: list[_Spot] = []
@@ -83,8 +83,9 @@ def likely_motions(tracks: TrackPair, max_lag_s: float, most: int) -> list[Groun
             break
         if not any(spot.is_near(other) for other in best):
             best.append(spot)
+    turns = _turns().tolist()
     return [
-        GroundMotion(complex(turns[spot.turn]), _unwrapped(voters[spot.lag], turns[spot.turn], spot.cell), spot.lag * STEP_S)
+        GroundMotion(turns[spot.turn], _unwrapped(voters[spot.lag], turns[spot.turn], spot.cell), spot.lag * STEP_S)
         for spot in best
     ]
 
@@ -99,18 +100,29 @@ def _lags(tracks: TrackPair, max_lag_s: float) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class _Voters:
-    """Encounters whose speeds agree."""
+    """Encounters whose speeds agree. Single precision and lengths in cells: it is all that the grid can tell."""
 
-    position_a: Complexes
-    velocity_a: Complexes
-    position_b: Complexes
-    velocity_b: Complexes
-    sd: Floats
-    weight: Floats
+    position_a: SingleComplexes
+    """(V,) x + iy, cells."""
+    position_b: SingleComplexes
+    """(V,)"""
+    voice: Singles
+    """(3, V) of the logarithm of a voter's weight at a turn: the constant part, and what goes with its cosine and its sine."""
+
+    def loud_at(self, turn: complex) -> tuple[Ints, Singles]:
+        """Rows that are heard at a turn, and their weights."""
+        voice = self.voice[0] + self.voice[1] * np.float32(turn.real) + self.voice[2] * np.float32(turn.imag)
+        rows = np.flatnonzero(voice > _LEAST_VOICE)
+        return rows, np.exp(voice.take(rows))
+
+    def shifts_at(self, turn: complex, rows: Ints) -> Singles:
+        """(rows, 2) the shifts that they propose at a turn, cells."""
+        shift = self.position_b.take(rows) - np.complex64(turn) * self.position_a.take(rows)
+        return shift.view(np.float32).reshape(-1, 2)
 
 
-def _voters(tracks: TrackPair, lag: int) -> _Voters:
-    met = encounters(tracks, lag, _INSTANTS)
+def _voters(tracks: TrackPair, lag: int, most_instants: int) -> _Voters:
+    met = encounters(tracks, lag, most_instants)
     velocity_a, velocity_b = tracks.a.velocity[met.a], tracks.b.velocity[met.b]
     fast_a, fast_b = np.abs(velocity_a), np.abs(velocity_b)
     sd = _VELOCITY_SD * np.maximum(1.0, 0.5 * (fast_a + fast_b))
@@ -120,44 +132,51 @@ def _voters(tracks: TrackPair, lag: int) -> _Voters:
     weight = weight / np.maximum(1.0, reach / _CELL_M)
     if tracks.likeness is not None:
         weight = weight * np.exp(tracks.likeness[tracks.a.tracklet[met.a], tracks.b.tracklet[met.b]])
-    use = (np.abs(fast_a - fast_b) < 2.5 * sd) & (weight > _MIN_VOICE)
-    position_a, position_b = tracks.a.position[met.a[use]], tracks.b.position[met.b[use]]
-    return _Voters(position_a, velocity_a[use], position_b, velocity_b[use], sd[use], weight[use])
+    use = np.flatnonzero((np.abs(fast_a - fast_b) < 2.5 * sd) & (weight > np.exp(_LEAST_VOICE)))
+    # The velocities differ by |turn * velocity_a - velocity_b|, normally distributed; its square is written out.
+    along = velocity_a[use] * velocity_b[use].conj() / sd[use] ** 2
+    level = np.log(weight[use]) - 0.5 * (fast_a[use] ** 2 + fast_b[use] ** 2) / sd[use] ** 2
+    return _Voters(
+        (tracks.a.position[met.a[use]] / _CELL_M).astype(np.complex64),
+        (tracks.b.position[met.b[use]] / _CELL_M).astype(np.complex64),
+        np.stack([level, along.real, -along.imag]).astype(np.float32),
+    )
 
 
-def _voices(voters: _Voters, turn: complex) -> Floats:
-    """Weights of the voters at a turn, by how well the velocities agree."""
-    apart = turn * voters.velocity_a - voters.velocity_b
-    return np.asarray(voters.weight * np.exp(-0.5 * (apart.real**2 + apart.imag**2) / voters.sd**2))
+def _counted(voters: _Voters, blur: Singles) -> Singles:
+    """(turns, cells * cells) votes for shifts, smoothed."""
+    counts = np.empty((_TURNS, _CELLS * _CELLS), dtype=np.float32)
+    for k, turn in enumerate(_turns().tolist()):
+        rows, weight = voters.loud_at(turn)
+        # Cells beyond the torus wrap around, also the negative ones: it is a power of two.
+        cell = np.floor(voters.shifts_at(turn, rows)).astype(np.int32) & (_CELLS - 1)
+        counts[k] = np.bincount(cell[:, 0] * _CELLS + cell[:, 1], weight, _CELLS**2)
+    smoothed = np.asarray(blur @ counts.reshape(_TURNS, _CELLS, _CELLS) @ blur, dtype=np.float32)
+    return smoothed.reshape(_TURNS, -1)
 
 
-def _counted(voters: _Voters, turns: Complexes) -> Floats:
-    """(turns, cells, cells) votes for shifts, smoothed."""
-    counts = np.zeros(_TURNS * _CELLS * _CELLS)
-    for k, turn in enumerate(turns):
-        weight = _voices(voters, complex(turn))
-        use = np.flatnonzero(weight > _MIN_VOICE)
-        shift = voters.position_b[use] - turn * voters.position_a[use]
-        x = np.floor(shift.real / _CELL_M).astype(np.int64) % _CELLS
-        y = np.floor(shift.imag / _CELL_M).astype(np.int64) % _CELLS
-        counts[k * _CELLS**2 : (k + 1) * _CELLS**2] = np.bincount(x * _CELLS + y, weight[use], _CELLS**2)
-    grid = counts.reshape(_TURNS, _CELLS, _CELLS)
-    for axis in (1, 2):
-        grid = gaussian_filter1d(grid, _BLUR_CELLS, axis=axis, mode="wrap", truncate=2.5)
-    return np.asarray(grid)
+def _turns() -> Complexes:
+    return np.asarray(np.exp(2j * np.pi * np.arange(_TURNS) / _TURNS))
+
+
+def _blur() -> Singles:
+    """(cells, cells) symmetric matrix that smooths one axis of the torus."""
+    from_first = np.minimum(np.arange(_CELLS), _CELLS - np.arange(_CELLS))
+    kernel = np.exp(-0.5 * (from_first / _BLUR_CELLS) ** 2)
+    return np.stack([np.roll(kernel / kernel.sum(), shift) for shift in range(_CELLS)]).astype(np.float32)
 
 
 def _unwrapped(voters: _Voters, turn: complex, cell: int) -> complex:
-    """The shift of a cell of the torus: the round of the torus that most of its votes come from, and their mean."""
-    weight = _voices(voters, turn)
-    shift = voters.position_b - turn * voters.position_a
-    x, y = divmod(cell, _CELLS)
-    period = _CELLS * _CELL_M
-    dx = shift.real - (x + 0.5) * _CELL_M
-    dy = shift.imag - (y + 0.5) * _CELL_M
-    round_x, round_y = np.round(dx / period), np.round(dy / period)
-    near = np.hypot(dx - round_x * period, dy - round_y * period) < 1.5 * _CELL_M
-    rounds, which = np.unique(np.column_stack([round_x, round_y])[near], axis=0, return_inverse=True)
-    top = int(np.argmax(np.bincount(which.ravel(), weight[near], len(rounds))))
+    """The shift of a cell of the torus, metres: the round of the torus that most of its votes come from, and their mean."""
+    rows, weight = voters.loud_at(turn)
+    shift = voters.shifts_at(turn, rows).astype(np.float64)
+    apart = shift - np.array(divmod(cell, _CELLS)) - 0.5
+    rounds = np.round(apart / _CELLS)
+    distance = np.hypot(*(apart - rounds * _CELLS).T)
+    # Where a cell owes its votes to its neighbours' only, they are farther away.
+    near = distance < max(1.5, 1.01 * float(distance.min()))
+    distinct, which = np.unique(rounds[near], axis=0, return_inverse=True)
+    top = int(np.argmax(np.bincount(which.ravel(), weight[near], len(distinct))))
     use = np.flatnonzero(near)[which.ravel() == top]
-    return complex(np.average(shift[use], weights=weight[use]))
+    x, y = np.average(shift[use], axis=0, weights=weight[use]) * _CELL_M
+    return complex(x, y)

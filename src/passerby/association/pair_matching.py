@@ -19,6 +19,8 @@ WALKING = 0.7
 _MIN_AGREEMENT, _MIN_SAMPLES = 0.25, 3
 # A few samples where two tracklets of one person touch do not part them.
 _MAX_TAKEN = 0.2
+# Squared tolerances beyond which an agreement is -1.
+_NOTHING_BEYOND = 2.0
 # The levels know each camera's height to about 9 %, so the two scales differ by about this much, and never by more than these.
 _SCALE_SD, _SCALE_RANGE = 0.13, (0.7, 1.4)
 # The priors weigh as much as this share of the matched samples: neighbouring samples are off alike.
@@ -40,27 +42,15 @@ class GroundMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class Agreements:
-    """How well N encounters meet under a motion."""
-
-    value: Floats
-    """(N,) 1 where the two samples meet, 0 a tolerance apart, -1 beyond."""
-    miss: Floats
-    """(N,) distance in tolerances."""
-    whitening: Floats
-    """(N, 3) the lower triangle (11, 21, 22) that turns metres into tolerances, along camera b's axes."""
-
-
-@dataclass(frozen=True, eq=False)
 class Matches:
     """Matched tracklets and their encounters."""
 
     rows: Ints
     """(M,) rows of the encounters."""
     miss: Floats
-    """(M,) as in `Agreements`."""
+    """(M,) distance in tolerances."""
     whitening: Floats
-    """(M, 3) as in `Agreements`."""
+    """(M, 3) the lower triangle (11, 21, 22) that turns metres into tolerances, along camera b's axes."""
     score: float
     """Encounters of walking people that agree, less those that disagree."""
     tracklets_a: Ints
@@ -71,25 +61,46 @@ class Matches:
     """(K,) with the agreement of each match, in samples."""
 
 
-def agreements(met: Encounters, motion: GroundMotion, factor: float = 1.0) -> Agreements:
-    """How well encounters meet when the tolerances are `factor` times as wide."""
+def agreements(met: Encounters, motion: GroundMotion, factor: float = 1.0) -> Floats:
+    """(N,) how well encounters meet when the tolerances are `factor` times as wide.
+
+    1 where the two samples meet, 0 a tolerance apart, -1 beyond.
+    """
+    apart = _apart(met, motion, slice(None))
+    tracks_a, tracks_b = met.tracks.a, met.tracks.b
+    # No tolerance reaches farther than those along both rays together, so that most encounters need no closer look.
+    reach_a = (abs(motion.turn) * np.maximum(*tracks_a.sigma)) ** 2
+    reach_b = np.maximum(*tracks_b.sigma) ** 2
+    square = apart.real**2 + apart.imag**2
+    near = np.flatnonzero(square < _NOTHING_BEYOND * factor**2 * (reach_a[met.a] + reach_b[met.b]))
+    value = np.full(len(met), -1.0)
+    miss = _missed(apart[near], _whitening(met, motion.turn, near) / factor)
+    value[near] = np.maximum(1.0 - miss**2, -1.0)
+    return value
+
+
+def _apart(met: Encounters, motion: GroundMotion, rows: Ints | slice) -> NDArray[np.complex128]:
+    """How far camera a's samples come to lie from camera b's, metres."""
+    a, b = met.a[rows], met.b[rows]
     tracks_a, tracks_b = met.tracks.a, met.tracks.b
     rest_s = motion.lag_s - met.lag * STEP_S
-    whitening = _whitening(met, motion.turn) / factor
-    apart = motion.turn * tracks_a.position[met.a] + motion.shift - tracks_b.position[met.b] - tracks_b.velocity[met.b] * rest_s
-    miss = np.hypot(whitening[:, 0] * apart.real, whitening[:, 1] * apart.real + whitening[:, 2] * apart.imag)
-    return Agreements(np.maximum(1.0 - miss**2, -1.0), miss, whitening)
+    return np.asarray(motion.turn * tracks_a.position[a] + motion.shift - tracks_b.position[b] - tracks_b.velocity[b] * rest_s)
 
 
-def _whitening(met: Encounters, turn: complex) -> Floats:
-    """(N, 3) lower triangles W with `W^T W` the inverse of both positions' joint covariance, along camera b's axes."""
-    xx = yy = xy = np.zeros(len(met))
-    for tracks, rows, turned in ((met.tracks.a, met.a, turn), (met.tracks.b, met.b, 1.0 + 0.0j)):
+def _missed(apart: NDArray[np.complex128], whitening: Floats) -> Floats:
+    """The same in tolerances."""
+    return np.hypot(whitening[:, 0] * apart.real, whitening[:, 1] * apart.real + whitening[:, 2] * apart.imag)
+
+
+def _whitening(met: Encounters, turn: complex, rows: Ints) -> Floats:
+    """(rows, 3) lower triangles W with `W^T W` the inverse of both positions' joint covariance, along camera b's axes."""
+    xx = yy = xy = np.zeros(len(rows))
+    for tracks, own, turned in ((met.tracks.a, met.a[rows], turn), (met.tracks.b, met.b[rows], 1.0 + 0.0j)):
         along, across = tracks.sigma
-        ray = tracks.position[rows] * turned
+        ray = tracks.position[own] * turned
         ray = ray / np.maximum(np.abs(ray), 1e-9)
-        extra = (along[rows] ** 2 - across[rows] ** 2) * abs(turned) ** 2
-        base = across[rows] ** 2 * abs(turned) ** 2
+        extra = (along[own] ** 2 - across[own] ** 2) * abs(turned) ** 2
+        base = across[own] ** 2 * abs(turned) ** 2
         xx = xx + base + extra * ray.real**2
         yy = yy + base + extra * ray.imag**2
         xy = xy + extra * ray.real * ray.imag
@@ -106,7 +117,7 @@ def matches(met: Encounters, motion: GroundMotion, factor: float) -> Matches | N
     """
     tracks, pairs = met.tracks, met.tracklets
     agreeing = agreements(met, motion, factor)
-    weight = pairs.summed(agreeing.value)
+    weight = pairs.summed(agreeing)
     likeness = np.zeros(len(pairs)) if tracks.likeness is None else tracks.likeness[pairs.a, pairs.b]
     good = (weight > _MIN_AGREEMENT * pairs.size) & (pairs.size >= _MIN_SAMPLES) & (weight + likeness > 0)
     chosen = _exclusive(met, good, weight + likeness)
@@ -114,10 +125,10 @@ def matches(met: Encounters, motion: GroundMotion, factor: float) -> Matches | N
     if len(rows) < _MIN_SAMPLES:
         return None
     slower = np.minimum(np.abs(tracks.a.velocity[met.a[rows]]), np.abs(tracks.b.velocity[met.b[rows]]))
-    score = float((agreeing.value[rows] * np.minimum(1.0, slower / WALKING)).sum())
-    return Matches(
-        rows, agreeing.miss[rows], agreeing.whitening[rows], score, pairs.a[chosen], pairs.b[chosen], weight[chosen]
-    )  # fmt: skip
+    score = float((agreeing[rows] * np.minimum(1.0, slower / WALKING)).sum())
+    whitening = _whitening(met, motion.turn, rows) / factor
+    miss = _missed(_apart(met, motion, rows), whitening)
+    return Matches(rows, miss, whitening, score, pairs.a[chosen], pairs.b[chosen], weight[chosen])
 
 
 def _exclusive(met: Encounters, good: NDArray[np.bool_], weight: Floats) -> NDArray[np.bool_]:

@@ -23,8 +23,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _CANDIDATES = 6
-# Instants that the refinement looks at; more would only say the same again.
-_INSTANTS = 1500
+# Instants and encounters that the refinement looks at; more would only say the same again.
+_INSTANTS, _ENCOUNTERS = 1500, 300_000
 # Tolerances of the matching, from round to round: the likely motions are known to a cell and five degrees.
 _TOLERANCES = (2.5, 2.0, 1.5, 1.2, 1.0, 1.0)
 
@@ -86,11 +86,12 @@ def register_pair(
     if not len(tracks_a) or not len(tracks_b):
         return PairRegistration(a, b, ())
     tracks = TrackPair(tracks_a, tracks_b, likeness)
+    most_instants = min(_INSTANTS, tracks.instants_of(_ENCOUNTERS))
 
     # Guesses mostly share a few lags; what is kept for one may be large.
     @lru_cache(maxsize=3)
     def met_at(lag: int) -> Encounters:
-        return encounters(tracks, lag, _INSTANTS)
+        return encounters(tracks, lag, most_instants)
 
     found = [_refined(met_at, start, max_lag_s) for start in likely_motions(tracks, max_lag_s, _CANDIDATES)]
     ranked = sorted((guess for guess in found if guess is not None), key=lambda guess: -guess.score)
@@ -142,5 +143,5 @@ def agreement(
         they meet, 0 a tolerance apart, -1 beyond), and (K,) the number of these samples.
     """
     met = encounters(TrackPair(tracks_a, tracks_b), round(lag_s / STEP_S))
-    value = agreements(met, GroundMotion(turn, shift, lag_s)).value
+    value = agreements(met, GroundMotion(turn, shift, lag_s))
     return met.tracklets.a, met.tracklets.b, met.tracklets.summed(value), met.tracklets.size
