@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,9 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from threadpoolctl import threadpool_limits
 
+from passerby.alternation import AssociationOptions, solve_unidentified
+from passerby.association.instants import common_instants
+from passerby.association.result import Association
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError, InputError
 from passerby.inputs import SceneInputs, read_inputs
@@ -20,12 +24,13 @@ from passerby.observations import Observations
 from passerby.results import calibration_dict, write_calibration
 from passerby.scene import Scene
 from passerby.sharing import connected_groups, missing_overlap, shared_people
+from passerby.solver.pairs import PairHypothesis
+from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.solution import Solution, Verdict
 from passerby.verdict import judged
 
 if TYPE_CHECKING:
     from passerby.solver.geopose import GeoPoseOptions
-    from passerby.solver.people import PeopleOptions
 
 Progress = Callable[[str], None]
 """Told the name of each stage as it begins."""
@@ -50,6 +55,8 @@ class Calibration:
     """JSON-ready figures of every stage."""
     findings: tuple[str, ...] = ()
     """What is odd about the input."""
+    association: Association | None = None
+    """Who is who, and the cameras' clocks."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage; never written to a file, so that the same input gives the same files."""
 
@@ -75,7 +82,13 @@ class Calibration:
         write_calibration(self, Path(folder))
 
 
-def calibrate(scene: Scene | str | Path, *, seed: int = 0, progress: Progress | None = None) -> Calibration:
+PASSING_SIGHTINGS = 8000
+"""Sightings in the solutions between two rounds of association: enough to place people to a fraction of their width."""
+
+
+def calibrate(
+    scene: Scene | str | Path, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None
+) -> Calibration:
     """Calibrate the cameras of a scene from the people in it.
 
     Too little evidence does not raise: it is a calibration with the verdict "refused" or "doubtful" and its reasons.
@@ -84,6 +97,8 @@ def calibrate(scene: Scene | str | Path, *, seed: int = 0, progress: Progress | 
         scene: a scene, or the path of a scene file.
         seed: of the random numbers (RANSAC); the same scene and seed give the same result, bit for bit.
         progress: called with the name of each stage.
+        executor: registers pairs of cameras side by side, such as a `concurrent.futures.ProcessPoolExecutor`; None: one after
+            the other. The result does not depend on it.
 
     Raises:
         InputError: the scene file or a file that it names is missing, broken, or contradicts another.
@@ -95,21 +110,22 @@ def calibrate(scene: Scene | str | Path, *, seed: int = 0, progress: Progress | 
     inputs = read_inputs(scene)
     options = solver_options(scene)
     read = time.perf_counter()
-    tell("solving")
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
-        solution = judged(_solve(scene, inputs, options, np.random.default_rng(seed)), inputs.observations)
+        solution, association = _solved(scene, inputs, options, np.random.default_rng(seed), tell, executor)
+        solution = judged(solution, association.instants, given=scene.association.given)
     solved = time.perf_counter()
     return Calibration(
         scene=scene,
         rig=replace(solution.rig, verdict=solution.verdict),
         verdict=solution.verdict,
         reasons=solution.reasons,
-        observations=inputs.observations,
+        observations=association.observations,
         seed=seed,
         options=asdict(options),
         figures=solution.figures,
         findings=inputs.findings,
+        association=association,
         seconds={"reading": read - began, "solving": solved - read},
     )
 
@@ -144,24 +160,48 @@ def _options_type(method: str) -> type[PeopleOptions] | type[GeoPoseOptions]:
         from passerby.solver.geopose import GeoPoseOptions
 
         return GeoPoseOptions
-    from passerby.solver.people import PeopleOptions
-
     return PeopleOptions
 
 
-def _solve(scene: Scene, inputs: SceneInputs, options: Any, rng: np.random.Generator) -> Solution:
+def _solved(
+    scene: Scene, inputs: SceneInputs, options: Any, rng: np.random.Generator, tell: Progress, executor: Executor | None
+) -> tuple[Solution, Association]:
+    """Who is who, and the rig."""
+    rig, seen = inputs.rig, inputs.observations
+    if scene.association.given:
+        instants = common_instants(seen, seen.clocks) if seen.clocks else seen
+        tell("solving")
+        return _solve(scene, rig, instants, options, rng), Association(seen, instants, seen.clocks)
+    refine = scene.association.search_s > 0 and bool(seen.clocks)
+
+    def solve(instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool) -> Solution:
+        chosen = options
+        if isinstance(options, PeopleOptions):
+            chosen = replace(options, refine_time=options.refine_time or refine)
+            if passing:
+                chosen = replace(
+                    chosen, max_sightings=min(chosen.max_sightings, PASSING_SIGHTINGS), tolerance=max(chosen.tolerance, 1e-5)
+                )
+        return _solve(scene, rig, instants, chosen, rng, guesses)
+
+    wanted = AssociationOptions(scene.association.mode, scene.association.search_s, scene.scale.person_height_m)
+    return solve_unidentified(rig, seen, wanted, solve, rng, tell=tell, executor=executor)
+
+
+def _solve(
+    scene: Scene, rig: Rig, instants: Observations, options: Any, rng: np.random.Generator,
+    guesses: Sequence[PairHypothesis] = (),
+) -> Solution:  # fmt: skip
     """Run the scene's solver; a want of evidence is a refused solution without poses."""
-    shared = shared_people(inputs.observations)
+    shared = shared_people(instants)
     try:
         if len(connected_groups(shared)[0]) == 1:
-            reasons = tuple(missing_overlap(shared))
+            reasons = tuple(missing_overlap(shared, given=scene.association.given))
             raise EvidenceError(reasons[0], reasons)
         if scene.solver.method == "geopose":
             from passerby.solver.geopose import solve_geopose
 
-            return solve_geopose(inputs.rig, inputs.observations, scene.scale_cues(), options, rng=rng)
-        from passerby.solver.people import solve_people
-
-        return solve_people(inputs.rig, inputs.observations, scene.scale_cues(), options, rng=rng)
+            return solve_geopose(rig, instants, scene.scale_cues(), options, rng=rng)
+        return solve_people(rig, instants, scene.scale_cues(), options, rng=rng, guesses=guesses)
     except EvidenceError as error:
-        return Solution(scene.solver.method, inputs.rig, "refused", error.reasons)
+        return Solution(scene.solver.method, rig, "refused", error.reasons)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from passerby import __version__
+from passerby.association.result import Association
 from passerby.cameras import Camera
 from passerby.interchange.atomic import write_text
 from passerby.interchange.json_text import plain, to_json
@@ -40,7 +41,7 @@ def write_calibration(calibration: Calibration, folder: Path) -> None:
 
 def calibration_dict(calibration: Calibration) -> dict[str, Any]:
     """A calibration as plain values for JSON, without wall times."""
-    scene = calibration.scene
+    scene, association = calibration.scene, calibration.association
     content: dict[str, Any] = plain(
         {
             "name": scene.name,
@@ -49,7 +50,11 @@ def calibration_dict(calibration: Calibration) -> dict[str, Any]:
             "verdict": calibration.verdict,
             "reasons": calibration.reasons,
             "findings": calibration.findings,
-            "cameras": [_camera(camera, calibration.observations[camera.name]) for camera in calibration.rig],
+            "cameras": [
+                _camera(camera, calibration.observations[camera.name]) | _clock(calibration.association, camera.name)
+                for camera in calibration.rig
+            ],
+            "association": {"mode": scene.association.mode} | (association.figures if association else {}),
             "method": scene.solver.method,
             "seed": calibration.seed,
             "options": calibration.options,
@@ -73,6 +78,17 @@ def _camera(camera: Camera, seen: CameraObservations) -> dict[str, Any]:
         "orientation_sigma_deg": None if sigma is None else sigma.orientation_deg,
         "boxes": len(seen.boxes),
         "keypoints": len(seen.keypoints),
+    }
+
+
+def _clock(association: Association | None, name: str) -> dict[str, Any]:
+    """Frame f shows the world at (f - 1) / fps + time_offset_s, by the clock of the first registered camera."""
+    clock = association.clocks.get(name) if association else None
+    sigma = association.sigma_s.get(name) if association else None
+    return {
+        "fps": None if clock is None else clock.fps,
+        "time_offset_s": None if clock is None else clock.offset_s,
+        "time_offset_sigma_s": sigma,
     }
 
 

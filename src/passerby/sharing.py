@@ -59,10 +59,17 @@ def connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[st
     return sorted(groups, key=len, reverse=True)
 
 
-def missing_overlap(shared: Mapping[str, Mapping[str, Shared]]) -> list[str]:
-    """One sentence for every group of cameras that shares nobody with the largest group; empty where all hang together."""
+MEND_GIVEN = "give identities that are the same person in all cameras, and frame numbers that are the same instant"
+MEND_FOUND = "search for larger clock offsets ([association] max_offset_s)"
+
+
+def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool = True) -> list[str]:
+    """One sentence for every group of cameras that shares nobody with the largest group; empty where all hang together.
+
+    The mend depends on whether the identities were `given` or found.
+    """
     main, *others = connected_groups(shared)
-    mend = "give identities that are the same person in all cameras, and frame numbers that are the same instant"
+    mend = MEND_GIVEN if given else MEND_FOUND
     if len(main) == 1:
         return [f"no two cameras share a person at the same instant: {mend}"]
     return [

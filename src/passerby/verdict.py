@@ -20,15 +20,20 @@ MIN_POSITIONS = 10
 SPOT_MEND = "record people who walk all over the view that the cameras share"
 
 
-def judged(solution: Solution, observations: Observations) -> Solution:
+def judged(solution: Solution, observations: Observations, *, given: bool = True) -> Solution:
     """The solution, no longer accepted where it lacks a camera, or where all people were on one line or spot.
 
     The reasons name the camera, and what to record.
+
+    Args:
+        solution: of a solver.
+        observations: people at common instants.
+        given: whether their identities were given, not found.
     """
     reasons = list(solution.reasons)
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:
-        reasons += [reason for reason in missing_overlap(shared_people(observations)) if reason not in reasons]
+        reasons += [reason for reason in missing_overlap(shared_people(observations), given=given) if reason not in reasons]
     if 0 < len(lost) < len(solution.rig):
         named = " ".join(reasons)
         reasons += [

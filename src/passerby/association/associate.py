@@ -12,6 +12,7 @@ from passerby.association.bodies import Bodies
 from passerby.association.graph import ViewGraph
 from passerby.association.ground_tracks import GroundTracks, Tolerance, ground_tracks
 from passerby.association.joining import NEVER, join, overlapping
+from passerby.association.looks import Looks
 from passerby.association.registration import agreement
 from passerby.cameras import Pose
 from passerby.geometry.single_view import Level
@@ -119,6 +120,21 @@ def people_of_rig(
     return _people(tracklets, tracks, motions, likeness)
 
 
+def people_of_votes(tracklets: Tracklets, looks: Looks) -> Ints:
+    """(T,) person of each tracklet, joined by looks.
+
+    For one person speaks every instant at which the two tracklets were matched, against it every other that both were seen at.
+    """
+    edges = _Edges([], [], [])
+    for (a, b), pair in looks.pairs.items():
+        together, matched = pair.votes.together.tocoo(), pair.votes.matched
+        row_a, row_b = together.coords
+        i, j = (features.tracklet[row] for features, row in zip(looks.features_of(a, b), (row_a, row_b), strict=True))
+        yes = np.asarray(matched[row_a, row_b], dtype=np.float64).ravel()
+        edges.add(i + tracklets.first[a], j + tracklets.first[b], SAMPLE_WORTH * (2 * yes - together.data))
+    return _joined(tracklets, edges)
+
+
 def _people(
     tracklets: Tracklets, tracks: Sequence[GroundTracks | None],
     motions: Mapping[tuple[int, int], tuple[complex, complex, float]], likeness: Mapping[tuple[int, int], Floats] | None,
@@ -133,6 +149,10 @@ def _people(
         if likeness is not None and (a, b) in likeness:
             weight = weight + likeness[a, b][i, j]
         edges.add(i + tracklets.first[a], j + tracklets.first[b], weight)
+    return _joined(tracklets, edges)
+
+
+def _joined(tracklets: Tracklets, edges: _Edges) -> Ints:
     i, j = tracklets.never_one()
     edges.add(i, j, np.full(len(i), NEVER))
     return join(len(tracklets.start_s), np.concatenate(edges.first), np.concatenate(edges.second), np.concatenate(edges.weight))

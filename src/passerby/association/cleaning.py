@@ -55,7 +55,7 @@ def clean(
     tolerance = MEETING_FLOOR_PX + MEETING_SHARE * extent
     consensus = agree(index, block, ray, tangent, tolerance, n_blocks, R, centre, height=(0.5 * body_m, 0.2 * body_m))
     found = adopt(consensus, index, block, instant, block_instant, ray, tangent, tolerance, R, centre)
-    met = np.isfinite(consensus.points).all(axis=1)
+    met: NDArray[np.bool_] = np.isfinite(consensus.points).all(axis=1)
     # Nobody contradicts a person whom one camera alone sees.
     alone = (found < 0) & ~met[block] & (who > UNKNOWN) & (np.bincount(block, minlength=n_blocks)[block] == 1)
     new = np.where(found >= 0, block_person[found], np.where(alone, who, UNKNOWN))
@@ -75,10 +75,8 @@ def _on_instants(bodies: Bodies, clock: Clock, grid: Clock) -> tuple[Ints, Ints]
     order = np.lexsort((np.abs(at - instant), instant))
     _, first = np.unique(instant[order], return_index=True)
     nearest = order[first]
-    chosen = np.zeros(len(frames), dtype=bool)
-    chosen[nearest] = True
     place = np.searchsorted(frames, bodies.frame)
-    rows = np.flatnonzero(chosen[place])
+    rows = np.flatnonzero(np.isin(place, nearest))
     return rows, instant[place[rows]]
 
 

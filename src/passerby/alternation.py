@@ -1,0 +1,244 @@
+"""Association and solver in turns: who is who makes a rig, the rig tells better who is who, until both settle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.associate import Tracklets, people_of_rig
+from passerby.association.cleaning import clean
+from passerby.association.figures import association_figures
+from passerby.association.instants import common_clock, common_instants
+from passerby.association.looks import Looks
+from passerby.association.preparing import PreparedCamera, prepare_camera
+from passerby.association.result import Association
+from passerby.association.starting import Beginning, begin_with_looks, begin_with_tracks
+from passerby.cameras import Rig
+from passerby.errors import EvidenceError
+from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.solver.pairs import PairHypothesis
+from passerby.solver.solution import Solution
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Progress = Callable[[str], None]
+
+
+class Solve(Protocol):
+    """Solves a rig."""
+
+    def __call__(self, instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool) -> Solution:
+        """The rig from people at common instants; a passing one may rest on a part of the evidence."""
+
+
+MAX_ROUNDS = 4
+SETTLED = 0.98
+"""Identities have settled when so many of the box pairs that are one person were so a round before, and the other way round."""
+NOMINAL_FPS = 10.0
+"""Where no frame rate is known: only how fast people walk depends on it, and that only roughly."""
+
+
+@dataclass(frozen=True)
+class AssociationOptions:
+    """How identities are found."""
+
+    mode: str = "combined"
+    """combined | trajectory | appearance"""
+    search_s: float = 5.0
+    """Largest difference of two cameras' clocks that is searched for, seconds; 0 takes them as in step."""
+    body_m: float = 1.72
+    """Mean standing height, metres."""
+
+
+def solve_unidentified(
+    rig: Rig, observations: Observations, options: AssociationOptions, solve: Solve, rng: np.random.Generator,
+    *, tell: Progress = lambda stage: None, executor: Executor | None = None,
+) -> tuple[Solution, Association]:  # fmt: skip
+    """Calibrate cameras from people whom nobody has identified.
+
+    Args:
+        rig: names and lenses.
+        observations: identities are tracklet numbers of each camera's own, or -1 for detections; without clocks the frame
+            numbers are counted alike.
+        options: see `AssociationOptions`.
+        solve: the solver.
+        rng: drives sampling.
+        tell: told each stage as it begins.
+        executor: registers pairs of cameras in parallel.
+
+    Returns:
+        The solution, refused where the evidence does not do, and the association that it rests on.
+    """
+    search_s = options.search_s if observations.clocks else 0.0
+    tell("tracklets")
+    cameras = [
+        prepare_camera(camera, observations[camera.name], _clock(observations, camera.name), options.body_m, rng)
+        for camera in rig
+    ]
+    looks = Looks.of(cameras, rng) if options.mode != "trajectory" else None
+    tracklets = Tracklets.of([camera.bodies for camera in cameras])
+    run = _Run(rig, cameras, tracklets, looks, options)
+    tell("who is who")
+    try:
+        if options.mode == "appearance":
+            beginning = begin_with_looks(cameras, tracklets, looks)
+        else:
+            beginning = begin_with_tracks(cameras, tracklets, search_s, looks.likeness() if looks else {}, executor)
+    except EvidenceError as error:
+        nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
+        return Solution("association", rig, "refused", error.reasons), nobody
+    return _alternate(run, beginning, solve, refine=search_s > 0, tell=tell)
+
+
+def _clock(observations: Observations, name: str) -> Clock:
+    return observations.clocks.get(name) or Clock(observations.fps or NOMINAL_FPS)
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What stays the same over the rounds."""
+
+    rig: Rig
+    cameras: Sequence[PreparedCamera]
+    tracklets: Tracklets
+    looks: Looks | None
+    options: AssociationOptions
+
+    def clocks(self, offset_s: Floats) -> dict[str, Clock]:
+        """The cameras' clocks with their offsets."""
+        return {
+            camera.name: replace(camera.clock, offset_s=float(offset))
+            for camera, offset in zip(self.cameras, offset_s, strict=True)
+        }
+
+    def rows(self, person: Ints, offset_s: Floats, solution: Solution | None) -> list[tuple[Ints, Ints]]:
+        """The person of every box and of every set of joints, camera by camera; -1 for nobody."""
+        out = []
+        for c, camera in enumerate(self.cameras):
+            own = person[self.tracklets.first[c] : self.tracklets.first[c + 1]]
+            parts = []
+            for part in (camera.seen.boxes, camera.seen.keypoints):
+                known = part.identity > UNKNOWN
+                column = np.full(len(part), UNKNOWN)
+                column[known] = own[part.identity[known]]
+                parts.append(_once(column, part.frame, part.identity))
+            out.append((parts[0], parts[1]))
+        if solution is None:
+            return out
+        bodies = [camera.bodies for camera in self.cameras]
+        before = [
+            np.where(seen.from_joints, _at(joints, seen.row), _at(boxes, seen.row))
+            for seen, (boxes, joints) in zip(bodies, out, strict=True)
+        ]
+        clocks = self.clocks(offset_s)
+        grid = common_clock(Observations({camera.name: camera.seen for camera in self.cameras}), clocks)
+        for (boxes, joints), seen, after in zip(
+            out, bodies, clean(solution.rig, bodies, before, clocks, grid, self.options.body_m), strict=True
+        ):
+            boxes[seen.row[~seen.from_joints]] = after[~seen.from_joints]
+            joints[seen.row[seen.from_joints]] = after[seen.from_joints]
+        return [
+            (_once(boxes, camera.seen.boxes.frame, boxes), _once(joints, camera.seen.keypoints.frame, joints))
+            for camera, (boxes, joints) in zip(self.cameras, out, strict=True)
+        ]
+
+    def identified(self, rows: Sequence[tuple[Ints, Ints]]) -> Observations:
+        """The people who are somebody, in each camera's own frames."""
+        cameras = {}
+        for camera, (boxes, joints) in zip(self.cameras, rows, strict=True):
+            named = replace(camera.seen.boxes, identity=boxes + 1), replace(camera.seen.keypoints, identity=joints + 1)
+            cameras[camera.name] = CameraObservations(named[0].take(boxes > UNKNOWN), named[1].take(joints > UNKNOWN))
+        return Observations(cameras)
+
+    def instants(self, identified: Observations, offset_s: Floats) -> Observations:
+        """The same at instants that all cameras share."""
+        sizes = {camera.name: camera.lens.size for camera in self.rig}
+        return common_instants(identified, self.clocks(offset_s), sizes=sizes)
+
+    def association(
+        self, person: Ints, offset_s: Floats, solution: Solution | None, beginning: Beginning | None,
+        rounds: list[dict[str, Any]],
+    ) -> Association:  # fmt: skip
+        """The result; the first registered camera's clock is the rig's."""
+        registered = [c for c, camera in enumerate(solution.rig) if camera.pose is not None] if solution else []
+        offset_s = offset_s - offset_s[registered[0] if registered else 0]
+        identified = self.identified(self.rows(person, offset_s, solution))
+        found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {}) if solution else {}
+        figures = association_figures(self.cameras, self.tracklets, self.looks, beginning, person, offset_s)
+        return Association(
+            identified, self.instants(identified, offset_s), self.clocks(offset_s),
+            {name: clock["sigma_s"] for name, clock in found.items()}, figures | {"rounds": rounds},
+        )  # fmt: skip
+
+
+def _at(column: Ints, row: Ints) -> Ints:
+    """The column at the rows, -1 where it is too short (the rows are of another column there)."""
+    padded = np.append(column, UNKNOWN)
+    return np.asarray(padded[np.minimum(row, len(column))])
+
+
+def _once(person: Ints, frame: Ints, tracklet: Ints) -> Ints:
+    """Everybody once in a frame: of two boxes the one of the longer tracklet keeps the name."""
+    length = np.bincount(tracklet[tracklet > UNKNOWN], minlength=1)
+    long = np.where(tracklet > UNKNOWN, length[np.maximum(tracklet, 0)], 0)
+    order = np.lexsort((-long, person, frame))
+    again = np.zeros(len(person), dtype=bool)
+    again[order[1:]] = (np.diff(frame[order]) == 0) & (np.diff(person[order]) == 0)
+    return np.where(again, UNKNOWN, person)
+
+
+def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, tell: Progress) -> tuple[Solution, Association]:
+    """Solve and associate in turns."""
+    person, offset_s = beginning.person, beginning.offset_s
+    rounds: list[dict[str, Any]] = []
+    solution: Solution | None = None
+    pure = run.options.mode == "appearance"
+    for number in range(MAX_ROUNDS):
+        tell(f"round {number + 1}")
+        rows = run.rows(person, offset_s, solution)
+        instants = run.instants(run.identified(rows), offset_s)
+        try:
+            solution = solve(instants, beginning.guesses, passing=True)
+        except EvidenceError as error:
+            refused = Solution("people", run.rig, "refused", error.reasons)
+            return refused, run.association(person, offset_s, None, beginning, rounds)
+        offset_s = _refined(run, offset_s, solution) if refine else offset_s
+        poses = [camera.pose for camera in solution.rig]
+        before = person
+        if not pure:
+            likeness = run.looks.likeness() if run.looks else None
+            person = people_of_rig(run.tracklets, [c.bodies for c in run.cameras], poses, offset_s, likeness)
+        same = _alike(before, person)
+        rounds.append({"registered": sum(pose is not None for pose in poses), "unchanged": same})
+        if same > SETTLED:
+            break
+    tell("solving")
+    identified = run.identified(run.rows(person, offset_s, solution))
+    instants = run.instants(identified, offset_s)
+    solution = solve(instants, beginning.guesses, passing=False)
+    offset_s = _refined(run, offset_s, solution) if refine else offset_s
+    return solution, run.association(person, offset_s, solution, beginning, rounds)
+
+
+def _refined(run: _Run, offset_s: Floats, solution: Solution) -> Floats:
+    """The offsets with the solver's corrections."""
+    found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {})
+    correction = np.array([found[c.name]["correction_s"] if c.name in found else 0.0 for c in run.rig])
+    return np.asarray(offset_s + correction)
+
+
+def _alike(before: Ints, after: Ints) -> float:
+    """How alike two groupings of tracklets are: pairs together in both, as a share of those in either."""
+
+    def pairs(label: Ints) -> float:
+        count = np.bincount(label).astype(np.float64)
+        return float((count * (count - 1)).sum() / 2)
+
+    _, both = np.unique(np.column_stack([before, after]), axis=0, return_inverse=True)
+    common = pairs(both.ravel())
+    return common / max(pairs(before) + pairs(after) - common, 1.0)

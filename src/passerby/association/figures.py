@@ -1,0 +1,86 @@
+"""What association found, as plain values for reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.associate import Tracklets
+from passerby.association.looks import Looks
+from passerby.association.preparing import PreparedCamera
+from passerby.association.starting import Beginning
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def association_figures(
+    cameras: Sequence[PreparedCamera], tracklets: Tracklets, looks: Looks | None, beginning: Beginning | None, person: Ints,
+    offset_s: Floats,
+) -> dict[str, Any]:  # fmt: skip
+    """JSON-ready figures: cameras, pairs, people."""
+    return {
+        "cameras": [_camera(c, camera, looks) for c, camera in enumerate(cameras)],
+        "pairs": _pairs(cameras, tracklets, looks, beginning, person, offset_s),
+        "people": len(np.unique(person[np.isfinite(tracklets.start_s)])),
+    }
+
+
+def _camera(c: int, camera: PreparedCamera, looks: Looks | None) -> dict[str, Any]:
+    boxes, own = camera.seen.boxes, None if looks is None else looks.cameras[c]
+    return {
+        "name": camera.name,
+        "tracklets": camera.n_tracklets,
+        "tracked_boxes": int(np.count_nonzero(boxes.identity >= 0)),
+        "boxes": len(boxes),
+        "walking_samples": 0 if camera.tracks is None else len(camera.tracks),
+        "own_level": None if camera.level is None else {"height_m": camera.level.height, "residual": camera.level.residual},
+        "looks": None if own is None or own.usefulness is None else own.usefulness.probability,
+    }
+
+
+def _pairs(
+    cameras: Sequence[PreparedCamera], tracklets: Tracklets, looks: Looks | None, beginning: Beginning | None, person: Ints,
+    offset_s: Floats,
+) -> list[dict[str, Any]]:  # fmt: skip
+    edges = {} if beginning is None or beginning.graph is None else {(e.a, e.b): e for e in beginning.graph.edges}
+    out = []
+    for a in range(len(cameras)):
+        for b in range(a + 1, len(cameras)):
+            edge = edges.get((a, b))
+            guess = None if edge is None else edge.guess
+            of_looks = None if looks is None else looks.pairs.get((a, b))
+            if guess is None and of_looks is None:
+                continue
+            useful = None if of_looks is None else of_looks.usefulness
+            out.append(
+                {
+                    "cameras": [cameras[a].name, cameras[b].name],
+                    "route": "tracks" if guess is not None else "looks",
+                    "used": edge.used if edge is not None else True,
+                    "score": None if guess is None else guess.score,
+                    "runner_up": None if edge is None or guess is None else edge.runner_up,
+                    "support": None if edge is None else edge.support,
+                    "matches": None if guess is None else guess.samples,
+                    "matched_tracklets": _joined(tracklets, person, a, b),
+                    "offset_s": float(offset_s[b] - offset_s[a]),
+                    "registered_offset_s": None if guess is None else -guess.lag_s,
+                    "looks": None if useful is None else useful.probability,
+                }
+            )
+    return out
+
+
+def _joined(tracklets: Tracklets, person: Ints, a: int, b: int) -> int:
+    """Pairs of tracklets of two cameras that are one person."""
+    count = 0
+    rows_b = np.arange(tracklets.first[b], tracklets.first[b + 1])
+    by_person: dict[int, list[int]] = {}
+    for row in rows_b[np.isfinite(tracklets.start_s[rows_b])].tolist():
+        by_person.setdefault(int(person[row]), []).append(row)
+    for row in range(int(tracklets.first[a]), int(tracklets.first[a + 1])):
+        count += len(by_person.get(int(person[row]), ())) if np.isfinite(tracklets.start_s[row]) else 0
+    return count

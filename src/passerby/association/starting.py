@@ -1,0 +1,141 @@
+"""Association before any rig is known: by the registrations of camera pairs, or by looks alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.associate import Tracklets, people_of_pairs, people_of_votes
+from passerby.association.graph import Edge, ViewGraph, view_graph
+from passerby.association.ground_tracks import GroundTracks
+from passerby.association.looks import Looks
+from passerby.association.preparing import PreparedCamera
+from passerby.association.registration import PairRegistration, register_pair
+from passerby.errors import EvidenceError
+from passerby.geometry.single_view import Level
+from passerby.solver.pairs import PairHypothesis
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MIN_LOOKS = 0.02
+"""Weight of the looks of the clearest pair of cameras below which looks tell nobody apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Who is who and when, as the first guess has it."""
+
+    person: Ints
+    """(T,) person of each tracklet."""
+    offset_s: Floats
+    """(C,) what to add to each camera's clock."""
+    graph: ViewGraph | None
+    """None where only looks were used."""
+    guesses: tuple[PairHypothesis, ...] = ()
+    """How the registered pairs stand to each other, for the solver."""
+
+
+def begin_with_tracks(
+    cameras: Sequence[PreparedCamera], tracklets: Tracklets, max_lag_s: float, likeness: Mapping[tuple[int, int], Floats],
+    executor: Executor | None = None,
+) -> Beginning:  # fmt: skip
+    """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
+
+    Args:
+        cameras: all cameras.
+        tracklets: of all cameras.
+        max_lag_s: largest difference of two clocks that is searched for.
+        likeness: from looks, by pair of cameras; empty where there are none.
+        executor: runs the pairs in parallel; one after the other where it is None.
+
+    Raises:
+        EvidenceError: no two cameras can be registered.
+    """
+    jobs = [
+        _Job(a, b, first.tracks, second.tracks, max_lag_s, likeness.get((a, b)))
+        for a, first in enumerate(cameras)
+        for b, second in enumerate(cameras)
+        if a < b and first.tracks is not None and second.tracks is not None
+    ]
+    pairs = list(map(_registered, jobs) if executor is None else executor.map(_registered, jobs))
+    graph = view_graph(pairs, len(cameras))
+    if len(graph.groups[0]) < 2:
+        raise EvidenceError(*_no_pair(cameras, graph))
+    person = people_of_pairs(tracklets, [camera.tracks for camera in cameras], graph, likeness)
+    guesses = [_hypothesis(edge, cameras[edge.a].level, cameras[edge.b].level) for edge in graph.edges if edge.used]
+    return Beginning(person, graph.offset_s, graph, tuple(guess for guess in guesses if guess is not None))
+
+
+def _hypothesis(edge: Edge, level_a: Level | None, level_b: Level | None) -> PairHypothesis | None:
+    """The motion between two cameras in space, from that between their grounds."""
+    if edge.guess is None or level_a is None or level_b is None:
+        return None
+    scale = abs(edge.guess.turn)
+    c, s = edge.guess.turn.real / scale, edge.guess.turn.imag / scale
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    # Each camera's metres are its own: the baseline is given in their geometric mean.
+    shift = np.array([edge.guess.shift.real, edge.guess.shift.imag, scale * level_a.height - level_b.height]) / np.sqrt(scale)
+    R_lb = level_b.R_lc
+    return PairHypothesis(
+        edge.a, edge.b, R_lb.T @ turn @ level_a.R_lc, R_lb.T @ shift, "tracks", edge.guess.samples, edge.guess.samples
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    a: int
+    b: int
+    tracks_a: GroundTracks
+    tracks_b: GroundTracks
+    max_lag_s: float
+    likeness: Floats | None
+
+
+def _registered(job: _Job) -> PairRegistration:
+    return register_pair(job.a, job.b, job.tracks_a, job.tracks_b, job.max_lag_s, job.likeness)
+
+
+def _no_pair(cameras: Sequence[PreparedCamera], graph: ViewGraph) -> tuple[str, tuple[str, ...]]:
+    """Why no two cameras can be registered."""
+    mend = "record more people who walk about in the view that cameras share"
+    lost = [camera.name for camera in cameras if camera.tracks is None or not len(camera.tracks)]
+    reasons = [f"camera {name} saw too few people who walk: {mend}" for name in lost]
+    reasons += [
+        f"cameras {cameras[edge.a].name} and {cameras[edge.b].name}: {told(edge)}" for edge in graph.edges[:6] if edge.guess
+    ]
+    head = f"no two cameras could be registered by the tracks of the people: {mend}"
+    return head, (head, *reasons)
+
+
+def told(edge: Edge) -> str:
+    """One clause on a pair that was not used."""
+    if edge.guess is None:
+        return "nobody walks in both at one time"
+    if edge.runner_up >= 1:
+        return "third cameras contradict the best fit of their tracks"
+    return f"another fit of their tracks scores {edge.runner_up:.0%} of the best"
+
+
+def begin_with_looks(cameras: Sequence[PreparedCamera], tracklets: Tracklets, looks: Looks | None) -> Beginning:
+    """Join tracklets by looks alone, as the paper does: those that were matched at most of the instants when both were seen.
+
+    Raises:
+        EvidenceError: the looks tell nobody apart.
+    """
+    if looks is None:
+        reason = "no two cameras have tracklets with embeddings: give embeddings of the boxes of every camera"
+        raise EvidenceError(reason, (reason,))
+    clearest = max((pair.usefulness.weight for pair in looks.pairs.values() if pair.usefulness is not None), default=0.0)
+    if clearest < MIN_LOOKS:
+        reason = (
+            "the embeddings do not tell people apart across cameras: no better than chance in any pair; take them from a "
+            'network that fits these people, or write mode = "combined" to go by their tracks on the ground'
+        )
+        raise EvidenceError(reason, (reason,))
+    person = people_of_votes(tracklets, looks)
+    return Beginning(person, np.zeros(len(cameras)), None)
