@@ -1,0 +1,122 @@
+"""One camera's people as tracks on its ground."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ground_walkers import UP, bodies_at
+from passerby.association.ground_tracks import MAX_REACH_HEIGHTS, STEP_S, GroundTracks, Tolerance, ground_tracks
+from passerby.geometry.single_view import Level
+
+HEIGHT = 4.0
+LEVEL = Level(UP, HEIGHT, 0.0)
+START, VELOCITY = 3.0 + 12.0j, 1.1 - 0.6j
+
+
+def straight(seconds: np.ndarray) -> np.ndarray:
+    return np.asarray(START + VELOCITY * seconds)
+
+
+def tracks_of(tracklet: np.ndarray, seconds: np.ndarray, ground: np.ndarray, **options: object) -> GroundTracks:
+    return ground_tracks(bodies_at(tracklet, seconds, ground, HEIGHT), LEVEL, **options)  # type: ignore[arg-type]
+
+
+def assert_straight(found: GroundTracks) -> None:
+    np.testing.assert_allclose(found.position, straight(found.step * STEP_S), atol=1e-8)
+    np.testing.assert_allclose(found.velocity, VELOCITY, atol=1e-7)
+
+
+@pytest.mark.parametrize("fps", [2.0, 3.0, 5.0, 25.0, 30000 / 1001])
+@pytest.mark.parametrize("begin", [0.0, 0.21, -7.3])
+def test_a_straight_walk_is_met_exactly_at_every_grid_time(fps: float, begin: float) -> None:
+    seconds = begin + np.arange(int(9 * fps)) / fps
+    found = tracks_of(np.full(len(seconds), 5), seconds, straight(seconds))
+    assert_straight(found)
+    assert (found.tracklet == 5).all()
+    wanted = np.arange(np.ceil(seconds[0] / STEP_S), np.floor(seconds[-1] / STEP_S) + 1)
+    # At the very ends of a slow camera's tracklet fewer than three samples are near.
+    assert set(wanted[1:-1]) <= set(found.step.tolist()) <= set(wanted)
+    assert len(np.unique(found.step)) == len(found)
+
+
+def test_within_a_gap_nothing_is_made_up() -> None:
+    seconds = np.arange(0, 12.01, 0.2)
+    seconds = seconds[(seconds < 4.0) | (seconds > 8.0)]
+    found = tracks_of(np.zeros(len(seconds), int), seconds, straight(seconds))
+    assert_straight(found)
+    at = found.step * STEP_S
+    assert not ((at > 4.3) & (at < 7.7)).any()
+    assert {1.0, 3.5, 8.5, 11.0} <= set(at.tolist())
+
+
+@given(
+    starts=st.lists(st.floats(-20, 20), min_size=1, max_size=5),
+    lengths=st.lists(st.floats(0.1, 9), min_size=5, max_size=5),
+    seed=st.integers(0, 100),
+)
+def test_tracklets_do_not_disturb_each_other(starts: list[float], lengths: list[float], seed: int) -> None:
+    """All at once and in any order of the rows, they are what each is alone."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for number, (start, length) in enumerate(zip(starts, lengths, strict=False)):
+        seconds = start + np.arange(0, length, 0.2)
+        ground = rng.uniform(-4, 4) + 8j + np.cumsum(rng.normal(0, 0.2, len(seconds)) + 1j * rng.normal(0, 0.2, len(seconds)))
+        rows.append((np.full(len(seconds), 3 * number), seconds, ground))
+    together = [np.concatenate(column) for column in zip(*rows, strict=True)]
+    mixed = rng.permutation(len(together[0]))
+    found = tracks_of(*(column[mixed] for column in together))
+    assert (np.diff(found.step) >= 0).all()
+    for tracklet, seconds, ground in rows:
+        alone = tracks_of(tracklet, seconds, ground)
+        own = found.tracklet == tracklet[0]
+        np.testing.assert_array_equal(found.step[own], alone.step)
+        np.testing.assert_allclose(found.position[own], alone.position, atol=1e-7)
+        np.testing.assert_allclose(found.velocity[own], alone.velocity, atol=1e-6)
+
+
+def test_short_tracklets_and_people_without_one_are_left_out() -> None:
+    seconds = np.arange(0, 0.95, 0.1)
+    long = np.arange(0, 3.05, 0.1)
+    tracklet = np.concatenate([np.full(len(seconds), 0), np.full(len(long), 1), np.full(len(long), -1)])
+    times = np.concatenate([seconds, long, long])
+    assert set(tracks_of(tracklet, times, straight(times)).tracklet.tolist()) == {1}
+    assert set(tracks_of(tracklet, times, straight(times), shortest_s=0.0).tracklet.tolist()) == {0, 1}
+
+
+def test_feet_near_the_horizon_have_no_place() -> None:
+    seconds = np.arange(0, 8, 0.2)
+    limit = MAX_REACH_HEIGHTS * HEIGHT
+    ground = 1j * (limit - 5.0 + 1.4 * seconds)
+    found = tracks_of(np.zeros(len(seconds), int), seconds, ground)
+    assert len(found) > 0
+    assert np.abs(found.position).max() < limit + 1e-6
+    assert found.step.max() * STEP_S < 5.0 / 1.4 + 0.5
+    assert len(tracks_of(np.zeros(len(seconds), int), seconds, ground + 10j)) == 0
+
+
+def test_a_jump_of_the_tracker_is_no_walk() -> None:
+    """A tracklet that leaps over 20 metres has no velocity there that anyone could have."""
+    seconds = np.arange(0, 10, 0.2)
+    found = tracks_of(np.zeros(len(seconds), int), seconds, straight(seconds) + np.where(seconds < 5.0, 0.0, 20.0j))
+    assert (np.abs(found.velocity) < 12.0).all()
+    assert {1.0, 9.0} <= set((found.step * STEP_S).tolist())
+    assert 5.0 not in (found.step * STEP_S).tolist()
+
+
+def test_nobody_gives_no_track() -> None:
+    found = tracks_of(np.zeros(0, int), np.zeros(0), np.zeros(0, complex))
+    assert len(found) == 0
+    assert found.position.dtype == found.velocity.dtype == np.complex128
+
+
+def test_the_tolerance_grows_with_the_distance() -> None:
+    seconds = np.arange(0, 20, 0.2)
+    tolerance = Tolerance(floor_m=0.2, along=0.05, across=0.01, foot_m=0.08)
+    found = tracks_of(np.zeros(len(seconds), int), seconds, 1j * (5 + seconds), tolerance=tolerance)
+    along, across = found.sigma
+    reach = np.abs(found.position)
+    np.testing.assert_allclose(along, 0.2 + 0.05 * reach + 0.08 * reach / HEIGHT)
+    np.testing.assert_allclose(across, 0.2 + 0.01 * reach)
