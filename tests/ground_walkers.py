@@ -1,4 +1,4 @@
-"""People who walk on a plane, as levelled cameras above it see them: what the tests of the association by ground tracks share."""
+"""People who walk on a plane, as levelled cameras above it see them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,166 @@
+"""The view graph on registrations made by hand."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from ground_walkers import Station
+from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph, view_graph
+from passerby.association.registration import PairRegistration, Registration
+
+STATIONS = [
+    Station(0.3, -12.0 - 2.0j, 0.0),
+    Station(1.9, 9.0 - 9.0j, 1.4),
+    Station(-2.4, 10.0 + 8.0j, -2.2),
+    Station(-0.9, -7.0 + 11.0j, 0.6),
+    Station(2.8, 1.0 - 14.0j, 3.1),
+]
+
+
+def guess(turn: complex, shift: complex, lag_s: float, score: float, middle: complex) -> Registration:
+    none = np.zeros(0, dtype=np.int64)
+    return Registration(turn, shift, lag_s, score, 100, middle, none, none, np.zeros(0))
+
+
+def right(a: int, b: int, score: float = 100.0, *, degrees: float = 0.0, late_s: float = 0.0) -> Registration:
+    """The true motion, or one off by a turn about the people and by some seconds."""
+    turn, shift, lag_s = STATIONS[a].motion_to(STATIONS[b])
+    middle = complex(STATIONS[a].ground(0j))
+    off = turn * np.exp(1j * np.deg2rad(degrees))
+    return guess(off, turn * middle + shift - off * middle, lag_s + late_s, score, middle)
+
+
+def wrong(a: int, b: int, score: float) -> Registration:
+    """Off by a turn that differs from pair to pair."""
+    return right(a, b, score, degrees=70.0 + 31.0 * a + 17.0 * b)
+
+
+def pair(a: int, b: int, *guesses: Registration) -> PairRegistration:
+    return PairRegistration(a, b, tuple(sorted(guesses, key=lambda one: -one.score)))
+
+
+def edge(graph: ViewGraph, a: int, b: int) -> Edge:
+    (found,) = (one for one in graph.edges if (one.a, one.b) == (a, b))
+    return found
+
+
+def assert_in_step(graph: ViewGraph, group: tuple[int, ...], seconds: float = 1e-6) -> None:
+    """All clocks of a group show the same time when their offsets are added."""
+    shown = np.array([STATIONS[c].delay_s + graph.offset_s[c] for c in group])
+    np.testing.assert_allclose(shown, shown[0], atol=seconds)
+    assert graph.offset_s[group[0]] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_pairs_that_agree_are_all_kept() -> None:
+    pairs = [pair(a, b, right(a, b), wrong(a, b, 30.0)) for a, b in combinations(range(4), 2)]
+    graph = view_graph(pairs, 4)
+    assert graph.groups == ((0, 1, 2, 3),)
+    for one in graph.edges:
+        assert one.used
+        assert one.runner_up == pytest.approx(0.3)
+        assert one.support > 0.9
+    assert_in_step(graph, graph.groups[0])
+
+
+def test_third_cameras_overrule_a_pair_whose_best_is_wrong() -> None:
+    pairs = [pair(a, b, right(a, b), wrong(a, b, 30.0)) for a, b in combinations(range(4), 2) if (a, b) != (1, 2)]
+    true, false = right(1, 2, 80.0), wrong(1, 2, 100.0)
+    graph = view_graph([*pairs, pair(1, 2, false, true)], 4)
+    found = edge(graph, 1, 2)
+    assert found.guess is true
+    assert found.used
+    assert found.runner_up == pytest.approx(100.0 / 80.0)
+    assert_in_step(graph, (0, 1, 2, 3))
+
+
+def test_a_pair_without_a_right_guess_is_not_used() -> None:
+    pairs = [pair(a, b, right(a, b), wrong(a, b, 30.0)) for a, b in combinations(range(4), 2) if (a, b) != (0, 3)]
+    false = wrong(0, 3, 90.0)
+    graph = view_graph([*pairs, pair(0, 3, false)], 4)
+    found = edge(graph, 0, 3)
+    assert not found.used
+    assert found.guess is false, "the best guess is told though it is not used"
+    assert graph.groups == ((0, 1, 2, 3),)
+    assert_in_step(graph, (0, 1, 2, 3))
+
+
+def test_one_loud_wrong_pair_does_not_lead_the_tree() -> None:
+    """It scores four times as much as any other and has no rival of its own."""
+    pairs = [pair(a, b, right(a, b), wrong(a, b, 40.0)) for a, b in combinations(range(4), 2) if (a, b) != (2, 3)]
+    graph = view_graph([*pairs, pair(2, 3, wrong(2, 3, 400.0))], 4)
+    assert not edge(graph, 2, 3).used
+    for a, b in combinations(range(4), 2):
+        if (a, b) != (2, 3):
+            assert edge(graph, a, b).used
+            assert abs(np.angle(edge(graph, a, b).guess.turn / right(a, b).turn)) < 1e-9  # type: ignore[union-attr]
+
+
+def test_a_wrong_lag_alone_is_noticed() -> None:
+    pairs = [pair(a, b, right(a, b)) for a, b in combinations(range(4), 2) if (a, b) != (1, 3)]
+    graph = view_graph([*pairs, pair(1, 3, right(1, 3, 120.0, late_s=4.0), right(1, 3, 100.0))], 4)
+    assert edge(graph, 1, 3).used
+    assert edge(graph, 1, 3).guess.lag_s == right(1, 3).lag_s  # type: ignore[union-attr]
+
+
+def test_two_groups_stay_apart() -> None:
+    pairs = [pair(a, b, right(a, b)) for a, b in ((0, 1), (0, 2), (1, 2), (3, 4))]
+    between = [pair(0, 3), pair(1, 3, wrong(1, 3, 8.0)), pair(2, 4, wrong(2, 4, 60.0), right(2, 4, 55.0))]
+    graph = view_graph([*pairs, *between], 5)
+    assert graph.groups == ((0, 1, 2), (3, 4))
+    assert edge(graph, 0, 3).guess is None
+    assert edge(graph, 0, 3).runner_up == 1.0
+    assert not any(edge(graph, a, b).used for a, b in ((0, 3), (1, 3), (2, 4)))
+    assert_in_step(graph, (0, 1, 2))
+    assert_in_step(graph, (3, 4))
+
+
+@pytest.mark.parametrize(("rival", "used"), [(0.95, False), (0.2, True)])
+def test_a_bridge_is_crossed_only_if_nothing_comes_near_it(rival: float, used: bool) -> None:
+    """No third camera speaks for the one pair that joins two groups."""
+    assert 0.2 < ALONE_RUNNER_UP < 0.95
+    pairs = [pair(a, b, right(a, b)) for a, b in ((0, 1), (0, 2), (1, 2), (3, 4))]
+    graph = view_graph([*pairs, pair(2, 3, right(2, 3), wrong(2, 3, 100.0 * rival))], 5)
+    assert edge(graph, 2, 3).used is used
+    assert graph.groups == (((0, 1, 2, 3, 4),) if used else ((0, 1, 2), (3, 4)))
+
+
+def test_two_ambiguous_ways_that_agree_are_believed() -> None:
+    """Every pair of three cameras has an equal rival, but only the right ones close the triangle."""
+    pairs = [pair(a, b, wrong(a, b, 100.0), right(a, b, 99.0)) for a, b in combinations(range(3), 2)]
+    graph = view_graph(pairs, 3)
+    assert graph.groups == ((0, 1, 2),)
+    for one in graph.edges:
+        assert one.used
+        assert one.guess is not None
+        assert one.guess.turn == right(one.a, one.b).turn
+
+
+def test_a_lag_that_is_off_does_not_pull_the_offsets() -> None:
+    """Ten lags, one of them half a second off: as little as not to be thrown out, but too much to be averaged."""
+    pairs = [pair(a, b, right(a, b, late_s=0.5 if (a, b) == (0, 4) else 0.0)) for a, b in combinations(range(5), 2)]
+    graph = view_graph(pairs, 5)
+    assert edge(graph, 0, 4).used
+    assert_in_step(graph, (0, 1, 2, 3, 4), seconds=0.02)
+
+
+def test_small_errors_along_a_chain_are_borne() -> None:
+    """Registrations are right to a degree or two and a tenth of a second."""
+    rng = np.random.default_rng(1)
+    pairs = [
+        pair(a, b, right(a, b, degrees=rng.normal(0, 2.0), late_s=rng.normal(0, 0.08)), wrong(a, b, 50.0))
+        for a, b in combinations(range(5), 2)
+        if (a, b) not in ((0, 3), (1, 4))
+    ]
+    graph = view_graph(pairs, 5)
+    assert all(one.used for one in graph.edges)
+    assert_in_step(graph, (0, 1, 2, 3, 4), seconds=0.2)
+
+
+def test_without_pairs_every_camera_is_alone() -> None:
+    graph = view_graph([], 3)
+    assert graph.edges == ()
+    assert graph.groups == ((0,), (1,), (2,))
+    np.testing.assert_array_equal(graph.offset_s, np.zeros(3))
