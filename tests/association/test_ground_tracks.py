@@ -52,6 +52,13 @@ def test_within_a_gap_nothing_is_made_up() -> None:
     assert {1.0, 3.5, 8.5, 11.0} <= set(at.tolist())
 
 
+def test_two_samples_make_no_line() -> None:
+    seconds = np.concatenate([np.arange(0, 4, 0.2), [5.9, 6.1], np.arange(8, 12, 0.2)])
+    found = tracks_of(np.zeros(len(seconds), int), seconds, straight(seconds))
+    assert 12 not in found.step
+    assert_straight(found)
+
+
 @given(
     starts=st.lists(st.floats(-20, 20), min_size=1, max_size=5),
     lengths=st.lists(st.floats(0.1, 9), min_size=5, max_size=5),

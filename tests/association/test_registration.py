@@ -53,6 +53,13 @@ def test_the_lag_is_found_within_a_tenth_of_a_second(lag_s: float) -> None:
     assert found.runner_up < 0.4
 
 
+def test_the_lag_stays_within_what_is_searched() -> None:
+    rng = np.random.default_rng(2)
+    found = registered(facing(120.0, delay_s=3.9), walkers(6, rng), rng, 3.0)
+    assert found.candidates
+    assert max(abs(guess.lag_s) for guess in found.candidates) <= 3.0 + STEP_S
+
+
 def test_cameras_of_different_frame_rates_meet() -> None:
     rng = np.random.default_rng(3)
     b = facing(80.0, delay_s=1.37, fps=25.0)

@@ -150,8 +150,8 @@ def _exclusive(met: Encounters, good: NDArray[np.bool_], weight: Floats) -> NDAr
 def fitted_motion(met: Encounters, matched: Matches, start: GroundMotion, *, free_lag: bool) -> GroundMotion | None:
     """The motion that brings matched samples together: robust linear least squares about a start.
 
-    Unknowns are the turn with its scale, the shift, and what is left of the lag after the encounters' own, if it is free.
-    None where the samples do not determine them.
+    Unknowns are the turn with its scale, the shift and, if it is free, what the lag is more than the encounters' own. A lag
+    that is held must be theirs. None where the samples do not determine the unknowns.
     """
     a, b = met.a[matched.rows], met.b[matched.rows]
     tracks_a, tracks_b = met.tracks.a, met.tracks.b

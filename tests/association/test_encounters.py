@@ -1,0 +1,55 @@
+"""Samples of two cameras at one time, against brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ground_walkers import UP
+from passerby.association.encounters import TrackPair, encounters
+from passerby.association.ground_tracks import GroundTracks, Tolerance
+from passerby.geometry.single_view import Level
+
+SAMPLES = st.lists(st.tuples(st.integers(-6, 6), st.integers(0, 3)), max_size=15)
+
+
+def tracks_of(samples: list[tuple[int, int]]) -> GroundTracks:
+    step, tracklet = np.array(sorted(samples), dtype=np.int64).reshape(-1, 2).T
+    none = np.zeros(len(step), dtype=np.complex128)
+    return GroundTracks(Level(UP, 4.0, 0.0), Tolerance(), step, tracklet, none, none)
+
+
+@given(first=SAMPLES, second=SAMPLES, lag=st.integers(-8, 8))
+def test_all_that_are_at_one_time_meet(first: list[tuple[int, int]], second: list[tuple[int, int]], lag: int) -> None:
+    tracks = TrackPair(tracks_of(first), tracks_of(second))
+    met = encounters(tracks, lag)
+    wanted = np.argwhere(tracks.a.step[:, None] + lag == tracks.b.step)
+    assert sorted(zip(met.a.tolist(), met.b.tolist(), strict=True)) == [tuple(row) for row in wanted.tolist()]
+    pairs = met.tracklets
+    assert pairs.size.sum() == len(met)
+    assert len(set(zip(pairs.a.tolist(), pairs.b.tolist(), strict=True))) == len(pairs)
+    np.testing.assert_array_equal(pairs.a[pairs.of_encounter], tracks.a.tracklet[met.a])
+    np.testing.assert_array_equal(pairs.b[pairs.of_encounter], tracks.b.tracklet[met.b])
+    weight = np.arange(len(met), dtype=np.float64) + 1.0
+    for number in range(len(pairs)):
+        rows = pairs.encounters_of(number)
+        np.testing.assert_array_equal(rows, np.flatnonzero(pairs.of_encounter == number))
+        assert pairs.summed(weight)[number] == weight[rows].sum()
+
+
+def test_fewer_instants_are_spread_evenly() -> None:
+    always = tracks_of([(step, who) for step in range(100) for who in range(3)])
+    met = encounters(TrackPair(always, always), 4, 10)
+    instants = np.unique(always.step[met.a])
+    assert len(instants) == 10
+    assert (instants[0], instants[-1]) == (0, 95)
+    assert set(np.diff(instants)) <= {10, 11}
+    assert len(met) == 10 * 3 * 3
+    assert len(encounters(TrackPair(always, always), 4, 1000)) == 96 * 3 * 3
+
+
+def test_instants_are_counted_by_their_crowd() -> None:
+    sparse = tracks_of([(step, who) for step in range(0, 100, 2) for who in range(2)])
+    crowded = tracks_of([(step, who) for step in range(100) for who in range(5)])
+    assert TrackPair(sparse, crowded).instants_of(1000) == 100

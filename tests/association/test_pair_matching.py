@@ -1,0 +1,97 @@
+"""Agreement of samples against its definition, and motions fitted to matches against the true ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ground_walkers import UP, Station, seen_by, walkers
+from passerby.association.encounters import Encounters, TrackPair, encounters
+from passerby.association.ground_tracks import STEP_S, GroundTracks, Tolerance
+from passerby.association.pair_matching import GroundMotion, agreements, fitted_motion, matches
+from passerby.geometry.single_view import Level
+
+A, B = Station(0.4, -12.0 - 3.0j), Station(2.0, 9.0 + 5.0j, delay_s=0.7)
+ON_THE_GRID = replace(B, delay_s=STEP_S)
+
+
+def agreement_of(met: Encounters, row: int, motion: GroundMotion, factor: float) -> float:
+    """By the definition: the squared Mahalanobis distance, from 1 down to -1."""
+    covariance = np.zeros((2, 2))
+    for tracks, index, turn in ((met.tracks.a, met.a[row], motion.turn), (met.tracks.b, met.b[row], 1.0)):
+        ray = tracks.position[index] * turn
+        along = np.array([ray.real, ray.imag]) / abs(ray)
+        across = np.array([-along[1], along[0]])
+        sigma = [part[index] * abs(turn) for part in tracks.sigma]
+        covariance += sigma[0] ** 2 * np.outer(along, along) + sigma[1] ** 2 * np.outer(across, across)
+    b = met.tracks.b
+    there = b.position[met.b[row]] + b.velocity[met.b[row]] * (motion.lag_s - met.lag * STEP_S)
+    apart = motion.turn * met.tracks.a.position[met.a[row]] + motion.shift - there
+    d = np.array([apart.real, apart.imag])
+    return max(1.0 - float(d @ np.linalg.solve(covariance, d)) / factor**2, -1.0)
+
+
+@given(
+    seed=st.integers(0, 1000), factor=st.sampled_from([0.5, 1.0, 2.5]), spread=st.sampled_from([1.0, 4.0, 20.0]),
+    along=st.sampled_from([0.0, 0.02, 0.2]), across=st.sampled_from([0.0, 0.05]), scale=st.floats(0.8, 1.25),
+)  # fmt: skip
+def test_agreement_is_what_it_is_defined_as(
+    seed: int, factor: float, spread: float, along: float, across: float, scale: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    tolerance = Tolerance(floor_m=0.3, along=along, across=across, foot_m=0.02)
+
+    def scattered(n: int) -> GroundTracks:
+        place, velocity = rng.normal(0, spread, (2, n)), rng.normal(0, 1, (2, n))
+        step, tracklet = np.sort(rng.integers(0, 3, n)), rng.integers(0, 3, n)
+        return GroundTracks(
+            Level(UP, 4.0, 0.0), tolerance, step, tracklet, place[0] + 1j * place[1], velocity[0] + 1j * velocity[1]
+        )
+
+    met = encounters(TrackPair(scattered(12), scattered(12)), 1)
+    motion = GroundMotion(scale * np.exp(1.3j), complex(*rng.normal(0, 1, 2)), 0.5 + rng.uniform(-0.25, 0.25))
+    wanted = [agreement_of(met, row, motion, factor) for row in range(len(met))]
+    np.testing.assert_allclose(agreements(met, motion, factor), wanted, atol=1e-9)
+
+
+def seen(noise_m: float = 0.0, b: Station = B) -> Encounters:
+    rng = np.random.default_rng(3)
+    people = walkers(5, rng)
+    tracks_a, tracks_b = (seen_by(station, people, rng, noise_m=noise_m, noise_share=0.0) for station in (A, b))
+    return encounters(TrackPair(tracks_a, tracks_b), round(b.delay_s / STEP_S))
+
+
+def test_each_tracklet_is_matched_to_its_own() -> None:
+    met = seen(0.05)
+    found = matches(met, GroundMotion(*A.motion_to(B)), 1.0)
+    assert found is not None
+    assert sorted(zip(found.tracklets_a.tolist(), found.tracklets_b.tolist(), strict=True)) == [(n, n) for n in range(5)]
+    assert (found.weight > 70).all()
+    assert found.score == pytest.approx(found.weight.sum(), rel=0.1), "all walk nearly all the time"
+    assert set(np.unique(met.tracks.a.tracklet[met.a[found.rows]] - met.tracks.b.tracklet[met.b[found.rows]])) == {0}
+
+
+def test_nobody_matches_under_a_motion_that_is_far_off() -> None:
+    turn, shift, lag_s = A.motion_to(B)
+    assert matches(seen(), GroundMotion(turn, shift + 200.0, lag_s), 2.5) is None
+
+
+@pytest.mark.parametrize(("b", "free_lag"), [(B, True), (ON_THE_GRID, True), (ON_THE_GRID, False)])
+def test_the_true_motion_is_fitted_from_near_it(b: Station, free_lag: bool) -> None:
+    met, true = seen(b=b), GroundMotion(*A.motion_to(b))
+    found = GroundMotion(true.turn * np.exp(0.05j), true.shift + 0.8 - 0.5j, true.lag_s - (0.2 if free_lag else 0.0))
+    for factor in (2.0, 1.0, 1.0, 1.0):
+        matched = matches(met, found, factor)
+        assert matched is not None
+        fitted = fitted_motion(met, matched, found, free_lag=free_lag)
+        assert fitted is not None
+        found = fitted
+    # Where people turn, the lines through their samples smooth the way by a few centimetres.
+    assert abs(np.angle(found.turn / true.turn)) < np.deg2rad(0.4)
+    assert abs(found.turn) == pytest.approx(1.0, abs=0.01)
+    assert abs(found.turn * A.ground(0j) + found.shift - b.ground(0j)) < 0.1
+    assert found.lag_s == (pytest.approx(true.lag_s, abs=0.05) if free_lag else true.lag_s)
