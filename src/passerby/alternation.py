@@ -81,7 +81,7 @@ def solve_unidentified(
         for camera in rig
     ]
     looks = Looks.of(cameras, rng) if options.mode != "trajectory" else None
-    tracklets = Tracklets.of([camera.bodies for camera in cameras])
+    tracklets = Tracklets.of(cameras)
     run = _Run(rig, cameras, tracklets, looks, options)
     tell("who is who")
     try:
@@ -212,7 +212,9 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
         before = person
         if not pure:
             likeness = run.looks.likeness() if run.looks else None
-            person = people_of_rig(run.tracklets, [c.bodies for c in run.cameras], poses, offset_s, likeness)
+            person = people_of_rig(
+                run.tracklets, [c.bodies for c in run.cameras], poses, offset_s, run.options.body_m, likeness
+            )
         same = _alike(before, person)
         rounds.append({"registered": sum(pose is not None for pose in poses), "unchanged": same})
         if same > SETTLED:

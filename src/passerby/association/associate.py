@@ -10,20 +10,24 @@ from numpy.typing import NDArray
 
 from passerby.association.bodies import Bodies
 from passerby.association.graph import ViewGraph
-from passerby.association.ground_tracks import GroundTracks, Tolerance, ground_tracks
-from passerby.association.joining import NEVER, join, overlapping
+from passerby.association.ground_tracks import STEP_S, GroundTracks
+from passerby.association.joining import join, overlapping
 from passerby.association.looks import Looks
+from passerby.association.meetings import meetings, sight_tracks
+from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import agreement
 from passerby.cameras import Pose
-from passerby.geometry.single_view import Level
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-RIG_TOLERANCE = Tolerance(floor_m=0.25, along=0.01, across=0.005, foot_m=0.06)
-"""How far off ground positions are once the rig is calibrated."""
 OVERLAP_S = 0.3
 """Tracklets of one camera that overlap by more are two people; less may be a tracker's late end."""
+TWO_PEOPLE = 2.0
+"""What speaks for two people while one camera sees two tracklets, per grid time. Not infinite: a box found twice, or a tracklet
+that ends on somebody else, must not keep everything else of two groups apart."""
+GOES_ON = 3.0
+"""What speaks for one person where a tracklet goes on as another: links are 20 times likelier than the next best (3 nats)."""
 SAMPLE_WORTH = 0.5
 """Of the agreement of one sample: neighbours, half a second apart, tell partly the same."""
 
@@ -35,34 +39,37 @@ class Tracklets:
     first: Ints
     """(C + 1,)"""
     start_s: Floats
-    """(T,) first and last time by the camera's own clock; NaN for numbers without a box."""
+    """(T,) first and last time by the camera's own clock; infinite for numbers without a body."""
     end_s: Floats
+    continued: tuple[Ints, Ints]
+    """(K,) tracklets and (K,) those that go on where they end."""
 
     @classmethod
-    def of(cls, bodies: Sequence[Bodies]) -> Tracklets:
-        """The tracklets of the cameras' bodies."""
-        start, end, count = [], [], [0]
-        for seen in bodies:
-            n = int(seen.tracklet.max(initial=-1)) + 1
-            low, high = np.full(n, np.inf), np.full(n, -np.inf)
-            own = seen.tracklet >= 0
-            np.minimum.at(low, seen.tracklet[own], seen.seconds[own])
-            np.maximum.at(high, seen.tracklet[own], seen.seconds[own])
-            start.append(low)
-            end.append(high)
-            count.append(n)
-        return cls(np.cumsum(count), np.concatenate(start), np.concatenate(end))
+    def of(cls, cameras: Sequence[PreparedCamera]) -> Tracklets:
+        """The tracklets of the cameras."""
+        first = np.concatenate([[0], np.cumsum([camera.n_tracklets for camera in cameras])]).astype(np.int64)
+        start, end = np.full(first[-1], np.inf), np.full(first[-1], -np.inf)
+        ends, begins = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        for camera, offset in zip(cameras, first[:-1], strict=True):
+            own = camera.bodies.take(camera.bodies.tracklet >= 0)
+            np.minimum.at(start, own.tracklet + offset, own.seconds)
+            np.maximum.at(end, own.tracklet + offset, own.seconds)
+            ends.append(camera.continued[0] + offset)
+            begins.append(camera.continued[1] + offset)
+        return cls(first, start, end, (np.concatenate(ends), np.concatenate(begins)))
 
-    def never_one(self) -> tuple[Ints, Ints]:
-        """Pairs of tracklets of one camera that overlap in time."""
-        first, second = [], []
+    def together(self) -> tuple[Ints, Ints, Floats]:
+        """Pairs of tracklets of one camera that overlap in time, and for how long, seconds."""
+        first, second, seconds = [], [], []
         for c in range(len(self.first) - 1):
             part = slice(int(self.first[c]), int(self.first[c + 1]))
             seen = np.flatnonzero(np.isfinite(self.start_s[part]))
-            i, j = overlapping(self.start_s[part][seen], self.end_s[part][seen], OVERLAP_S)
+            start, end = self.start_s[part][seen], self.end_s[part][seen]
+            i, j = overlapping(start, end, OVERLAP_S)
             first.append(seen[i] + part.start)
             second.append(seen[j] + part.start)
-        return np.concatenate(first), np.concatenate(second)
+            seconds.append(np.minimum(end[i], end[j]) - np.maximum(start[i], start[j]))
+        return np.concatenate(first), np.concatenate(second), np.concatenate(seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,37 +94,45 @@ def people_of_pairs(
         for edge in graph.edges
         if edge.used and edge.guess is not None
     }
-    return _people(tracklets, tracks, motions, likeness)
+    edges = _Edges([], [], [])
+    for (a, b), motion in motions.items():
+        in_a, in_b = tracks[a], tracks[b]
+        if in_a is None or in_b is None:
+            continue
+        i, j, value, _ = agreement(in_a, in_b, *motion)
+        edges.add(i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, likeness, (a, b)))
+    return _joined(tracklets, edges)
 
 
 def people_of_rig(
-    tracklets: Tracklets, bodies: Sequence[Bodies], poses: Sequence[Pose | None], offset_s: Floats,
+    tracklets: Tracklets, bodies: Sequence[Bodies], poses: Sequence[Pose | None], offset_s: Floats, body_m: float,
     likeness: Mapping[tuple[int, int], Floats] | None = None,
 ) -> Ints:  # fmt: skip
-    """(T,) person of each tracklet, joined by where a calibrated rig puts them on the ground.
+    """(T,) person of each tracklet, joined by whether a calibrated rig lets them meet.
 
     Args:
         tracklets: of all cameras.
         bodies: people of each camera, times by its own clock.
         poses: one a camera, world z up and ground at z = 0; None for a camera that is not registered.
         offset_s: (C,) what to add to each camera's clock.
+        body_m: typical standing height, metres.
         likeness: appearance, as for `register_pair`.
     """
-    tracks: list[GroundTracks | None] = []
-    for seen, pose in zip(bodies, poses, strict=True):
-        level = None if pose is None else Level(np.asarray(pose.R_cw[:, 2]), float(pose.centre[2]), 0.0)
-        tracks.append(None if level is None or level.height <= 0 else ground_tracks(seen, level, RIG_TOLERANCE, shortest_s=0.0))
-    motions = {}
-    for a, first in enumerate(poses):
-        for b in range(a + 1, len(poses)):
-            second, in_a, in_b = poses[b], tracks[a], tracks[b]
-            if first is None or second is None or in_a is None or in_b is None:
+    tracks = [None if pose is None else sight_tracks(seen, pose) for seen, pose in zip(bodies, poses, strict=True)]
+    edges = _Edges([], [], [])
+    for a, in_a in enumerate(tracks):
+        for b, in_b in enumerate(tracks):
+            if a >= b or in_a is None or in_b is None:
                 continue
-            from_a, from_b = in_a.level.R_lc @ first.R_cw, in_b.level.R_lc @ second.R_cw
-            turn = from_b @ from_a.T
-            shift = from_b @ (first.centre - second.centre)
-            motions[a, b] = (complex(turn[0, 0], turn[1, 0]), complex(shift[0], shift[1]), float(offset_s[a] - offset_s[b]))
-    return _people(tracklets, tracks, motions, likeness)
+            i, j, value = meetings(in_a, in_b, float(offset_s[a] - offset_s[b]), body_m)
+            edges.add(i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, likeness, (a, b)))
+    return _joined(tracklets, edges)
+
+
+def _weight(value: Floats, i: Ints, j: Ints, likeness: Mapping[tuple[int, int], Floats] | None, key: tuple[int, int]) -> Floats:
+    """What speaks for one person: where tracklets are and, where it is known, how they look."""
+    weight = SAMPLE_WORTH * value
+    return weight + likeness[key][i, j] if likeness is not None and key in likeness else weight
 
 
 def people_of_votes(tracklets: Tracklets, looks: Looks) -> Ints:
@@ -135,24 +150,8 @@ def people_of_votes(tracklets: Tracklets, looks: Looks) -> Ints:
     return _joined(tracklets, edges)
 
 
-def _people(
-    tracklets: Tracklets, tracks: Sequence[GroundTracks | None],
-    motions: Mapping[tuple[int, int], tuple[complex, complex, float]], likeness: Mapping[tuple[int, int], Floats] | None,
-) -> Ints:  # fmt: skip
-    edges = _Edges([], [], [])
-    for (a, b), (turn, shift, lag_s) in motions.items():
-        in_a, in_b = tracks[a], tracks[b]
-        if in_a is None or in_b is None:
-            continue
-        i, j, value, _ = agreement(in_a, in_b, turn, shift, lag_s)
-        weight = SAMPLE_WORTH * value
-        if likeness is not None and (a, b) in likeness:
-            weight = weight + likeness[a, b][i, j]
-        edges.add(i + tracklets.first[a], j + tracklets.first[b], weight)
-    return _joined(tracklets, edges)
-
-
 def _joined(tracklets: Tracklets, edges: _Edges) -> Ints:
-    i, j = tracklets.never_one()
-    edges.add(i, j, np.full(len(i), NEVER))
+    i, j, seconds = tracklets.together()
+    edges.add(i, j, -TWO_PEOPLE * seconds / STEP_S)
+    edges.add(*tracklets.continued, np.full(len(tracklets.continued[0]), GOES_ON))
     return join(len(tracklets.start_s), np.concatenate(edges.first), np.concatenate(edges.second), np.concatenate(edges.weight))

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from passerby.association.bodies import Bodies, bodies_of, level_of_bodies
 from passerby.association.ground_tracks import GroundTracks, ground_tracks
-from passerby.association.splitting import split
+from passerby.association.splitting import continuations, split
 from passerby.association.tracking import track
 from passerby.cameras import Camera
 from passerby.geometry.single_view import Level
@@ -37,6 +37,8 @@ class PreparedCamera:
     level: Level | None
     """The camera above its own ground; None where too few people tell."""
     tracks: GroundTracks | None
+    continued: tuple[Ints, Ints]
+    """(K,) tracklets and (K,) those that go on where they end, beyond doubt."""
 
     @property
     def n_tracklets(self) -> int:
@@ -61,7 +63,9 @@ def prepare_camera(
     bodies = bodies_of(tracked, camera.lens, clock)
     level = level_of_bodies(bodies, body_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
-    return PreparedCamera(camera.name, tracked, clock, bodies, level, tracks)
+    none = np.zeros(0, np.int64)
+    continued = (none, none) if given or not len(tracked.boxes) else continuations(tracked.boxes, clock.fps)
+    return PreparedCamera(camera.name, tracked, clock, bodies, level, tracks, continued)
 
 
 def _tracked(seen: CameraObservations, fps: float) -> CameraObservations:

@@ -18,6 +18,7 @@ from passerby.association.encounters import Encounters, TrackPair, encounters
 from passerby.association.ground_tracks import STEP_S, GroundTracks
 from passerby.association.hough import SAME_LAG_S, SAME_SHIFT_M, SAME_TURN, likely_motions
 from passerby.association.pair_matching import GroundMotion, Matches, agreements, fitted_motion, matches
+from passerby.association.sampling import first_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -27,6 +28,11 @@ _CANDIDATES = 6
 _INSTANTS, _ENCOUNTERS = 1500, 300_000
 # Tolerances of the matching, from round to round: the likely motions are known to a cell and five degrees.
 _TOLERANCES = (2.5, 2.0, 1.5, 1.2, 1.0, 1.0)
+
+
+# Samples of one person in two cameras miss each other by so many tolerances on the median (0.2 to 0.35 in simulation); where it
+# is more the tolerance is too tight, and is widened up to this factor.
+_USUAL_MISS, _WIDEST, _MIN_NEAREST = 0.35, 3.0, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +144,30 @@ def agreement(
 ) -> tuple[Ints, Ints, Floats, Ints]:
     """How well every two tracklets of two cameras run together under a motion.
 
+    The tolerance widens, at most threefold, where the samples that are nearest to each other miss by more than they should: on
+    ground that is not level, or where a camera's people are half hidden, all positions are worse.
+
     Returns:
         (K,) tracklets of camera a, (K,) tracklets of camera b, (K,) the sum over their common samples of the agreement (1 where
         they meet, 0 a tolerance apart, -1 beyond), and (K,) the number of these samples.
     """
     met = encounters(TrackPair(tracks_a, tracks_b), round(lag_s / STEP_S))
-    value = agreements(met, GroundMotion(turn, shift, lag_s))
+    motion = GroundMotion(turn, shift, lag_s)
+    value = agreements(met, motion, _WIDEST)
+    usual = _usual_miss(met, value)
+    value = agreements(met, motion, float(np.clip(usual / _USUAL_MISS, 1.0, _WIDEST)))
     return met.tracklets.a, met.tracklets.b, met.tracklets.summed(value), met.tracklets.size
+
+
+def _usual_miss(met: Encounters, value: Floats) -> float:
+    """The median miss, in tolerances, of samples that are each other's nearest; 0 where there are too few.
+
+    Args:
+        met: encounters.
+        value: (N,) their agreement at the widest tolerance.
+    """
+    near = np.flatnonzero(value > -1.0)
+    mutual = near[np.intersect1d(first_of(met.a[near], -value[near]), first_of(met.b[near], -value[near]))]
+    if len(mutual) < _MIN_NEAREST:
+        return 0.0
+    return float(np.median(_WIDEST * np.sqrt(1.0 - value[mutual])))

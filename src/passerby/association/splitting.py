@@ -101,6 +101,33 @@ def split(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> 
     return replace(boxes, identity=identity)
 
 
+def continuations(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> tuple[Ints, Ints]:
+    """Tracklets of one camera that go on as another one, beyond doubt: a user's tracker lost the person for a moment.
+
+    Args:
+        boxes: boxes with tracklet numbers; -1 belongs to none.
+        fps: frames per second of the frame numbers.
+        options: as for `split`.
+
+    Returns:
+        (K,) tracklets and (K,) those that continue them.
+    """
+    options = options or SplittingOptions()
+    rows = boxes.take(boxes.identity != UNKNOWN)
+    if len(rows) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    costs = LinkCosts(max_gap_s=max(options.max_gap_s, sample_interval_s(boxes.frame, fps)))
+    here, there = agreed_links(rows, rows.frame / fps, np.zeros(len(rows), dtype=np.bool_), costs, None)
+    n = int(rows.identity.max()) + 1
+    first, last = np.full(n, rows.frame.max() + 1), np.full(n, rows.frame.min() - 1)
+    np.minimum.at(first, rows.identity, rows.frame)
+    np.maximum.at(last, rows.identity, rows.frame)
+    ends = rows.frame[here] == last[rows.identity[here]]
+    begins = rows.frame[there] == first[rows.identity[there]]
+    use = ends & begins & (rows.identity[here] != rows.identity[there])
+    return rows.identity[here[use]], rows.identity[there[use]]
+
+
 def _motion_cuts(rows: Boxes, fps: float, max_gap_s: float, options: SplittingOptions) -> Mask:
     """(N,) which rows (sorted by tracklet and frame) cannot be the person of the row before.
 
