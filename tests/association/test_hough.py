@@ -44,8 +44,8 @@ def test_of_two_rounds_the_one_with_more_votes_is_taken() -> None:
 
 
 def test_a_spot_between_its_votes_has_a_shift() -> None:
-    """Four votes around a cell make it the highest though it has none itself."""
-    around = 0.75 + 0.75j + 1.5 * np.array([1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j])
+    """Four votes in the far corners of the cells around one make it the highest, though it has none itself."""
+    around = 0.75 + 0.75j + 2.1 * np.array([1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j])
     best = likely_motions(TrackPair(strides(np.zeros(4)), strides(around)), 0.0, 1)[0]
     assert abs(best.shift - (0.75 + 0.75j)) < 1e-5
 
