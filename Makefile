@@ -7,7 +7,7 @@ BENCH_INSTALLED := $(BENCH_VENV)/.installed
 # Two test processes of one BLAS thread each are faster than threads that fight for the same cores.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test test-slow lint types bench format clean
+.PHONY: demo test test-slow lint types bench bench-association format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo
@@ -31,6 +31,9 @@ types: $(INSTALLED)
 
 bench: $(BENCH_INSTALLED)
 	$(BENCH_VENV)/bin/python benchmarks/run.py
+
+bench-association: $(INSTALLED)
+	$(VENV)/bin/python benchmarks/run.py --only association
 
 clean:
 	rm -rf $(VENV) $(BENCH_VENV)

@@ -23,6 +23,8 @@ class Run:
     """One finished process."""
 
     output: str
+    status: int
+    """Exit status: `ACCEPTED` or `DOUBTFUL`."""
     seconds: float
     """Wall time of the whole process, start of Python included."""
     peak_mb: float
@@ -40,6 +42,10 @@ class Calibrated:
     """`evaluate --json`; None where no camera was registered."""
     cameras: int
     """Cameras of the scene."""
+    status: int
+    """Exit status of `passerby calibrate`."""
+    report: dict[str, Any]
+    """`calibration.json`."""
     seconds: float
     peak_mb: float
 
@@ -62,7 +68,7 @@ def run_program(arguments: Sequence[str], environment: dict[str, str] | None = N
         err.seek(0)
         if child.returncode not in (ACCEPTED, DOUBTFUL):
             raise RuntimeError(f"{' '.join(arguments)}: exit status {child.returncode}: {err.read().strip()[-2000:]}")
-        return Run(out.read(), seconds, usage.ru_maxrss * 1024 / 1e6)
+        return Run(out.read(), child.returncode, seconds, usage.ru_maxrss * 1024 / 1e6)
 
 
 def passerby(*arguments: str, environment: dict[str, str] | None = None) -> Run:
@@ -83,6 +89,8 @@ def calibrate(scene: Path, truth: Path, out: Path, environment: dict[str, str] |
         scale_sigma=scale.get("relative_sigma"),
         errors=errors,
         cameras=len(result["cameras"]),
+        status=run.status,
+        report=result,
         seconds=run.seconds,
         peak_mb=run.peak_mb,
     )

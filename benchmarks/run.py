@@ -16,8 +16,16 @@ import swaps
 from datasets import ROOT
 from tables import Section, machine_note
 
+import association
+
 # What is timed comes first, before the runs that fill both cores.
-SECTIONS = {"speed": speed.run, "accuracy": accuracy.run, "simulated": simulated.run, "swaps": swaps.run}
+SECTIONS = {
+    "speed": speed.run,
+    "association": association.run,
+    "accuracy": accuracy.run,
+    "simulated": simulated.run,
+    "swaps": swaps.run,
+}
 RESULTS = ROOT / "docs" / "results"
 
 
