@@ -78,12 +78,12 @@ with given identities, which is to say within 1.05 times that error."""
 
 _CLOCKS = "Clocks: the offsets found against those injected, over all cameras and seeds."
 
-_OWN_CLOCKS = """The cameras of `pets2009` seem to be out of step in the recording itself: with given identities, the solver that
-refines the clocks (`[solver.options] refine_time = true`) finds V4, V5 and V6 off by nearly as much as association does.
+_OWN_CLOCKS = """The cameras of `pets2009` seem to be out of step in the recording itself: with given identities, the solver
+that refines the clocks (`[solver.options] refine_time = true`) finds V4, V5 and V6 off by nearly as much as association does.
 *Beyond the run without shifts* is how well a shift is found; the other row cannot be better than the cameras were in step."""
 
-_SIMULATED = """Simulated scenes of 40 s, {noise:g} % box noise, {missing:g} % of the boxes missing, tracklets of each camera's own
-that are cut at random every {seconds:g} s on average. *unrelated ids*: mode trajectory; *dressed alike*: mode combined,
+_SIMULATED = """Simulated scenes of 40 s, {noise:g} % box noise, {missing:g} % of the boxes missing, tracklets of each camera's
+own that are cut at random every {seconds:g} s on average. *unrelated ids*: mode trajectory; *dressed alike*: mode combined,
 embeddings that are noise. The ratio is that to the same boxes with their true identities: of the means, and of the worst seed.
 A seed is within 1.3 if all cameras are registered and its error is at most 1.3 times that with given identities.
 *acceptable*: every seed is, in both errors; *aim*: besides, the ratios of the means are at most 1.05."""
