@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -10,13 +11,13 @@ import pytest
 
 from ground_walkers import bodies_at
 from passerby.association.associate import OVERLAP_S, Tracklets, people_of_pairs, people_of_rig
-from passerby.association.bodies import Bodies, bodies_of, level_of_bodies
 from passerby.association.graph import ViewGraph, view_graph
-from passerby.association.ground_tracks import GroundTracks, ground_tracks
+from passerby.association.ground_tracks import GroundTracks
+from passerby.association.preparing import PreparedCamera, prepare_camera
 from passerby.association.registration import register_pair
 from passerby.cameras import Pose
 from passerby.evaluation.identities import IdentityAgreement, identity_agreement
-from passerby.observations import UNKNOWN, Boxes, Clock
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.scene import SimulatedScene
 
@@ -26,9 +27,12 @@ class Prepared:
     """A simulated scene up to where the cameras meet."""
 
     scene: SimulatedScene
-    bodies: list[Bodies]
-    tracks: list[GroundTracks | None]
+    cameras: list[PreparedCamera]
     tracklets: Tracklets
+
+    @property
+    def tracks(self) -> list[GroundTracks | None]:
+        return [camera.tracks for camera in self.cameras]
 
     @property
     def poses(self) -> list[Pose | None]:
@@ -38,14 +42,25 @@ class Prepared:
     def offset_s(self) -> np.ndarray:
         return np.array([self.scene.clock_offsets[name] for name in self.scene.rig.names])
 
+    def people_of_rig(
+        self, poses: Sequence[Pose | None] | None = None, offset_s: np.ndarray | None = None,
+        likeness: dict[tuple[int, int], np.ndarray] | None = None,
+    ) -> np.ndarray:  # fmt: skip
+        """Person of each tracklet by the true rig and clocks, or by others."""
+        poses = self.poses if poses is None else poses
+        offset_s = self.offset_s if offset_s is None else offset_s
+        body_m = self.scene.options.person_height_mean_m
+        bodies = [camera.bodies for camera in self.cameras]
+        return people_of_rig(self.tracklets, bodies, poses, offset_s, body_m, likeness)
+
     def agreement(self, person: np.ndarray, *, cameras: tuple[int, ...] = (0, 1, 2, 3)) -> IdentityAgreement:
         """How well persons of tracklets agree with the truth."""
         found: dict[str, Boxes] = {}
-        for first, name in zip(self.tracklets.first, self.scene.rig.names, strict=False):
-            boxes = self.scene.observations[name].boxes
+        for first, camera in zip(self.tracklets.first, self.cameras, strict=False):
+            boxes = camera.seen.boxes
             known = boxes.identity >= 0
             identity = np.where(known, person[first + np.where(known, boxes.identity, 0)], UNKNOWN)
-            found[name] = replace(boxes, identity=identity)
+            found[camera.name] = replace(boxes, identity=identity)
         truth = {name: self.scene.truth[name] for name in (self.scene.rig.names[c] for c in cameras)}
         return identity_agreement(found, truth, self.scene.true_clocks)
 
@@ -58,11 +73,11 @@ def prepared() -> Prepared:
             clock_offsets=1.5, seed=3,
         )
     )  # fmt: skip
-    clock = Clock(scene.options.fps)
-    bodies = [bodies_of(scene.observations[camera.name], camera.lens, clock) for camera in scene.rig]
-    levels = [level_of_bodies(seen, scene.options.person_height_mean_m, np.random.default_rng(0)) for seen in bodies]
-    tracks = [None if level is None else ground_tracks(seen, level) for seen, level in zip(bodies, levels, strict=True)]
-    return Prepared(scene, bodies, tracks, Tracklets.of(bodies))
+    clock, body_m = Clock(scene.options.fps), scene.options.person_height_mean_m
+    cameras = [
+        prepare_camera(camera, scene.observations[camera.name], clock, body_m, np.random.default_rng(0)) for camera in scene.rig
+    ]
+    return Prepared(scene, cameras, Tracklets.of(cameras))
 
 
 def registered(prepared: Prepared) -> ViewGraph:
@@ -102,7 +117,7 @@ def people_by_camera(prepared: Prepared, person: np.ndarray) -> list[set[int]]:
 
 
 def test_a_calibrated_rig_tells_who_is_who(prepared: Prepared) -> None:
-    person = people_of_rig(prepared.tracklets, prepared.bodies, prepared.poses, prepared.offset_s)
+    person = prepared.people_of_rig()
     found = prepared.agreement(person)
     assert found.precision is not None
     assert found.recall is not None
@@ -117,24 +132,24 @@ def test_the_world_may_be_turned_and_moved(prepared: Prepared) -> None:
     """About the vertical and along the ground."""
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     moved = [None if pose is None else pose.moved(turn, np.array([40.0, -7.0, 0.0])) for pose in prepared.poses]
-    there = people_of_rig(prepared.tracklets, prepared.bodies, moved, prepared.offset_s)
-    here = people_of_rig(prepared.tracklets, prepared.bodies, prepared.poses, prepared.offset_s)
+    there = prepared.people_of_rig(moved)
+    here = prepared.people_of_rig()
     np.testing.assert_array_equal(there, here)
 
 
 def test_only_differences_of_the_offsets_count_and_they_must_be_right(prepared: Prepared) -> None:
-    here = people_of_rig(prepared.tracklets, prepared.bodies, prepared.poses, prepared.offset_s)
-    shifted = people_of_rig(prepared.tracklets, prepared.bodies, prepared.poses, prepared.offset_s + 3.25)
+    here = prepared.people_of_rig()
+    shifted = prepared.people_of_rig(offset_s=prepared.offset_s + 3.25)
     np.testing.assert_array_equal(shifted, here)
     late = prepared.offset_s + np.array([0.0, 2.0, -2.0, 4.0])
-    found = prepared.agreement(people_of_rig(prepared.tracklets, prepared.bodies, prepared.poses, late))
+    found = prepared.agreement(prepared.people_of_rig(offset_s=late))
     assert found.recall is not None
     assert found.recall < 0.5
 
 
 def test_a_camera_without_a_pose_shares_nobody(prepared: Prepared) -> None:
     poses = [*prepared.poses[:2], None, prepared.poses[3]]
-    camera = people_by_camera(prepared, people_of_rig(prepared.tracklets, prepared.bodies, poses, prepared.offset_s))
+    camera = people_by_camera(prepared, prepared.people_of_rig(poses))
     assert not camera[2] & (camera[0] | camera[1] | camera[3])
     assert camera[0] & camera[1] & camera[3]
 
@@ -143,7 +158,7 @@ def test_looks_add_to_the_evidence(prepared: Prepared) -> None:
     """Two cameras whose people look like nobody in the other, whatever the ground says."""
     counts = np.diff(prepared.tracklets.first)
     likeness = {(0, 1): np.full((counts[0], counts[1]), -1000.0)}
-    person = people_of_rig(prepared.tracklets, prepared.bodies, prepared.poses, prepared.offset_s, likeness)
+    person = prepared.people_of_rig(likeness=likeness)
     found = prepared.agreement(person, cameras=(0, 1))
     # Those are left whose tracklets in the two cameras have no grid time in common.
     assert found.pairs_found < 0.05 * found.pairs_true
@@ -153,25 +168,39 @@ def test_looks_add_to_the_evidence(prepared: Prepared) -> None:
         assert recall > 0.2, "everyone goes with one of the two"
 
 
-def bodies_in(*rows: tuple[int, float]) -> Bodies:
+def camera_of(*rows: tuple[int, float], continued: tuple[int, int] | None = None) -> PreparedCamera:
     """People by (tracklet, seconds) of their boxes."""
     tracklet, seconds = (np.array(column) for column in zip(*rows, strict=True)) if rows else (np.zeros(0), np.zeros(0))
-    return bodies_at(tracklet.astype(np.int64), seconds, np.full(len(seconds), 5.0 + 5.0j))
+    tracklet = tracklet.astype(np.int64)
+    boxes = Boxes(np.arange(len(rows)), tracklet, np.full((len(rows), 4), 9.0), np.ones(len(rows)))
+    links = np.array([] if continued is None else [continued], dtype=np.int64).reshape(-1, 2).T
+    bodies = bodies_at(tracklet, seconds, np.full(len(seconds), 5.0 + 5.0j))
+    return PreparedCamera("C", CameraObservations(boxes), Clock(5.0), bodies, None, None, (links[0], links[1]))
 
 
 def test_tracklets_are_numbered_through_and_know_their_times() -> None:
-    first = bodies_in((0, 4.0), (0, 1.0), (2, 3.0), (2, 9.0), (-1, 50.0))
-    found = Tracklets.of([first, bodies_in(), bodies_in((1, 2.5), (0, 7.0), (1, 3.5))])
+    first = camera_of((0, 4.0), (0, 1.0), (2, 3.0), (2, 9.0), (-1, 50.0), continued=(0, 2))
+    found = Tracklets.of([first, camera_of(), camera_of((1, 2.5), (0, 7.0), (1, 3.5), continued=(1, 0))])
     assert found.first.tolist() == [0, 3, 3, 5]
     seen = np.array([True, False, True, True, True])
     np.testing.assert_array_equal(found.start_s[seen], [1.0, 3.0, 7.0, 2.5])
     np.testing.assert_array_equal(found.end_s[seen], [4.0, 9.0, 7.0, 3.5])
     assert not np.isfinite(found.start_s[~seen]).any()
+    assert [column.tolist() for column in found.continued] == [[0, 4], [2, 3]]
+
+
+def test_a_tracklet_goes_on_as_another_where_nothing_speaks_against_it() -> None:
+    graph = view_graph([], 1)
+    apart = Tracklets.of([camera_of((0, 0.0), (0, 5.0), (1, 5.5), (1, 9.0), continued=(0, 1))])
+    assert people_of_pairs(apart, [None], graph).tolist() == [0, 0]
+    overlapping = Tracklets.of([camera_of((0, 0.0), (0, 8.0), (1, 5.5), (1, 9.0), continued=(0, 1))])
+    assert people_of_pairs(overlapping, [None], graph).tolist() == [0, 1]
+    assert people_of_pairs(Tracklets.of([camera_of((0, 0.0), (1, 5.5))]), [None], graph).tolist() == [0, 1]
 
 
 def test_only_tracklets_of_one_camera_are_together() -> None:
-    one = bodies_in((0, 0.0), (0, 5.0), (1, 4.0), (1, 8.0), (3, 7.9), (3, 12.0), (4, 30.0), (4, 31.0))
-    other = bodies_in((0, 0.0), (0, 20.0), (1, 19.0), (1, 40.0))
+    one = camera_of((0, 0.0), (0, 5.0), (1, 4.0), (1, 8.0), (3, 7.9), (3, 12.0), (4, 30.0), (4, 31.0))
+    other = camera_of((0, 0.0), (0, 20.0), (1, 19.0), (1, 40.0))
     found = Tracklets.of([one, other])
     assert 0.1 < OVERLAP_S < 1.0, "tracklets 1 and 3 only touch"
     i, j, seconds = found.together()

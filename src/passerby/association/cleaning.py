@@ -15,13 +15,16 @@ from numpy.typing import NDArray
 from passerby.association.bodies import Bodies
 from passerby.cameras import Camera, Rig
 from passerby.observations import UNKNOWN, Clock
-from passerby.solver.consensus import adopt, agree
+from passerby.solver.consensus import adopt, agree, ray_misses
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MEETING_SHARE, MEETING_FLOOR_PX = 0.15, 3.0
 """A sighting agrees when the middle of its person projects within so much of its extent: half a box's breadth."""
+
+RIVAL = 3.0
+"""A detection goes to somebody only where everybody else is so many times farther off."""
 
 
 def clean(
@@ -55,7 +58,10 @@ def clean(
     tolerance = MEETING_FLOOR_PX + MEETING_SHARE * extent
     consensus = agree(index, block, ray, tangent, tolerance, n_blocks, R, centre, height=(0.5 * body_m, 0.2 * body_m))
     found = adopt(consensus, index, block, instant, block_instant, ray, tangent, tolerance, R, centre)
-    met: NDArray[np.bool_] = np.isfinite(consensus.points).all(axis=1)
+    adopted = np.flatnonzero((found >= 0) & (found != block))
+    doubtful = _has_rival(consensus.points, block_instant, found, instant, adopted, index, ray, tangent, R, centre)
+    found[adopted[doubtful]] = -1
+    met = ~np.isnan(consensus.points[:, 0])
     # Nobody contradicts a person whom one camera alone sees.
     alone = (found < 0) & ~met[block] & (who > UNKNOWN) & (np.bincount(block, minlength=n_blocks)[block] == 1)
     new = np.where(found >= 0, block_person[found], np.where(alone, who, UNKNOWN))
@@ -65,6 +71,25 @@ def clean(
         out[c][on] = new[start : start + len(on)]
         start += len(on)
     return out
+
+
+def _has_rival(
+    points: Floats, block_instant: Ints, found: Ints, instant: Ints, rows: Ints, index: Ints, ray: Floats, tangent: Floats,
+    R: Floats, centre: Floats,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Which rows show another person of their instant nearly as well as the one who took them."""
+    known = np.flatnonzero(np.isfinite(points).all(axis=1))
+    by_instant = known[np.argsort(block_instant[known], kind="stable")]
+    first = np.searchsorted(block_instant[by_instant], instant[rows])
+    count = np.searchsorted(block_instant[by_instant], instant[rows], side="right") - first
+    which = np.repeat(np.arange(len(rows)), count)
+    candidate = by_instant[np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(which))]
+    row = rows[which]
+    miss = ray_misses(points[candidate], index[row], ray[row], tangent[row], R, centre)
+    own = candidate == found[row]
+    best = np.full(len(rows), np.inf)
+    best[which[own]] = miss[own]
+    return np.bincount(which[~own & (miss < RIVAL * best[which])], minlength=len(rows)) > 0
 
 
 def _on_instants(bodies: Bodies, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:

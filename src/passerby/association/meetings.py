@@ -26,6 +26,8 @@ MIDDLE_FLOOR_RAD = 0.002
 """No ray is better known than that: two pixels of a usual lens."""
 AGAINST = 12.0
 """Cost at which two samples speak neither for one person nor for two; one person's five residuals cost 5 on the mean."""
+TAIL = 2.0
+"""Squared sigmas from which a height or a size counts no longer in full."""
 NEAREST = 50
 """Fewer samples that are each other's nearest do not tell how far off one person's samples are."""
 
@@ -107,7 +109,7 @@ def meetings(a: SightTracks, b: SightTracks, lag_s: float, body_m: float) -> tup
     spread = Spread()
     for _ in range(2):
         spread = _learnt(_residuals(a, b, i, j, ray_b, body_m, spread), i, j, spread)
-    cost = (_residuals(a, b, i, j, ray_b, body_m, spread) ** 2).sum(axis=1)
+    cost = _cost(_residuals(a, b, i, j, ray_b, body_m, spread))
     value = np.maximum(1.0 - cost / AGAINST, -1.0)
     n_b = int(b.tracklet.max()) + 1
     pair, which = np.unique(a.tracklet[i] * n_b + b.tracklet[j], return_inverse=True)
@@ -122,9 +124,18 @@ def _together(step_a: Ints, step_b: Ints) -> tuple[Ints, Ints]:
     return i, np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(i))
 
 
+def _cost(residuals: Floats) -> Floats:
+    """(K,) what residuals (K, 5) speak against one person.
+
+    Rays must meet; but people crouch, climb and are half hidden, so that height and sizes have long tails.
+    """
+    rays, rest = residuals[:, :2] ** 2, residuals[:, 2:] ** 2
+    return np.asarray(rays.sum(axis=1) + (TAIL * np.log1p(rest / TAIL)).sum(axis=1))
+
+
 def _learnt(residuals: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
     """The spread of samples that are each other's nearest."""
-    cost = (residuals**2).sum(axis=1)
+    cost = _cost(residuals)
     near = np.flatnonzero(cost < 4 * AGAINST)
     mutual = near[np.intersect1d(first_of(i[near], cost[near]), first_of(j[near], cost[near]))]
     if len(mutual) < NEAREST:
@@ -169,6 +180,6 @@ def _residuals(a: SightTracks, b: SightTracks, i: Ints, j: Ints, ray_b: Floats, 
                 found[:, 3 + k] = np.log(reach * size / body_m) / spread.size
             found[np.einsum("ki,ki->k", ray, to) <= 0, k] = 1e3
         found = np.where(np.isfinite(found), found, 1e3)
-        better = (found**2).sum(axis=1) < (best**2).sum(axis=1)
+        better = _cost(found) < _cost(best)
         best[better] = found[better]
     return best

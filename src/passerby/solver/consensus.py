@@ -68,7 +68,7 @@ def agree(
     inlier = np.zeros(len(camera), dtype=bool)
     known = np.isfinite(best[block]).all(axis=1)
     inlier[known] = (
-        _residual(best[block[known]], camera[known], bearing[known], tangent[known], R, centre) < tolerance_px[known]
+        ray_misses(best[block[known]], camera[known], bearing[known], tangent[known], R, centre) < tolerance_px[known]
     )
     agreed = np.bincount(block[inlier], minlength=n_blocks) >= 2
     inlier &= agreed[block]
@@ -116,7 +116,7 @@ def adopt(
     n_cameras = len(R)
     taken = np.zeros(len(block_instant) * n_cameras, dtype=bool)
     taken[block[consensus.inlier] * n_cameras + camera[consensus.inlier]] = True
-    miss = _residual(consensus.points[candidate], camera[row], bearing[row], tangent[row], R, centre) / tolerance_px[row]
+    miss = ray_misses(consensus.points[candidate], camera[row], bearing[row], tangent[row], R, centre) / tolerance_px[row]
     fits = (miss < 1.0) & ~taken[candidate * n_cameras + camera[row]]
     for k in np.flatnonzero(fits)[np.argsort(miss[fits], kind="stable")]:
         seat = candidate[k] * n_cameras + camera[row[k]]
@@ -150,7 +150,7 @@ def _midpoints(c1: Floats, d1: Floats, c2: Floats, d2: Floats) -> Floats:
     return np.asarray(point)
 
 
-def _residual(point: Floats, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> Floats:
+def ray_misses(point: Floats, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> Floats:
     """(M,) pixels between points and sightings."""
     d = (R[camera] @ (point - centre[camera])[:, :, None])[:, :, 0]
     return np.asarray(np.linalg.norm(project_near(bearing, tangent, d)[0], axis=1))
@@ -170,6 +170,6 @@ def _votes(
     for begin in range(0, len(rows), step):
         part = slice(begin, begin + step)
         r = rows[part]
-        miss = _residual(point[proposal[part]], camera[r], bearing[r], tangent[r], R, centre) / (0.5 * tolerance[r])
+        miss = ray_misses(point[proposal[part]], camera[r], bearing[r], tangent[r], R, centre) / (0.5 * tolerance[r])
         cost += np.bincount(proposal[part], np.log1p(miss**2), len(point))
     return cost
