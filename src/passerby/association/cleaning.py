@@ -23,8 +23,9 @@ Ints = NDArray[np.int64]
 MEETING_SHARE, MEETING_FLOOR_PX = 0.15, 3.0
 """A sighting agrees when the middle of its person projects within so much of its extent: half a box's breadth."""
 
-RIVAL = 3.0
-"""A detection goes to somebody only where everybody else is so many times farther off."""
+RIVAL, RIVAL_OF_TRACKED = 3.0, 1.0
+"""A detection goes to somebody only where everybody else is so many times farther off; one of a tracklet stays with its person
+unless somebody else is nearer."""
 
 
 def clean(
@@ -58,9 +59,10 @@ def clean(
     tolerance = MEETING_FLOOR_PX + MEETING_SHARE * extent
     consensus = agree(index, block, ray, tangent, tolerance, n_blocks, R, centre, height=(0.5 * body_m, 0.2 * body_m))
     found = adopt(consensus, index, block, instant, block_instant, ray, tangent, tolerance, R, centre)
-    adopted = np.flatnonzero((found >= 0) & (found != block))
-    doubtful = _has_rival(consensus.points, block_instant, found, instant, adopted, index, ray, tangent, R, centre)
-    found[adopted[doubtful]] = -1
+    for taken, rival in ((found != block, RIVAL), (found == block, RIVAL_OF_TRACKED)):
+        of = np.flatnonzero((found >= 0) & taken)
+        doubtful = _has_rival(consensus.points, block_instant, found, instant, of, index, ray, tangent, R, centre, rival)
+        found[of[doubtful]] = -1
     met = ~np.isnan(consensus.points[:, 0])
     # Nobody contradicts a person whom one camera alone sees.
     alone = (found < 0) & ~met[block] & (who > UNKNOWN) & (np.bincount(block, minlength=n_blocks)[block] == 1)
@@ -75,7 +77,7 @@ def clean(
 
 def _has_rival(
     points: Floats, block_instant: Ints, found: Ints, instant: Ints, rows: Ints, index: Ints, ray: Floats, tangent: Floats,
-    R: Floats, centre: Floats,
+    R: Floats, centre: Floats, rival: float,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Which rows show another person of their instant nearly as well as the one who took them."""
     known = np.flatnonzero(np.isfinite(points).all(axis=1))
@@ -89,7 +91,7 @@ def _has_rival(
     own = candidate == found[row]
     best = np.full(len(rows), np.inf)
     best[which[own]] = miss[own]
-    return np.bincount(which[~own & (miss < RIVAL * best[which])], minlength=len(rows)) > 0
+    return np.bincount(which[~own & (miss < rival * best[which])], minlength=len(rows)) > 0
 
 
 def _on_instants(bodies: Bodies, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 # Two ways to the same camera agree within about this: a few times the error of one registration.
 _TURN_SD, _LAG_SD_S, _SHIFT_FLOOR_M, _SHIFT_SHARE = np.deg2rad(8.0), 0.4, 1.0, 0.12
 # A guess that no third camera speaks for is believed if the runner-up has less than this share of its score,
-ALONE_RUNNER_UP = 0.75
+ALONE_RUNNER_UP = 0.5
 # and one that others speak for if they agree so much (0 to 1).
 _MIN_SUPPORT = 0.15
 # How far a guess may be from the tree's way, in the units above, per edge of the way.
