@@ -74,6 +74,8 @@ class Encounters:
     """(N,) rows of camera a's tracks."""
     b: Ints
     """(N,) rows of camera b's."""
+    thinned: bool = False
+    """Whether instants were left out."""
 
     def __len__(self) -> int:
         return len(self.a)
@@ -96,6 +98,7 @@ def encounters(tracks: TrackPair, lag: int, most_instants: int | None = None) ->
         most_instants: of more instants with people in both cameras, so many are taken at even steps.
     """
     steps = np.intersect1d(tracks.a.step, tracks.b.step - lag)
+    thinned = most_instants is not None and len(steps) > most_instants
     if most_instants is not None and len(steps) > most_instants:
         steps = steps[np.linspace(0, len(steps) - 1, most_instants).astype(np.int64)]
     # The columns are sorted by step.
@@ -105,4 +108,4 @@ def encounters(tracks: TrackPair, lag: int, most_instants: int | None = None) ->
     count = n_a * n_b
     instant = np.repeat(np.arange(len(steps)), count)
     within = np.arange(len(instant)) - np.repeat(np.cumsum(count) - count, count)
-    return Encounters(tracks, lag, low_a[instant] + within // n_b[instant], low_b[instant] + within % n_b[instant])
+    return Encounters(tracks, lag, low_a[instant] + within // n_b[instant], low_b[instant] + within % n_b[instant], thinned)

@@ -62,6 +62,7 @@ def _pairs(
                     "route": "tracks" if guess is not None else "looks",
                     "used": edge.used if edge is not None else True,
                     "score": None if guess is None else guess.score,
+                    "share": None if guess is None else guess.share,
                     "runner_up": None if edge is None or guess is None else edge.runner_up,
                     "support": None if edge is None else edge.support,
                     "matches": None if guess is None else guess.samples,

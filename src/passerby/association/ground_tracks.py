@@ -8,6 +8,7 @@ the samples around each grid time, so that cameras of different frame rates and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ Ints = NDArray[np.int64]
 
 STEP_S = 0.5
 """Step of the time grid. A walking person moves 0.7 m meanwhile: no more than the ground positions are off by."""
+CELL_M = 1.0
+"""Cells in which a camera has seen people: about a step, and what ground positions are off by."""
 MIN_TRACK_S = 1.0
 """Shorter tracklets have no direction."""
 MAX_REACH_HEIGHTS = 25.0
@@ -64,11 +67,31 @@ class GroundTracks:
     def __len__(self) -> int:
         return len(self.step)
 
+    @cached_property
+    def _walked(self) -> Ints:
+        """Keys of the cells in which people were seen, and of their neighbours, sorted."""
+        around = np.array([x + 1j * y for x in (-CELL_M, 0, CELL_M) for y in (-CELL_M, 0, CELL_M)])
+        return np.unique(_cells((self.position[:, None] + around).ravel()))
+
+    def covers(self, position: NDArray[np.complex128]) -> NDArray[np.bool_]:
+        """(N,) whether the camera has seen people about there."""
+        if not len(self):
+            return np.zeros(len(position), dtype=bool)
+        key = _cells(position)
+        at = np.minimum(np.searchsorted(self._walked, key), len(self._walked) - 1)
+        return np.asarray(self._walked[at] == key)
+
     @property
     def sigma(self) -> tuple[Floats, Floats]:
         """(N,) how far off a position may be along its ray and (N,) across it, metres."""
         reach, t = np.abs(self.position), self.tolerance
         return t.floor_m + (t.along + t.foot_m / self.level.height) * reach, t.floor_m + t.across * reach
+
+
+def _cells(position: NDArray[np.complex128]) -> Ints:
+    """Keys of the cells of the ground that positions lie in."""
+    x, y = (np.floor(part / CELL_M).astype(np.int64) for part in (position.real, position.imag))
+    return np.asarray(x * 1_000_003 + y)
 
 
 def ground_tracks(

@@ -46,9 +46,11 @@ class Registration:
     lag_s: float
     """Seconds: camera b's clock shows so much more than camera a's."""
     score: float
-    """Samples of walking people that agree, less those that disagree."""
+    """Samples of walking people that agree, less those that disagree, times the share."""
     samples: int
     """Samples of matched tracklets."""
+    share: float
+    """Of the samples that each camera has where the other one sees people, so many have a partner there."""
     middle: complex
     """Where camera a's matched people were, on the mean, metres of camera a."""
     tracklets_a: Ints
@@ -125,10 +127,31 @@ def _refined(met_at: Callable[[int], Encounters], start: GroundMotion, max_lag_s
 
 def _registration(met: Encounters, matched: Matches, motion: GroundMotion) -> Registration:
     middle = complex(np.mean(met.tracks.a.position[met.a[matched.rows]]))
+    share = _share(met, matched, motion)
     return Registration(
-        motion.turn, motion.shift, motion.lag_s, matched.score, len(matched.rows), middle,
+        motion.turn, motion.shift, motion.lag_s, matched.score * share, len(matched.rows), share, middle,
         matched.tracklets_a, matched.tracklets_b, matched.weight,
     )  # fmt: skip
+
+
+def _share(met: Encounters, matched: Matches, motion: GroundMotion) -> float:
+    """How much of what should be seen by both cameras is: the clearest sign of a right motion, however crowded it is."""
+    found = expected = 0
+    there_of = (motion.turn, motion.shift)
+    back_of = (1 / motion.turn, -motion.shift / motion.turn)
+    sides = (
+        (met.tracks.a, met.a, met.tracks.b, met.lag, there_of), (met.tracks.b, met.b, met.tracks.a, -met.lag, back_of)
+    )  # fmt: skip
+    for tracks, rows, other, lag, (turn, shift) in sides:
+        partnered = np.zeros(len(tracks), dtype=bool)
+        partnered[rows[matched.rows]] = True
+        both = (tracks.step >= other.step[0] - lag) & (tracks.step <= other.step[-1] - lag)
+        if met.thinned:
+            both &= np.isin(tracks.step, tracks.step[rows])
+        due = both & (other.covers(turn * tracks.position + shift) | partnered)
+        found += int(np.count_nonzero(partnered))
+        expected += int(np.count_nonzero(due))
+    return found / max(expected, 1)
 
 
 def _same(guess: Registration, other: Registration, tracks_a: GroundTracks) -> bool:

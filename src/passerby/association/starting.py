@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.associate import Tracklets, people_of_pairs, people_of_votes
-from passerby.association.graph import Edge, ViewGraph, view_graph
+from passerby.association.graph import BELIEVED_SHARE, Edge, ViewGraph, view_graph
 from passerby.association.ground_tracks import GroundTracks
 from passerby.association.looks import Looks
 from passerby.association.preparing import PreparedCamera
@@ -116,6 +116,8 @@ def told(edge: Edge) -> str:
     """One clause on a pair that was not used."""
     if edge.guess is None:
         return "nobody walks in both at one time"
+    if edge.guess.share < BELIEVED_SHARE:
+        return f"of the people whom both should see, the best fit of their tracks finds {edge.guess.share:.0%} in both"
     if edge.runner_up >= 1:
         return "third cameras contradict the best fit of their tracks"
     return f"another fit of their tracks scores {edge.runner_up:.0%} of the best"
