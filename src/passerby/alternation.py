@@ -197,7 +197,6 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
     person, offset_s = beginning.person, beginning.offset_s
     rounds: list[dict[str, Any]] = []
     solution: Solution | None = None
-    pure = run.options.mode == "appearance"
     for number in range(MAX_ROUNDS):
         tell(f"round {number + 1}")
         rows = run.rows(person, offset_s, solution)
@@ -210,11 +209,10 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
         offset_s = _refined(run, offset_s, solution) if refine else offset_s
         poses = [camera.pose for camera in solution.rig]
         before = person
-        if not pure:
+        if beginning.graph is not None:
             likeness = run.looks.likeness() if run.looks else None
-            person = people_of_rig(
-                run.tracklets, [c.bodies for c in run.cameras], poses, offset_s, run.options.body_m, likeness
-            )
+            body_m = run.options.body_m
+            person = people_of_rig(run.tracklets, run.cameras, beginning.graph, poses, offset_s, body_m, likeness)
         same = _alike(before, person)
         rounds.append({"registered": sum(pose is not None for pose in poses), "unchanged": same})
         if same > SETTLED:

@@ -72,8 +72,12 @@ def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool =
     mend = MEND_GIVEN if given else MEND_FOUND
     if len(main) == 1:
         return [f"no two cameras share a person at the same instant: {mend}"]
-    return [
-        f"camera{'s' if len(group) > 1 else ''} {', '.join(group)} share{'' if len(group) > 1 else 's'} nobody with "
-        f"{', '.join(main)}: record people where their views overlap, or {mend}"
-        for group in others
-    ]
+    lost = []
+    for group in others:
+        several = len(group) > 1
+        who, kin = f"camera{'s' if several else ''} {', '.join(group)}", " and stand as a group apart" if several else ""
+        lost.append(
+            f"{who} share{'' if several else 's'} nobody with {', '.join(main)}{kin}: record people where their views overlap, "
+            f"or {mend}"
+        )
+    return lost

@@ -33,7 +33,11 @@ def judged(solution: Solution, observations: Observations, *, given: bool = True
     reasons = list(solution.reasons)
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:
-        reasons += [reason for reason in missing_overlap(shared_people(observations), given=given) if reason not in reasons]
+        apart = missing_overlap(shared_people(observations), given=given)
+        # That nobody is shared says more than that too few are.
+        known = {reason.split(" could not be joined")[0] for reason in reasons} & {text.split(" share")[0] for text in apart}
+        reasons = [reason for reason in reasons if reason.split(" could not be joined")[0] not in known]
+        reasons += [text for text in apart if text not in reasons]
     if 0 < len(lost) < len(solution.rig):
         named = " ".join(reasons)
         reasons += [

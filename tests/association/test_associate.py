@@ -50,8 +50,8 @@ class Prepared:
         poses = self.poses if poses is None else poses
         offset_s = self.offset_s if offset_s is None else offset_s
         body_m = self.scene.options.person_height_mean_m
-        bodies = [camera.bodies for camera in self.cameras]
-        return people_of_rig(self.tracklets, bodies, poses, offset_s, body_m, likeness)
+        nothing = ViewGraph((), (), np.zeros(len(self.cameras)))
+        return people_of_rig(self.tracklets, self.cameras, nothing, poses, offset_s, body_m, likeness)
 
     def agreement(self, person: np.ndarray, *, cameras: tuple[int, ...] = (0, 1, 2, 3)) -> IdentityAgreement:
         """How well persons of tracklets agree with the truth."""

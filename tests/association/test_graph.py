@@ -22,7 +22,7 @@ STATIONS = [
 
 def guess(turn: complex, shift: complex, lag_s: float, score: float, middle: complex) -> Registration:
     none = np.zeros(0, dtype=np.int64)
-    return Registration(turn, shift, lag_s, score, 100, middle, none, none, np.zeros(0))
+    return Registration(turn, shift, lag_s, score, 100, 0.7, middle, none, none, np.zeros(0))
 
 
 def right(a: int, b: int, score: float = 100.0, *, degrees: float = 0.0, late_s: float = 0.0) -> Registration:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.bodies import Bodies
 from passerby.association.graph import ViewGraph
 from passerby.association.ground_tracks import STEP_S, GroundTracks
 from passerby.association.joining import join, overlapping
@@ -89,36 +88,41 @@ def people_of_pairs(
     likeness: Mapping[tuple[int, int], Floats] | None = None,
 ) -> Ints:  # fmt: skip
     """(T,) person of each tracklet, joined by the registrations of the view graph."""
-    motions = {
-        (edge.a, edge.b): (edge.guess.turn, edge.guess.shift, edge.guess.lag_s)
-        for edge in graph.edges
-        if edge.used and edge.guess is not None
-    }
     edges = _Edges([], [], [])
-    for (a, b), motion in motions.items():
-        in_a, in_b = tracks[a], tracks[b]
-        if in_a is None or in_b is None:
-            continue
-        i, j, value, _ = agreement(in_a, in_b, *motion)
-        edges.add(i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, likeness, (a, b)))
+    _add_registered(edges, tracklets, tracks, graph, likeness, [True] * len(tracks))
     return _joined(tracklets, edges)
 
 
+def _add_registered(
+    edges: _Edges, tracklets: Tracklets, tracks: Sequence[GroundTracks | None], graph: ViewGraph,
+    likeness: Mapping[tuple[int, int], Floats] | None, wanted: Sequence[bool],
+) -> None:  # fmt: skip
+    """What the registrations of the pairs say that have a wanted camera."""
+    for edge in graph.edges:
+        in_a, in_b = tracks[edge.a], tracks[edge.b]
+        if not edge.used or edge.guess is None or in_a is None or in_b is None or not (wanted[edge.a] or wanted[edge.b]):
+            continue
+        i, j, value, _ = agreement(in_a, in_b, edge.guess.turn, edge.guess.shift, edge.guess.lag_s)
+        weight = _weight(value, i, j, likeness, (edge.a, edge.b))
+        edges.add(i + tracklets.first[edge.a], j + tracklets.first[edge.b], weight)
+
+
 def people_of_rig(
-    tracklets: Tracklets, bodies: Sequence[Bodies], poses: Sequence[Pose | None], offset_s: Floats, body_m: float,
-    likeness: Mapping[tuple[int, int], Floats] | None = None,
+    tracklets: Tracklets, cameras: Sequence[PreparedCamera], graph: ViewGraph, poses: Sequence[Pose | None], offset_s: Floats,
+    body_m: float, likeness: Mapping[tuple[int, int], Floats] | None = None,
 ) -> Ints:  # fmt: skip
     """(T,) person of each tracklet, joined by whether a calibrated rig lets them meet.
 
     Args:
         tracklets: of all cameras.
-        bodies: people of each camera, times by its own clock.
+        cameras: their people.
+        graph: registrations, which stand in for cameras that the rig lacks.
         poses: one a camera, world z up and ground at z = 0; None for a camera that is not registered.
         offset_s: (C,) what to add to each camera's clock.
         body_m: typical standing height, metres.
         likeness: appearance, as for `register_pair`.
     """
-    tracks = [None if pose is None else sight_tracks(seen, pose) for seen, pose in zip(bodies, poses, strict=True)]
+    tracks = [None if pose is None else sight_tracks(own.bodies, pose) for own, pose in zip(cameras, poses, strict=True)]
     edges = _Edges([], [], [])
     for a, in_a in enumerate(tracks):
         for b, in_b in enumerate(tracks):
@@ -126,6 +130,8 @@ def people_of_rig(
                 continue
             i, j, value = meetings(in_a, in_b, float(offset_s[a] - offset_s[b]), body_m)
             edges.add(i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, likeness, (a, b)))
+    lost = [pose is None for pose in poses]
+    _add_registered(edges, tracklets, [camera.tracks for camera in cameras], graph, likeness, lost)
     return _joined(tracklets, edges)
 
 

@@ -25,7 +25,7 @@ ALONE_RUNNER_UP = 0.5
 _MIN_SUPPORT = 0.15
 # How far a guess may be from the tree's way, in the units above, per edge of the way.
 _MAX_MISS = 3.0
-_MIN_SCORE = 6.0
+_MIN_SCORE = 12.0
 """Less than so many agreeing samples of walkers (half a second each) happen by chance."""
 BELIEVED_SHARE, USED_SHARE = 0.45, 0.35
 """Of what two cameras should both see: a guess with less is not believed, one that the tree confirms is not used. Over
@@ -112,7 +112,7 @@ def _belief(pair: PairRegistration, guess: Registration, support: float) -> floa
     if not alone and support < _MIN_SUPPORT:
         return 0.0
     clarity = max(1.0 - rest / guess.score, 0.05)
-    return float(np.sqrt(guess.score) * clarity * (0.05 + support))
+    return float(np.sqrt(guess.merit) * clarity * (0.05 + support))
 
 
 def _motion(guess: Registration) -> _Motion:
@@ -133,7 +133,7 @@ def _support(guesses: Sequence[tuple[PairRegistration, Registration]], n_cameras
     """(G,) mean over the third cameras that have something to say of the best agreement, 0 to 1."""
     by_pair: dict[tuple[int, int], list[tuple[_Motion, float]]] = {}
     for pair, guess in guesses:
-        clarity = min(1.0, guess.score / max(pair.candidates[0].score, 1e-9))
+        clarity = min(1.0, guess.merit / max(pair.candidates[0].merit, 1e-9))
         by_pair.setdefault((pair.a, pair.b), []).append((_motion(guess), clarity))
         by_pair.setdefault((pair.b, pair.a), []).append((_motion(guess).inverse, clarity))
     out = np.zeros(len(guesses))

@@ -46,7 +46,7 @@ class Registration:
     lag_s: float
     """Seconds: camera b's clock shows so much more than camera a's."""
     score: float
-    """Samples of walking people that agree, less those that disagree, times the share."""
+    """Samples of walking people that agree, less those that disagree."""
     samples: int
     """Samples of matched tracklets."""
     share: float
@@ -60,6 +60,11 @@ class Registration:
     weight: Floats
     """(K,) with the agreement of each match, in samples."""
 
+    @property
+    def merit(self) -> float:
+        """What guesses are ranked by: how much agrees, and how little that should agree does not."""
+        return self.score * self.share
+
 
 @dataclass(frozen=True, eq=False)
 class PairRegistration:
@@ -71,10 +76,10 @@ class PairRegistration:
 
     @property
     def runner_up(self) -> float:
-        """The second-best score as a share of the best; 1 where nothing stands out."""
+        """The best score of another guess as a share of the first one's; 1 and more where nothing stands out."""
         if not self.candidates or self.candidates[0].score <= 0:
             return 1.0
-        return max(self.candidates[1].score, 0.0) / self.candidates[0].score if len(self.candidates) > 1 else 0.0
+        return max((guess.score for guess in self.candidates[1:]), default=0.0) / self.candidates[0].score
 
 
 def register_pair(
@@ -102,7 +107,7 @@ def register_pair(
         return encounters(tracks, lag, most_instants)
 
     found = [_refined(met_at, start, max_lag_s) for start in likely_motions(tracks, max_lag_s, _CANDIDATES)]
-    ranked = sorted((guess for guess in found if guess is not None), key=lambda guess: -guess.score)
+    ranked = sorted((guess for guess in found if guess is not None), key=lambda guess: -guess.merit)
     distinct: list[Registration] = []
     for guess in ranked:
         if not any(_same(guess, other, tracks_a) for other in distinct):
@@ -129,7 +134,7 @@ def _registration(met: Encounters, matched: Matches, motion: GroundMotion) -> Re
     middle = complex(np.mean(met.tracks.a.position[met.a[matched.rows]]))
     share = _share(met, matched, motion)
     return Registration(
-        motion.turn, motion.shift, motion.lag_s, matched.score * share, len(matched.rows), share, middle,
+        motion.turn, motion.shift, motion.lag_s, matched.score, len(matched.rows), share, middle,
         matched.tracklets_a, matched.tracklets_b, matched.weight,
     )  # fmt: skip
 
