@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from passerby.association.associate import Tracklets, people_of_rig
 from passerby.association.cleaning import clean
@@ -32,13 +33,20 @@ Progress = Callable[[str], None]
 class Solve(Protocol):
     """Solves a rig."""
 
-    def __call__(self, instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool) -> Solution:
-        """The rig from people at common instants; a passing one may rest on a part of the evidence."""
+    def __call__(
+        self, instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool, refine_time: bool
+    ) -> Solution:
+        """The rig from people at common instants, refused where the evidence does not do.
+
+        A passing one may rest on a part of the evidence; the clocks' errors are unknowns of it where they are refined.
+        """
 
 
 MAX_ROUNDS = 4
 SETTLED = 0.98
 """Identities have settled when so many of the box pairs that are one person were so a round before, and the other way round."""
+BY_CHANCE = 0.95
+"""Offsets count as whole frames unless they stray from them more than in 95 of 100 recordings that are."""
 NOMINAL_FPS = 10.0
 """Where no frame rate is known: only how fast people walk depends on it, and that only roughly."""
 
@@ -162,17 +170,17 @@ class _Run:
 
     def association(
         self, person: Ints, offset_s: Floats, solution: Solution | None, beginning: Beginning | None,
-        rounds: list[dict[str, Any]],
+        rounds: list[dict[str, Any]], sigma_s: Floats | None = None,
     ) -> Association:  # fmt: skip
         """The result; the first registered camera's clock is the rig's."""
         registered = [c for c, camera in enumerate(solution.rig) if camera.pose is not None] if solution else []
         offset_s = offset_s - offset_s[registered[0] if registered else 0]
         identified = self.identified(self.rows(person, offset_s, solution))
-        found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {}) if solution else {}
+        known = {} if sigma_s is None else dict(zip(self.rig.names, sigma_s.tolist(), strict=True))
         figures = association_figures(self.cameras, self.tracklets, self.looks, beginning, person, offset_s)
         return Association(
             identified, self.instants(identified, offset_s), self.clocks(offset_s),
-            {name: clock["sigma_s"] for name, clock in found.items()}, figures | {"rounds": rounds},
+            {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, figures | {"rounds": rounds},
         )  # fmt: skip
 
 
@@ -199,14 +207,11 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
     solution: Solution | None = None
     for number in range(MAX_ROUNDS):
         tell(f"round {number + 1}")
-        rows = run.rows(person, offset_s, solution)
-        instants = run.instants(run.identified(rows), offset_s)
-        try:
-            solution = solve(instants, beginning.guesses, passing=True)
-        except EvidenceError as error:
-            refused = Solution("people", run.rig, "refused", error.reasons)
-            return refused, run.association(person, offset_s, None, beginning, rounds)
-        offset_s = _refined(run, offset_s, solution) if refine else offset_s
+        instants = run.instants(run.identified(run.rows(person, offset_s, solution)), offset_s)
+        solution = solve(instants, beginning.guesses, passing=True, refine_time=refine)
+        if solution.verdict == "refused":
+            return solution, run.association(person, offset_s, None, beginning, rounds)
+        offset_s = _refined(run, offset_s, solution)
         poses = [camera.pose for camera in solution.rig]
         before = person
         if beginning.graph is not None:
@@ -219,10 +224,47 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
             break
     tell("solving")
     identified = run.identified(run.rows(person, offset_s, solution))
-    instants = run.instants(identified, offset_s)
-    solution = solve(instants, beginning.guesses, passing=False)
-    offset_s = _refined(run, offset_s, solution) if refine else offset_s
+    solution = solve(run.instants(identified, offset_s), beginning.guesses, passing=False, refine_time=refine)
+    if refine and solution.verdict != "refused":
+        offset_s = _refined(run, offset_s, solution)
+        sigma_s = _sigmas(run, solution)
+        in_step = whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in run.cameras]))
+        if in_step is not None:
+            offset_s = in_step
+            solution = solve(run.instants(identified, offset_s), beginning.guesses, passing=False, refine_time=False)
+        return solution, run.association(person, offset_s, solution, beginning, rounds, sigma_s)
     return solution, run.association(person, offset_s, solution, beginning, rounds)
+
+
+def whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | None:
+    """The offsets in whole frames, where nothing speaks against it; else None.
+
+    Cameras with a common trigger, and recordings cut from one, are whole frames apart. Taking them so then spares the solver
+    an unknown a camera. Each offset may stray by its sigma; that all of them are whole by chance is unlikely where frames are
+    long, and does no harm where they are short.
+
+    Args:
+        offset_s: (C,) offsets, seconds; the first with a sigma is the reference.
+        sigma_s: (C,) their sigmas, 0 for the reference, NaN for cameras that are not registered.
+        fps: (C,) frame rates.
+    """
+    known = np.isfinite(sigma_s)
+    if np.count_nonzero(known) < 2 or np.ptp(fps[known]) > 0:
+        return None
+    rate, reference = float(fps[known][0]), offset_s[known][0]
+    frames = (offset_s - reference) * rate
+    stray = (frames - np.round(frames))[known] / rate
+    free = sigma_s[known] > 0
+    square = float(((stray[free] / sigma_s[known][free]) ** 2).sum())
+    if square > chi2.ppf(BY_CHANCE, np.count_nonzero(free)):
+        return None
+    return np.where(known, reference + np.round(frames) / rate, offset_s)
+
+
+def _sigmas(run: _Run, solution: Solution) -> Floats:
+    """(C,) sigmas of the offsets, NaN where there is none."""
+    found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {})
+    return np.array([found[camera.name]["sigma_s"] if camera.name in found else np.nan for camera in run.rig])
 
 
 def _refined(run: _Run, offset_s: Floats, solution: Solution) -> Floats:
