@@ -19,6 +19,7 @@ from passerby.association.instants import common_instants
 from passerby.association.result import Association
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError, InputError
+from passerby.given_clocks import solve_with_clocks
 from passerby.inputs import SceneInputs, read_inputs
 from passerby.observations import Observations
 from passerby.results import calibration_dict, write_calibration
@@ -168,23 +169,26 @@ def _solved(
 ) -> tuple[Solution, Association]:
     """Who is who, and the rig."""
     rig, seen = inputs.rig, inputs.observations
-    if scene.association.given:
-        instants = common_instants(seen, seen.clocks) if seen.clocks else seen
+    search_s, body_m = scene.association.search_s if seen.clocks else 0.0, scene.scale.person_height_m
+    if scene.association.given and search_s == 0:
+        sizes = {camera.name: camera.lens.size for camera in rig}
+        instants = common_instants(seen, seen.clocks, sizes=sizes) if seen.clocks else seen
         tell("solving")
         return _solve(scene, rig, instants, options, rng), Association(seen, instants, seen.clocks)
-    refine = scene.association.search_s > 0 and bool(seen.clocks)
 
-    def solve(instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool) -> Solution:
+    def solve(instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool, refine_time: bool) -> Solution:
         chosen = options
         if isinstance(options, PeopleOptions):
-            chosen = replace(options, refine_time=options.refine_time or refine)
+            chosen = replace(options, refine_time=options.refine_time or refine_time)
             if passing:
                 chosen = replace(
                     chosen, max_sightings=min(chosen.max_sightings, PASSING_SIGHTINGS), tolerance=max(chosen.tolerance, 1e-5)
                 )
         return _solve(scene, rig, instants, chosen, rng, guesses)
 
-    wanted = AssociationOptions(scene.association.mode, scene.association.search_s, scene.scale.person_height_m)
+    if scene.association.given:
+        return solve_with_clocks(rig, seen, search_s, body_m, solve, rng, tell=tell, executor=executor)
+    wanted = AssociationOptions(scene.association.mode, search_s, body_m)
     return solve_unidentified(rig, seen, wanted, solve, rng, tell=tell, executor=executor)
 
 

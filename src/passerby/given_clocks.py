@@ -1,0 +1,175 @@
+"""Identities are known, the clocks are not: offsets by the tracks of the same people, refined by the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.alternation import Progress, Solve, whole_frames
+from passerby.association.associate import Tracklets
+from passerby.association.figures import association_figures
+from passerby.association.instants import common_instants
+from passerby.association.preparing import PreparedCamera, prepare_camera
+from passerby.association.result import Association
+from passerby.association.starting import Beginning, begin_with_tracks
+from passerby.cameras import Rig
+from passerby.errors import EvidenceError
+from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.solver.solution import Solution
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SOMEBODY_ELSE = -1e9
+"""Log-likelihood ratio of two known people being one: they neither vote nor match."""
+MEND = "record more people who walk about in the view that it shares with the others, or set its clock and max_offset_s = 0"
+
+
+def solve_with_clocks(
+    rig: Rig, observations: Observations, max_offset_s: float, body_m: float, solve: Solve, rng: np.random.Generator,
+    *, tell: Progress = lambda stage: None, executor: Executor | None = None,
+) -> tuple[Solution, Association]:  # fmt: skip
+    """Find the cameras' clocks by people whose identities are known, and solve the rig.
+
+    Args:
+        rig: names and lenses.
+        observations: identities hold over all cameras; every camera has a clock.
+        max_offset_s: largest difference of two cameras' clocks that is searched for.
+        body_m: mean standing height, metres.
+        solve: the solver; where its figures hold `clocks`, their corrections are taken.
+        rng: drives sampling.
+        tell: told each stage as it begins.
+        executor: registers pairs of cameras in parallel.
+
+    Returns:
+        The solution, refused where the evidence does not do, and the association, its identities those given. A camera whose
+        clock is not found has no pose, and a reason.
+    """
+    tell("clocks")
+    numbers = _numbers(observations)
+    cameras = [
+        prepare_camera(
+            camera, _renumbered(observations[camera.name], numbers), observations.clocks[camera.name], body_m, rng, given=True
+        )
+        for camera in rig
+    ]
+    try:
+        beginning = _begin(cameras, max_offset_s, executor)
+    except EvidenceError as error:
+        refused = Solution("association", rig, "refused", error.reasons)
+        return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
+    assert beginning.graph is not None
+    timed = [cameras[c].name for c in beginning.graph.groups[0]]
+    return _refined(rig, observations, cameras, beginning, timed, solve, tell)
+
+
+def _refined(
+    rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], beginning: Beginning, timed: Sequence[str],
+    solve: Solve, tell: Progress,
+) -> tuple[Solution, Association]:  # fmt: skip
+    """Solve, set the clocks, and solve again: by the cameras whose clocks are known."""
+    offset_s, seen = beginning.offset_s, _only(observations, timed)
+    for passing in (True, False):
+        tell("solving")
+        solution = solve(_instants(rig, seen, cameras, offset_s), beginning.guesses, passing=passing, refine_time=True)
+        if solution.verdict == "refused":
+            break
+        correction, sigma_s = _found(rig, solution)
+        offset_s = offset_s + correction
+    else:
+        in_step = whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in cameras]))
+        if in_step is not None:
+            figures, offset_s = solution.figures, in_step
+            solution = solve(_instants(rig, seen, cameras, offset_s), beginning.guesses, passing=False, refine_time=False)
+            solution = replace(solution, figures=solution.figures | {"clocks": figures["clocks"]})
+    solution = _without_clocks(solution, [name for name in rig.names if name not in timed])
+    return solution, _association(rig, observations, cameras, beginning, offset_s, solution)
+
+
+def _found(rig: Rig, solution: Solution) -> tuple[Floats, Floats]:
+    """(C,) the solver's corrections of the offsets, and (C,) their sigmas, NaN where it has none."""
+    found = solution.figures.get("clocks", {})
+    nothing = {"correction_s": 0.0, "sigma_s": np.nan}
+    rows = [found.get(name, nothing) for name in rig.names]
+    return np.array([row["correction_s"] for row in rows]), np.array([row["sigma_s"] for row in rows])
+
+
+def _begin(cameras: Sequence[PreparedCamera], max_offset_s: float, executor: Executor | None) -> Beginning:
+    """Register the pairs by people who are the same."""
+    likeness = {
+        (a, b): np.where(
+            np.arange(first.n_tracklets)[:, None] == np.arange(second.n_tracklets), 0.0, SOMEBODY_ELSE
+        )
+        for a, first in enumerate(cameras)
+        for b, second in enumerate(cameras)
+        if a < b
+    }  # fmt: skip
+    return begin_with_tracks(cameras, Tracklets.of(cameras), max_offset_s, likeness, executor)
+
+
+def _numbers(observations: Observations) -> Ints:
+    """The known identities of all cameras, sorted."""
+    seen = [part.identity for camera in observations.cameras.values() for part in (camera.boxes, camera.keypoints)]
+    known = np.unique(np.concatenate(seen))
+    return np.asarray(known[known > UNKNOWN])
+
+
+def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
+    """Identities as their places among the numbers: matrices by identity stay small."""
+
+    def renumbered(identity: Ints) -> Ints:
+        return np.where(identity > UNKNOWN, np.searchsorted(numbers, identity), UNKNOWN)
+
+    return CameraObservations(
+        replace(seen.boxes, identity=renumbered(seen.boxes.identity)),
+        replace(seen.keypoints, identity=renumbered(seen.keypoints.identity)),
+    )
+
+
+def _only(observations: Observations, names: Sequence[str]) -> Observations:
+    """The same, the other cameras seeing nobody."""
+    seen = {name: camera if name in names else CameraObservations() for name, camera in observations.cameras.items()}
+    return replace(observations, cameras=seen)
+
+
+def _clocks(cameras: Sequence[PreparedCamera], offset_s: Floats) -> dict[str, Clock]:
+    return {
+        camera.name: replace(camera.clock, offset_s=float(offset)) for camera, offset in zip(cameras, offset_s, strict=True)
+    }
+
+
+def _instants(rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], offset_s: Floats) -> Observations:
+    sizes = {camera.name: camera.lens.size for camera in rig}
+    return common_instants(observations, _clocks(cameras, offset_s), sizes=sizes)
+
+
+def _without_clocks(solution: Solution, lost: Sequence[str]) -> Solution:
+    """The solution with a reason for each camera whose clock is not known, in place of the solver's."""
+    if not lost:
+        return solution
+    told = tuple(f"camera {name} has no clock: the tracks of the same people do not tell its offset; {MEND}" for name in lost)
+    kept = tuple(
+        reason
+        for reason in solution.reasons
+        if not reason.startswith(tuple(f"camera {name} could not be joined" for name in lost))
+    )
+    verdict = "doubtful" if solution.verdict == "accepted" else solution.verdict
+    return replace(solution, verdict=verdict, reasons=(*told, *kept))
+
+
+def _association(
+    rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], beginning: Beginning | None, offset_s: Floats,
+    solution: Solution,
+) -> Association:  # fmt: skip
+    """The result; the first registered camera's clock is the rig's."""
+    registered = [c for c, camera in enumerate(solution.rig) if camera.pose is not None]
+    offset_s = offset_s - offset_s[registered[0] if registered else 0]
+    person = np.concatenate([np.arange(camera.n_tracklets) for camera in cameras])
+    figures = association_figures(cameras, Tracklets.of(cameras), None, beginning, person, offset_s)
+    sigma_s = {name: clock["sigma_s"] for name, clock in solution.figures.get("clocks", {}).items()}
+    instants = _instants(rig, observations, cameras, offset_s)
+    return Association(observations, instants, _clocks(cameras, offset_s), sigma_s, figures)
