@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import passerby
+from passerby import pipeline
 from passerby.cameras import Pose, PoseSigma
 from passerby.cli import run
 from passerby.errors import EvidenceError, InputError
@@ -31,7 +32,7 @@ class Solver:
         self.verdict, self.lost, self.error, self.figures = "accepted", (), None, {"rms": np.float64(0.5), "none": float("nan")}
         self.calls = []
 
-    def __call__(self, rig, observations, cues, options, *, rng):
+    def __call__(self, rig, observations, cues, options, *, rng, guesses=()):
         self.calls.append((rig, observations, cues, options, rng))
         if self.error:
             raise self.error
@@ -47,11 +48,11 @@ class Solver:
 @pytest.fixture
 def solver(monkeypatch):
     solver = Solver()
-    for name, options, solve in (("people", "PeopleOptions", "solve_people"), ("geopose", "GeoPoseOptions", "solve_geopose")):
-        module = ModuleType(f"passerby.solver.{name}")
-        setattr(module, options, Options)
-        setattr(module, solve, solver)
-        monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(pipeline, "PeopleOptions", Options)
+    monkeypatch.setattr(pipeline, "solve_people", solver)
+    module = ModuleType("passerby.solver.geopose")
+    module.GeoPoseOptions, module.solve_geopose = Options, solver
+    monkeypatch.setitem(sys.modules, module.__name__, module)
     return solver
 
 
