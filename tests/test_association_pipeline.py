@@ -156,3 +156,12 @@ def test_a_camera_that_saw_nobody_does_not_keep_the_others_from_it(tmp_path):
     assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 30
     assert calibration.exit_status == 3
     assert any("C3" in text for text in (*calibration.reasons, *calibration.findings))
+
+
+def test_cameras_without_common_ground_are_told_apart(tmp_path):
+    simulated, path = terrace(tmp_path, cameras=5, people=14, groups=(3, 2))
+    calibration = passerby.calibrate(path)
+    assert registered(calibration) == ["C1", "C2", "C3"]
+    assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 30
+    assert calibration.exit_status == 3
+    assert any("C4, C5" in reason for reason in calibration.reasons), calibration.reasons
