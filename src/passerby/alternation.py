@@ -16,7 +16,7 @@ from passerby.association.cleaning import clean
 from passerby.association.figures import association_figures
 from passerby.association.instants import common_clock, common_instants
 from passerby.association.looks import Looks
-from passerby.association.preparing import PreparedCamera, prepare_camera
+from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.result import Association
 from passerby.association.starting import Beginning, begin_with_looks, begin_with_tracks
 from passerby.cameras import Rig
@@ -77,17 +77,15 @@ def solve_unidentified(
         solve: the solver.
         rng: drives sampling.
         tell: told each stage as it begins.
-        executor: registers pairs of cameras in parallel.
+        executor: prepares cameras and registers pairs of them in parallel.
 
     Returns:
         The solution, refused where the evidence does not do, and the association that it rests on.
     """
     search_s = options.search_s if observations.clocks else 0.0
     tell("tracklets")
-    cameras = [
-        prepare_camera(camera, observations[camera.name], _clock(observations, camera.name), options.body_m, rng)
-        for camera in rig
-    ]
+    clocks = {name: _clock(observations, name) for name in rig.names}
+    cameras = prepare_cameras(rig, observations, clocks, options.body_m, rng, executor)
     looks = Looks.of(cameras, rng) if options.mode != "trajectory" else None
     tracklets = Tracklets.of(cameras)
     run = _Run(rig, cameras, tracklets, looks, options)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,9 +14,9 @@ from passerby.association.bodies import Bodies, bodies_of, level_of_bodies
 from passerby.association.ground_tracks import GroundTracks, ground_tracks
 from passerby.association.splitting import continuations, split
 from passerby.association.tracking import track
-from passerby.cameras import Camera
+from passerby.cameras import Camera, Rig
 from passerby.geometry.single_view import Level
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -66,6 +68,32 @@ def prepare_camera(
     none = np.zeros(0, np.int64)
     continued = (none, none) if given or not len(tracked.boxes) else continuations(tracked.boxes, clock.fps)
     return PreparedCamera(camera.name, tracked, clock, bodies, level, tracks, continued)
+
+
+def prepare_cameras(
+    rig: Rig, observations: Observations, clocks: Mapping[str, Clock], body_m: float, rng: np.random.Generator,
+    executor: Executor | None = None, *, given: bool = False,
+) -> list[PreparedCamera]:  # fmt: skip
+    """All cameras of a rig, side by side where there is an executor; the result does not depend on it."""
+    jobs = [
+        _Job(camera, observations[camera.name], clocks[camera.name], body_m, own, given)
+        for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
+    ]
+    return list(map(_prepared, jobs) if executor is None else executor.map(_prepared, jobs))
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    camera: Camera
+    seen: CameraObservations
+    clock: Clock
+    body_m: float
+    rng: np.random.Generator
+    given: bool
+
+
+def _prepared(job: _Job) -> PreparedCamera:
+    return prepare_camera(job.camera, job.seen, job.clock, job.body_m, job.rng, given=job.given)
 
 
 def _tracked(seen: CameraObservations, fps: float) -> CameraObservations:
