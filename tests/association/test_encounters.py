@@ -49,6 +49,15 @@ def test_fewer_instants_are_spread_evenly() -> None:
     assert len(encounters(TrackPair(always, always), 4, 1000)) == 96 * 3 * 3
 
 
+def test_neighbours_stay_together_where_asked() -> None:
+    always = tracks_of([(step, 0) for step in range(1000)])
+    instants = always.step[encounters(TrackPair(always, always), 0, 100, 20).a]
+    np.testing.assert_array_equal(np.unique(np.diff(instants)), [1, 226])
+    assert (len(instants), instants[0], instants[-1]) == (100, 0, 999)
+    almost_all = always.step[encounters(TrackPair(always, always), 0, 999, 20).a]
+    assert len(np.unique(almost_all)) == len(almost_all) == 980
+
+
 def test_instants_are_counted_by_their_crowd() -> None:
     sparse = tracks_of([(step, who) for step in range(0, 100, 2) for who in range(2)])
     crowded = tracks_of([(step, who) for step in range(100) for who in range(5)])

@@ -89,18 +89,21 @@ class Encounters:
         return TrackletPairs(key // n_b, key % n_b, which.ravel())
 
 
-def encounters(tracks: TrackPair, lag: int, most_instants: int | None = None) -> Encounters:
+def encounters(tracks: TrackPair, lag: int, most_instants: int | None = None, stretch: int = 1) -> Encounters:
     """Encounters of two cameras.
 
     Args:
         tracks: of both cameras.
         lag: grid steps that camera b's clock shows more.
-        most_instants: of more instants with people in both cameras, so many are taken at even steps.
+        most_instants: of more instants with people in both cameras, so many are taken at even steps,
+        stretch: so many neighbours each time. Tracklets can be matched only by several samples of both.
     """
     steps = np.intersect1d(tracks.a.step, tracks.b.step - lag)
     thinned = most_instants is not None and len(steps) > most_instants
     if most_instants is not None and len(steps) > most_instants:
-        steps = steps[np.linspace(0, len(steps) - 1, most_instants).astype(np.int64)]
+        together = min(stretch, most_instants)
+        begins = np.linspace(0, len(steps) - together, most_instants // together).astype(np.int64)
+        steps = steps[(begins[:, None] + np.arange(together)).ravel()]
     # The columns are sorted by step.
     low_a, high_a = (np.searchsorted(tracks.a.step, steps, side=side) for side in ("left", "right"))
     low_b, high_b = (np.searchsorted(tracks.b.step, steps + lag, side=side) for side in ("left", "right"))

@@ -24,8 +24,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _CANDIDATES = 6
-# Instants and encounters that the refinement looks at; more would only say the same again.
-_INSTANTS, _ENCOUNTERS = 1500, 300_000
+# Instants and encounters that the refinement looks at; more would only say the same again. They come in stretches of ten
+# seconds: of an hour at even steps, a tracklet of four seconds would be left with one or two samples and match nobody.
+_INSTANTS, _ENCOUNTERS, _STRETCH = 1500, 300_000, 20
 # Tolerances of the matching, from round to round: the likely motions are known to a cell and five degrees.
 _TOLERANCES = (2.5, 2.0, 1.5, 1.2, 1.0, 1.0)
 
@@ -104,7 +105,7 @@ def register_pair(
     # Guesses mostly share a few lags; what is kept for one may be large.
     @lru_cache(maxsize=3)
     def met_at(lag: int) -> Encounters:
-        return encounters(tracks, lag, most_instants)
+        return encounters(tracks, lag, most_instants, _STRETCH)
 
     found = [_refined(met_at, start, max_lag_s) for start in likely_motions(tracks, max_lag_s, _CANDIDATES)]
     ranked = sorted((guess for guess in found if guess is not None), key=lambda guess: -guess.merit)
