@@ -16,6 +16,7 @@ from passerby.association.cleaning import clean
 from passerby.association.figures import association_figures
 from passerby.association.instants import common_clock, common_instants
 from passerby.association.looks import Looks
+from passerby.association.pace import assumed_rate
 from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.result import Association
 from passerby.association.starting import Beginning, begin_with_looks, begin_with_tracks
@@ -47,8 +48,6 @@ SETTLED = 0.98
 """Identities have settled when so many of the box pairs that are one person were so a round before, and the other way round."""
 BY_CHANCE = 0.95
 """Offsets count as whole frames unless they stray from them more than in 95 of 100 recordings that are."""
-NOMINAL_FPS = 10.0
-"""Where no frame rate is known: only how fast people walk depends on it, and that only roughly."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ def solve_unidentified(
     """
     search_s = options.search_s if observations.clocks else 0.0
     tell("tracklets")
-    clocks = {name: _clock(observations, name) for name in rig.names}
+    clocks = _clocks(rig, observations, options.body_m, rng)
     cameras = prepare_cameras(rig, observations, clocks, options.body_m, rng, executor)
     looks = Looks.of(cameras, rng) if options.mode != "trajectory" else None
     tracklets = Tracklets.of(cameras)
@@ -101,8 +100,13 @@ def solve_unidentified(
     return _alternate(run, beginning, solve, refine=search_s > 0, tell=tell)
 
 
-def _clock(observations: Observations, name: str) -> Clock:
-    return observations.clocks.get(name) or Clock(observations.fps or NOMINAL_FPS)
+def _clocks(rig: Rig, observations: Observations, body_m: float, rng: np.random.Generator) -> dict[str, Clock]:
+    """Every camera's clock; where no frame rate is known, one at which people walk as people do."""
+    known, fps = observations.clocks, observations.fps
+    if all(name in known for name in rig.names):
+        return dict(known)
+    common = Clock(fps if fps is not None else assumed_rate(rig, observations, body_m, rng))
+    return {name: known.get(name, common) for name in rig.names}
 
 
 @dataclass(frozen=True, eq=False)
