@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from passerby.association.associate import Tracklets, people_of_rig
 from passerby.association.cleaning import clean
@@ -23,12 +23,12 @@ from passerby.association.starting import Beginning, begin_with_looks, begin_wit
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
 from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.progress import Progress, silent
 from passerby.solver.pairs import PairHypothesis
 from passerby.solver.solution import Solution
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Progress = Callable[[str], None]
 
 
 class Solve(Protocol):
@@ -64,7 +64,7 @@ class AssociationOptions:
 
 def solve_unidentified(
     rig: Rig, observations: Observations, options: AssociationOptions, solve: Solve, rng: np.random.Generator,
-    *, tell: Progress = lambda stage: None, executor: Executor | None = None,
+    *, tell: Progress = silent, executor: Executor | None = None,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Calibrate cameras from people whom nobody has identified.
 
@@ -82,18 +82,17 @@ def solve_unidentified(
         The solution, refused where the evidence does not do, and the association that it rests on.
     """
     search_s = options.search_s if observations.clocks else 0.0
-    tell("tracklets")
     clocks = _clocks(rig, observations, options.body_m, rng)
-    cameras = prepare_cameras(rig, observations, clocks, options.body_m, rng, executor)
+    cameras = prepare_cameras(rig, observations, clocks, options.body_m, rng, executor, tell=tell)
+    tell("looks")
     looks = Looks.of(cameras, rng) if options.mode != "trajectory" else None
     tracklets = Tracklets.of(cameras)
     run = _Run(rig, cameras, tracklets, looks, options)
-    tell("who is who")
     try:
         if options.mode == "appearance":
             beginning = begin_with_looks(cameras, tracklets, looks)
         else:
-            beginning = begin_with_tracks(cameras, tracklets, search_s, looks.likeness() if looks else {}, executor)
+            beginning = begin_with_tracks(cameras, tracklets, search_s, looks.likeness() if looks else {}, executor, tell)
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", error.reasons), nobody
@@ -258,7 +257,7 @@ def whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | Non
     stray = (frames - np.round(frames))[known] / rate
     free = sigma_s[known] > 0
     square = float(((stray[free] / sigma_s[known][free]) ** 2).sum())
-    if square > chi2.ppf(BY_CHANCE, np.count_nonzero(free)):
+    if square > chdtri(np.count_nonzero(free), 1 - BY_CHANCE):
         return None
     return np.where(known, reference + np.round(frames) / rate, offset_s)
 

@@ -98,18 +98,22 @@ def calibrate(
 
     Exit status 3: doubtful or refused; what was found is written all the same, with the reasons.
     """
+    from passerby.parallel import local_processes
     from passerby.pipeline import calibrate as run_calibration
+    from passerby.scene import Scene
     from passerby.tables import show_calibration
     from passerby.terminal import stages
 
-    with stages() as tell:
-        calibration = run_calibration(scene, seed=seed, progress=tell)
+    verbose = verbose or bool(context.obj)
+    loaded = Scene.load(scene)
+    with stages(verbose) as tell, local_processes(loaded.size_bytes, len(loaded.cameras)) as executor:
+        calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor)
         tell("writing")
         calibration.write(out)
     if json:
         _print_json({**calibration.to_dict(), "seconds": calibration.seconds, "out": str(out)})
     else:
-        show_calibration(calibration, verbose or bool(context.obj))
+        show_calibration(calibration, verbose)
         print(f"written to {out}")
     _tell_reasons(calibration)
     raise typer.Exit(calibration.exit_status)

@@ -9,16 +9,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.alternation import Progress, Solve, whole_frames
+from passerby.alternation import Solve, whole_frames
 from passerby.association.associate import Tracklets
 from passerby.association.figures import association_figures
 from passerby.association.instants import common_instants
-from passerby.association.preparing import PreparedCamera, prepare_camera
+from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.result import Association
 from passerby.association.starting import Beginning, begin_with_tracks
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
 from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.progress import Progress, silent
 from passerby.solver.solution import Solution
 
 Floats = NDArray[np.float64]
@@ -31,7 +32,7 @@ MEND = "record more people who walk about in the view that it shares with the ot
 
 def solve_with_clocks(
     rig: Rig, observations: Observations, max_offset_s: float, body_m: float, solve: Solve, rng: np.random.Generator,
-    *, tell: Progress = lambda stage: None, executor: Executor | None = None,
+    *, tell: Progress = silent, executor: Executor | None = None,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Find the cameras' clocks by people whose identities are known, and solve the rig.
 
@@ -43,22 +44,17 @@ def solve_with_clocks(
         solve: the solver; where its figures hold `clocks`, their corrections are taken.
         rng: drives sampling.
         tell: told each stage as it begins.
-        executor: registers pairs of cameras in parallel.
+        executor: works on cameras and on pairs of them side by side.
 
     Returns:
         The solution, refused where the evidence does not do, and the association, its identities those given. A camera whose
         clock is not found has no pose, and a reason.
     """
-    tell("clocks")
     numbers = _numbers(observations)
-    cameras = [
-        prepare_camera(
-            camera, _renumbered(observations[camera.name], numbers), observations.clocks[camera.name], body_m, rng, given=True
-        )
-        for camera in rig
-    ]
+    seen = Observations({name: _renumbered(camera, numbers) for name, camera in observations.cameras.items()})
+    cameras = prepare_cameras(rig, seen, observations.clocks, body_m, rng, executor, given=True, tell=tell)
     try:
-        beginning = _begin(cameras, max_offset_s, executor)
+        beginning = _begin(cameras, max_offset_s, executor, tell)
     except EvidenceError as error:
         refused = Solution("association", rig, "refused", error.reasons)
         return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
@@ -98,7 +94,7 @@ def _found(rig: Rig, solution: Solution) -> tuple[Floats, Floats]:
     return np.array([row["correction_s"] for row in rows]), np.array([row["sigma_s"] for row in rows])
 
 
-def _begin(cameras: Sequence[PreparedCamera], max_offset_s: float, executor: Executor | None) -> Beginning:
+def _begin(cameras: Sequence[PreparedCamera], max_offset_s: float, executor: Executor | None, tell: Progress) -> Beginning:
     """Register the pairs by people who are the same."""
     likeness = {
         (a, b): np.where(
@@ -108,7 +104,7 @@ def _begin(cameras: Sequence[PreparedCamera], max_offset_s: float, executor: Exe
         for b, second in enumerate(cameras)
         if a < b
     }  # fmt: skip
-    return begin_with_tracks(cameras, Tracklets.of(cameras), max_offset_s, likeness, executor)
+    return begin_with_tracks(cameras, Tracklets.of(cameras), max_offset_s, likeness, executor, tell)
 
 
 def _numbers(observations: Observations) -> Ints:

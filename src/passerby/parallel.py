@@ -4,24 +4,67 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from typing import TypeVar
 
-MIN_CAMERAS = 4
-"""Fewer have so few pairs that starting processes takes longer than they save."""
+from passerby.progress import Progress
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+MAX_PROCESSES = 8
+STARTING_S = 1.0
+"""What processes take to start: most of it is the import of numpy and scipy, side by side."""
+BYTE_S, PAIR_S = 3e-6, 0.07
+"""What a byte of boxes takes to be made into tracklets, and a pair of cameras to be registered: measured on scenes of 4 to 8
+cameras, a minute long. Rough figures do: near the threshold nothing is gained or lost."""
+
+
+def side_by_side(
+    function: Callable[[Job], Result], jobs: Sequence[Job], executor: Executor | None, tell: Progress, stage: str
+) -> list[Result]:
+    """The results of all jobs, in their order.
+
+    Args:
+        function: of one job; a function of a module, and picklable with its jobs and results.
+        jobs: what to do.
+        executor: does them side by side; one after the other where it is None.
+        tell: told the stage, and each job that is done.
+        stage: its name.
+    """
+    tell(stage, 0, len(jobs))
+    results = []
+    for result in map(function, jobs) if executor is None else executor.map(function, jobs):
+        results.append(result)
+        tell(stage, len(results), len(jobs))
+    return results
+
+
+def pays(n_bytes: int, n_cameras: int, n_processes: int) -> bool:
+    """Whether processes save more time than they take to start.
+
+    Args:
+        n_bytes: size of the files of boxes and joints, together.
+        n_cameras: number of cameras.
+        n_processes: processes that would share the work.
+    """
+    work_s = n_bytes * BYTE_S + n_cameras * (n_cameras - 1) / 2 * PAIR_S
+    return n_processes > 1 and work_s * (1 - 1 / n_processes) > STARTING_S
 
 
 @contextmanager
-def pair_executor(n_cameras: int) -> Iterator[Executor | None]:
-    """A pool of local processes for pairs of cameras, one a core; None where it would not pay.
+def local_processes(n_bytes: int, n_cameras: int) -> Iterator[Executor | None]:
+    """A pool of local processes, one a core; None where it would not pay (see `pays`).
 
     Any `concurrent.futures.Executor` can take its place, that of a cluster too. Results do not depend on it.
     """
-    workers = min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 8)
-    if workers < 2 or n_cameras < MIN_CAMERAS:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    n_processes = min(cores, MAX_PROCESSES)
+    if not pays(n_bytes, n_cameras, n_processes):
         yield None
         return
     # Threads of libraries do not survive a fork; a fresh process takes a moment longer and is safe everywhere.
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(n_processes, mp_context=multiprocessing.get_context("spawn")) as pool:
         yield pool

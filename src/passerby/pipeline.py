@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -22,6 +22,7 @@ from passerby.errors import EvidenceError, InputError
 from passerby.given_clocks import solve_with_clocks
 from passerby.inputs import SceneInputs, read_inputs
 from passerby.observations import Observations
+from passerby.progress import Progress, silent
 from passerby.results import calibration_dict, write_calibration
 from passerby.scene import Scene
 from passerby.sharing import connected_groups, missing_overlap, shared_people
@@ -32,9 +33,6 @@ from passerby.verdict import judged
 
 if TYPE_CHECKING:
     from passerby.solver.geopose import GeoPoseOptions
-
-Progress = Callable[[str], None]
-"""Told the name of each stage as it begins."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +95,15 @@ def calibrate(
     Args:
         scene: a scene, or the path of a scene file.
         seed: of the random numbers (RANSAC); the same scene and seed give the same result, bit for bit.
-        progress: called with the name of each stage.
-        executor: registers pairs of cameras side by side, such as a `concurrent.futures.ProcessPoolExecutor`; None: one after
-            the other. The result does not depend on it.
+        progress: called with the name of each stage as it begins and, where its parts can be counted, with the number of parts
+            that are done and their total.
+        executor: works on cameras, and on pairs of them, side by side, such as a `concurrent.futures.ProcessPoolExecutor`;
+            None: one after the other. The result does not depend on it.
 
     Raises:
         InputError: the scene file or a file that it names is missing, broken, or contradicts another.
     """
-    tell = progress or (lambda stage: None)
+    tell = progress or silent
     began = time.perf_counter()
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)

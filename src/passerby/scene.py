@@ -233,6 +233,14 @@ class Scene(Table):
         """A path of the scene file as one that can be opened."""
         return self._path.parent / path if self._path else path
 
+    @property
+    def size_bytes(self) -> int:
+        """Size of the files of boxes and joints, together; those that do not exist count nothing."""
+        named = (
+            path for table in self.cameras.values() for path in (table.tracks or table.detections, table.keypoints) if path
+        )
+        return sum(path.stat().st_size for path in map(self.resolve, named) if path.is_file())
+
     def fps_of(self, camera: str) -> float | None:
         """Frames per second of a camera's frame numbers; None where nothing is said of them, and then of no camera."""
         return self.cameras[camera].fps or self.scene.fps

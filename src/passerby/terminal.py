@@ -1,13 +1,20 @@
-"""What the command line shows: rich tables and a spinner on a terminal, plain lines anywhere else."""
+"""What the command line shows: rich tables and a progress bar on a terminal, plain lines anywhere else."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
+
+from passerby.progress import Progress as Told
+from passerby.progress import silent
 
 MISSING = "-"
 
@@ -37,11 +44,49 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
 
 
 @contextmanager
-def stages() -> Iterator[Callable[[str], None]]:
-    """A spinner on standard error that names the stage at work; silent where that is no terminal."""
+def stages(verbose: bool = False) -> Iterator[Told]:
+    """A bar on standard error that names the stage at work and counts its parts.
+
+    Where standard error is no terminal: a line for each stage with `verbose`, else nothing.
+    """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield lambda stage: None
+        yield _lines if verbose else silent
         return
-    with console.status("starting") as status:
-        yield lambda stage: status.update(escape(stage))
+    columns = SpinnerColumn(), TextColumn("{task.description}"), _Counted(bar_width=24), _Count(), TimeElapsedColumn()
+    with Progress(*columns, console=console, transient=True) as bar:
+        yield _Bar(bar)
+
+
+def _lines(stage: str, done: int = 0, total: int = 0) -> None:
+    if done == 0:
+        print(f"{stage}: {total}" if total else stage, file=sys.stderr)
+
+
+class _Counted(BarColumn):
+    """A bar where there is something to count."""
+
+    def render(self, task: Task) -> Any:
+        return "" if task.total is None else super().render(task)
+
+
+class _Count(ProgressColumn):
+    """5 of 21."""
+
+    def render(self, task: Task) -> Text:
+        return Text("" if task.total is None else f"{int(task.completed)} of {int(task.total)}")
+
+
+class _Bar:
+    """Draws one stage at a time."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar, self._stage, self._task = bar, "", TaskID(-1)
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0) -> None:
+        if stage == self._stage:
+            self._bar.update(self._task, completed=done)
+            return
+        if self._stage:
+            self._bar.remove_task(self._task)
+        self._stage, self._task = stage, self._bar.add_task(escape(stage), total=total or None, completed=done)

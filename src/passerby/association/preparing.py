@@ -17,6 +17,8 @@ from passerby.association.tracking import track
 from passerby.cameras import Camera, Rig
 from passerby.geometry.single_view import Level
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.parallel import side_by_side
+from passerby.progress import Progress, silent
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -72,14 +74,17 @@ def prepare_camera(
 
 def prepare_cameras(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], body_m: float, rng: np.random.Generator,
-    executor: Executor | None = None, *, given: bool = False,
+    executor: Executor | None = None, *, given: bool = False, tell: Progress = silent,
 ) -> list[PreparedCamera]:  # fmt: skip
-    """All cameras of a rig, side by side where there is an executor; the result does not depend on it."""
+    """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
+
+    `tell` is told of every camera that is done.
+    """
     jobs = [
         _Job(camera, observations[camera.name], clocks[camera.name], body_m, own, given)
         for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
     ]
-    return list(map(_prepared, jobs) if executor is None else executor.map(_prepared, jobs))
+    return side_by_side(_prepared, jobs, executor, tell, "people of each camera")
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,8 @@ from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import PairRegistration, register_pair
 from passerby.errors import EvidenceError
 from passerby.geometry.single_view import Level
+from passerby.parallel import side_by_side
+from passerby.progress import Progress, silent
 from passerby.solver.pairs import PairHypothesis
 
 Floats = NDArray[np.float64]
@@ -42,7 +44,7 @@ class Beginning:
 
 def begin_with_tracks(
     cameras: Sequence[PreparedCamera], tracklets: Tracklets, max_lag_s: float, likeness: Mapping[tuple[int, int], Floats],
-    executor: Executor | None = None,
+    executor: Executor | None = None, tell: Progress = silent,
 ) -> Beginning:  # fmt: skip
     """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
 
@@ -52,6 +54,7 @@ def begin_with_tracks(
         max_lag_s: largest difference of two clocks that is searched for.
         likeness: from looks, by pair of cameras; empty where there are none.
         executor: runs the pairs in parallel; one after the other where it is None.
+        tell: told of every pair that is done.
 
     Raises:
         EvidenceError: no two cameras can be registered.
@@ -62,7 +65,7 @@ def begin_with_tracks(
         for b, second in enumerate(cameras)
         if a < b and first.tracks is not None and second.tracks is not None
     ]
-    pairs = list(map(_registered, jobs) if executor is None else executor.map(_registered, jobs))
+    pairs = side_by_side(_registered, jobs, executor, tell, "pairs of cameras")
     graph = view_graph(pairs, len(cameras))
     if len(graph.groups[0]) < 2:
         raise EvidenceError(*_no_pair(cameras, graph))

@@ -1,0 +1,16 @@
+"""How long work tells how far it is."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Progress(Protocol):
+    """Told of each stage as it begins and, where a stage has parts that can be counted, of each part that is done."""
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0) -> None:
+        """A stage by its name; so many of its parts are done, of `total`, which is 0 where there is nothing to count."""
+
+
+def silent(stage: str, done: int = 0, total: int = 0) -> None:
+    """Tells nobody."""
