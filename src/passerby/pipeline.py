@@ -65,6 +65,11 @@ class Calibration:
         return self.verdict == "accepted"
 
     @property
+    def clocks_searched(self) -> bool:
+        """Whether the cameras' clocks were searched for, rather than taken to agree."""
+        return self.scene.association.search_s > 0 and all(self.scene.fps_of(name) is not None for name in self.scene.cameras)
+
+    @property
     def exit_status(self) -> int:
         """0 accepted, 3 doubtful or refused."""
         return 0 if self.accepted else EvidenceError.exit_status

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from passerby.cameras import Camera
 from passerby.check import CameraCheck, SceneCheck
 from passerby.evaluation.metrics import Comparison
 from passerby.interchange.json_text import to_json
@@ -12,23 +14,53 @@ from passerby.terminal import MISSING, number, show_table
 
 
 def show_calibration(calibration: Calibration, verbose: bool) -> None:
-    """Where the cameras stand and how sure that is; with `verbose` wall times and figures too."""
-    rows = []
+    """Where the cameras stand and how sure that is; with `verbose` the pairs, wall times and figures too."""
+    rows, timed = [], calibration.clocks_searched
     for camera in calibration.rig:
         seen, sigma = calibration.observations[camera.name], camera.sigma
         place = [MISSING] * 3 if camera.pose is None else [number(value, 3) for value in camera.pose.centre]
         position, orientation = (None, None) if sigma is None else (1000 * sigma.position_m, sigma.orientation_deg)
-        rows.append(
-            [camera.name, *place, number(position), number(orientation, 2), str(len(seen.boxes)), str(len(seen.keypoints))]
-        )
-    columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", "boxes", "joints")
+        sure = [number(position), number(orientation, 2), *(_clock(calibration, camera) if timed else ())]
+        rows.append([camera.name, *place, *sure, str(len(seen.boxes)), str(len(seen.keypoints))])
+    clock = ("clock s", "sigma s") if timed else ()
+    columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", *clock, "boxes", "joints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
     show_scale(calibration.figures.get("scale", {}))
     for finding in calibration.findings:
         print(f"note: {finding}")
     if verbose:
+        show_pairs(calibration.association.figures.get("pairs", []) if calibration.association else [])
         print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
         print(to_json(calibration.figures), end="")
+
+
+def _clock(calibration: Calibration, camera: Camera) -> list[str]:
+    """The offset of a registered camera's clock, and its sigma."""
+    association = calibration.association
+    if association is None or camera.pose is None:
+        return [MISSING, MISSING]
+    return [number(association.clocks[camera.name].offset_s, 3), number(association.sigma_s.get(camera.name), 3)]
+
+
+def show_pairs(pairs: Sequence[Mapping[str, Any]]) -> None:
+    """How each pair of cameras was registered; nothing where none was."""
+    if not pairs:
+        return
+    rows = [
+        [
+            " + ".join(pair["cameras"]),
+            pair["route"],
+            number(pair["score"]),
+            number(pair["share"], 2),
+            number(pair["runner_up"], 2),
+            MISSING if pair["matches"] is None else str(pair["matches"]),
+            number(pair["registered_offset_s"], 2),
+            "yes" if pair["used"] else "no",
+        ]
+        for pair in pairs
+    ]
+    columns = ("pair", "route", "score", "share", "runner-up", "matches", "offset s", "used")
+    show_table("pairs of cameras", columns, rows)
 
 
 def show_scale(scale: dict[str, Any]) -> None:

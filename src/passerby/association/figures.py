@@ -23,17 +23,18 @@ def association_figures(
 ) -> dict[str, Any]:  # fmt: skip
     """JSON-ready figures: cameras, pairs, people."""
     return {
-        "cameras": [_camera(c, camera, looks) for c, camera in enumerate(cameras)],
+        "cameras": [_camera(c, camera, tracklets, looks) for c, camera in enumerate(cameras)],
         "pairs": _pairs(cameras, tracklets, looks, beginning, person, offset_s),
         "people": len(np.unique(person[np.isfinite(tracklets.start_s)])),
     }
 
 
-def _camera(c: int, camera: PreparedCamera, looks: Looks | None) -> dict[str, Any]:
+def _camera(c: int, camera: PreparedCamera, tracklets: Tracklets, looks: Looks | None) -> dict[str, Any]:
+    start_s = tracklets.start_s[tracklets.first[c] : tracklets.first[c + 1]]
     boxes, own = camera.seen.boxes, None if looks is None else looks.cameras[c]
     return {
         "name": camera.name,
-        "tracklets": camera.n_tracklets,
+        "tracklets": int(np.count_nonzero(np.isfinite(start_s))),
         "tracked_boxes": int(np.count_nonzero(boxes.identity >= 0)),
         "boxes": len(boxes),
         "walking_samples": 0 if camera.tracks is None else len(camera.tracks),

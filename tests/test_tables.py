@@ -1,0 +1,110 @@
+"""What the command line shows of a calibration, and of the way to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.association.result import Association
+from passerby.cameras import Pose, PoseSigma, Rig
+from passerby.inputs import read_inputs
+from passerby.observations import Clock
+from passerby.pipeline import Calibration
+from passerby.scene import Scene
+from passerby.tables import show_calibration
+from passerby.terminal import stages
+from scenes import write_scene
+
+PAIR = {
+    "cameras": ["A", "B"], "route": "tracks", "used": True, "score": 91.25, "share": 0.885, "runner_up": 0.0,
+    "matches": 120, "registered_offset_s": -1.4,
+}  # fmt: skip
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    """Two cameras, their clocks searched for; the second is not registered where `lost`."""
+
+    def made(association, lost=False):
+        scene = Scene.load(write_scene(tmp_path, extra="[scene]\nfps = 7", association=association))
+        inputs = read_inputs(scene)
+        pose, sigma = Pose(np.eye(3), np.array([0, 0, 2.0])), PoseSigma(0.01, 0.2)
+        cameras = [camera if lost and camera.name == "B" else replace(camera, pose=pose, sigma=sigma) for camera in inputs.rig]
+        clocks = {"A": Clock(7.0), "B": Clock(7.0, -1.4142)}
+        association = Association(
+            inputs.observations, inputs.observations, clocks, {"A": 0.0, "B": 0.0123}, {"pairs": [PAIR, LOOKS]}
+        )
+        return Calibration(
+            scene,
+            Rig(tuple(cameras)),
+            "accepted",
+            (),
+            inputs.observations,
+            0,
+            {},
+            {"rms": 0.5},
+            (),
+            association,
+            {"solving": 1.0},
+        )
+
+    return made
+
+
+LOOKS = PAIR | dict.fromkeys(("score", "share", "runner_up", "matches", "registered_offset_s")) | {"route": "looks"}
+SEARCHED = 'mode = "given"\nmax_offset_s = 3'
+
+
+def lines(capsys):
+    return [line.split() for line in capsys.readouterr().out.splitlines()]
+
+
+def test_clocks_that_were_searched_for_are_shown(calibration, capsys):
+    show_calibration(calibration(SEARCHED), verbose=False)
+    _, head, first, second, *_ = lines(capsys)
+    assert " ".join(head) == "camera x m y m height m sigma mm sigma deg clock s sigma s boxes joints"
+    assert first[6:8] == ["0.000", "0.000"]
+    assert second[6:8] == ["-1.414", "0.012"]
+
+
+def test_a_camera_without_a_pose_has_no_clock(calibration, capsys):
+    show_calibration(calibration(SEARCHED, lost=True), verbose=False)
+    assert lines(capsys)[3][1:8] == ["-"] * 7
+
+
+def test_clocks_that_agree_are_not_shown(calibration, capsys):
+    show_calibration(calibration('mode = "given"'), verbose=False)
+    assert "clock" not in capsys.readouterr().out
+
+
+def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
+    show_calibration(calibration(SEARCHED), verbose=False)
+    assert "runner-up" not in capsys.readouterr().out
+    show_calibration(calibration(SEARCHED), verbose=True)
+    table = lines(capsys)
+    start = table.index(["pairs", "of", "cameras"])
+    assert table[start + 1] == ["pair", "route", "score", "share", "runner-up", "matches", "offset", "s", "used"]
+    assert table[start + 2] == ["A", "+", "B", "tracks", "91.2", "0.89", "0.00", "120", "-1.40", "yes"]
+    assert table[start + 3] == ["A", "+", "B", "looks", "-", "-", "-", "-", "-", "yes"]
+
+
+def test_stages_are_lines_for_those_who_want_them_where_there_is_no_terminal(capsys):
+    for verbose, told in ((False, ""), (True, "reading\npairs of cameras: 21\n")):
+        with stages(verbose) as tell:
+            tell("reading")
+            for done in range(22):
+                tell("pairs of cameras", done, 21)
+        assert capsys.readouterr().err == told
+
+
+def test_stages_are_a_bar_on_a_terminal(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "100")
+    with stages() as tell:
+        tell("reading [odd name]")
+        tell("pairs of cameras", 0, 21)
+        tell("pairs of cameras", 5, 21)
+        tell("solving")
+    shown = capsys.readouterr().err
+    assert "reading [odd name]" in shown
+    assert "0 of 21" in shown
