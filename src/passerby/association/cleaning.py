@@ -8,6 +8,7 @@ they show, or to nobody.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +16,76 @@ from numpy.typing import NDArray
 from passerby.association.bodies import Bodies
 from passerby.cameras import Camera, Rig
 from passerby.observations import UNKNOWN, Clock
-from passerby.solver.consensus import adopt, agree, ray_misses
+from passerby.solver.consensus import Consensus, adopt, agree, ray_misses
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 MEETING_SHARE, MEETING_FLOOR_PX = 0.15, 3.0
 """A sighting agrees when the middle of its person projects within so much of its extent: half a box's breadth."""
-
 RIVAL, RIVAL_OF_TRACKED = 3.0, 1.0
 """A detection goes to somebody only where everybody else is so many times farther off; one of a tracklet stays with its person
 unless somebody else is nearer."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Sightings:
+    """M people at common instants, of all registered cameras."""
+
+    camera: Ints
+    """(M,) index among the registered."""
+    instant: Ints
+    person: Ints
+    """(M,) or -1"""
+    ray: Floats
+    """(M, 3) to the middle, camera frame."""
+    tangent: Floats
+    extent_px: Floats
+    R: Floats
+    """(C, 3, 3) world to camera."""
+    centre: Floats
+    """(C, 3) metres."""
+
+    @classmethod
+    def of(
+        cls, bodies: Sequence[Bodies], person: Sequence[Ints], instant: Sequence[Ints], cameras: Sequence[Camera]
+    ) -> _Sightings:
+        camera = np.concatenate([np.full(len(seen), k) for k, seen in enumerate(bodies)])
+        top, bottom = (np.concatenate([getattr(seen, name) for seen in bodies]) for name in ("top", "bottom"))
+        ray = top + bottom
+        ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+        tangent = np.concatenate([own.lens.tangents(ray[camera == k]) for k, own in enumerate(cameras)])
+        poses = [own.pose for own in cameras if own.pose is not None]
+        return cls(
+            camera, np.concatenate(instant), np.concatenate(person), ray, tangent,
+            np.concatenate([seen.extent_px for seen in bodies]),
+            np.array([pose.R_cw for pose in poses]), np.array([pose.centre for pose in poses]),
+        )  # fmt: skip
+
+    @property
+    def tolerance_px(self) -> Floats:
+        """(M,)"""
+        return MEETING_FLOOR_PX + MEETING_SHARE * self.extent_px
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Person-instants; a sighting of nobody is one of its own."""
+
+    of_row: Ints
+    """(M,)"""
+    instant: Ints
+    """(N,)"""
+    person: Ints
+
+    @classmethod
+    def of(cls, s: _Sightings) -> _Blocks:
+        key = np.where(s.person > UNKNOWN, s.person, -2 - np.arange(len(s.person)))
+        low = s.instant.min(initial=0)
+        span = int(s.instant.max(initial=0) - low) + 1
+        _, first, block = np.unique(key * span + (s.instant - low), return_index=True, return_inverse=True)
+        return cls(block.ravel(), s.instant[first], s.person[first])
 
 
 def clean(
@@ -41,57 +101,58 @@ def clean(
         grid: the clock of the common instants.
         body_m: typical standing height, metres.
     """
-    posed = [(c, camera) for c, camera in enumerate(rig) if camera.pose is not None]
+    posed = [c for c, camera in enumerate(rig) if camera.pose is not None]
     if len(posed) < 2:
         return list(person)
-    rows = [_on_instants(bodies[c], clocks[camera.name], grid) for c, camera in posed]
-    index = np.concatenate([np.full(len(on), k) for k, (on, _) in enumerate(rows)])
-    instant = np.concatenate([at for _, at in rows])
-    who = np.concatenate([person[c][on] for (c, _), (on, _) in zip(posed, rows, strict=True)])
-    parts = [bodies[c].take(on) for (c, _), (on, _) in zip(posed, rows, strict=True)]
-    ray, tangent, extent = (
-        np.concatenate(columns)
-        for columns in zip(*(_middles(p, cam) for p, (_, cam) in zip(parts, posed, strict=True)), strict=True)
-    )
-    block, n_blocks, block_instant, block_person = _blocks(instant, who)
-    R = np.array([camera.pose.R_cw for _, camera in posed if camera.pose is not None])
-    centre = np.array([camera.pose.centre for _, camera in posed if camera.pose is not None])
-    tolerance = MEETING_FLOOR_PX + MEETING_SHARE * extent
-    consensus = agree(index, block, ray, tangent, tolerance, n_blocks, R, centre, height=(0.5 * body_m, 0.2 * body_m))
-    found = adopt(consensus, index, block, instant, block_instant, ray, tangent, tolerance, R, centre)
-    for taken, rival in ((found != block, RIVAL), (found == block, RIVAL_OF_TRACKED)):
-        of = np.flatnonzero((found >= 0) & taken)
-        doubtful = _has_rival(consensus.points, block_instant, found, instant, of, index, ray, tangent, R, centre, rival)
-        found[of[doubtful]] = -1
-    met = ~np.isnan(consensus.points[:, 0])
-    # Nobody contradicts a person whom one camera alone sees.
-    alone = (found < 0) & ~met[block] & (who > UNKNOWN) & (np.bincount(block, minlength=n_blocks)[block] == 1)
-    new = np.where(found >= 0, block_person[found], np.where(alone, who, UNKNOWN))
+    rows = [_on_instants(bodies[c], clocks[rig.names[c]], grid) for c in posed]
+    sightings = _Sightings.of(
+        [bodies[c].take(on) for c, (on, _) in zip(posed, rows, strict=True)],
+        [person[c][on] for c, (on, _) in zip(posed, rows, strict=True)],
+        [at for _, at in rows], [rig.cameras[c] for c in posed],
+    )  # fmt: skip
+    new = _settled(sightings, body_m)
     out = [column.copy() for column in person]
     start = 0
-    for (c, _), (on, _) in zip(posed, rows, strict=True):
+    for c, (on, _) in zip(posed, rows, strict=True):
         out[c][on] = new[start : start + len(on)]
         start += len(on)
     return out
 
 
-def _has_rival(
-    points: Floats, block_instant: Ints, found: Ints, instant: Ints, rows: Ints, index: Ints, ray: Floats, tangent: Floats,
-    R: Floats, centre: Floats, rival: float,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Which rows show another person of their instant nearly as well as the one who took them."""
-    known = np.flatnonzero(np.isfinite(points).all(axis=1))
-    by_instant = known[np.argsort(block_instant[known], kind="stable")]
-    first = np.searchsorted(block_instant[by_instant], instant[rows])
-    count = np.searchsorted(block_instant[by_instant], instant[rows], side="right") - first
+def _settled(s: _Sightings, body_m: float) -> Ints:
+    """(M,) the person of each sighting."""
+    blocks = _Blocks.of(s)
+    n_blocks = len(blocks.instant)
+    consensus = agree(
+        s.camera, blocks.of_row, s.ray, s.tangent, s.tolerance_px, n_blocks, s.R, s.centre, height=(0.5 * body_m, 0.2 * body_m)
+    )
+    found = adopt(
+        consensus, s.camera, blocks.of_row, s.instant, blocks.instant, s.ray, s.tangent, s.tolerance_px, s.R, s.centre
+    )
+    for taken, times in ((found == blocks.of_row, RIVAL_OF_TRACKED), (found != blocks.of_row, RIVAL)):
+        rows = np.flatnonzero((found >= 0) & taken)
+        found[rows[_has_rival(s, blocks, consensus, found, rows, times)]] = -1
+    person = np.where(found >= 0, blocks.person[found], UNKNOWN)
+    # Nobody contradicts a person whom one camera alone sees.
+    met = ~np.isnan(consensus.points[:, 0])
+    alone = (found < 0) & ~met[blocks.of_row] & (np.bincount(blocks.of_row, minlength=n_blocks)[blocks.of_row] == 1)
+    return np.where(alone, s.person, person)
+
+
+def _has_rival(s: _Sightings, blocks: _Blocks, consensus: Consensus, found: Ints, rows: Ints, times: float) -> Mask:
+    """Which rows have another person of their instant less than `times` as far from them as the one who took them."""
+    known = np.flatnonzero(np.isfinite(consensus.points).all(axis=1))
+    by_instant = known[np.argsort(blocks.instant[known], kind="stable")]
+    first = np.searchsorted(blocks.instant[by_instant], s.instant[rows])
+    count = np.searchsorted(blocks.instant[by_instant], s.instant[rows], side="right") - first
     which = np.repeat(np.arange(len(rows)), count)
     candidate = by_instant[np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(which))]
     row = rows[which]
-    miss = ray_misses(points[candidate], index[row], ray[row], tangent[row], R, centre)
+    miss = ray_misses(consensus.points[candidate], s.camera[row], s.ray[row], s.tangent[row], s.R, s.centre)
     own = candidate == found[row]
     best = np.full(len(rows), np.inf)
     best[which[own]] = miss[own]
-    return np.bincount(which[~own & (miss < rival * best[which])], minlength=len(rows)) > 0
+    return np.bincount(which[~own & (miss < times * best[which])], minlength=len(rows)) > 0
 
 
 def _on_instants(bodies: Bodies, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:
@@ -101,27 +162,6 @@ def _on_instants(bodies: Bodies, clock: Clock, grid: Clock) -> tuple[Ints, Ints]
     instant = np.round(at).astype(np.int64)
     order = np.lexsort((np.abs(at - instant), instant))
     _, first = np.unique(instant[order], return_index=True)
-    nearest = order[first]
     place = np.searchsorted(frames, bodies.frame)
-    rows = np.flatnonzero(np.isin(place, nearest))
+    rows = np.flatnonzero(np.isin(place, order[first]))
     return rows, instant[place[rows]]
-
-
-def _middles(bodies: Bodies, camera: Camera) -> tuple[Floats, Floats, Floats]:
-    """Rays (N, 3), tangents (N, 2, 3) and extents (N,) of the bodies' middles."""
-    ray = bodies.top + bodies.bottom
-    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    return ray, camera.lens.tangents(ray), bodies.extent_px
-
-
-def _blocks(instant: Ints, who: Ints) -> tuple[Ints, int, Ints, Ints]:
-    """Person-instants: (M,) block of each row, their number, and the instant and the person of each.
-
-    A row of nobody is a block of its own.
-    """
-    n = len(instant)
-    key = np.where(who > UNKNOWN, who, -2 - np.arange(n))
-    low = instant.min(initial=0)
-    span = int(instant.max(initial=0) - low) + 1
-    blocks, first, block = np.unique(key * span + (instant - low), return_index=True, return_inverse=True)
-    return block.ravel(), len(blocks), instant[first], who[first]
