@@ -1,9 +1,11 @@
 """From files without identities to a rig, through everything between: small simulated terraces, judged by their truth."""
 
 import json
+import re
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -165,3 +167,24 @@ def test_cameras_without_common_ground_are_told_apart(tmp_path):
     assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 30
     assert calibration.exit_status == 3
     assert any("C4, C5" in reason for reason in calibration.reasons), calibration.reasons
+
+
+def test_every_figure_is_documented(plain):
+    _, _, _, out = plain
+    report = json.loads((out / "calibration.json").read_text())
+    keys = {"fps", "time_offset_s", "time_offset_sigma_s"} | set(keys_of(report["association"])) - {"mode"}
+    assert keys & set(report["cameras"][0]) >= {"fps", "time_offset_s", "time_offset_sigma_s"}
+    text = (Path(__file__).parents[1] / "docs" / "association.md").read_text()
+    section = text.split("## What `calibration.json` says")[1].split("\n## ")[0]
+    assert set(re.findall(r"^\| `(\w+)`", section, re.MULTILINE)) == keys
+
+
+def keys_of(value):
+    """The keys of all tables in a JSON value."""
+    if isinstance(value, list):
+        for entry in value:
+            yield from keys_of(entry)
+    elif isinstance(value, dict):
+        for key, entry in value.items():
+            yield key
+            yield from keys_of(entry)
