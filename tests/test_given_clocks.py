@@ -9,7 +9,9 @@ import tomli_w
 
 import passerby
 from passerby.evaluation.metrics import compare
+from passerby.given_clocks import in_line
 from passerby.interchange.motchallenge import read_boxes
+from passerby.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
 FAULTS = {"seconds": 20.0, "box_noise": 0.02, "missing": 0.1}
@@ -24,13 +26,13 @@ def calibrated(folder, association, **options):
     return simulated, passerby.calibrate(path)
 
 
-def assert_near_truth(calibration, simulated, mm=25.0):
+def assert_near_truth(calibration, simulated, mm=25.0, degrees=0.12):
     """All cameras; in step, the same boxes bring them to 16 mm on the terrace and to 11 mm on the basketball field."""
     judged = compare(calibration.rig, simulated.rig)
     assert calibration.verdict == "accepted", calibration.reasons
     assert not judged.missing
     assert judged.similarity.mean_position_mm < mm
-    assert judged.similarity.mean_orientation_deg < 0.12
+    assert judged.similarity.mean_orientation_deg < degrees
 
 
 # Measured: 17 and 13 mm, offsets within 10 and 16 ms.
@@ -66,6 +68,40 @@ def test_identities_stay_as_they_were_given(tmp_path):
         order = np.lexsort((seen.boxes.identity, seen.boxes.frame))
         np.testing.assert_array_equal(written.identity, seen.boxes.identity[order] + 10**9)
         np.testing.assert_array_equal(written.frame, seen.boxes.frame[order])
+
+
+# Measured: 26 mm, offsets within 13 ms; of plain ground tracks, bent by every exchange, no two would fit.
+def test_a_fifth_of_the_people_with_exchanged_identities(tmp_path):
+    simulated, calibration = calibrated(tmp_path, SEARCHED, clock_offsets=3.0, identity_swaps=0.2)
+    assert_near_truth(calibration, simulated, mm=35.0, degrees=0.2)
+    for name, clock in calibration.association.clocks.items():
+        assert abs(clock.offset_s - simulated.clock_offsets[name]) < 0.05
+
+
+def test_boxes_of_somebody_else_are_out_of_line():
+    """Alone and two in a row; not where somebody turns, nor at the ends of a track."""
+    frame = np.tile(np.arange(1, 31), 2)
+    x = np.concatenate([np.minimum(np.arange(30), 45 - np.arange(30)) * 12.0, 700 + np.arange(30) * 5.0])
+    ltwh = np.column_stack([x, np.full(60, 300.0), np.full(60, 40.0), np.full(60, 110.0)])
+    swapped = np.array([7, 19, 20])
+    ltwh[swapped], ltwh[30 + swapped] = ltwh[30 + swapped], ltwh[swapped]
+    boxes = Boxes(frame, np.repeat([4, 9], 30), ltwh, np.ones(60))
+    order = np.random.default_rng(0).permutation(60)
+    expected = ~np.isin(np.arange(60), np.concatenate([swapped, 30 + swapped]))
+    np.testing.assert_array_equal(in_line(boxes.take(order)), expected[order])
+    assert not len(in_line(Boxes.empty()))
+
+
+def test_joints_tell_the_time_alone(tmp_path):
+    simulated = simulate(SimulationOptions(seconds=12.0, joint_noise_px=1.0, clock_offsets=(0.0, 2.3, -1.4, 3.0)))
+    path = write_scene(simulated, tmp_path / "scene", keypoints=True)
+    read = tomllib.loads(path.read_text())
+    cameras = {name: {key: table[key] for key in ("intrinsics", "keypoints")} for name, table in read["cameras"].items()}
+    path.write_text(tomli_w.dumps({**read, "cameras": cameras, "association": SEARCHED}))
+    calibration = passerby.calibrate(path)
+    assert_near_truth(calibration, simulated, mm=10.0)
+    for name, clock in calibration.association.clocks.items():
+        assert abs(clock.offset_s - simulated.clock_offsets[name]) < 0.02
 
 
 def test_frame_rates_that_differ_need_no_search(tmp_path):

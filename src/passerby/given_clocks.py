@@ -18,15 +18,19 @@ from passerby.association.result import Association
 from passerby.association.starting import Beginning, begin_with_tracks
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
-from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.progress import Progress, silent
 from passerby.solver.solution import Solution
 
+Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SOMEBODY_ELSE = -1e9
 """Log-likelihood ratio of two known people being one: they neither vote nor match."""
+NEIGHBOURS, ASTRAY = 2, 0.5
+"""Boxes on either side, and body heights from their median beyond which a box shows somebody else: in two boxes' time nobody
+strays so far from an even walk."""
 MEND = "record more people who walk about in the view that it shares with the others, or set its clock and max_offset_s = 0"
 
 
@@ -120,15 +124,41 @@ def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
     def renumbered(identity: Ints) -> Ints:
         return np.where(identity > UNKNOWN, np.searchsorted(numbers, identity), UNKNOWN)
 
+    boxes = replace(seen.boxes, identity=renumbered(seen.boxes.identity))
     return CameraObservations(
-        replace(seen.boxes, identity=renumbered(seen.boxes.identity)),
+        replace(boxes, identity=np.where(in_line(boxes), boxes.identity, UNKNOWN)),
         replace(seen.keypoints, identity=renumbered(seen.keypoints.identity)),
     )
 
 
+def in_line(boxes: Boxes) -> Bools:
+    """(N,) which boxes lie where the neighbouring ones of their identity lead one to expect.
+
+    One that shows somebody else for a moment would bend the track of its person over a second.
+    """
+    order = np.lexsort((boxes.frame, boxes.identity))
+    middle = boxes.ltwh[order, :2] + 0.5 * boxes.ltwh[order, 2:]
+    around = np.arange(len(order))[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)
+    inside = np.clip(around, 0, len(order) - 1)
+    own = (around == inside) & (boxes.identity[order][inside] == boxes.identity[order][:, None])
+    expected = np.nanmedian(np.where(own[..., None], middle[inside], np.nan), axis=1)
+    near = np.linalg.norm(middle - expected, axis=1) < ASTRAY * boxes.ltwh[order, 3]
+    out = np.zeros(len(order), dtype=bool)
+    out[order] = near
+    return out
+
+
 def _only(observations: Observations, names: Sequence[str]) -> Observations:
-    """The same, the other cameras seeing nobody."""
-    seen = {name: camera if name in names else CameraObservations() for name, camera in observations.cameras.items()}
+    """Boxes in line and joints of these cameras, the others seeing nobody.
+
+    Who is interpolated between a box of his own and one of somebody else is nowhere near either.
+    """
+    seen = {
+        name: CameraObservations(camera.boxes.take(in_line(camera.boxes)), camera.keypoints)
+        if name in names
+        else CameraObservations()
+        for name, camera in observations.cameras.items()
+    }
     return replace(observations, cameras=seen)
 
 
