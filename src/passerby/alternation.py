@@ -13,6 +13,7 @@ from scipy.special import chdtri
 
 from passerby.association.associate import Tracklets, people_of_rig
 from passerby.association.cleaning import clean
+from passerby.association.drift import clock_drifts, drift_findings
 from passerby.association.figures import association_figures
 from passerby.association.instants import common_clock, common_instants
 from passerby.association.looks import Looks
@@ -20,6 +21,7 @@ from passerby.association.pace import assumed_rate
 from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.result import Association
 from passerby.association.starting import Beginning, begin_with_looks, begin_with_tracks
+from passerby.association.unregistered import nobody_walks, reasons_of_lost
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
 from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
@@ -29,6 +31,9 @@ from passerby.solver.solution import Solution
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+WHOLE_SIGMA = 0.12
+"""Largest sigma of an offset, in frames, at which its being whole says something: three of them on either side are most of a
+frame."""
 
 
 class Solve(Protocol):
@@ -179,10 +184,24 @@ class _Run:
         identified = self.identified(self.rows(person, offset_s, solution))
         known = {} if sigma_s is None else dict(zip(self.rig.names, sigma_s.tolist(), strict=True))
         figures = association_figures(self.cameras, self.tracklets, self.looks, beginning, person, offset_s)
+        graph = beginning.graph if beginning is not None else None
         return Association(
             identified, self.instants(identified, offset_s), self.clocks(offset_s),
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, figures | {"rounds": rounds},
+            {} if graph is None else reasons_of_lost(self.cameras, graph, self.options.search_s),
+            *self._told(person, offset_s, solution, walked=graph is not None),
         )  # fmt: skip
+
+    def _told(
+        self, person: Ints, offset_s: Floats, solution: Solution | None, *, walked: bool
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What speaks against relying on the association, which may rest on how people walked, and what is odd about it."""
+        if solution is None:
+            return (), ()
+        first, poses = self.tracklets.first, [camera.pose for camera in solution.rig]
+        own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
+        doubts, findings = drift_findings(self.cameras, clock_drifts(self.cameras, poses, own, offset_s))
+        return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), tuple(findings)
 
 
 def _at(column: Ints, row: Ints) -> Ints:
@@ -241,8 +260,7 @@ def whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | Non
     """The offsets in whole frames, where nothing speaks against it; else None.
 
     Cameras with a common trigger, and recordings cut from one, are whole frames apart. Taking them so then spares the solver
-    an unknown a camera. Each offset may stray by its sigma; that all of them are whole by chance is unlikely where frames are
-    long, and does no harm where they are short.
+    an unknown a camera. Each offset may stray by its sigma, which must be small beside a frame: else anything looks whole.
 
     Args:
         offset_s: (C,) offsets, seconds; the first with a sigma is the reference.
@@ -256,6 +274,8 @@ def whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | Non
     frames = (offset_s - reference) * rate
     stray = (frames - np.round(frames))[known] / rate
     free = sigma_s[known] > 0
+    if (sigma_s[known] > WHOLE_SIGMA / rate).any():
+        return None
     square = float(((stray[free] / sigma_s[known][free]) ** 2).sum())
     if square > chdtri(np.count_nonzero(free), 1 - BY_CHANCE):
         return None

@@ -118,7 +118,8 @@ def calibrate(
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
         solution, association = _solved(scene, inputs, options, np.random.default_rng(seed), tell, executor)
-        solution = judged(solution, association.instants, given=scene.association.given)
+        given = scene.association.given
+        solution = judged(solution, association.instants, given=given, why=association.lost, doubts=association.notes)
     solved = time.perf_counter()
     return Calibration(
         scene=scene,
@@ -129,7 +130,7 @@ def calibrate(
         seed=seed,
         options=asdict(options),
         figures=solution.figures,
-        findings=inputs.findings,
+        findings=(*inputs.findings, *association.findings),
         association=association,
         seconds={"reading": read - began, "solving": solved - read},
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +22,10 @@ MIN_POSITIONS = 10
 SPOT_MEND = "record people who walk all over the view that the cameras share"
 
 
-def judged(solution: Solution, observations: Observations, *, given: bool = True) -> Solution:
+def judged(
+    solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, str] | None = None,
+    doubts: Sequence[str] = (),
+) -> Solution:  # fmt: skip
     """The solution, no longer accepted where it lacks a camera, or where all people were on one line or spot.
 
     The reasons name the camera, and what to record.
@@ -29,14 +34,16 @@ def judged(solution: Solution, observations: Observations, *, given: bool = True
         solution: of a solver.
         observations: people at common instants.
         given: whether their identities were given, not found.
+        why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
+        doubts: what else speaks against relying on it.
     """
-    reasons = list(solution.reasons)
+    reasons = [*solution.reasons, *doubts]
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:
-        apart = missing_overlap(shared_people(observations), given=given)
+        apart = _apart(observations, given, why or {}, nothing_known=not reasons)
         # That nobody is shared says more than that too few are.
-        known = {reason.split(" could not be joined")[0] for reason in reasons} & {text.split(" share")[0] for text in apart}
-        reasons = [reason for reason in reasons if reason.split(" could not be joined")[0] not in known]
+        known = {_who(text) for text in apart}
+        reasons = [text for text in reasons if " could not be joined" not in text or _who(text) not in known]
         reasons += [text for text in apart if text not in reasons]
     if 0 < len(lost) < len(solution.rig):
         named = " ".join(reasons)
@@ -50,9 +57,22 @@ def judged(solution: Solution, observations: Observations, *, given: bool = True
     degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
     if degenerate is not None and not any(" line" in reason or " spot" in reason for reason in reasons):
         reasons.append(degenerate)
-    doubtful = bool(lost) or degenerate is not None
+    doubtful = bool(lost) or bool(doubts) or degenerate is not None
     verdict = "doubtful" if doubtful and solution.verdict == "accepted" else solution.verdict
     return replace(solution, verdict=verdict, reasons=tuple(reasons))
+
+
+def _apart(observations: Observations, given: bool, why: Mapping[str, str], *, nothing_known: bool) -> list[str]:
+    """What keeps cameras apart, one sentence for each group of them."""
+    found = missing_overlap(shared_people(observations), given=given)
+    if not given and len(found) == 1 and found[0].startswith("no two cameras") and not nothing_known:
+        return []  # that identities were not found has been said, and why
+    return [why.get(text.split(" shares nobody")[0].removeprefix("camera "), text) for text in found]
+
+
+def _who(text: str) -> str:
+    """Which cameras a sentence on want of overlap is about."""
+    return re.split(r" could not be | shares? | saw ", text)[0]
 
 
 def people_positions(rig: Rig, observations: Observations) -> Floats:

@@ -23,5 +23,9 @@ class Association:
     """One sigma of the offsets, as far as they were refined."""
     figures: dict[str, Any] = field(default_factory=dict)
     """JSON-ready: cameras, pairs (route, score, runner-up, matched tracklets, matches, offset), rounds."""
+    lost: Mapping[str, str] = field(default_factory=dict)
+    """By camera that no registration joins to another: why, in one sentence."""
     notes: tuple[str, ...] = ()
     """What speaks against relying on it, one sentence each."""
+    findings: tuple[str, ...] = ()
+    """What is odd, one sentence each."""

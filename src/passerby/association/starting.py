@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.associate import Tracklets, people_of_pairs, people_of_votes
-from passerby.association.graph import BELIEVED_SHARE, Edge, ViewGraph, view_graph
+from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground_tracks import GroundTracks
 from passerby.association.looks import Looks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import PairRegistration, register_pair
+from passerby.association.unregistered import WALK_MEND, sees_too_little, told, what_would_fit
 from passerby.errors import EvidenceError
 from passerby.geometry.single_view import Level
 from passerby.parallel import side_by_side
@@ -24,6 +25,8 @@ from passerby.solver.pairs import PairHypothesis
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+TRIED = 3
+"""Where no pair can be registered, so many are tried at other frame rates and larger lags."""
 MIN_LOOKS = 0.02
 """Weight of the looks of the clearest pair of cameras below which looks tell nobody apart."""
 
@@ -68,7 +71,7 @@ def begin_with_tracks(
     pairs = side_by_side(_registered, jobs, executor, tell, "pairs of cameras")
     graph = view_graph(pairs, len(cameras))
     if len(graph.groups[0]) < 2:
-        raise EvidenceError(*_no_pair(cameras, graph))
+        raise EvidenceError(*_no_pair(cameras, graph, max_lag_s))
     person = people_of_pairs(tracklets, [camera.tracks for camera in cameras], graph, likeness)
     guesses = [_hypothesis(edge, cameras[edge.a].level, cameras[edge.b].level) for edge in graph.edges if edge.used]
     return Beginning(person, graph.offset_s, graph, tuple(guess for guess in guesses if guess is not None))
@@ -103,27 +106,17 @@ def _registered(job: _Job) -> PairRegistration:
     return register_pair(job.a, job.b, job.tracks_a, job.tracks_b, job.max_lag_s, job.likeness)
 
 
-def _no_pair(cameras: Sequence[PreparedCamera], graph: ViewGraph) -> tuple[str, tuple[str, ...]]:
+def _no_pair(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: float) -> tuple[str, tuple[str, ...]]:
     """Why no two cameras can be registered."""
-    mend = "record more people who walk about in the view that cameras share"
-    lost = [camera.name for camera in cameras if camera.tracks is None or not len(camera.tracks)]
-    reasons = [f"camera {name} saw too few people who walk: {mend}" for name in lost]
-    reasons += [
-        f"cameras {cameras[edge.a].name} and {cameras[edge.b].name}: {told(edge)}" for edge in graph.edges[:6] if edge.guess
-    ]
-    head = f"no two cameras could be registered by the tracks of the people: {mend}"
+    wider = ", or search for larger clock offsets ([association] max_offset_s)" if max_lag_s > 0 else ""
+    head = f"no two cameras could be registered by the tracks of the people: {WALK_MEND}{wider}"
+    reasons = [reason for camera in cameras if (reason := sees_too_little(camera)) is not None]
+    edges = sorted((edge for edge in graph.edges if edge.guess), key=lambda edge: -edge.guess.merit if edge.guess else 0.0)
+    for number, edge in enumerate(edges[:6]):
+        a, b = cameras[edge.a], cameras[edge.b]
+        mend = what_would_fit(a, b, max_lag_s) if number < TRIED else None
+        reasons.append(f"cameras {a.name} and {b.name}: {told(edge)}" + (f": {mend}" if mend else ""))
     return head, (head, *reasons)
-
-
-def told(edge: Edge) -> str:
-    """One clause on a pair that was not used."""
-    if edge.guess is None:
-        return "nobody walks in both at one time"
-    if edge.guess.share < BELIEVED_SHARE:
-        return f"of the people whom both should see, the best fit of their tracks finds {edge.guess.share:.0%} in both"
-    if edge.runner_up >= 1:
-        return "third cameras contradict the best fit of their tracks"
-    return f"another fit of their tracks scores {edge.runner_up:.0%} of the best"
 
 
 def begin_with_looks(cameras: Sequence[PreparedCamera], tracklets: Tracklets, looks: Looks | None) -> Beginning:
