@@ -25,6 +25,9 @@ from passerby.scene import Scene
 
 T = TypeVar("T")
 
+SHORTEST, FRAMES_TO_TRACK = 3, 6
+"""Tracklets of fewer rows tell nobody's way. Where most ids are such, and there are so many frames, they were no tracklets."""
+
 
 @dataclass(eq=False)
 class CameraReading:
@@ -138,6 +141,22 @@ def _check_sources(scene: Scene, reading: CameraReading) -> None:
         reading.findings.append(f"{place} detections are not used, since there are tracks")
     if not reading.people and not reading.faults:
         reading.findings.append(f"{place} camera {reading.name} saw nobody: its files have no rows, it cannot be calibrated")
+    for path, name in ((reading.boxes_path, "boxes"), (reading.keypoints_path, "keypoints")):
+        part: Boxes | Keypoints = getattr(reading, name)
+        short = _rows_of_short_tracklets(part)
+        if short > 0.5 * len(part) and len(reading.frames) >= FRAMES_TO_TRACK:
+            setattr(reading, name, replace(part, identity=np.full(len(part), UNKNOWN)))
+            reading.findings.append(
+                f"{path}: camera {reading.name}: {short} of {len(part)} rows have an id that stands in fewer than "
+                f"{SHORTEST} rows: such ids are no tracklets, all rows are taken as detections"
+            )
+
+
+def _rows_of_short_tracklets(part: Boxes | Keypoints) -> int:
+    """How many rows have an id that hardly any other row has."""
+    known = part.identity[part.identity > UNKNOWN]
+    _, count = np.unique(known, return_counts=True)
+    return int(count[count < SHORTEST].sum())
 
 
 def _check_identities(scene: Scene, reading: CameraReading) -> None:
