@@ -7,7 +7,10 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from passerby.progress import Progress
 
@@ -36,10 +39,16 @@ def side_by_side(
     """
     tell(stage, 0, len(jobs))
     results = []
-    for result in map(function, jobs) if executor is None else executor.map(function, jobs):
+    for result in map(function, jobs) if executor is None else executor.map(partial(_alone, function), jobs):
         results.append(result)
         tell(stage, len(results), len(jobs))
     return results
+
+
+def _alone(function: Callable[[Job], Result], job: Job) -> Result:
+    """The result of a job, by one thread: more would wait for each other, and their number would change the last bits."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        return function(job)
 
 
 def pays(n_bytes: int, n_cameras: int, n_processes: int) -> bool:
