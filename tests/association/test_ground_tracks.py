@@ -59,6 +59,13 @@ def test_two_samples_make_no_line() -> None:
     assert_straight(found)
 
 
+def test_a_slow_camera_may_miss_a_box() -> None:
+    seconds = np.delete(np.arange(0, 12, 0.5), [5, 9, 14])
+    found = tracks_of(np.zeros(len(seconds), int), seconds, straight(seconds))
+    assert set(range(1, 23)) <= set(found.step.tolist())
+    assert_straight(found)
+
+
 @given(
     starts=st.lists(st.floats(-20, 20), min_size=1, max_size=5),
     lengths=st.lists(st.floats(0.1, 9), min_size=5, max_size=5),

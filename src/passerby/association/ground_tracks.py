@@ -157,7 +157,10 @@ def _sampled(
     s1, s2 = st - n * tau, stt - 2 * tau * st + n * tau**2
     sxt = sxt - tau * sx
     spread = n * s2 - s1**2
-    good = (n >= 3) & (spread > 1e-9)
+    # Two samples do where they embrace the grid time from afar: a slow camera that misses a box has no more.
+    earliest, latest = t[np.minimum(begin, len(t) - 1)], t[np.maximum(end - 1, 0)]
+    embraced = (earliest <= tau + 1e-9) & (latest >= tau - 1e-9) & (latest - earliest > 0.5 * half)
+    good = ((n >= 3) | ((n == 2) & embraced)) & (spread > 1e-9)
     spread = np.where(good, spread, 1.0)
     velocity = (n * sxt - s1 * sx) / spread
     position = (s2 * sx - s1 * sxt) / spread + origin[owner]

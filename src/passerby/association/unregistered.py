@@ -29,6 +29,8 @@ PACE_RATIO = 1.4
 """People of two cameras walk equally fast; the medians of some seconds agree within this."""
 WALK_M = 1.0
 LONGEST_LAG_S = 60.0
+CLEAR_SHARE, CLEAR_SCORE = 0.5, 30.0
+"""Of what both cameras should see, so much has to fit, and so many samples of walkers."""
 PARTNERS = 2
 """A camera is tried against so many others."""
 
@@ -104,8 +106,11 @@ def _someone_walks(camera: PreparedCamera) -> bool:
 
 
 def what_would_fit(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> str | None:
-    """What is wrong with camera b's frame rate, or with both clocks, if that is all that keeps the two apart."""
-    if a.tracks is None or b.tracks is None or not len(a.tracks) or not len(b.tracks):
+    """What is wrong with camera b's frame rate, or with both clocks, if that is all that keeps the two apart.
+
+    Nothing is tried where the clocks are taken as in step.
+    """
+    if a.tracks is None or b.tracks is None or not len(a.tracks) or not len(b.tracks) or max_lag_s <= 0:
         return None
     found = [(ratio, guess) for ratio in _likely_ratios(a.tracks, b.tracks) if (guess := _at_rate(a, b, ratio, max_lag_s))]
     if found:
@@ -116,7 +121,7 @@ def what_would_fit(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> st
         )
     spans = [float(np.ptp(tracks.step)) * 0.5 for tracks in (a.tracks, b.tracks)]
     longest = min(LONGEST_LAG_S, 0.5 * min(spans))
-    wide = _clear(a, b, b.tracks, longest) if 0 < max_lag_s < longest else None
+    wide = _clear(a, b, b.tracks, longest) if max_lag_s < longest else None
     if wide is not None and abs(wide.lag_s) > max_lag_s:
         way = "ahead of" if wide.lag_s > 0 else "behind"
         return (
@@ -142,9 +147,10 @@ def _at_rate(a: PreparedCamera, b: PreparedCamera, ratio: float, max_lag_s: floa
 
 
 def _clear(a: PreparedCamera, b: PreparedCamera, tracks_b: GroundTracks, max_lag_s: float) -> Registration | None:
-    """The registration of two cameras where nothing speaks against it."""
+    """The registration of two cameras where it is beyond doubt: several tries find something by chance as well."""
     assert a.tracks is not None
     found = register_pair(0, 1, a.tracks, tracks_b, max_lag_s)
-    if not found.candidates or found.candidates[0].share < BELIEVED_SHARE or found.runner_up > ALONE_RUNNER_UP:
+    best = found.candidates[0] if found.candidates else None
+    if best is None or best.share < CLEAR_SHARE or best.score < CLEAR_SCORE or found.runner_up > ALONE_RUNNER_UP:
         return None
-    return found.candidates[0]
+    return best
