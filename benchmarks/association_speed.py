@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,7 @@ from passerby.association.preparing import PreparedCamera, prepare_camera
 from passerby.association.starting import begin_with_tracks
 from passerby.inputs import SceneInputs, read_inputs
 from passerby.observations import Boxes, CameraObservations, Observations
-from passerby.parallel import pair_executor
+from passerby.parallel import local_processes
 from passerby.scene import Scene
 
 CORES = 2
@@ -60,7 +61,8 @@ def registered(cameras: list[PreparedCamera], search_s: float) -> tuple[float, i
     """Seconds of the registration, the start of its processes included, and the number of pairs that it keeps."""
     tracklets = Tracklets.of(cameras)
     began = time.perf_counter()
-    with pair_executor(len(cameras)) as executor:
+    # As of a recording so long that processes pay.
+    with local_processes(sys.maxsize, len(cameras)) as executor:
         beginning = begin_with_tracks(cameras, tracklets, search_s, {}, executor)
         seconds = time.perf_counter() - began
     return seconds, len([edge for edge in beginning.graph.edges if edge.used]) if beginning.graph else 0
