@@ -63,12 +63,11 @@ def prepare_camera(
         rng: draws the people that the level is fitted to.
         given: whether the identities are known people, which are neither tracked nor split nor renumbered.
     """
-    tracked = seen if given else _tracked(seen, clock.fps)
+    none = np.zeros(0, np.int64)
+    tracked, continued = (seen, (none, none)) if given else _tracked(seen, clock.fps)
     bodies = bodies_of(tracked, camera.lens, clock)
     level = level_of_bodies(bodies, body_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
-    none = np.zeros(0, np.int64)
-    continued = (none, none) if given or not len(tracked.boxes) else continuations(tracked.boxes, clock.fps)
     return PreparedCamera(camera.name, tracked, clock, bodies, level, tracks, continued)
 
 
@@ -101,33 +100,36 @@ def _prepared(job: _Job) -> PreparedCamera:
     return prepare_camera(job.camera, job.seen, job.clock, job.body_m, job.rng, given=job.given)
 
 
-def _tracked(seen: CameraObservations, fps: float) -> CameraObservations:
-    """Every box and all joints in a tracklet of one person, or in none."""
+def _tracked(seen: CameraObservations, fps: float) -> tuple[CameraObservations, tuple[Ints, Ints]]:
+    """Every box and all joints in a tracklet of one person, or in none; and the tracklets that go on as others."""
     boxes, joints = seen.boxes, seen.keypoints
     if len(boxes):
-        boxes = split(_with_detections_tracked(boxes, fps), fps)
-        if len(joints):
-            joints = _joints_of_boxes(joints, boxes)
-    elif len(joints):
-        extents = _extents(joints)
-        found = extents[:, 2] > 0
-        made = Boxes(joints.frame[found], joints.identity[found], extents[found], joints.score[found].mean(axis=1))
-        made = split(_with_detections_tracked(made, fps), fps)
-        identity = np.full(len(joints), UNKNOWN)
-        identity[found] = made.identity
-        joints = replace(joints, identity=identity)
-    return CameraObservations(boxes, joints)
+        boxes, continued = _tracklets(boxes, fps)
+        joints = _joints_of_boxes(joints, boxes) if len(joints) else joints
+        return CameraObservations(boxes, joints), continued
+    extents = _extents(joints)
+    found = extents[:, 2] > 0
+    made = Boxes(joints.frame[found], joints.identity[found], extents[found], joints.score[found].mean(axis=1))
+    made, continued = _tracklets(made, fps)
+    identity = np.full(len(joints), UNKNOWN)
+    identity[found] = made.identity
+    return CameraObservations(boxes, replace(joints, identity=identity)), continued
 
 
-def _with_detections_tracked(boxes: Boxes, fps: float) -> Boxes:
-    """Tracklets numbered from 0 on, detections among them joined to further ones."""
-    identity = np.full(len(boxes), UNKNOWN)
+def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:
+    """Tracklets numbered from 0 on: those that were given, split where they change person, and those of the detections.
+
+    Our own tracker splits by itself, and has made all links that are beyond doubt.
+    """
     known = boxes.identity > UNKNOWN
-    numbers, identity[known] = np.unique(boxes.identity[known], return_inverse=True)
+    identity = np.full(len(boxes), UNKNOWN)
+    given = split(boxes.take(known), fps)
+    numbers, identity[known] = np.unique(given.identity, return_inverse=True)
+    given = replace(given, identity=identity[known])
     if not known.all():
         found = track(boxes.take(~known), fps).identity
         identity[~known] = np.where(found > UNKNOWN, found + len(numbers), UNKNOWN)
-    return replace(boxes, identity=identity)
+    return replace(boxes, identity=identity), continuations(given, fps)
 
 
 def _extents(joints: Keypoints) -> Floats:
