@@ -30,10 +30,13 @@ WINDOW_S = 4.0
 MIN_SAMPLES = 60
 MOST_SAMPLES = 3_000
 """Of more, so many are taken at even steps."""
-SIGMAS, LEAST_S, HARMFUL_S = 8.0, 0.2, 0.5
+SIGMAS, LEAST_S = 8.0, 0.2
 """A drift is told where it is so many times its sigma, and so much over the recording: 0.3 m of a walker's way. Over simulated
-scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas. A larger one spoils the rig: 0.8 s cost 30 mm
-on a terrace."""
+scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas."""
+HARMFUL_S, HARMFUL_RATE, SPOILING_S = 0.5, 0.01, 1.0
+"""It is a doubt where it is larger and, over the recording, quicker than a clock that is merely poor: then the frame rate is
+mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. 0.8 s cost 30 mm on a
+terrace."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,12 @@ class Drift:
     sigma: float
     span_s: float
     """Length of the recording."""
+
+    @property
+    def harmful(self) -> bool:
+        """Whether the rig cannot be relied upon."""
+        drift = abs(self.seconds)
+        return drift > SPOILING_S or (drift > HARMFUL_S and abs(self.rate) > HARMFUL_RATE)
 
     @property
     def seconds(self) -> float:
@@ -66,12 +75,14 @@ def drift_findings(cameras: Sequence[PreparedCamera], drifts: Mapping[int, Drift
     """
     if len(drifts) == 2:
         (a, one), (b, other) = drifts.items()
-        apart = abs(one.seconds - other.seconds)
-        text = [f"the clocks of {cameras[a].name} and {cameras[b].name} drift apart by {apart:.2f} s: check their fps"]
-        return (text, []) if one.sure and apart > HARMFUL_S else ([], text if one.sure else [])
+        between = Drift(one.rate - other.rate, max(one.sigma, other.sigma), max(one.span_s, other.span_s))
+        text = [
+            f"the clocks of {cameras[a].name} and {cameras[b].name} drift apart by {abs(between.seconds):.2f} s: check their fps"
+        ]
+        return (text, []) if one.sure and between.harmful else ([], text if one.sure else [])
     told = {c: drift for c, drift in drifts.items() if drift.sure}
     texts = {c: _sentence(cameras[c].name, cameras[c].clock.fps, drift) for c, drift in told.items()}
-    harmful = [text for c, text in texts.items() if abs(told[c].seconds) > HARMFUL_S]
+    harmful = [text for c, text in texts.items() if told[c].harmful]
     return harmful, [text for text in texts.values() if text not in harmful]
 
 
