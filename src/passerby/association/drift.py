@@ -76,9 +76,8 @@ def drift_findings(cameras: Sequence[PreparedCamera], drifts: Mapping[int, Drift
     if len(drifts) == 2:
         (a, one), (b, other) = drifts.items()
         between = Drift(one.rate - other.rate, max(one.sigma, other.sigma), max(one.span_s, other.span_s))
-        text = [
-            f"the clocks of {cameras[a].name} and {cameras[b].name} drift apart by {abs(between.seconds):.2f} s: check their fps"
-        ]
+        both = f"{cameras[a].name} and {cameras[b].name}"
+        text = [f"the clocks of {both} drift apart by {abs(between.seconds):.2f} s: check their fps"]
         return (text, []) if one.sure and between.harmful else ([], text if one.sure else [])
     told = {c: drift for c, drift in drifts.items() if drift.sure}
     texts = {c: _sentence(cameras[c].name, cameras[c].clock.fps, drift) for c, drift in told.items()}
