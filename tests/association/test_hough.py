@@ -7,8 +7,9 @@ import pytest
 
 from ground_walkers import UP, Station, Walker, seen_by, walkers
 from passerby.association.encounters import TrackPair
-from passerby.association.ground_tracks import STEP_S, GroundTracks, Tolerance
+from passerby.association.ground_tracks import GroundTracks, Tolerance
 from passerby.association.hough import SAME_LAG_S, likely_motions
+from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 
 A = Station(0.4, -12.0 - 3.0j)

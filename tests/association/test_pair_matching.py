@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from ground_walkers import UP, Station, seen_by, walkers
 from passerby.association.encounters import Encounters, TrackPair, encounters
-from passerby.association.ground_tracks import STEP_S, GroundTracks, Tolerance
+from passerby.association.ground_tracks import GroundTracks, Tolerance
 from passerby.association.pair_matching import GroundMotion, agreements, fitted_motion, matches
+from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 
 A, B = Station(0.4, -12.0 - 3.0j), Station(2.0, 9.0 + 5.0j, delay_s=0.7)

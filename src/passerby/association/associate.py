@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.graph import ViewGraph
-from passerby.association.ground_tracks import STEP_S, GroundTracks
+from passerby.association.ground_tracks import GroundTracks
 from passerby.association.joining import join, overlapping
 from passerby.association.looks import Looks
 from passerby.association.meetings import meetings, sight_tracks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import agreement
+from passerby.association.sampling import STEP_S
 from passerby.cameras import Pose
 
 Floats = NDArray[np.float64]

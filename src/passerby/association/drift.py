@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.ground_tracks import STEP_S, Tolerance, ground_tracks
+from passerby.association.ground_tracks import Tolerance, ground_tracks
 from passerby.association.preparing import PreparedCamera
+from passerby.association.sampling import STEP_S
 from passerby.cameras import Pose
 from passerby.geometry.single_view import Level
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.encounters import TrackPair, encounters
-from passerby.association.ground_tracks import STEP_S
 from passerby.association.pair_matching import WALKING, GroundMotion
+from passerby.association.sampling import STEP_S
 
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]

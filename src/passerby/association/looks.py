@@ -16,8 +16,8 @@ from passerby.association.appearance_evidence import (
     different_similarities,
     pair_usefulness,
 )
-from passerby.association.ground_tracks import STEP_S
 from passerby.association.preparing import PreparedCamera
+from passerby.association.sampling import STEP_S
 from passerby.observations import Boxes, Clock
 
 Floats = NDArray[np.float64]

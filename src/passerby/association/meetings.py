@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.bodies import Bodies
-from passerby.association.ground_tracks import STEP_S
-from passerby.association.sampling import first_of, sampled
+from passerby.association.sampling import STEP_S, first_of, sampled
 from passerby.cameras import Pose
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.encounters import Encounters
-from passerby.association.ground_tracks import STEP_S
+from passerby.association.sampling import STEP_S
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

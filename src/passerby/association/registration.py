@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.encounters import Encounters, TrackPair, encounters
-from passerby.association.ground_tracks import STEP_S, GroundTracks
+from passerby.association.ground_tracks import GroundTracks
 from passerby.association.hough import SAME_LAG_S, SAME_SHIFT_M, SAME_TURN, likely_motions
 from passerby.association.pair_matching import GroundMotion, Matches, agreements, fitted_motion, matches
-from passerby.association.sampling import first_of
+from passerby.association.sampling import STEP_S, first_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -3,81 +3,104 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
 
 STEP_S = 0.5
 """Step of the time grid. A walking person moves 0.7 m meanwhile: no more than first ground positions are off by."""
 HALF_WINDOW_S = 0.5
 """Samples so far from a grid time enter its fit, more where a camera is slow: three at least."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
+class Sampled(Generic[Values]):
     """M samples at grid times, tracklet after tracklet."""
 
     step: Ints
     """(M,) grid times: the time is `step * STEP_S`."""
     tracklet: Ints
     """(M,)"""
-    value: Floats
+    value: Values
     """(M, K)"""
-    rate: Floats
+    rate: Values
     """(M, K) change per second."""
 
 
-def sampled(tracklet: Ints, seconds: Floats, values: Floats, shortest_s: float = 0.0) -> Sampled:
+def sampled(
+    tracklet: Ints, seconds: Floats, values: Values, *, shortest_s: float = 0.0, two_suffice: bool = False
+) -> Sampled[Values]:
     """Sample columns on the grid; a sample rests on three rows or more.
 
     Args:
         tracklet: (N,) sorted.
         seconds: (N,) sorted within each tracklet.
-        values: (N, K).
+        values: (N, K), real or complex.
         shortest_s: shorter tracklets are left out.
+        two_suffice: two rows do where they embrace the grid time from afar: a slow camera that misses a box has no more.
     """
-    n_columns = values.shape[1]
-    nothing = Sampled(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, n_columns)), np.zeros((0, n_columns)))
-    if len(tracklet) == 0:
-        return nothing
-    gaps = np.diff(seconds)[np.diff(tracklet) == 0]
-    half = max(HALF_WINDOW_S, 1.51 * (float(np.median(gaps)) if len(gaps) else STEP_S))
-    first = np.flatnonzero(np.concatenate([[True], np.diff(tracklet) > 0]))
-    last = np.concatenate([first[1:], [len(tracklet)]]) - 1
-    owner_of_row = np.repeat(np.arange(len(first)), last - first + 1)
+    half = _half_window(tracklet, seconds)
+    first, last = _ends(tracklet)
+    long = seconds[last] - seconds[first] >= shortest_s
+    rows = np.repeat(long, last - first + 1)
+    tracklet, seconds, values = tracklet[rows], seconds[rows], values[rows]
+    first, last = _ends(tracklet)
     start = seconds[first]
-    low = np.ceil(start / STEP_S).astype(np.int64)
-    high = np.floor(seconds[last] / STEP_S).astype(np.int64)
-    count = np.where(seconds[last] - start >= shortest_s, np.maximum(high - low + 1, 0), 0)
+    low, high = np.ceil(start / STEP_S).astype(np.int64), np.floor(seconds[last] / STEP_S).astype(np.int64)
+    count = np.maximum(high - low + 1, 0)
     owner = np.repeat(np.arange(len(first)), count)
-    if len(owner) == 0:
-        return nothing
     step = low[owner] + np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    # Relative to each tracklet's first row the sums stay small.
+    owner_of_row = np.repeat(np.arange(len(first)), last - first + 1)
+    t, x, at = seconds - start[owner_of_row], values - values[first][owner_of_row], step * STEP_S - start[owner]
     # Times of one tracklet after another, spread so that one search serves all.
-    stride = float((seconds[last] - start).max()) + 4 * half
-    key = seconds - start[owner_of_row] + owner_of_row * stride
-    at = step * STEP_S - start[owner]
+    stride = float((seconds[last] - start).max(initial=0.0)) + 4 * half
+    key = t + owner_of_row * stride
     begin = np.searchsorted(key, at + owner * stride - half - 1e-9)
     end = np.searchsorted(key, at + owner * stride + half + 1e-9)
-    # Relative to each tracklet's first row the sums stay small.
-    t, x = seconds - start[owner_of_row], values - values[first][owner_of_row]
     n, st, stt = (_window(column[:, None], begin, end)[:, 0] for column in (np.ones_like(t), t, t * t))
     sx, sxt = _window(x, begin, end), _window(x * t[:, None], begin, end)
+    # Moments about the grid time.
     s1, s2, sxt = st - n * at, stt - 2 * at * st + n * at**2, sxt - at[:, None] * sx
     spread = n * s2 - s1**2
-    good = (n >= 3) & (spread > 1e-9)
+    enough = n >= 3
+    if two_suffice:
+        enough |= (n == 2) & _embraced(t, at, begin, end, half)
+    good = enough & (spread > 1e-9)
     n, s1, s2, spread, sx, sxt = n[good, None], s1[good, None], s2[good, None], spread[good, None], sx[good], sxt[good]
     value = (s2 * sx - s1 * sxt) / spread + values[first][owner[good]]
     return Sampled(step[good], tracklet[first][owner[good]], value, (n * sxt - s1 * sx) / spread)
 
 
-def _window(columns: Floats, begin: Ints, end: Ints) -> Floats:
+def _half_window(tracklet: Ints, seconds: Floats) -> float:
+    """How far samples may be from a grid time: of a slow camera three fit."""
+    gaps = np.diff(seconds)[np.diff(tracklet) == 0]
+    return max(HALF_WINDOW_S, 1.51 * (float(np.median(gaps)) if len(gaps) else STEP_S))
+
+
+def _ends(tracklet: Ints) -> tuple[Ints, Ints]:
+    """First and last row of each tracklet of a sorted column."""
+    change = np.flatnonzero(np.diff(tracklet) > 0)
+    some = min(len(tracklet), 1)
+    return np.append(np.zeros(some, np.int64), change + 1), np.append(change, np.full(some, len(tracklet) - 1))
+
+
+def _embraced(t: Floats, at: Floats, begin: Ints, end: Ints, half: float) -> NDArray[np.bool_]:
+    """(M,) whether the rows [begin, end) lie on either side of the grid time, and far apart."""
+    earliest, latest = t[np.minimum(begin, len(t) - 1)], t[np.maximum(end - 1, 0)]
+    return np.asarray((earliest <= at + 1e-9) & (latest >= at - 1e-9) & (latest - earliest > 0.5 * half))
+
+
+def _window(columns: Values, begin: Ints, end: Ints) -> Values:
     """(M, K) sums of columns over rows [begin, end)."""
-    total = np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(columns, axis=0)])
-    return np.asarray(total[end] - total[begin])
+    total = np.concatenate([np.zeros_like(columns, shape=(1, columns.shape[1])), np.cumsum(columns, axis=0)])
+    summed: Values = total[end] - total[begin]
+    return summed
 
 
 def first_of(key: Ints, cost: Floats) -> Ints:
