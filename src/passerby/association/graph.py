@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.association.pair_matching import GroundMotion
 from passerby.association.registration import PairRegistration, Registration
 
 Floats = NDArray[np.float64]
@@ -59,22 +60,6 @@ class ViewGraph:
     """(C,) what to add to each camera's clock so that all of a group show the same time; 0 for the first of each group."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    """From camera a's ground and clock to camera b's."""
-
-    turn: complex
-    shift: complex
-    lag_s: float
-
-    def then(self, other: _Motion) -> _Motion:
-        return _Motion(other.turn * self.turn, other.turn * self.shift + other.shift, self.lag_s + other.lag_s)
-
-    @property
-    def inverse(self) -> _Motion:
-        return _Motion(1 / self.turn, -self.shift / self.turn, -self.lag_s)
-
-
 def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
     """Keep the registrations that agree.
 
@@ -115,11 +100,7 @@ def _belief(pair: PairRegistration, guess: Registration, support: float) -> floa
     return float(np.sqrt(guess.merit) * clarity * (0.05 + support))
 
 
-def _motion(guess: Registration) -> _Motion:
-    return _Motion(guess.turn, guess.shift, guess.lag_s)
-
-
-def _miss(way: _Motion, guess: Registration) -> float:
+def _miss(way: GroundMotion, guess: Registration) -> float:
     """How far a way leads from a guess, squared, in standard deviations."""
     turned = float(np.angle(way.turn / guess.turn)) / _TURN_SD
     late = (way.lag_s - guess.lag_s) / _LAG_SD_S
@@ -131,11 +112,11 @@ def _miss(way: _Motion, guess: Registration) -> float:
 
 def _support(guesses: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> Floats:
     """(G,) mean over the third cameras that have something to say of the best agreement, 0 to 1."""
-    by_pair: dict[tuple[int, int], list[tuple[_Motion, float]]] = {}
+    by_pair: dict[tuple[int, int], list[tuple[GroundMotion, float]]] = {}
     for pair, guess in guesses:
         clarity = min(1.0, guess.merit / max(pair.candidates[0].merit, 1e-9))
-        by_pair.setdefault((pair.a, pair.b), []).append((_motion(guess), clarity))
-        by_pair.setdefault((pair.b, pair.a), []).append((_motion(guess).inverse, clarity))
+        by_pair.setdefault((pair.a, pair.b), []).append((guess.motion, clarity))
+        by_pair.setdefault((pair.b, pair.a), []).append((guess.motion.inverse, clarity))
     out = np.zeros(len(guesses))
     for index, (pair, guess) in enumerate(guesses):
         votes = []
@@ -165,14 +146,14 @@ def _tree(guesses: Sequence[tuple[PairRegistration, Registration]], belief: Floa
     return tree
 
 
-def _placed(tree: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> dict[int, tuple[int, int, _Motion]]:
+def _placed(tree: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> dict[int, tuple[int, int, GroundMotion]]:
     """For every camera in the tree: its tree's first camera, the edges on the way, and the motion from that camera."""
-    edges = [(p.a, p.b, _motion(g)) for p, g in tree] + [(p.b, p.a, _motion(g).inverse) for p, g in tree]
-    placed: dict[int, tuple[int, int, _Motion]] = {}
+    edges = [(p.a, p.b, g.motion) for p, g in tree] + [(p.b, p.a, g.motion.inverse) for p, g in tree]
+    placed: dict[int, tuple[int, int, GroundMotion]] = {}
     for root in range(n_cameras):
         if root in placed:
             continue
-        placed[root] = (root, 0, _Motion(1 + 0j, 0j, 0.0))
+        placed[root] = (root, 0, GroundMotion(1 + 0j, 0j, 0.0))
         waiting = [root]
         for a in waiting:
             for first, second, motion in edges:
@@ -182,7 +163,7 @@ def _placed(tree: Sequence[tuple[PairRegistration, Registration]], n_cameras: in
     return placed
 
 
-def _kept(pair: PairRegistration, own: Sequence[Registration], placed: dict[int, tuple[int, int, _Motion]]) -> int | None:
+def _kept(pair: PairRegistration, own: Sequence[Registration], placed: dict[int, tuple[int, int, GroundMotion]]) -> int | None:
     """Which of a pair's guesses agrees with the tree."""
     (root_a, hops_a, to_a), (root_b, hops_b, to_b) = placed[pair.a], placed[pair.b]
     if root_a != root_b or not own:

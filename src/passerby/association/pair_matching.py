@@ -40,6 +40,15 @@ class GroundMotion:
     lag_s: float
     """Seconds."""
 
+    def then(self, other: GroundMotion) -> GroundMotion:
+        """From camera a on to camera c, by another motion from camera b to camera c."""
+        return GroundMotion(other.turn * self.turn, other.turn * self.shift + other.shift, self.lag_s + other.lag_s)
+
+    @property
+    def inverse(self) -> GroundMotion:
+        """From camera b to camera a."""
+        return GroundMotion(1 / self.turn, -self.shift / self.turn, -self.lag_s)
+
 
 @dataclass(frozen=True, eq=False)
 class Matches:

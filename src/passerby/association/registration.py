@@ -29,8 +29,6 @@ _CANDIDATES = 6
 _INSTANTS, _ENCOUNTERS, _STRETCH = 1500, 300_000, 20
 # Tolerances of the matching, from round to round: the likely motions are known to a cell and five degrees.
 _TOLERANCES = (2.5, 2.0, 1.5, 1.2, 1.0, 1.0)
-
-
 # Samples of one person in two cameras miss each other by so many tolerances on the median (0.2 to 0.35 in simulation); where it
 # is more the tolerance is too tight, and is widened up to this factor.
 _USUAL_MISS, _WIDEST, _MIN_NEAREST = 0.35, 3.0, 20
@@ -60,6 +58,11 @@ class Registration:
     """(K,) and of camera b,"""
     weight: Floats
     """(K,) with the agreement of each match, in samples."""
+
+    @property
+    def motion(self) -> GroundMotion:
+        """The motion alone."""
+        return GroundMotion(self.turn, self.shift, self.lag_s)
 
     @property
     def merit(self) -> float:
@@ -143,18 +146,16 @@ def _registration(met: Encounters, matched: Matches, motion: GroundMotion) -> Re
 def _share(met: Encounters, matched: Matches, motion: GroundMotion) -> float:
     """How much of what should be seen by both cameras is: the clearest sign of a right motion, however crowded it is."""
     found = expected = 0
-    there_of = (motion.turn, motion.shift)
-    back_of = (1 / motion.turn, -motion.shift / motion.turn)
     sides = (
-        (met.tracks.a, met.a, met.tracks.b, met.lag, there_of), (met.tracks.b, met.b, met.tracks.a, -met.lag, back_of)
+        (met.tracks.a, met.a, met.tracks.b, met.lag, motion), (met.tracks.b, met.b, met.tracks.a, -met.lag, motion.inverse)
     )  # fmt: skip
-    for tracks, rows, other, lag, (turn, shift) in sides:
+    for tracks, rows, other, lag, way in sides:
         partnered = np.zeros(len(tracks), dtype=bool)
         partnered[rows[matched.rows]] = True
         both = (tracks.step >= other.step[0] - lag) & (tracks.step <= other.step[-1] - lag)
         if met.thinned:
             both &= np.isin(tracks.step, tracks.step[rows])
-        due = both & (other.covers(turn * tracks.position + shift) | partnered)
+        due = both & (other.covers(way.turn * tracks.position + way.shift) | partnered)
         found += int(np.count_nonzero(partnered))
         expected += int(np.count_nonzero(due))
     return found / max(expected, 1)
