@@ -6,7 +6,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.association.joining import NEVER, join, overlapping
+from passerby.association.joining import join, overlapping
+
+NEVER = -1e9
+"""Weight of two tracklets that cannot be one person."""
 
 
 def joined(n: int, *edges: tuple[int, int, float]) -> list[int]:

@@ -3,7 +3,7 @@
 Every two tracklets have a weight: how much speaks for one person less what speaks for two. The clustering that gains most is
 approximated by joining, again and again, the two groups with the largest summed weight, as long as it is above zero (greedy
 additive edge contraction: Keuper et al., *Efficient Decomposition of Image and Mesh Graphs by Lifted Multicuts*, ICCV 2015).
-Tracklets of one camera that overlap in time are different people and never join.
+What must hold, such as two tracklets of one camera at one time being two people, is the business of the weights.
 """
 
 from __future__ import annotations
@@ -16,9 +16,6 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-NEVER = -1e9
-"""Weight of two tracklets that cannot be one person."""
-
 
 def join(n: int, first: Ints, second: Ints, weight: Floats) -> Ints:
     """Join n tracklets.
@@ -27,7 +24,7 @@ def join(n: int, first: Ints, second: Ints, weight: Floats) -> Ints:
         n: number of tracklets.
         first: (E,) one end of each edge.
         second: (E,) the other end.
-        weight: (E,) above 0 for one person, below for two; `NEVER` forbids. Edges that stand twice are added.
+        weight: (E,) above 0 for one person, below for two. Edges that stand twice are added.
 
     Returns:
         (n,) group of each tracklet, numbered from 0 in the order of their first members.
@@ -80,16 +77,12 @@ def _numbered(parent: list[int]) -> Ints:
 def overlapping(start: Floats, end: Floats, slack: float) -> tuple[Ints, Ints]:
     """Pairs (i < j) of intervals of one camera that overlap by more than `slack` (seconds)."""
     order = np.argsort(start, kind="stable")
-    first, second = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    # The next k-th intervals in the order of their starts: until none begins before its predecessor's end.
-    for k in range(1, len(order)):
-        i, j = order[:-k], order[k:]
-        if not (start[j] < end[i] - slack).any():
-            longest = float((end - start).max())
-            if not (start[j] < start[i] + longest - slack).any():
-                break
-            continue
-        both = (start[j] < end[i] - slack) & (end[j] - start[j] > slack)
-        first.append(np.minimum(i[both], j[both]))
-        second.append(np.maximum(i[both], j[both]))
-    return np.concatenate(first), np.concatenate(second)
+    start, end = start[order], end[order]
+    # After each interval, in the order of their starts, those that begin before it ends.
+    place = np.arange(len(order))
+    count = np.maximum(np.searchsorted(start, end - slack) - place - 1, 0)
+    i = np.repeat(place, count)
+    j = i + 1 + np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count)
+    long = end[j] - start[j] > slack
+    i, j = order[i[long]], order[j[long]]
+    return np.minimum(i, j), np.maximum(i, j)
