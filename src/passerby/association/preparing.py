@@ -147,10 +147,14 @@ def _joints_of_boxes(joints: Keypoints, boxes: Boxes) -> Keypoints:
     extents = _extents(joints)
     by_frame = np.argsort(boxes.frame, kind="stable")
     frames = boxes.frame[by_frame]
-    for frame in np.unique(joints.frame).tolist():
-        rows = np.flatnonzero((joints.frame == frame) & (extents[:, 2] > 0))
+    found = np.flatnonzero(extents[:, 2] > 0)
+    found = found[np.argsort(joints.frame[found], kind="stable")]
+    for rows in np.split(found, np.flatnonzero(np.diff(joints.frame[found])) + 1):
+        if not len(rows):
+            continue
+        frame = joints.frame[rows[0]]
         own = by_frame[np.searchsorted(frames, frame) : np.searchsorted(frames, frame, side="right")]
-        if not len(rows) or not len(own):
+        if not len(own):
             continue
         overlap = _overlap(extents[rows], boxes.ltwh[own])
         for i, j in zip(*linear_sum_assignment(-overlap), strict=True):
