@@ -18,7 +18,7 @@ from passerby.association.appearance_evidence import (
 )
 from passerby.association.preparing import PreparedCamera
 from passerby.association.sampling import STEP_S
-from passerby.observations import Boxes, Clock
+from passerby.observations import Boxes
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,16 +30,13 @@ class CameraLooks:
 
     boxes: Boxes
     """One box a tracklet and grid time."""
-    clock: Clock
+    instants: Ints
+    """(N,) grid times of the boxes, by the camera's own clock."""
     features: TrackletFeatures
     different: Floats
     """Similarities of people who are surely two."""
     usefulness: Usefulness | None
     n_tracklets: int
-
-    def instants(self, offset_s: float) -> Ints:
-        """(N,) grid times of the boxes."""
-        return np.round((self.clock.seconds(self.boxes.frame) + offset_s) / STEP_S).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +63,9 @@ class Looks:
         if sum(looks is not None for looks in found) < 2:
             return None
         looks = cls(found)
-        offset_s = np.zeros(len(found))
         for a in range(len(found)):
             for b in range(a + 1, len(found)):
-                pair = _pair_looks(found[a], found[b], offset_s[a], offset_s[b], rng)
+                pair = _pair_looks(found[a], found[b], rng)
                 if pair is not None:
                     looks.pairs[a, b] = pair
         return looks
@@ -101,16 +97,15 @@ def _camera_looks(camera: PreparedCamera, rng: np.random.Generator) -> CameraLoo
     first[1:] = (np.diff(key, axis=0) != 0).any(axis=1)
     rows = np.sort(order[first & (key[:, 0] >= 0)])
     thinned = replace(boxes.take(rows), embedding=None)
-    return CameraLooks(thinned, camera.clock, features, different_similarities(thinned, features), useful, camera.n_tracklets)
+    return CameraLooks(
+        thinned, step[rows].astype(np.int64), features, different_similarities(thinned, features), useful, camera.n_tracklets
+    )
 
 
-def _pair_looks(
-    a: CameraLooks | None, b: CameraLooks | None, offset_a: float, offset_b: float, rng: np.random.Generator
-) -> PairLooks | None:
+def _pair_looks(a: CameraLooks | None, b: CameraLooks | None, rng: np.random.Generator) -> PairLooks | None:
     if a is None or b is None:
         return None
-    instants_a, instants_b = a.instants(offset_a), b.instants(offset_b)
-    columns = a.boxes, b.boxes, a.features, b.features, instants_a, instants_b
+    columns = a.boxes, b.boxes, a.features, b.features, a.instants, b.instants
     useful = pair_usefulness(*columns, rng)
     counted = votes(*columns, match_boxes(*columns))
     ratio = appearance_llr(

@@ -15,6 +15,7 @@ from passerby.association.graph import ALONE_RUNNER_UP, BELIEVED_SHARE, Edge, Vi
 from passerby.association.ground_tracks import GroundTracks, ground_tracks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import Registration, register_pair
+from passerby.association.sampling import STEP_S
 from passerby.cameras import Pose
 
 WALK_MEND = "record more people who walk about in the view that cameras share"
@@ -119,7 +120,7 @@ def what_would_fit(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> st
             f"at {b.clock.fps / ratio:.4g} frames per second instead of {b.clock.fps:.4g} {guess.share:.0%} of the people of "
             f"{b.name} are where {a.name} sees them: check its fps"
         )
-    spans = [float(np.ptp(tracks.step)) * 0.5 for tracks in (a.tracks, b.tracks)]
+    spans = [float(np.ptp(tracks.step)) * STEP_S for tracks in (a.tracks, b.tracks)]
     longest = min(LONGEST_LAG_S, 0.5 * min(spans))
     wide = _clear(a, b, b.tracks, longest) if max_lag_s < longest else None
     if wide is not None and abs(wide.lag_s) > max_lag_s:
