@@ -1,0 +1,111 @@
+"""Sampling on the grid of time, against lines that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from passerby.association.sampling import STEP_S, Sampled, first_of, sampled
+
+
+def one(seconds: np.ndarray, values: np.ndarray, **options: bool | float) -> Sampled[np.ndarray]:
+    """The samples of a single tracklet."""
+    return sampled(np.zeros(len(seconds), np.int64), seconds, values, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("fps", [1.0, 5.0, 12.5, 29.97, 60.0])
+def test_a_straight_line_is_found_exactly_at_any_frame_rate(fps: float) -> None:
+    """Two tracklets, of which one begins late and runs otherwise."""
+    seconds = np.concatenate([np.arange(0.3, 12, 1 / fps), np.arange(1000.1, 1020, 1 / fps)])
+    tracklet = np.where(seconds > 500, 9, 4)
+    start, rate = np.array([[3.0, -70.0], [1e3, 2.0]]), np.array([[1.3, 0.0], [-0.7, 5.0]])
+    which = (tracklet == 9).astype(int)
+    found = sampled(tracklet, seconds, start[which] + rate[which] * seconds[:, None])
+    at, which = found.step * STEP_S, (found.tracklet == 9).astype(int)
+    np.testing.assert_allclose(found.value, start[which] + rate[which] * at[:, None], atol=1e-6)
+    np.testing.assert_allclose(found.rate, rate[which], atol=1e-6)
+    for number in (4, 9):
+        own, shown = at[found.tracklet == number], seconds[tracklet == number]
+        # Every grid time within the tracklet, but for those near its ends where a slow camera has too few rows.
+        inner = np.arange(np.ceil(shown[0] / STEP_S) + 3, np.floor(shown[-1] / STEP_S) - 2) * STEP_S
+        assert np.isin(inner, own).all()
+        assert (np.diff(own) > 0).all()
+        assert own[0] >= shown[0]
+        assert own[-1] <= shown[-1]
+
+
+def test_complex_columns_are_two_real_ones() -> None:
+    rng = np.random.default_rng(0)
+    seconds, x = np.sort(rng.uniform(0, 20, 120)), rng.standard_normal((120, 2))
+    real, plane = one(seconds, x), one(seconds, x[:, :1] + 1j * x[:, 1:])
+    np.testing.assert_array_equal(plane.step, real.step)
+    np.testing.assert_allclose(plane.value[:, 0], real.value[:, 0] + 1j * real.value[:, 1], atol=1e-9)
+    np.testing.assert_allclose(plane.rate[:, 0], real.rate[:, 0] + 1j * real.rate[:, 1], atol=1e-9)
+
+
+def test_a_sample_is_the_line_of_least_squares_through_the_rows_about_it() -> None:
+    rng = np.random.default_rng(1)
+    seconds, x = np.arange(0.0, 8.0, 0.1), rng.standard_normal(80)
+    found = one(seconds, x[:, None])
+    k = int(np.flatnonzero(found.step == 8)[0])
+    near = np.abs(seconds - 4.0) < 0.5 + 1e-6
+    slope, level = np.polyfit(seconds[near] - 4.0, x[near], 1)
+    np.testing.assert_allclose([found.value[k, 0], found.rate[k, 0]], [level, slope], atol=1e-9)
+
+
+def test_nothing_is_told_of_a_long_gap() -> None:
+    seconds = np.concatenate([np.arange(0, 5, 0.1), np.arange(15, 20, 0.1)])
+    at = one(seconds, seconds[:, None]).step * STEP_S
+    assert at.min() == 0.0
+    assert at.max() == 19.5
+    assert not ((at > 5.5) & (at < 14.5)).any()
+    assert ((at > 4.2) & (at < 5)).any()
+
+
+def test_neighbouring_tracklets_are_not_mixed() -> None:
+    """The one stands at 0, the other, from when the first ends, at 100."""
+    seconds = np.concatenate([np.arange(0, 5.05, 0.1), np.arange(5, 10, 0.1)])
+    tracklet = (np.arange(len(seconds)) >= 51).astype(np.int64)
+    found = sampled(tracklet, seconds, 100.0 * tracklet[:, None])
+    np.testing.assert_allclose(found.value[:, 0], 100.0 * found.tracklet, atol=1e-9)
+    np.testing.assert_allclose(found.rate, 0.0, atol=1e-9)
+    assert np.count_nonzero(found.step == 10) == 2
+
+
+def test_three_rows_are_needed_and_two_do_only_where_they_are_asked_to() -> None:
+    seconds = np.array([0.8, 1.2])
+    assert len(one(seconds, seconds[:, None]).step) == 0
+    assert len(one(seconds[:1], seconds[:1, None], two_suffice=True).step) == 0
+    found = one(seconds, 3 * seconds[:, None], two_suffice=True)
+    assert found.step.tolist() == [2]
+    np.testing.assert_allclose([found.value[0, 0], found.rate[0, 0]], [3.0, 3.0])
+    three = np.array([0.8, 1.0, 1.2])
+    assert one(three, three[:, None]).step.tolist() == [2]
+
+
+def test_two_rows_must_lie_on_either_side_and_far_apart() -> None:
+    """Otherwise noise of the place becomes a large error of the pace."""
+    often = np.arange(10.0, 20.0, 0.1)
+    for pair, there in (((0.99, 1.01), False), ((0.7, 1.2), True)):
+        seconds = np.concatenate([pair, often])
+        tracklet = np.repeat([0, 1], [2, len(often)])
+        found = sampled(tracklet, seconds, seconds[:, None], two_suffice=True)
+        assert (found.tracklet == 0).any() == there, pair
+
+
+def test_short_tracklets_are_left_out() -> None:
+    seconds = np.concatenate([np.arange(0, 0.95, 0.1), np.arange(0, 1.55, 0.1)])
+    tracklet = np.repeat([2, 7], [10, 16])
+    assert set(sampled(tracklet, seconds, seconds[:, None], shortest_s=1.2).tracklet.tolist()) == {7}
+    assert set(sampled(tracklet, seconds, seconds[:, None]).tracklet.tolist()) == {2, 7}
+
+
+def test_nothing_gives_nothing() -> None:
+    found = one(np.zeros(0), np.zeros((0, 3)))
+    assert len(found.step) == len(found.tracklet) == 0
+    assert found.value.shape == found.rate.shape == (0, 3)
+
+
+def test_the_first_of_each_key() -> None:
+    key, cost = np.array([5, 1, 5, 1, 9]), np.array([2.0, 3.0, 1.0, 4.0, 0.0])
+    assert first_of(key, cost).tolist() == [1, 2, 4]
