@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from passerby.association.bodies import Bodies, bodies_of, level_of_bodies
 from passerby.association.ground_tracks import GroundTracks, ground_tracks
 from passerby.association.splitting import continuations, split
-from passerby.association.tracking import track
+from passerby.association.tracking import overlaps, track
 from passerby.cameras import Camera, Rig
 from passerby.geometry.single_view import Level
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
@@ -156,16 +156,8 @@ def _joints_of_boxes(joints: Keypoints, boxes: Boxes) -> Keypoints:
         own = by_frame[np.searchsorted(frames, frame) : np.searchsorted(frames, frame, side="right")]
         if not len(own):
             continue
-        overlap = _overlap(extents[rows], boxes.ltwh[own])
+        overlap = overlaps(extents[rows], boxes.ltwh[own])
         for i, j in zip(*linear_sum_assignment(-overlap), strict=True):
             if overlap[i, j] > SAME_PERSON_OVERLAP:
                 identity[rows[i]] = boxes.identity[own[j]]
     return replace(joints, identity=identity)
-
-
-def _overlap(a: Floats, b: Floats) -> Floats:
-    """(N, M) intersection over union of boxes (left, top, width, height)."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum((a[:, :2] + a[:, 2:])[:, None], (b[:, :2] + b[:, 2:])[None])
-    common = np.prod(np.clip(high - low, 0, None), axis=2)
-    return np.asarray(common / (np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None] - common))

@@ -129,7 +129,7 @@ def _without_duplicates(boxes: Boxes, usable: Mask) -> Mask:
     for rows in np.split(order, np.flatnonzero(np.diff(boxes.frame[order])) + 1):
         if len(rows) < 2:
             continue
-        double = np.triu(_overlap(boxes.ltwh[rows]) > SAME_BOX, k=1)
+        double = np.triu(overlaps(boxes.ltwh[rows], boxes.ltwh[rows]) > SAME_BOX, k=1)
         if double.any():
             for place in range(len(rows)):
                 if keep[rows[place]]:
@@ -137,11 +137,9 @@ def _without_duplicates(boxes: Boxes, usable: Mask) -> Mask:
     return keep
 
 
-def _overlap(ltwh: Floats) -> Floats:
-    """(K, K) intersection over union of the boxes (K, 4) with each other."""
-    low, size = ltwh[:, :2], ltwh[:, 2:]
-    high = low + size
-    common = np.minimum(high[:, None], high) - np.maximum(low[:, None], low)
-    shared = np.prod(np.maximum(common, 0.0), axis=-1)
-    area = np.prod(size, axis=-1)
-    return np.asarray(shared / (area[:, None] + area - shared))
+def overlaps(a: Floats, b: Floats) -> Floats:
+    """(N, M) intersection over union of boxes (N, 4) and (M, 4): left, top, width, height."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum((a[:, :2] + a[:, 2:])[:, None], (b[:, :2] + b[:, 2:])[None])
+    common = np.prod(np.maximum(high - low, 0.0), axis=2)
+    return np.asarray(common / (np.prod(a[:, 2:], axis=1)[:, None] + np.prod(b[:, 2:], axis=1)[None] - common))
