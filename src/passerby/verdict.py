@@ -50,7 +50,7 @@ def judged(
         reasons += [
             f"camera {name} could not be registered: record more people in the view that it shares with the others"
             for name in lost
-            if name not in named
+            if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", named)  # C1 is not named where C10 is
         ]
     # Joints have extent of their own: one person on the spot is enough.
     with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
