@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from passerby.association.associate import Tracklets, people_of_rig
 from passerby.association.cleaning import clean
 from passerby.association.drift import clock_drifts, drift_findings
 from passerby.association.figures import association_figures
-from passerby.association.instants import common_clock, common_instants
+from passerby.association.instants import common_clock
 from passerby.association.looks import Looks
+from passerby.association.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
 from passerby.association.pace import assumed_rate
 from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.result import Association
@@ -31,9 +31,6 @@ from passerby.solver.solution import Solution
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-WHOLE_SIGMA = 0.12
-"""Largest sigma of an offset, in frames, at which its being whole says something: three of them on either side are most of a
-frame."""
 
 
 class Solve(Protocol):
@@ -51,8 +48,6 @@ class Solve(Protocol):
 MAX_ROUNDS = 4
 SETTLED = 0.98
 """Identities have settled when so many of the box pairs that are one person were so a round before, and the other way round."""
-BY_CHANCE = 0.95
-"""Offsets count as whole frames unless they stray from them more than in 95 of 100 recordings that are."""
 
 
 @dataclass(frozen=True)
@@ -123,13 +118,6 @@ class _Run:
     looks: Looks | None
     options: AssociationOptions
 
-    def clocks(self, offset_s: Floats) -> dict[str, Clock]:
-        """The cameras' clocks with their offsets."""
-        return {
-            camera.name: replace(camera.clock, offset_s=float(offset))
-            for camera, offset in zip(self.cameras, offset_s, strict=True)
-        }
-
     def rows(self, person: Ints, offset_s: Floats, solution: Solution | None) -> list[tuple[Ints, Ints]]:
         """The person of every box and of every set of joints, camera by camera; -1 for nobody."""
         out = []
@@ -149,7 +137,7 @@ class _Run:
             np.where(seen.from_joints, _at(joints, seen.row), _at(boxes, seen.row))
             for seen, (boxes, joints) in zip(bodies, out, strict=True)
         ]
-        clocks = self.clocks(offset_s)
+        clocks = clocks_with(self.cameras, offset_s)
         grid = common_clock(Observations({camera.name: camera.seen for camera in self.cameras}), clocks)
         for (boxes, joints), seen, after in zip(
             out, bodies, clean(solution.rig, bodies, before, clocks, grid, self.options.body_m), strict=True
@@ -171,22 +159,20 @@ class _Run:
 
     def instants(self, identified: Observations, offset_s: Floats) -> Observations:
         """The same at instants that all cameras share."""
-        sizes = {camera.name: camera.lens.size for camera in self.rig}
-        return common_instants(identified, self.clocks(offset_s), sizes=sizes)
+        return at_common_instants(self.rig, self.cameras, identified, offset_s)
 
     def association(
         self, person: Ints, offset_s: Floats, solution: Solution | None, beginning: Beginning | None,
         rounds: list[dict[str, Any]], sigma_s: Floats | None = None,
     ) -> Association:  # fmt: skip
         """The result; the first registered camera's clock is the rig's."""
-        registered = [c for c, camera in enumerate(solution.rig) if camera.pose is not None] if solution else []
-        offset_s = offset_s - offset_s[registered[0] if registered else 0]
+        offset_s = by_first_registered(offset_s, solution.rig if solution else None)
         identified = self.identified(self.rows(person, offset_s, solution))
         known = {} if sigma_s is None else dict(zip(self.rig.names, sigma_s.tolist(), strict=True))
         figures = association_figures(self.cameras, self.tracklets, self.looks, beginning, person, offset_s)
         graph = beginning.graph if beginning is not None else None
         return Association(
-            identified, self.instants(identified, offset_s), self.clocks(offset_s),
+            identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, figures | {"rounds": rounds},
             {} if graph is None else reasons_of_lost(self.cameras, graph, self.options.search_s),
             *self._told(person, offset_s, solution, walked=graph is not None),
@@ -231,7 +217,7 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
         solution = solve(instants, beginning.guesses, passing=True, refine_time=refine)
         if solution.verdict == "refused":
             return solution, run.association(person, offset_s, None, beginning, rounds)
-        offset_s = _refined(run, offset_s, solution)
+        offset_s = offset_s + corrections(solution)[0]
         poses = [camera.pose for camera in solution.rig]
         before = person
         if beginning.graph is not None:
@@ -246,53 +232,14 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
     identified = run.identified(run.rows(person, offset_s, solution))
     solution = solve(run.instants(identified, offset_s), beginning.guesses, passing=False, refine_time=refine)
     if refine and solution.verdict != "refused":
-        offset_s = _refined(run, offset_s, solution)
-        sigma_s = _sigmas(run, solution)
+        correction_s, sigma_s = corrections(solution)
+        offset_s = offset_s + correction_s
         in_step = whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in run.cameras]))
         if in_step is not None:
             offset_s = in_step
             solution = solve(run.instants(identified, offset_s), beginning.guesses, passing=False, refine_time=False)
         return solution, run.association(person, offset_s, solution, beginning, rounds, sigma_s)
     return solution, run.association(person, offset_s, solution, beginning, rounds)
-
-
-def whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | None:
-    """The offsets in whole frames, where nothing speaks against it; else None.
-
-    Cameras with a common trigger, and recordings cut from one, are whole frames apart. Taking them so then spares the solver
-    an unknown a camera. Each offset may stray by its sigma, which must be small beside a frame: else anything looks whole.
-
-    Args:
-        offset_s: (C,) offsets, seconds; the first with a sigma is the reference.
-        sigma_s: (C,) their sigmas, 0 for the reference, NaN for cameras that are not registered.
-        fps: (C,) frame rates.
-    """
-    known = np.isfinite(sigma_s)
-    if np.count_nonzero(known) < 2 or np.ptp(fps[known]) > 0:
-        return None
-    rate, reference = float(fps[known][0]), offset_s[known][0]
-    frames = (offset_s - reference) * rate
-    stray = (frames - np.round(frames))[known] / rate
-    free = sigma_s[known] > 0
-    if (sigma_s[known] > WHOLE_SIGMA / rate).any():
-        return None
-    square = float(((stray[free] / sigma_s[known][free]) ** 2).sum())
-    if square > chdtri(np.count_nonzero(free), 1 - BY_CHANCE):
-        return None
-    return np.where(known, reference + np.round(frames) / rate, offset_s)
-
-
-def _sigmas(run: _Run, solution: Solution) -> Floats:
-    """(C,) sigmas of the offsets, NaN where there is none."""
-    found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {})
-    return np.array([found[camera.name]["sigma_s"] if camera.name in found else np.nan for camera in run.rig])
-
-
-def _refined(run: _Run, offset_s: Floats, solution: Solution) -> Floats:
-    """The offsets with the solver's corrections."""
-    found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {})
-    correction = np.array([found[c.name]["correction_s"] if c.name in found else 0.0 for c in run.rig])
-    return np.asarray(offset_s + correction)
 
 
 def _alike(before: Ints, after: Ints) -> float:

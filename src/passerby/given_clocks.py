@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.alternation import Solve, whole_frames
+from passerby.alternation import Solve
 from passerby.association.associate import Tracklets
 from passerby.association.figures import association_figures
-from passerby.association.instants import common_instants
+from passerby.association.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
 from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.result import Association
 from passerby.association.starting import Beginning, begin_with_tracks
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Observations
 from passerby.progress import Progress, silent
 from passerby.solver.solution import Solution
 
@@ -75,39 +75,33 @@ def _refined(
     offset_s, seen = beginning.offset_s, _only(observations, timed)
     for passing in (True, False):
         tell("solving")
-        solution = solve(_instants(rig, seen, cameras, offset_s), beginning.guesses, passing=passing, refine_time=True)
+        solution = solve(at_common_instants(rig, cameras, seen, offset_s), beginning.guesses, passing=passing, refine_time=True)
         if solution.verdict == "refused":
             break
-        correction, sigma_s = _found(rig, solution)
-        offset_s = offset_s + correction
+        correction_s, sigma_s = corrections(solution)
+        offset_s = offset_s + correction_s
     else:
         in_step = whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in cameras]))
         if in_step is not None:
             figures, offset_s = solution.figures, in_step
-            solution = solve(_instants(rig, seen, cameras, offset_s), beginning.guesses, passing=False, refine_time=False)
+            solution = solve(
+                at_common_instants(rig, cameras, seen, offset_s), beginning.guesses, passing=False, refine_time=False
+            )
             solution = replace(solution, figures=solution.figures | {"clocks": figures["clocks"]})
     solution = _without_clocks(solution, [name for name in rig.names if name not in timed])
     return solution, _association(rig, observations, cameras, beginning, offset_s, solution)
 
 
-def _found(rig: Rig, solution: Solution) -> tuple[Floats, Floats]:
-    """(C,) the solver's corrections of the offsets, and (C,) their sigmas, NaN where it has none."""
-    found = solution.figures.get("clocks", {})
-    nothing = {"correction_s": 0.0, "sigma_s": np.nan}
-    rows = [found.get(name, nothing) for name in rig.names]
-    return np.array([row["correction_s"] for row in rows]), np.array([row["sigma_s"] for row in rows])
-
-
 def _begin(cameras: Sequence[PreparedCamera], max_offset_s: float, executor: Executor | None, tell: Progress) -> Beginning:
     """Register the pairs by people who are the same."""
+    people = np.arange(max((camera.n_tracklets for camera in cameras), default=0))
+    same = np.where(people[:, None] == people, 0.0, SOMEBODY_ELSE)
     likeness = {
-        (a, b): np.where(
-            np.arange(first.n_tracklets)[:, None] == np.arange(second.n_tracklets), 0.0, SOMEBODY_ELSE
-        )
+        (a, b): same[: first.n_tracklets, : second.n_tracklets]
         for a, first in enumerate(cameras)
         for b, second in enumerate(cameras)
         if a < b
-    }  # fmt: skip
+    }
     return begin_with_tracks(cameras, Tracklets.of(cameras), max_offset_s, likeness, executor, tell)
 
 
@@ -162,17 +156,6 @@ def _only(observations: Observations, names: Sequence[str]) -> Observations:
     return replace(observations, cameras=seen)
 
 
-def _clocks(cameras: Sequence[PreparedCamera], offset_s: Floats) -> dict[str, Clock]:
-    return {
-        camera.name: replace(camera.clock, offset_s=float(offset)) for camera, offset in zip(cameras, offset_s, strict=True)
-    }
-
-
-def _instants(rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], offset_s: Floats) -> Observations:
-    sizes = {camera.name: camera.lens.size for camera in rig}
-    return common_instants(observations, _clocks(cameras, offset_s), sizes=sizes)
-
-
 def _without_clocks(solution: Solution, lost: Sequence[str]) -> Solution:
     """The solution with a reason for each camera whose clock is not known, in place of the solver's."""
     if not lost:
@@ -192,10 +175,9 @@ def _association(
     solution: Solution,
 ) -> Association:  # fmt: skip
     """The result; the first registered camera's clock is the rig's."""
-    registered = [c for c, camera in enumerate(solution.rig) if camera.pose is not None]
-    offset_s = offset_s - offset_s[registered[0] if registered else 0]
+    offset_s = by_first_registered(offset_s, solution.rig)
     person = np.concatenate([np.arange(camera.n_tracklets) for camera in cameras])
     figures = association_figures(cameras, Tracklets.of(cameras), None, beginning, person, offset_s)
     sigma_s = {name: clock["sigma_s"] for name, clock in solution.figures.get("clocks", {}).items()}
-    instants = _instants(rig, observations, cameras, offset_s)
-    return Association(observations, instants, _clocks(cameras, offset_s), sigma_s, figures)
+    instants = at_common_instants(rig, cameras, observations, offset_s)
+    return Association(observations, instants, clocks_with(cameras, offset_s), sigma_s, figures)
