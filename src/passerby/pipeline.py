@@ -88,6 +88,8 @@ class Calibration:
 
 PASSING_SIGHTINGS = 8000
 """Sightings in the solutions between two rounds of association: enough to place people to a fraction of their width."""
+PASSING_TOLERANCE = 1e-5
+"""Relative gain at which such a solution ends: the digits beyond are the last solution's business."""
 
 
 def calibrate(
@@ -186,9 +188,8 @@ def _solved(
         if isinstance(options, PeopleOptions):
             chosen = replace(options, refine_time=options.refine_time or refine_time)
             if passing:
-                chosen = replace(
-                    chosen, max_sightings=min(chosen.max_sightings, PASSING_SIGHTINGS), tolerance=max(chosen.tolerance, 1e-5)
-                )
+                sightings, tolerance = min(chosen.max_sightings, PASSING_SIGHTINGS), max(chosen.tolerance, PASSING_TOLERANCE)
+                chosen = replace(chosen, max_sightings=sightings, tolerance=tolerance)
         return _solve(scene, rig, instants, chosen, rng, guesses)
 
     if scene.association.given:
