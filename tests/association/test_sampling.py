@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from passerby.association.sampling import STEP_S, Sampled, first_of, sampled
 
 
-def one(seconds: np.ndarray, values: np.ndarray, **options: bool | float) -> Sampled[np.ndarray]:
+def one(seconds: np.ndarray, values: NDArray[Any], **options: bool | float) -> Sampled[NDArray[np.float64]]:
     """The samples of a single tracklet."""
     return sampled(np.zeros(len(seconds), np.int64), seconds, values, **options)  # type: ignore[arg-type]
 
@@ -66,7 +69,7 @@ def test_neighbouring_tracklets_are_not_mixed() -> None:
     """The one stands at 0, the other, from when the first ends, at 100."""
     seconds = np.concatenate([np.arange(0, 5.05, 0.1), np.arange(5, 10, 0.1)])
     tracklet = (np.arange(len(seconds)) >= 51).astype(np.int64)
-    found = sampled(tracklet, seconds, 100.0 * tracklet[:, None])
+    found = sampled(tracklet, seconds, np.asarray(100.0 * tracklet[:, None], np.float64))
     np.testing.assert_allclose(found.value[:, 0], 100.0 * found.tracklet, atol=1e-9)
     np.testing.assert_allclose(found.rate, 0.0, atol=1e-9)
     assert np.count_nonzero(found.step == 10) == 2
