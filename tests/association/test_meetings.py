@@ -1,0 +1,176 @@
+"""Who meets whom by a calibrated rig, against people whose places are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from passerby.association.bodies import Bodies
+from passerby.association.meetings import SightTracks, meetings, sight_tracks
+from passerby.association.sampling import STEP_S
+from passerby.cameras import Pose
+from person_scenes import looking_at
+
+BODY_M = 1.72
+FAR = looking_at((9.0, -3.0, 3.0), (0, 0, 1))
+NEAR = looking_at((-2.0, -8.0, 2.2), (0, 0, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """Walkers on a circle each, about a middle of their own, on ground that climbs along x."""
+
+    middle: np.ndarray
+    """(P, 2)"""
+    slope: float = 0.0
+    radius: float = 1.0
+    apart: float = 2.0
+    """Radians, of one walker after another; 0 where they walk in step."""
+
+    def feet(self, person: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+        angle = 1.2 * seconds / self.radius + self.apart * person
+        xy = self.middle[person] + self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        return np.column_stack([xy, self.slope * xy[:, 0]])
+
+    def seen_from(
+        self,
+        pose: Pose,
+        *,
+        late_s: float = 0.0,
+        noise: float = 0.0,
+        fps: float = 10.0,
+        seconds: float = 20.0,
+        unknown: int = -1,
+    ) -> SightTracks:
+        """By a camera whose clock shows so much more than the time; the tracklet numbers are the people's, one is in none."""
+        rng, n = np.random.default_rng(len(self.middle)), len(self.middle)
+        time = np.tile(np.arange(0.0, seconds, 1 / fps), n)
+        person = np.repeat(np.arange(n), len(time) // n)
+        height = BODY_M * (1 + 0.03 * np.cos(5 * person))[:, None] * [0.0, 0.0, 1.0]
+        feet = self.feet(person, time)
+        jitter = noise * BODY_M * rng.standard_normal((2, len(time), 3))
+        top, bottom = (_rays(pose, points) for points in (feet + height + jitter[0], feet + jitter[1]))
+        none = np.zeros(len(time))
+        bodies = Bodies(
+            np.arange(len(time)), time + late_s, np.where(person == unknown, -1, person), top, bottom,
+            np.zeros((len(time), 2, 3)), none + 100, none + 1, none, np.arange(len(time)), none > 0,
+        )  # fmt: skip
+        return sight_tracks(bodies.take(rng.permutation(len(time))), pose)
+
+
+def _rays(pose: Pose, points: np.ndarray) -> np.ndarray:
+    rays = (points - pose.centre) @ pose.R_cw.T
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def table(a: SightTracks, b: SightTracks, n: int, lag_s: float = 0.0) -> np.ndarray:
+    """(n, n) the mean value of a common sample; NaN where there is none."""
+    i, j, value = meetings(a, b, lag_s, BODY_M)
+    assert len(set(zip(i.tolist(), j.tolist(), strict=True))) == len(i)
+    count = np.full((n, n), np.nan)
+    for k, m in zip(i, j, strict=True):
+        in_b = b.step[b.tracklet == m] - round(lag_s / STEP_S)
+        count[k, m] = np.isin(a.step[a.tracklet == k], in_b).sum()
+    found = np.full((n, n), np.nan)
+    found[i, j] = value
+    return np.asarray(found / count)
+
+
+def assert_told_apart(found: np.ndarray) -> None:
+    """One person's samples are worth 0.86 to 0.99 here, the most alike of two people's -0.21."""
+    same = np.eye(len(found), dtype=bool)
+    assert (found[same] > 0.8).all(), found.round(2)
+    assert (found[~same] < -0.1).all(), found.round(2)
+
+
+CROWD = People(np.array([[0.0, 0.0], [3.0, 2.0], [-4.0, 3.0], [1.0, -4.0]]))
+
+
+def test_a_sample_is_the_ray_to_the_middle_and_the_size_of_the_body() -> None:
+    found = CROWD.seen_from(NEAR)
+    feet = CROWD.feet(found.tracklet, found.step * STEP_S)
+    to = feet + [0, 0, 0.5 * BODY_M] - NEAR.centre
+    reach = np.linalg.norm(to, axis=1, keepdims=True)
+    np.testing.assert_allclose(np.linalg.norm(found.ray, axis=1), 1.0)
+    assert np.linalg.norm(found.ray - to / reach, axis=1).max() < 0.02
+    level = np.linalg.norm(to[:, :2], axis=1) / reach[:, 0]
+    np.testing.assert_allclose(found.size, BODY_M * level / reach[:, 0], rtol=0.08)
+    later = CROWD.feet(found.tracklet, found.step * STEP_S + 0.01) - feet
+    across = later / 0.01 - np.einsum("ni,ni->n", later / 0.01, to / reach)[:, None] * to / reach
+    inner = (found.step > found.step.min()) & (found.step < found.step.max())
+    assert np.linalg.norm(found.rate - across / reach, axis=1)[inner].max() < 0.03
+    assert (np.diff(found.step) >= 0).all()
+
+
+def test_people_meet_themselves_and_nobody_else() -> None:
+    found = table(CROWD.seen_from(FAR, noise=0.02), CROWD.seen_from(NEAR, noise=0.02), 4)
+    assert_told_apart(found)
+
+
+def test_the_sum_grows_with_every_common_sample_and_is_at_most_one_each() -> None:
+    short = meetings(CROWD.seen_from(FAR, seconds=10), CROWD.seen_from(NEAR, seconds=10), 0.0, BODY_M)
+    long = meetings(CROWD.seen_from(FAR), CROWD.seen_from(NEAR), 0.0, BODY_M)
+    for i, j, value, samples in (*zip(*short, [20] * 16, strict=True), *zip(*long, [40] * 16, strict=True)):
+        assert abs(value) <= samples
+        assert (value > 0.8 * samples) == (i == j)
+
+
+@pytest.mark.parametrize("slope", [0.05, -0.05])
+def test_walkers_on_a_slope_still_meet(slope: float) -> None:
+    """A low camera sees their feet metres beside the ground at height 0."""
+    hill = People(CROWD.middle, slope)
+    low = looking_at((9.0, -3.0, 1.6), (0, 0, 1))
+    assert_told_apart(table(hill.seen_from(low, noise=0.02), hill.seen_from(NEAR, noise=0.02), 4))
+
+
+@pytest.mark.parametrize("across", [(1.5, 0.0), (0.0, 1.5), (1.06, 1.06), (-1.06, 1.06)])
+def test_two_people_side_by_side_do_not_meet(across: tuple[float, float]) -> None:
+    """They walk in step, so that only the place tells them apart."""
+    middle = np.array([[0.0, 0.0], across, [-4.0, 3.0], [4.0, 4.0]])
+    walk = People(middle, apart=0.0)
+    high = looking_at((9.0, -3.0, 4.5), (0, 0, 1)), looking_at((-2.0, -8.0, 4.5), (0, 0, 1))
+    first, second = (walk.seen_from(pose, noise=0.02) for pose in high)
+    assert_told_apart(table(first, second, 4))
+    # Low cameras, 3.0 and 2.2 m high, tell less of the distance; but one person still fits much better than two.
+    found = table(walk.seen_from(FAR, noise=0.02), walk.seen_from(NEAR, noise=0.02), 4)
+    assert (np.diag(found) - np.where(np.eye(4) > 0, -1, found).max(axis=1) > 0.3).all()
+
+
+def test_two_cameras_at_one_place() -> None:
+    """Their rays meet in the cameras alone; the ground and the sizes tell how far away somebody is."""
+    turned = looking_at(tuple(FAR.centre), (0.0, 1.5, 1.0))
+    assert_told_apart(table(CROWD.seen_from(FAR, noise=0.02), CROWD.seen_from(turned, noise=0.02), 4))
+
+
+def test_nobody_meets_behind_a_camera() -> None:
+    """Back to back, with people in mirrored places: all lines through the cameras meet."""
+    first, second = looking_at((0, 0, 2.5), (6, 0, 1)), looking_at((0, 0, 2.5), (-6, 0, 1))
+    east = People(np.array([[6.0, 0.0]]))
+    feet = east.feet(np.zeros(3, np.int64), np.array([0.0, 1.0, 2.0]))
+    west = People(np.array([[-6.0, 0.0]]))
+    assert np.linalg.norm(feet[:, :2], axis=1).min() > 4
+    _, _, value = meetings(east.seen_from(first), west.seen_from(second), 0.0, BODY_M)
+    assert value[0] == -40
+
+
+@pytest.mark.parametrize("lag_s", [2.0, -1.5, 0.7, -0.25])
+def test_the_lag_is_what_camera_bs_clock_shows_more(lag_s: float) -> None:
+    here, there = CROWD.seen_from(FAR), CROWD.seen_from(NEAR, late_s=lag_s)
+    assert_told_apart(table(here, there, 4, lag_s))
+    in_step = np.diag(table(CROWD.seen_from(FAR), CROWD.seen_from(NEAR), 4)).mean()
+    np.testing.assert_allclose(np.diag(table(here, there, 4, lag_s)).mean(), in_step, atol=0.03)
+    if abs(lag_s) > 1:
+        assert np.diag(table(here, there, 4, -lag_s)).mean() < in_step - 0.2
+
+
+def test_whoever_is_in_no_tracklet_meets_nobody() -> None:
+    i, j, _ = meetings(CROWD.seen_from(FAR, unknown=1), CROWD.seen_from(NEAR, unknown=2), 0.0, BODY_M)
+    assert set(i.tolist()) == {0, 2, 3}
+    assert set(j.tolist()) == {0, 1, 3}
+
+
+def test_cameras_that_never_see_at_one_time() -> None:
+    i, j, value = meetings(CROWD.seen_from(FAR), CROWD.seen_from(NEAR, late_s=500.0), 0.0, BODY_M)
+    assert len(i) == len(j) == len(value) == 0
