@@ -1,0 +1,178 @@
+"""What association starts from, against the truth of simulated cameras."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.association.preparing import PreparedCamera, prepare_camera, prepare_cameras
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.simulation import SimulatedScene
+from person_scenes import simulated
+
+FPS = 5.0
+
+
+@pytest.fixture(scope="module")
+def scene() -> SimulatedScene:
+    return simulated("terrace", 20.0, 5, people=6)
+
+
+def seen(scene: SimulatedScene, *, boxes: bool = True, joints: bool = True) -> CameraObservations:
+    """By the first camera, with true identities."""
+    found = scene.observations[scene.rig.names[0]]
+    return CameraObservations(found.boxes if boxes else Boxes.empty(), found.keypoints if joints else Keypoints.empty())
+
+
+def nameless(found: CameraObservations) -> CameraObservations:
+    boxes, joints = found.boxes, found.keypoints
+    return CameraObservations(
+        replace(boxes, identity=np.full(len(boxes), UNKNOWN)), replace(joints, identity=np.full(len(joints), UNKNOWN))
+    )
+
+
+def prepared(scene: SimulatedScene, found: CameraObservations, *, given: bool = False) -> PreparedCamera:
+    camera = replace(scene.rig.cameras[0], pose=None)
+    return prepare_camera(camera, found, Clock(FPS), 1.72, np.random.default_rng(0), given=given)
+
+
+def assert_people(tracklet: np.ndarray, truth: np.ndarray, least: float) -> None:
+    """Each tracklet shows one person, and nearly everybody is in one."""
+    known = tracklet > UNKNOWN
+    assert known.mean() > least
+    pure = sum(np.bincount(truth[tracklet == number]).max() for number in np.unique(tracklet[known]).tolist())
+    assert pure / known.sum() > 0.98
+    assert known.sum() > 10 * len(np.unique(tracklet[known])), "seconds long"
+
+
+def test_detections_are_tracked(scene: SimulatedScene) -> None:
+    true = seen(scene, joints=False)
+    found = prepared(scene, nameless(true))
+    np.testing.assert_array_equal(found.seen.boxes.ltwh, true.boxes.ltwh)
+    assert_people(found.seen.boxes.identity, true.boxes.identity, 0.8)
+    numbers = np.unique(found.seen.boxes.identity[found.seen.boxes.identity > UNKNOWN])
+    np.testing.assert_array_equal(numbers, np.arange(found.n_tracklets))
+    assert found.name == scene.rig.names[0]
+
+
+def test_the_camera_is_levelled_and_its_people_have_tracks(scene: SimulatedScene) -> None:
+    found = prepared(scene, nameless(seen(scene, joints=False)))
+    pose = scene.rig.cameras[0].pose
+    assert pose is not None
+    assert found.level is not None
+    assert found.tracks is not None
+    np.testing.assert_allclose(found.level.height, pose.centre[2], rtol=0.2)
+    assert len(found.tracks) > 100
+    assert set(found.tracks.tracklet.tolist()) <= set(range(found.n_tracklets))
+    np.testing.assert_array_equal(found.bodies.seconds, Clock(FPS).seconds(found.bodies.frame))
+
+
+def test_known_people_are_left_as_they_are(scene: SimulatedScene) -> None:
+    """Even where the identities jump from person to person."""
+    true = seen(scene)
+    mixed = replace(true, boxes=replace(true.boxes, identity=np.where(true.boxes.frame > 50, 60, true.boxes.identity)))
+    found = prepared(scene, mixed, given=True)
+    np.testing.assert_array_equal(found.seen.boxes.identity, mixed.boxes.identity)
+    np.testing.assert_array_equal(found.seen.keypoints.identity, mixed.keypoints.identity)
+    assert [len(column) for column in found.continued] == [0, 0]
+    assert found.n_tracklets == 61
+
+
+def test_given_tracklets_are_numbered_from_nought_and_the_rest_is_tracked(scene: SimulatedScene) -> None:
+    """Two people have tracklets 40 and 17, who are not taken apart, the others are detections."""
+    true = seen(scene, joints=False).boxes
+    often = np.argsort(-np.bincount(true.identity))[:2]
+    identity = np.full(len(true), UNKNOWN)
+    identity[true.identity == often[0]], identity[true.identity == often[1]] = 40, 17
+    found = prepared(scene, CameraObservations(replace(true, identity=identity))).seen.boxes.identity
+    assert_people(found, true.identity, 0.9)
+    for number in (40, 17):
+        rows = identity == number
+        assert (found[rows] > UNKNOWN).all()
+        assert not np.isin(found[~rows], found[rows]).any()
+        assert np.bincount(found[rows]).max() > 0.5 * rows.sum()
+    assert np.unique(found[found > UNKNOWN]).tolist() == list(range(found.max() + 1))
+
+
+def test_a_given_tracklet_that_changes_person_is_split(scene: SimulatedScene) -> None:
+    true = seen(scene, joints=False).boxes
+    middle = true.ltwh[:, 0] + 0.5 * true.ltwh[:, 2]
+    at = {frame: dict(zip(true.identity[on].tolist(), middle[on].tolist(), strict=True))
+          for frame in (50, 51) for on in [true.frame == frame]}  # fmt: skip
+    both = sorted(set(at[50]) & set(at[51]))
+    first, second = max(((i, j) for i in both for j in both), key=lambda pair: abs(at[50][pair[0]] - at[51][pair[1]]))
+    keep = ((true.identity == first) & (true.frame <= 50)) | ((true.identity == second) & (true.frame > 50))
+    own = true.take(keep)
+    found = prepared(scene, CameraObservations(replace(own, identity=np.full(len(own), 3)))).seen.boxes
+    assert not set(found.identity[found.frame <= 50].tolist()) & set(found.identity[found.frame > 50].tolist()) - {UNKNOWN}
+
+
+def test_joints_belong_to_the_boxes_that_they_lie_in(scene: SimulatedScene) -> None:
+    true = seen(scene)
+    found = prepared(scene, nameless(true)).seen
+    keys = zip(true.boxes.frame.tolist(), true.boxes.identity.tolist(), strict=True)
+    tracklet_of = dict(zip(keys, found.boxes.identity.tolist(), strict=True))
+    joints = found.keypoints
+    expected = np.array(
+        [tracklet_of.get(key, UNKNOWN) for key in zip(joints.frame.tolist(), true.keypoints.identity.tolist(), strict=True)]
+    )
+    known = joints.identity > UNKNOWN
+    assert known.mean() > 0.8
+    assert np.mean(joints.identity[known] == expected[known]) > 0.98
+    for number in np.unique(joints.identity[known]).tolist():
+        frames = joints.frame[joints.identity == number]
+        assert len(np.unique(frames)) == len(frames), "two on one box"
+
+
+def test_joints_far_from_every_box_are_nobodys(scene: SimulatedScene) -> None:
+    true = nameless(seen(scene))
+    moved = replace(true, keypoints=replace(true.keypoints, xy=true.keypoints.xy + 5000.0))
+    assert (prepared(scene, moved).seen.keypoints.identity == UNKNOWN).all()
+
+
+def test_joints_alone_are_tracked(scene: SimulatedScene) -> None:
+    true = seen(scene, boxes=False)
+    found = prepared(scene, nameless(true))
+    assert_people(found.seen.keypoints.identity, true.keypoints.identity, 0.8)
+    assert len(found.seen.boxes) == 0
+    assert found.bodies.from_joints.all()
+    assert found.n_tracklets == found.seen.keypoints.identity.max() + 1
+
+
+def test_joints_that_were_not_found_are_in_no_tracklet(scene: SimulatedScene) -> None:
+    true = nameless(seen(scene, boxes=False)).keypoints
+    score = true.score.copy()
+    score[::3] = 0.0
+    found = prepared(scene, CameraObservations(Boxes.empty(), replace(true, score=score))).seen.keypoints.identity
+    assert (found[::3] == UNKNOWN).all()
+    assert (found > UNKNOWN).mean() > 0.3
+
+
+def test_nobody_seen_is_no_error(scene: SimulatedScene) -> None:
+    found = prepared(scene, CameraObservations())
+    assert found.n_tracklets == len(found.bodies) == 0
+    assert found.level is None
+    assert found.tracks is None
+
+
+def test_an_executor_changes_nothing(scene: SimulatedScene) -> None:
+    observations = Observations({name: nameless(CameraObservations(scene.truth[name])) for name in scene.rig.names})
+    clocks = dict.fromkeys(scene.rig.names, Clock(FPS))
+    told: list[tuple[int, int]] = []
+
+    def tell(stage: str, done: int = 0, total: int = 0) -> None:
+        told.append((done, total))
+
+    plain = prepare_cameras(scene.rig, observations, clocks, 1.72, np.random.default_rng(3), tell=tell)
+    with ThreadPoolExecutor(2) as pool:
+        aside = prepare_cameras(scene.rig, observations, clocks, 1.72, np.random.default_rng(3), pool)
+    assert [camera.name for camera in plain] == [camera.name for camera in aside] == list(scene.rig.names)
+    assert told[-1] == (len(scene.rig), len(scene.rig))
+    for one, other in zip(plain, aside, strict=True):
+        np.testing.assert_array_equal(one.seen.boxes.identity, other.seen.boxes.identity)
+        assert one.level is not None
+        assert other.level is not None
+        np.testing.assert_allclose(one.level.height, other.level.height, rtol=1e-9)
