@@ -1,0 +1,145 @@
+"""Clocks that do not keep step, against frame rates that are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from ground_walkers import Walker, standing, walkers
+from passerby.association.bodies import bodies_of
+from passerby.association.drift import Drift, clock_drifts, drift_findings
+from passerby.association.preparing import PreparedCamera
+from passerby.cameras import Pose, Rig
+from passerby.observations import Clock
+from person_scenes import observe, ring
+
+FPS = 10.0
+SECONDS = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Filmed:
+    """Cameras of a rig, and who their tracklets are."""
+
+    cameras: list[PreparedCamera]
+    poses: list[Pose | None]
+    person: list[np.ndarray]
+    offset_s: np.ndarray
+
+    def drifts(self) -> dict[int, Drift]:
+        return clock_drifts(self.cameras, self.poses, self.person, self.offset_s)
+
+
+def filmed(
+    people: list[Walker], true_fps: tuple[float, ...], late_s: tuple[float, ...] | None = None, *, noise: float = 0.01
+) -> Filmed:
+    """By a ring of cameras with these frame rates, all stated as `FPS`, whose frame 1 shows the time `late_s`."""
+    rig, rng = ring(len(true_fps), radius=11.0, height=4.0), np.random.default_rng(0)
+    offset_s = np.array(late_s or np.zeros(len(rig)))
+    cameras = []
+    for camera, fps, offset in zip(rig, true_fps, offset_s.tolist(), strict=True):
+        frame = np.arange(1, int(SECONDS * fps), dtype=np.int64)
+        places = np.concatenate([walker.at((frame - 1) / fps + offset) for walker in people])
+        ground = np.column_stack([places.real, places.imag])
+        number = np.repeat(np.arange(len(people)), len(frame))
+        seen = observe(Rig((camera,)), ground, np.full(len(number), 1.72), np.tile(frame, len(people)), number)[camera.name]
+        bodies = bodies_of(seen, camera.lens, Clock(FPS))
+        shaken = bodies.bottom + noise * 0.1 * rng.standard_normal((len(bodies), 3))
+        object.__setattr__(bodies, "bottom", shaken / np.linalg.norm(shaken, axis=1, keepdims=True))
+        none = np.zeros(0, np.int64)
+        cameras.append(PreparedCamera(camera.name, seen, Clock(FPS), bodies, None, None, (none, none)))
+    return Filmed(cameras, [camera.pose for camera in rig], [np.arange(len(people))] * len(rig), offset_s)
+
+
+def crowd(n: int = 8) -> list[Walker]:
+    return walkers(n, np.random.default_rng(1), SECONDS, half_m=4.0)
+
+
+@pytest.mark.parametrize("true_fps", [10.1, 9.8, 10.005])
+def test_a_camera_of_another_frame_rate_runs_ahead_or_behind(true_fps: float) -> None:
+    """More frames a second than stated: its clock shows too much."""
+    found = filmed(crowd(), (FPS, FPS, true_fps, FPS), (0.0, 1.3, -0.7, 0.25)).drifts()
+    assert list(found) == [0, 1, 2, 3]
+    rate = true_fps / FPS - 1
+    np.testing.assert_allclose(found[2].rate, rate, atol=0.1 * abs(rate) + 2e-4)
+    assert found[2].span_s == pytest.approx(SECONDS, abs=4.0)
+    for c in (0, 1, 3):
+        assert not found[c].sure
+        assert abs(found[c].seconds) < 0.04
+    assert found[2].sure == (abs(rate) > 0.005)
+    assert found[2].harmful == (abs(rate) > 0.01)
+
+
+def test_sound_clocks_of_noisy_cameras_do_not_drift() -> None:
+    found = filmed(crowd(), (FPS,) * 4, (0.4, 0.0, -0.9, 2.0), noise=0.05).drifts()
+    assert len(found) == 4
+    assert not any(drift.sure for drift in found.values())
+    assert all(drift.sigma > 0 for drift in found.values())
+
+
+def test_a_camera_without_a_pose_is_left_out() -> None:
+    scene = filmed(crowd(), (FPS, FPS, 10.2, FPS))
+    scene.poses[0] = None
+    found = scene.drifts()
+    assert list(found) == [1, 2, 3]
+    np.testing.assert_allclose(found[2].rate, 0.02, atol=0.002)
+
+
+def test_standing_people_tell_no_time() -> None:
+    assert filmed(standing(8, np.random.default_rng(0), half_m=4.0), (FPS, FPS, 10.2)).drifts() == {}
+
+
+def test_people_who_are_nobody_elses_tell_nothing() -> None:
+    scene = filmed(crowd(4), (FPS, 10.2))
+    scene.person[1] = scene.person[1] + 100
+    assert scene.drifts() == {}
+
+
+def test_the_sentence_names_camera_drift_and_the_rate_that_fits() -> None:
+    scene = filmed(crowd(), (FPS, FPS, 10.4, FPS))
+    doubts, findings = drift_findings(scene.cameras, scene.drifts())
+    assert len(doubts) == 1
+    assert findings == []
+    assert "the clock of C3 drifts by" in doubts[0]
+    assert "better than the stated 10: check its fps" in doubts[0]
+    fits = float(doubts[0].split("fit about ")[1].split()[0])
+    assert fits == pytest.approx(10.4, abs=0.05)
+    assert float(doubts[0].split("drifts by ")[1].split()[0]) == pytest.approx(2.4, abs=0.3)
+
+
+def test_a_small_drift_is_a_finding_and_no_doubt() -> None:
+    scene = filmed(crowd(), (FPS, FPS, 10.08, FPS))
+    doubts, findings = drift_findings(scene.cameras, scene.drifts())
+    assert doubts == []
+    assert len(findings) == 1
+    assert "C3" in findings[0]
+
+
+def test_of_two_cameras_neither_is_to_blame() -> None:
+    scene = filmed(crowd(), (FPS, 10.4))
+    doubts, findings = drift_findings(scene.cameras, scene.drifts())
+    assert findings == []
+    assert len(doubts) == 1
+    assert doubts[0].startswith("the clocks of C1 and C2 drift apart by 2.")
+    sound = filmed(crowd(), (FPS, FPS))
+    assert drift_findings(sound.cameras, sound.drifts()) == ([], [])
+
+
+@pytest.mark.parametrize(
+    ("rate", "sigma", "span_s", "sure", "harmful"),
+    [
+        (0.04, 0.0005, 60.0, True, True),  # 24 frames a second for 25
+        (-0.04, 0.0005, 60.0, True, True),
+        (0.04, 0.02, 60.0, False, True),  # too little is known of it
+        (0.005, 0.0001, 120.0, True, False),  # a poor clock
+        (0.005, 0.0001, 300.0, True, True),  # for so long that it spoils the rig
+        (0.001, 0.00001, 60.0, False, False),  # too small to move people
+        (0.04, 0.0005, 10.0, True, False),  # too short to
+    ],
+)
+def test_what_is_sure_and_what_is_harmful(rate: float, sigma: float, span_s: float, sure: bool, harmful: bool) -> None:
+    drift = Drift(rate, sigma, span_s)
+    assert drift.seconds == pytest.approx(rate * span_s)
+    assert (drift.sure, drift.harmful) == (sure, harmful)
