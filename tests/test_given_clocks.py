@@ -133,3 +133,26 @@ def test_a_camera_without_a_clock_is_named_and_left_out(tmp_path):
     assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 40
     assert any(reason.startswith("camera C4 has no clock") for reason in calibration.reasons)
     assert not any("camera C4 could not be joined" in reason for reason in calibration.reasons)
+
+
+def test_clocks_further_apart_than_is_searched_for(tmp_path):
+    simulated, calibration = calibrated(tmp_path, SEARCHED | {"max_offset_s": 2.0}, clock_offsets=(0.0, 0.0, 4.0, 0.0))
+    assert calibration.verdict == "doubtful"
+    assert calibration.rig["C3"].pose is None
+    assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 25  # measured 21 mm
+    (told,) = [reason for reason in calibration.reasons if reason.startswith("camera C3 has no clock")]
+    assert "the clock of C3 is 4.0 s behind that of C" in told
+    assert "search for larger clock offsets ([association] max_offset_s = " in told
+
+
+def test_a_clock_that_drifts_is_told(tmp_path):
+    """25 for 24 frames per second: 0.8 s over these 20 s."""
+    path = write_scene(simulate(SimulationOptions(**FAULTS)), tmp_path / "scene")
+    declared = tomllib.loads(path.read_text())
+    declared["cameras"]["C3"]["fps"] = 5.0 * 25 / 24
+    path.write_text(tomli_w.dumps({**declared, "association": SEARCHED}))
+    calibration = passerby.calibrate(path)
+    assert calibration.verdict == "doubtful"
+    (told,) = [reason for reason in calibration.reasons if "drifts" in reason]
+    assert told.startswith("the clock of C3 drifts by 0.")
+    assert float(told.split("fit about ")[1].split()[0]) == pytest.approx(5.0, abs=0.06)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 
 from passerby.alternation import Solve
 from passerby.association.associate import Tracklets
+from passerby.association.drift import clock_drifts, drift_findings
 from passerby.association.figures import association_figures
 from passerby.association.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
 from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.result import Association
 from passerby.association.starting import Beginning, begin_with_tracks
+from passerby.association.unregistered import reasons_of_lost
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Observations
@@ -31,7 +33,8 @@ SOMEBODY_ELSE = -1e9
 NEIGHBOURS, ASTRAY = 2, 0.5
 """Boxes on either side, and body heights from their median beyond which a box shows somebody else: in two boxes' time nobody
 strays so far from an even walk."""
-MEND = "record more people who walk about in the view that it shares with the others, or set its clock and max_offset_s = 0"
+UNTOLD = "the tracks of the same people do not tell its offset"
+MEND = "record more people who walk about in the view that it shares with the others, or start the cameras at one time"
 
 
 def solve_with_clocks(
@@ -64,15 +67,17 @@ def solve_with_clocks(
         return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
     assert beginning.graph is not None
     timed = [cameras[c].name for c in beginning.graph.groups[0]]
-    return _refined(rig, observations, cameras, beginning, timed, solve, tell)
+    lost = {name: f"camera {name} has no clock: {UNTOLD}; {MEND}" for name in rig.names if name not in timed}
+    lost |= reasons_of_lost(cameras, beginning.graph, max_offset_s, "has no clock: it ")
+    return _refined(rig, observations, cameras, beginning, lost, solve, tell)
 
 
 def _refined(
-    rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], beginning: Beginning, timed: Sequence[str],
+    rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], beginning: Beginning, lost: Mapping[str, str],
     solve: Solve, tell: Progress,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Solve, set the clocks, and solve again: by the cameras whose clocks are known."""
-    offset_s, seen = beginning.offset_s, _only(observations, timed)
+    offset_s, seen = beginning.offset_s, _without(observations, lost)
     for passing in (True, False):
         tell("solving")
         solution = solve(at_common_instants(rig, cameras, seen, offset_s), beginning.guesses, passing=passing, refine_time=True)
@@ -88,7 +93,7 @@ def _refined(
                 at_common_instants(rig, cameras, seen, offset_s), beginning.guesses, passing=False, refine_time=False
             )
             solution = replace(solution, figures=solution.figures | {"clocks": figures["clocks"]})
-    solution = _without_clocks(solution, [name for name in rig.names if name not in timed])
+    solution = _without_clocks(solution, lost)
     return solution, _association(rig, observations, cameras, beginning, offset_s, solution)
 
 
@@ -142,32 +147,31 @@ def in_line(boxes: Boxes) -> Bools:
     return out
 
 
-def _only(observations: Observations, names: Sequence[str]) -> Observations:
-    """Boxes in line and joints of these cameras, the others seeing nobody.
+def _without(observations: Observations, lost: Mapping[str, str]) -> Observations:
+    """Boxes in line and joints, the lost cameras seeing nobody.
 
     Who is interpolated between a box of his own and one of somebody else is nowhere near either.
     """
     seen = {
         name: CameraObservations(camera.boxes.take(in_line(camera.boxes)), camera.keypoints)
-        if name in names
+        if name not in lost
         else CameraObservations()
         for name, camera in observations.cameras.items()
     }
     return replace(observations, cameras=seen)
 
 
-def _without_clocks(solution: Solution, lost: Sequence[str]) -> Solution:
-    """The solution with a reason for each camera whose clock is not known, in place of the solver's."""
+def _without_clocks(solution: Solution, lost: Mapping[str, str]) -> Solution:
+    """The solution with the reason for each camera whose clock is not known, in place of the solver's."""
     if not lost:
         return solution
-    told = tuple(f"camera {name} has no clock: the tracks of the same people do not tell its offset; {MEND}" for name in lost)
     kept = tuple(
         reason
         for reason in solution.reasons
         if not reason.startswith(tuple(f"camera {name} could not be joined" for name in lost))
     )
     verdict = "doubtful" if solution.verdict == "accepted" else solution.verdict
-    return replace(solution, verdict=verdict, reasons=(*told, *kept))
+    return replace(solution, verdict=verdict, reasons=(*lost.values(), *kept))
 
 
 def _association(
@@ -176,8 +180,11 @@ def _association(
 ) -> Association:  # fmt: skip
     """The result; the first registered camera's clock is the rig's."""
     offset_s = by_first_registered(offset_s, solution.rig)
-    person = np.concatenate([np.arange(camera.n_tracklets) for camera in cameras])
-    figures = association_figures(cameras, Tracklets.of(cameras), None, beginning, person, offset_s)
+    people = [np.arange(camera.n_tracklets) for camera in cameras]
+    figures = association_figures(cameras, Tracklets.of(cameras), None, beginning, np.concatenate(people), offset_s)
+    poses = [camera.pose for camera in solution.rig]
+    doubts, findings = drift_findings(cameras, clock_drifts(cameras, poses, people, offset_s) if any(poses) else {})
     sigma_s = {name: clock["sigma_s"] for name, clock in solution.figures.get("clocks", {}).items()}
     instants = at_common_instants(rig, cameras, observations, offset_s)
-    return Association(observations, instants, clocks_with(cameras, offset_s), sigma_s, figures)
+    clocks = clocks_with(cameras, offset_s)
+    return Association(observations, instants, clocks, sigma_s, figures, notes=tuple(doubts), findings=tuple(findings))

@@ -47,20 +47,23 @@ def told(edge: Edge) -> str:
     return f"another fit of their tracks scores {edge.runner_up:.0%} of the best"
 
 
-def reasons_of_lost(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: float) -> dict[str, str]:
+def reasons_of_lost(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: float, so: str = "") -> dict[str, str]:
     """One sentence for each camera that no registration joins to another, by name.
 
     Args:
         cameras: all cameras.
         graph: their registrations.
         max_lag_s: largest difference of two clocks that was searched for.
+        so: what the camera lacks for it, to stand before "could not be registered".
     """
     inside = graph.groups[0]
     alone = [group[0] for group in graph.groups if len(group) == 1]
-    return {cameras[c].name: _reason(c, cameras, graph, inside, max_lag_s) for c in alone if c not in inside}
+    return {cameras[c].name: _reason(c, cameras, graph, inside, max_lag_s, so) for c in alone if c not in inside}
 
 
-def _reason(c: int, cameras: Sequence[PreparedCamera], graph: ViewGraph, inside: Sequence[int], max_lag_s: float) -> str:
+def _reason(
+    c: int, cameras: Sequence[PreparedCamera], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, so: str
+) -> str:
     camera = cameras[c]
     if (empty := sees_too_little(camera)) is not None:
         return empty
@@ -70,7 +73,7 @@ def _reason(c: int, cameras: Sequence[PreparedCamera], graph: ViewGraph, inside:
     other = "" if best is None else f" to {cameras[best.a + best.b - c].name}"
     partners = sorted(inside, key=lambda p: -_samples(cameras[p]))[:PARTNERS]
     mend = next((hint for p in partners if (hint := what_would_fit(cameras[p], camera, max_lag_s)) is not None), None)
-    return f"camera {camera.name} could not be registered{other}: {told_best}: {mend or VIEW_MEND}"
+    return f"camera {camera.name} {so}could not be registered{other}: {told_best}: {mend or VIEW_MEND}"
 
 
 def sees_too_little(camera: PreparedCamera) -> str | None:
