@@ -1,0 +1,145 @@
+"""Why a camera is not registered: the mend that is named is the mistake that was made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ground_walkers import UP, Station, Walker, bodies_at, standing, walkers
+from passerby.association.graph import Edge, ViewGraph, view_graph
+from passerby.association.ground_tracks import ground_tracks
+from passerby.association.preparing import PreparedCamera
+from passerby.association.registration import register_pair
+from passerby.association.unregistered import (
+    VIEW_MEND,
+    WALK_MEND,
+    nobody_walks,
+    reasons_of_lost,
+    sees_too_little,
+    told,
+    what_would_fit,
+)
+from passerby.cameras import Pose
+from passerby.geometry.single_view import Level
+from passerby.observations import CameraObservations, Clock
+from person_scenes import looking_at
+
+LEVEL = Level(UP, 4.0, 0.0)
+SECONDS = 60.0
+EAST, WEST = Station(turn=0.4, place=-6 - 8j), Station(turn=-1.2, place=7 - 6j)
+
+
+def camera(
+    name: str, station: Station, people: list[Walker], *, seed: int = 0, stated_fps: float | None = None, level: bool = True
+) -> PreparedCamera:
+    """What a camera saw whose clock runs by the stated rate."""
+    rng, stated = np.random.default_rng(seed), stated_fps or station.fps
+    times = np.arange(int(SECONDS * station.fps)) / station.fps
+    place = np.concatenate([station.ground(walker.at(times)) for walker in people] or [np.zeros(0, np.complex128)])
+    place = place + 0.1 * (rng.standard_normal(len(place)) + 1j * rng.standard_normal(len(place)))
+    shown = np.tile(times * station.fps / stated + station.delay_s, len(people))
+    bodies = bodies_at(np.repeat(np.arange(len(people)), len(times)), shown, place)
+    tracks, none = ground_tracks(bodies, LEVEL) if level else None, np.zeros(0, np.int64)
+    return PreparedCamera(name, CameraObservations(), Clock(stated), bodies, LEVEL if level else None, tracks, (none, none))
+
+
+def crowd(n: int = 7, seed: int = 5) -> list[Walker]:
+    return walkers(n, np.random.default_rng(seed), SECONDS)
+
+
+def graph_of(cameras: list[PreparedCamera], max_lag_s: float) -> ViewGraph:
+    pairs = []
+    for a, first in enumerate(cameras):
+        for b, second in enumerate(cameras):
+            if a < b and first.tracks is not None and second.tracks is not None:
+                pairs.append(register_pair(a, b, first.tracks, second.tracks, max_lag_s))
+    return view_graph(pairs, len(cameras))
+
+
+@pytest.mark.parametrize(("true_fps", "stated"), [(5.0, 6.0), (6.0, 5.0), (10.0, 5.0)])
+def test_a_mistaken_frame_rate_is_named(true_fps: float, stated: float) -> None:
+    people = crowd()
+    right, wrong = camera("C1", EAST, people), camera("C2", replace(WEST, fps=true_fps), people, stated_fps=stated)
+    hint = what_would_fit(right, wrong, 3.0)
+    assert hint is not None
+    assert f"at {true_fps:g} frames per second instead of {stated:g} " in hint
+    assert "the people of C2 are where C1 sees them: check its fps" in hint
+
+
+@pytest.mark.parametrize(("delay_s", "way", "enough"), [(12.3, "ahead of", 14), (-8.4, "behind", 10)])
+def test_clocks_farther_apart_than_was_searched_for(delay_s: float, way: str, enough: int) -> None:
+    people = crowd()
+    hint = what_would_fit(camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=delay_s), people), 3.0)
+    assert hint is not None
+    assert f"the clock of C2 is {abs(delay_s):.1f} s {way} that of C1" in hint
+    assert f"max_offset_s = {enough})" in hint
+
+
+def test_nothing_fits_other_people() -> None:
+    here = camera("C1", EAST, crowd())
+    assert what_would_fit(here, camera("C2", WEST, crowd(seed=9)), 3.0) is None
+    assert what_would_fit(here, camera("C2", WEST, [], level=False), 3.0) is None
+
+
+def test_nothing_is_tried_where_the_clocks_are_in_step() -> None:
+    people = crowd()
+    wrong = camera("C2", WEST, people, stated_fps=10.0)
+    assert what_would_fit(camera("C1", EAST, people), wrong, 3.0) is not None
+    assert what_would_fit(camera("C1", EAST, people), wrong, 0.0) is None
+
+
+def test_each_camera_that_is_lost_has_its_own_reason() -> None:
+    """Two that fit; one whose clock is far off, one that sees others, one that sees nobody, one whose people are too few."""
+    people = crowd()
+    cameras = [
+        camera("C1", EAST, people),
+        camera("C2", WEST, people, seed=1),
+        camera("late", Station(turn=2.0, place=1 + 9j, delay_s=12.0), people, seed=2),
+        camera("elsewhere", Station(turn=1.0, place=-4 + 7j), crowd(seed=9), seed=3),
+        camera("blind", EAST, []),
+        camera("flat", EAST, people, level=False),
+    ]
+    graph = graph_of(cameras, 3.0)
+    assert graph.groups[0] == (0, 1)
+    found = reasons_of_lost(cameras, graph, 3.0)
+    assert list(found) == ["late", "elsewhere", "blind", "flat"]
+    assert found["late"].startswith("camera late could not be registered to C")
+    assert "the clock of late is 12.0 s ahead of that of C" in found["late"]
+    assert found["elsewhere"].startswith("camera elsewhere could not be registered")
+    assert found["elsewhere"].endswith(VIEW_MEND)
+    assert found["blind"] == "camera blind saw nobody from head to feet: it cannot be calibrated"
+    assert found["flat"] == f"camera flat saw too few people who walk for a second or longer: {WALK_MEND}"
+
+
+def test_nobody_is_lost_where_all_fit() -> None:
+    people = crowd()
+    cameras = [camera("C1", EAST, people), camera("C2", WEST, people, seed=1)]
+    assert reasons_of_lost(cameras, graph_of(cameras, 3.0), 3.0) == {}
+    assert sees_too_little(cameras[0]) is None
+
+
+def test_what_is_told_of_a_pair() -> None:
+    people = crowd()
+    first, second = camera("C1", EAST, people).tracks, camera("C2", WEST, people, seed=1).tracks
+    assert first is not None
+    assert second is not None
+    guess = register_pair(0, 1, first, second, 3.0).candidates[0]
+    assert guess.share > 0.6
+    assert told(Edge(0, 1, None, 0.0, 0.0, False)) == "nobody walks in both at one time"
+    assert "finds 31% in both" in told(Edge(0, 1, replace(guess, share=0.31), 0.0, 0.0, False))
+    assert "third cameras contradict" in told(Edge(0, 1, guess, 1.2, 0.0, False))
+    assert "scores 80% of the best" in told(Edge(0, 1, guess, 0.8, 0.0, False))
+
+
+def test_standing_people_are_told_of() -> None:
+    poses: list[Pose | None] = [looking_at((8, 0, 4), (0, 0, 1)), looking_at((0, 8, 4), (0, 0, 1)), None]
+    still = standing(7, np.random.default_rng(0))
+    walk, stand = camera("C1", EAST, crowd()), camera("C2", WEST, still)
+    assert nobody_walks([walk, walk, stand], poses) == []
+    assert nobody_walks([walk, walk], poses[:2]) == []
+    for cameras in ([walk, stand, walk], [stand, stand, walk]):
+        (sentence,) = nobody_walks(cameras, poses)
+        assert "stand still" in sentence
+        assert WALK_MEND in sentence
