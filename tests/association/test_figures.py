@@ -1,0 +1,107 @@
+"""The figures of an association, counted by hand."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ground_walkers import UP, Station, bodies_at, walkers
+from passerby.association.associate import Tracklets
+from passerby.association.figures import association_figures
+from passerby.association.graph import ViewGraph, view_graph
+from passerby.association.ground_tracks import ground_tracks
+from passerby.association.preparing import PreparedCamera
+from passerby.association.registration import register_pair
+from passerby.association.starting import Beginning
+from passerby.geometry.single_view import Level
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock
+
+LEVEL = Level(UP, 4.0, 0.125)
+STATIONS = Station(turn=0.4, place=-6 - 8j), Station(turn=-1.2, place=7 - 6j, delay_s=0.8), Station(turn=2.0, place=1 + 9j)
+SECONDS, N_PEOPLE = 40.0, 6
+
+
+def camera(name: str, station: Station, numbers: list[int], *, level: bool = True) -> PreparedCamera:
+    """Everybody walks past it; person p's tracklet is `numbers[p]`, and three detections are in none."""
+    people = walkers(N_PEOPLE, np.random.default_rng(5), SECONDS)
+    times = np.arange(int(SECONDS * 5)) / 5.0
+    place = np.concatenate([station.ground(walker.at(times)) for walker in people])
+    tracklet = np.repeat(numbers, len(times))
+    bodies = bodies_at(tracklet, np.tile(times + station.delay_s, N_PEOPLE), place)
+    tracks = ground_tracks(bodies, LEVEL) if level else None
+    n, none = len(tracklet) + 3, np.zeros(0, np.int64)
+    boxes = Boxes(np.arange(n), np.append(tracklet, [UNKNOWN] * 3), np.full((n, 4), 9.0), np.ones(n))
+    return PreparedCamera(name, CameraObservations(boxes), Clock(5.0), bodies, LEVEL if level else None, tracks, (none, none))
+
+
+def graph_of(cameras: list[PreparedCamera]) -> ViewGraph:
+    first, second = cameras[0].tracks, cameras[1].tracks
+    assert first is not None
+    assert second is not None
+    return view_graph([register_pair(0, 1, first, second, 3.0)], len(cameras))
+
+
+@pytest.fixture(scope="module")
+def cameras() -> list[PreparedCamera]:
+    """The second camera's number 2 is nobody's; the third has no level."""
+    return [
+        camera("C1", STATIONS[0], [0, 1, 2, 3, 4, 5]),
+        camera("C2", STATIONS[1], [6, 5, 4, 3, 1, 0]),
+        camera("C3", STATIONS[2], [0, 1, 2, 3, 4, 5], level=False),
+    ]
+
+
+def figures(cameras: list[PreparedCamera], person: np.ndarray, graph: ViewGraph | None) -> dict[str, Any]:
+    offset_s = np.array([0.0, -0.8, 0.0])
+    beginning = Beginning(person, offset_s, graph)
+    found = association_figures(cameras, Tracklets.of(cameras), None, beginning, person, offset_s)
+    assert json.loads(json.dumps(found)) == found
+    return found
+
+
+PERSON = np.array([10, 11, 12, 13, 14, 15, 15, 14, 99, 13, 12, 77, 10, 20, 21, 22, 23, 24, 25])
+"""Of the first two cameras' tracklets five are joined, 0 and 6, 2 and 4, 3 and 3, 4 and 1, and 5 and 0, but 1 and 5 are not."""
+
+
+def test_each_camera_is_counted(cameras: list[PreparedCamera]) -> None:
+    found = figures(cameras, PERSON, None)["cameras"]
+    assert [entry["name"] for entry in found] == ["C1", "C2", "C3"]
+    for entry, own in zip(found, cameras, strict=True):
+        assert entry["tracklets"] == N_PEOPLE
+        assert entry["boxes"] == N_PEOPLE * 200 + 3
+        assert entry["tracked_boxes"] == N_PEOPLE * 200
+        assert entry["walking_samples"] == (0 if own.tracks is None else len(own.tracks.step))
+        assert entry["looks"] is None
+    assert found[0]["walking_samples"] > 0
+    assert found[0]["own_level"] == {"height_m": 4.0, "residual": 0.125}
+    assert found[2]["own_level"] is None
+
+
+def test_people_are_counted_once_and_numbers_of_nobody_not_at_all(cameras: list[PreparedCamera]) -> None:
+    """Ten to fifteen in the first camera, 77 in the second, six in the third; 99 has no box."""
+    assert figures(cameras, PERSON, None)["people"] == 6 + 1 + 6
+
+
+def test_a_registered_pair(cameras: list[PreparedCamera]) -> None:
+    graph = graph_of(cameras)
+    (pair,) = figures(cameras, PERSON, graph)["pairs"]
+    guess = graph.edges[0].guess
+    assert guess is not None
+    assert pair["cameras"] == ["C1", "C2"]
+    assert pair["route"] == "tracks"
+    assert pair["used"]
+    assert pair["matched_tracklets"] == 5
+    assert pair["offset_s"] == -0.8
+    assert pair["registered_offset_s"] == pytest.approx(-0.8, abs=0.1)
+    assert (pair["score"], pair["share"], pair["matches"]) == (guess.score, guess.share, guess.samples)
+    assert pair["looks"] is None
+
+
+def test_nothing_is_told_of_pairs_of_which_nothing_is_known(cameras: list[PreparedCamera]) -> None:
+    assert figures(cameras, PERSON, None)["pairs"] == []
+    none = association_figures(cameras, Tracklets.of(cameras), None, None, PERSON, np.zeros(3))
+    assert none["pairs"] == []
+    assert none["people"] == 13
