@@ -145,14 +145,12 @@ def test_two_cameras_at_one_place() -> None:
 
 
 def test_nobody_meets_behind_a_camera() -> None:
-    """Back to back, with people in mirrored places: all lines through the cameras meet."""
-    first, second = looking_at((0, 0, 2.5), (6, 0, 1)), looking_at((0, 0, 2.5), (-6, 0, 1))
-    east = People(np.array([[6.0, 0.0]]))
-    feet = east.feet(np.zeros(3, np.int64), np.array([0.0, 1.0, 2.0]))
-    west = People(np.array([[-6.0, 0.0]]))
-    assert np.linalg.norm(feet[:, :2], axis=1).min() > 4
-    _, _, value = meetings(east.seen_from(first), west.seen_from(second), 0.0, BODY_M)
-    assert value[0] == -40
+    """Two cameras at one place and at half a body's height, back to back, and two people opposite each other all the time."""
+    here = 0.5 * BODY_M
+    first, second = looking_at((0, 0, here), (6, 0, here)), looking_at((0, 0, here), (-6, 0, here))
+    opposite = People(np.array([[6.0, 0.0], [-6.0, 0.0]]), apart=np.pi)
+    i, j, value = meetings(opposite.seen_from(first, unknown=1), opposite.seen_from(second, unknown=0), 0.0, BODY_M)
+    assert (i.tolist(), j.tolist(), value.tolist()) == ([0], [1], [-40.0])
 
 
 @pytest.mark.parametrize("lag_s", [2.0, -1.5, 0.7, -0.25])

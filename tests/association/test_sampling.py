@@ -66,12 +66,12 @@ def test_nothing_is_told_of_a_long_gap() -> None:
 
 
 def test_neighbouring_tracklets_are_not_mixed() -> None:
-    """The one stands at 0, the other, from when the first ends, at 100."""
+    """The one stands at 0, the other walks from where and when the first ends."""
     seconds = np.concatenate([np.arange(0, 5.05, 0.1), np.arange(5, 10, 0.1)])
     tracklet = (np.arange(len(seconds)) >= 51).astype(np.int64)
-    found = sampled(tracklet, seconds, np.asarray(100.0 * tracklet[:, None], np.float64))
-    np.testing.assert_allclose(found.value[:, 0], 100.0 * found.tracklet, atol=1e-9)
-    np.testing.assert_allclose(found.rate, 0.0, atol=1e-9)
+    found = sampled(tracklet, seconds, np.where(tracklet == 1, 3.0 * seconds, 0.0)[:, None])
+    np.testing.assert_allclose(found.value[:, 0], 3.0 * found.tracklet * found.step * STEP_S, atol=1e-9)
+    np.testing.assert_allclose(found.rate[:, 0], 3.0 * found.tracklet, atol=1e-9)
     assert np.count_nonzero(found.step == 10) == 2
 
 
