@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -61,3 +62,19 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
         np.testing.assert_array_equal(one.seen.boxes.identity, other.seen.boxes.identity)
         assert one.level.height == other.level.height
         np.testing.assert_array_equal(one.tracks.position, other.tracks.position)
+
+
+def test_an_interrupted_pool_leaves_no_process_behind():
+    before = set(multiprocessing.active_children())
+    sleeping = []
+    with pytest.raises(KeyboardInterrupt), local_processes(10**10, 8) as pool:
+        if pool is None:
+            pytest.skip("one core: there is no pool to interrupt")
+        sleeping.append(pool.submit(time.sleep, 600))
+        while not sleeping[0].running():
+            time.sleep(0.05)
+        raise KeyboardInterrupt
+    left = set(multiprocessing.active_children()) - before
+    for process in left:
+        process.join(timeout=30)
+        assert not process.is_alive()

@@ -5,7 +5,9 @@ Exit status: 0 accepted, 1 a bug, 2 bad input, 3 too little evidence, 130 interr
 
 from __future__ import annotations
 
+import os
 import sys
+import threading
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +41,22 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 
 def main() -> None:
     """The program `passerby`."""
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    if status == INTERRUPTED and not _threads_end():
+        # The interpreter would wait for the threads of a pool that was left in the middle of its work. Every file is written
+        # whole or not at all.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
+
+
+def _threads_end() -> bool:
+    """Whether all other threads end within a second."""
+    others = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
+    for thread in others:
+        thread.join(timeout=1.0)
+    return not any(thread.is_alive() for thread in others)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -75,5 +76,16 @@ def local_processes(n_bytes: int, n_cameras: int) -> Iterator[Executor | None]:
         yield None
         return
     # Threads of libraries do not survive a fork; a fresh process takes a moment longer and is safe everywhere.
-    with ProcessPoolExecutor(n_processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+    before = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")
+    # An interruption is this process's to deal with.
+    pool = ProcessPoolExecutor(n_processes, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    try:
         yield pool
+    except BaseException:
+        # Interrupted: nobody waits for what is not wanted any more.
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in set(multiprocessing.active_children()) - before:
+            process.kill()
+        raise
+    pool.shutdown()
