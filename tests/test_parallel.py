@@ -64,17 +64,20 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
         np.testing.assert_array_equal(one.tracks.position, other.tracks.position)
 
 
-def test_an_interrupted_pool_leaves_no_process_behind():
-    before = set(multiprocessing.active_children())
-    sleeping = []
-    with pytest.raises(KeyboardInterrupt), local_processes(10**10, 8) as pool:
+def interrupted_in_the_middle():
+    with local_processes(10**10, 8) as pool:
         if pool is None:
             pytest.skip("one core: there is no pool to interrupt")
-        sleeping.append(pool.submit(time.sleep, 600))
-        while not sleeping[0].running():
+        asleep = pool.submit(time.sleep, 600)
+        while not asleep.running():
             time.sleep(0.05)
         raise KeyboardInterrupt
-    left = set(multiprocessing.active_children()) - before
-    for process in left:
+
+
+def test_an_interrupted_pool_leaves_no_process_behind():
+    before = set(multiprocessing.active_children())
+    with pytest.raises(KeyboardInterrupt):
+        interrupted_in_the_middle()
+    for process in set(multiprocessing.active_children()) - before:
         process.join(timeout=30)
         assert not process.is_alive()
