@@ -2,7 +2,8 @@
 
 import multiprocessing
 import os
-import time
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -64,20 +65,34 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
         np.testing.assert_array_equal(one.tracks.position, other.tracks.position)
 
 
-def interrupted_in_the_middle():
+INTERRUPTED = """
+import multiprocessing, os, time
+from passerby.parallel import local_processes
+started = []
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+try:
     with local_processes(10**10, 8) as pool:
-        if pool is None:
-            pytest.skip("one core: there is no pool to interrupt")
-        asleep = pool.submit(time.sleep, 600)
-        while not asleep.running():
-            time.sleep(0.05)
+        if pool is not None:
+            asleep = pool.submit(time.sleep, 600)
+            while not asleep.running():
+                time.sleep(0.05)
+        started = [process.pid for process in multiprocessing.active_children()]
         raise KeyboardInterrupt
+except KeyboardInterrupt:
+    until = time.monotonic() + 30
+    while any(map(alive, started)) and time.monotonic() < until:
+        multiprocessing.active_children()
+        time.sleep(0.05)
+    print("alive:", sum(map(alive, started)), flush=True)
+    os._exit(0)
+"""
 
 
 def test_an_interrupted_pool_leaves_no_process_behind():
-    before = set(multiprocessing.active_children())
-    with pytest.raises(KeyboardInterrupt):
-        interrupted_in_the_middle()
-    for process in set(multiprocessing.active_children()) - before:
-        process.join(timeout=30)
-        assert not process.is_alive()
+    ended = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=120, check=False)
+    assert ended.stdout.strip() == "alive: 0", ended.stderr
