@@ -79,6 +79,7 @@ class _Edges:
     weight: list[Floats]
 
     def add(self, first: Ints, second: Ints, weight: Floats) -> None:
+        """Add E edges: tracklets, tracklets, and what speaks for one person."""
         self.first.append(first)
         self.second.append(second)
         self.weight.append(weight)

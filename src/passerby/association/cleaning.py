@@ -51,6 +51,7 @@ class _Sightings:
     def of(
         cls, bodies: Sequence[Bodies], person: Sequence[Ints], instant: Sequence[Ints], cameras: Sequence[Camera]
     ) -> _Sightings:
+        """The people of the registered cameras, camera after camera."""
         camera = np.concatenate([np.full(len(seen), k) for k, seen in enumerate(bodies)])
         top, bottom = (np.concatenate([getattr(seen, name) for seen in bodies]) for name in ("top", "bottom"))
         ray = top + bottom
@@ -81,6 +82,7 @@ class _Blocks:
 
     @classmethod
     def of(cls, s: _Sightings) -> _Blocks:
+        """The person-instants of M sightings."""
         key = np.where(s.person > UNKNOWN, s.person, -2 - np.arange(len(s.person)))
         low = s.instant.min(initial=0)
         span = int(s.instant.max(initial=0) - low) + 1

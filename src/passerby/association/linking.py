@@ -69,9 +69,11 @@ class _Tracks:
     """(T, D) sum of the embeddings so far; D = 0 without any."""
 
     def take(self, rows: NDArray[np.generic]) -> _Tracks:
+        """The tracks of the given rows."""
         return _Tracks(*(getattr(self, item.name)[rows] for item in fields(self)))
 
     def joined(self, other: _Tracks) -> _Tracks:
+        """These tracks followed by others."""
         return _Tracks(*(np.concatenate([getattr(self, item.name), getattr(other, item.name)]) for item in fields(self)))
 
 
