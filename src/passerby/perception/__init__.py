@@ -1,0 +1,1 @@
+"""From videos to observations: decoding, detection, embedding, keypoints, and the model files that they use."""

@@ -1,0 +1,92 @@
+"""What passes between the stages of perception, and what each stage promises the next.
+
+Pictures are (H, W, 3) of uint8, BGR as OpenCV has them. Boxes are left, top, width, height in pixels of the whole picture, with
+the origin where OpenCV has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.observations import Floats, Vectors
+
+Picture = NDArray[np.uint8]
+
+Identity = Mapping[str, Any]
+"""All that decides a stage's results, as plain values for JSON: its name, its options, the checksum of its network. Two stages
+with the same identity give the same results for the same pictures."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One picture of a video."""
+
+    number: int
+    """From 1, by the clock of the video: see `passerby.perception.video.VideoInfo.clock_fps`."""
+    seconds: float
+    """Its timestamp, from the video's first picture."""
+    picture: Picture
+
+
+@dataclass(frozen=True, eq=False)
+class Detections:
+    """The people found in one picture."""
+
+    ltwh: Floats
+    """(N, 4) left, top, width, height, pixels; within the picture."""
+    score: Floats
+    """(N,) confidence, 0 to 1."""
+
+    @classmethod
+    def none(cls) -> Detections:
+        """Nobody."""
+        return cls(np.zeros((0, 4)), np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+
+class Detector(Protocol):
+    """Finds people in pictures; one picture's result does not depend on which others it was shown before."""
+
+    @property
+    def identity(self) -> Identity:
+        """What decides its results."""
+
+    def __call__(self, frame: Frame) -> Detections:
+        """The people in a frame."""
+
+
+class Embedder(Protocol):
+    """Describes how people look."""
+
+    @property
+    def identity(self) -> Identity:
+        """What decides its results."""
+
+    @property
+    def dimensions(self) -> int:
+        """Length of a vector."""
+
+    def __call__(self, picture: Picture, ltwh: Floats) -> Vectors:
+        """(N, D) unit vectors of the boxes (N, 4); a row of zeros where nothing can be told."""
+
+
+class KeypointEstimator(Protocol):
+    """Finds the joints of people whose boxes are known."""
+
+    @property
+    def identity(self) -> Identity:
+        """What decides its results."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the J joints."""
+
+    def __call__(self, picture: Picture, ltwh: Floats) -> tuple[Floats, Floats]:
+        """(N, J, 2) pixels of the whole picture and (N, J) confidence, 0 to 1, 0 for a joint that was not found."""
