@@ -1,0 +1,77 @@
+"""Network files that open, and files that do not: the message names the file and the mend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from passerby.errors import InputError
+from passerby.perception.sessions import CPU, inputs_of, open_session, outputs_of, provider_of
+
+
+def doubling(opset: int = 13, operator: str = "Add") -> onnx.ModelProto:
+    """y = x + x."""
+    graph = helper.make_graph(
+        [helper.make_node(operator, ["x", "x"], ["y"])],
+        "doubling",
+        [helper.make_tensor_value_info("x", TensorProto.FLOAT, ["batch", 3])],
+        [helper.make_tensor_value_info("y", TensorProto.FLOAT, ["batch", 3])],
+    )
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
+
+
+def saved(model: onnx.ModelProto, folder: Path) -> Path:
+    path = folder / "network.onnx"
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+def test_a_session_computes_on_one_thread_and_says_on_what(tmp_path):
+    session = open_session(saved(doubling(), tmp_path), allow_cuda=False)
+    assert provider_of(session) == CPU.removesuffix("ExecutionProvider") == "CPU"
+    options = session.get_session_options()
+    assert options.intra_op_num_threads == options.inter_op_num_threads == 1
+    assert options.get_session_config_entry("session.intra_op.allow_spinning") == "0"
+    x = np.arange(6, dtype=np.float32).reshape(2, 3)
+    assert np.array_equal(session.run(None, {"x": x})[0], 2 * x)
+
+
+def test_open_dimensions_are_none(tmp_path):
+    session = open_session(saved(doubling(), tmp_path))
+    (taken,), (given,) = inputs_of(session), outputs_of(session)
+    assert (taken.name, taken.shape, taken.kind) == ("x", (None, 3), "tensor(float)")
+    assert given.name == "y"
+    assert str(taken) == "x [?, 3] of float"
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(InputError, match=r"absent\.onnx: no such file: give"):
+        open_session(tmp_path / "absent.onnx")
+
+
+@pytest.mark.parametrize("content", [b"", b"<html>404</html>", b"\x00" * 1000])
+def test_no_onnx_file(tmp_path, content, capfd):
+    path = tmp_path / "network.onnx"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"network\.onnx: .*fetch it again") as caught:
+        open_session(path)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_half_a_file(tmp_path):
+    whole = saved(doubling(), tmp_path)
+    whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with pytest.raises(InputError, match=r"network\.onnx: .*fetch it again"):
+        open_session(whole)
+
+
+@pytest.mark.parametrize("model", [doubling(opset=999), doubling(operator="NoSuchOperator")])
+def test_operators_that_are_not_known(tmp_path, model):
+    with pytest.raises(InputError, match=r"network\.onnx: needs operators .*older opset") as caught:
+        open_session(saved(model, tmp_path))
+    assert "\n" not in str(caught.value)
