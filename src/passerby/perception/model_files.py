@@ -1,0 +1,175 @@
+"""Where the networks lie: the user's own file, a folder of models, or the cache that they are fetched to on first use."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import platformdirs
+
+from passerby.errors import InputError
+from passerby.perception.catalogue import ModelEntry, catalogue, default_of
+from passerby.perception.fetching import UnreachableError, fetch, sha256_of
+from passerby.perception.networks import InputConvention, Network, Role
+from passerby.progress import Progress, silent
+
+AUTO = "auto"
+MODELS = "PASSERBY_MODELS"
+"""Environment variable: folders in which models lie, parted as in PATH."""
+
+
+class Found(NamedTuple):
+    """What a search for a network ends in."""
+
+    network: Network | None
+    reason: str = ""
+    """One line that tells why there is none; empty where there is one."""
+
+
+@dataclass(frozen=True)
+class Copy:
+    """A file of a manifest's name that lies somewhere."""
+
+    entry: ModelEntry
+    path: Path
+    sha256: str
+    """As found, in hex."""
+
+    @property
+    def right(self) -> bool:
+        """Whether it is the file that the manifest means."""
+        return self.sha256 == self.entry.sha256
+
+    def check(self) -> None:
+        """Raises `InputError` where it is another file."""
+        if not self.right:
+            raise InputError(
+                f"{self.path}: is not {self.entry.name}: SHA-256 {self.sha256} instead of {self.entry.sha256}: delete it and "
+                f"run `passerby models fetch {self.entry.name}`, or name it by path if it is a network of your own"
+            )
+
+
+def cache_folder() -> Path:
+    """Where fetched models are kept; it need not exist."""
+    return platformdirs.user_cache_path("passerby") / "models"
+
+
+def model_folders(folder: Path | None = None) -> tuple[Path, ...]:
+    """Where models are looked for, in this order: `folder`, those of `PASSERBY_MODELS`, the cache.
+
+    Raises `InputError` where a folder that a user named is none.
+    """
+    named = [(str(folder), folder)] if folder is not None else []
+    named += [(f"{MODELS}: {text}", Path(text).expanduser()) for text in os.environ.get(MODELS, "").split(os.pathsep) if text]
+    for told, path in named:
+        if not path.is_dir():
+            raise InputError(f"{told}: is no folder: models are looked for there; correct it or leave it out")
+    return (*(path for _, path in named), cache_folder())
+
+
+def find_model(
+    name_or_path: str | Path,
+    role: Role,
+    folder: Path | None = None,
+    *,
+    base: Path | None = None,
+    download: bool = True,
+    tell: Progress = silent,
+) -> Found:
+    """The network that a user means, fetched where it lies nowhere and its publisher can be reached.
+
+    Args:
+        name_or_path: "auto" for the role's default, a name of the manifest, or the path of an ONNX file.
+        role: what it shall be used for.
+        folder: a folder of models to look in first.
+        base: the folder that a relative path starts from; the current one.
+        download: False to look only.
+        tell: told how far a download is.
+
+    Returns:
+        The network, its checksum and convention known; or None and the reason, where it lies nowhere and cannot be fetched now.
+
+    Raises `InputError` for a file that is missing, is no network or one of another role, a name that nobody knows, a file of a
+    known name with a wrong checksum, and a model that lies nowhere and that no address serves.
+    """
+    text = str(name_or_path)
+    if _is_path(name_or_path):
+        return Found(_by_path((base or Path()) / Path(text).expanduser(), role))
+    entry = default_of(role) if text == AUTO else entry_of(text, role)
+    if entry is None:
+        return Found(None, f"no network for {role} is taken by itself: name one by path")
+    for copy in copies_of(entry, folder):
+        copy.check()
+        return Found(_network(entry, copy.path))
+    if entry.url is None:
+        raise InputError(
+            f"{entry.name}: lies nowhere and no address serves it: put {entry.file} into a folder that {MODELS} names, "
+            f"or name another network by path"
+        )
+    if not download:
+        return Found(None, f"{entry.name} is not on this computer: `passerby models fetch` gets it")
+    try:
+        return Found(_network(entry, fetch_model(entry, tell)))
+    except UnreachableError as error:
+        return Found(None, f"{entry.name} is not on this computer and cannot be fetched: {error}; see `passerby models`")
+
+
+def fetch_model(entry: ModelEntry, tell: Progress = silent) -> Path:
+    """Fetch a model into the cache, unless it is there, and return where it lies.
+
+    Raises `UnreachableError` where it cannot be had just now, `InputError` where no address serves it or the file is wrong.
+    """
+    if entry.url is None:
+        raise InputError(f"{entry.name}: no address serves it: put {entry.file} into a folder that {MODELS} names")
+    path = cache_folder() / entry.file
+    fetch(entry.url, path, entry.sha256, entry.bytes, tell)
+    Copy(entry, path, sha256_of(path)).check()
+    return path
+
+
+def copies_of(entry: ModelEntry, folder: Path | None = None) -> Iterator[Copy]:
+    """All files of a model's name, the one to use first, each with its checksum; one may be a wrong file."""
+    for place in model_folders(folder):
+        path = place / entry.file
+        if path.is_file():
+            yield Copy(entry, path, sha256_of(path))
+
+
+def entry_of(name: str, role: Role | None = None) -> ModelEntry:
+    """The manifest's entry of a name. Raises `InputError` where there is none, or it is for another role."""
+    entry = next((entry for entry in catalogue() if entry.name == name), None)
+    if entry is not None and role in (None, entry.role):
+        return entry
+    known = ", ".join(entry.name for entry in catalogue() if role in (None, entry.role))
+    wrong = f"{name}: is no model that Passerby knows" if entry is None else f"{name}: is for {entry.role}, not for {role}"
+    raise InputError(f"{wrong}: there are {known}" + (f", {AUTO}, or the path of an .onnx file" if role else ""))
+
+
+def _is_path(name_or_path: str | Path) -> bool:
+    """A path ends in .onnx, has a folder in it, or comes as one."""
+    text = str(name_or_path)
+    return isinstance(name_or_path, Path) or text.lower().endswith(".onnx") or "/" in text or os.sep in text
+
+
+def _by_path(path: Path, role: Role) -> Network:
+    """A user's file: by its checksum one of the manifest's, whatever it is called, or else their own."""
+    from passerby.perception.own_networks import own_network
+
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: the path of an .onnx file is needed for the {role}; check its spelling")
+    sha256 = sha256_of(path)
+    entry = next((entry for entry in catalogue() if entry.sha256 == sha256), None)
+    if entry is None:
+        return own_network(path, role, sha256)
+    if entry.role != role:
+        raise InputError(f"{path}: is {entry.name}, a network for {entry.role}, not for {role}: name one of that role")
+    return _network(entry, path)
+
+
+def _network(entry: ModelEntry, path: Path) -> Network:
+    """A file whose checksum is the entry's."""
+    convention = entry.input.over(InputConvention())
+    return Network(entry.name, entry.role, path, entry.sha256, entry.output, convention, entry.licence)

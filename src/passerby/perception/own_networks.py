@@ -1,0 +1,146 @@
+"""What a network wants that the manifest does not know: told by the file itself, by a note beside it, or else by its role."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError
+
+from passerby.errors import InputError
+from passerby.interchange.faults import read_text
+from passerby.perception.catalogue import InputTable, Table
+from passerby.perception.networks import InputConvention, Network, Output, Role
+
+PREFIX = "passerby."
+INPUT_KEYS = ("colour", "scale", "mean", "std", "fit", "padding")
+
+# Of ImageNet's pictures, with pixels from 0 to 1; what nearly every network that was trained in PyTorch expects.
+IMAGENET_MEAN = (0.485, 0.456, 0.406)
+IMAGENET_STD = (0.229, 0.224, 0.225)
+
+YOLOX = InputConvention()
+IMAGENET = InputConvention("rgb", 1.0 / 255.0, IMAGENET_MEAN, IMAGENET_STD, "stretch")
+MOVENET = InputConvention("rgb", fit="letterbox", padding=0.0)
+
+COCO_JOINTS = 17
+
+
+class Description(Table):
+    """What a user says of a network, in the keys of the manifest; all of them may be left out."""
+
+    role: Role | None = None
+    output: Output | None = None
+    input: InputTable = InputTable()
+    licence: str | None = None
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    name: str | None = None
+    file: str | None = None
+    url: str | None = None
+    bytes: int | None = None
+    publisher: str | None = None
+    note: str | None = None
+
+
+def own_network(path: Path, role: Role, sha256: str) -> Network:
+    """The network in a file that the manifest does not know.
+
+    Its convention is told by the ONNX file's own `passerby.*` metadata, else by a file NAME.toml beside it; what neither says
+    is as usual for the role: a detector is a YOLOX (BGR 0 to 255, letterbox, padding 114), an embedder takes RGB crops
+    stretched to its input and normalised as ImageNet's pictures, and what keypoints are like is seen from the outputs.
+
+    Args:
+        path: the ONNX file.
+        role: what it shall be used for.
+        sha256: of the file, in hex.
+
+    Raises `InputError` where it is no ONNX file, or says something that cannot be, or that it is for another role.
+    """
+    from passerby.perception.sessions import open_session, outputs_of
+
+    session = open_session(path, allow_cuda=False)
+    metadata = session.get_modelmeta().custom_metadata_map
+    told = {key.removeprefix(PREFIX): value for key, value in metadata.items() if key.startswith(PREFIX)}
+    beside = path.with_suffix(".toml")
+    if told:
+        description = _described(f"{path}: metadata {PREFIX}*", _nested(told))
+    elif beside.is_file():
+        description = _from_toml(beside)
+    else:
+        description = Description()
+    if description.sha256 not in (None, sha256):
+        raise InputError(f"{beside}: sha256 {description.sha256} is not that of {path.name} ({sha256}): is it another version?")
+    if description.role not in (None, role):
+        raise InputError(f"{path}: is a network of role {description.role}, not {role}: name one of that role")
+    output = description.output or _usual_output(path, role, [port.shape for port in outputs_of(session)])
+    _check_output(path, role, output)
+    convention = description.input.over(_usual_input(output))
+    return Network(description.name or path.name, role, path, sha256, output, convention, description.licence or "unknown")
+
+
+def _nested(told: dict[str, str]) -> dict[str, Any]:
+    """Metadata, which are all texts, as the tables of a manifest: lists are numbers parted by commas or spaces."""
+    pixels: dict[str, Any] = {key: told[key] for key in INPUT_KEYS if key in told}
+    for key in ("mean", "std"):
+        if key in pixels:
+            pixels[key] = pixels[key].strip("[]() ").replace(",", " ").split()
+    return {**{key: value for key, value in told.items() if key not in INPUT_KEYS}, "input": pixels}
+
+
+def _from_toml(path: Path) -> Description:
+    """The description in a file of its own."""
+    try:
+        return _described(str(path), tomllib.loads(read_text(path, "the description of a network")))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not TOML: {error}: mend it there") from None
+
+
+def _described(place: str, tables: dict[str, Any]) -> Description:
+    """Checked key by key; the first fault is the error."""
+    try:
+        return Description.model_validate(tables)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        key = ".".join(map(str, fault["loc"]))
+        if fault["type"] == "extra_forbidden":
+            known = ", ".join((*Description.model_fields, *(f"input.{key}" for key in INPUT_KEYS)))
+            raise InputError(f"{place}: unknown key {key}: there are {known}") from None
+        raise InputError(f"{place}: {key} is {fault['input']!r}: {fault['msg'][0].lower()}{fault['msg'][1:]}") from None
+
+
+def _usual_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) -> Output:
+    """What a network of a role gives where nobody says it; for keypoints from the shapes of its outputs.
+
+    MoveNet: one output [1, 1, 17, 3]. SimCC (RTMPose): two, [N, joints, x bins] and [N, joints, y bins]. Heat maps: one,
+    [N, joints, height, width].
+    """
+    if role == "detector":
+        return "yolox"
+    if role == "embedder":
+        return "embedding"
+    ranks = [len(shape) for shape in shapes]
+    if ranks == [4]:
+        return "movenet" if shapes[0][2:] == (COCO_JOINTS, 3) else "heatmaps"
+    if ranks == [3, 3]:
+        return "simcc"
+    raise InputError(
+        f"{path}: outputs of shapes {shapes} are none of movenet, simcc or heatmaps: say which in "
+        f"{path.with_suffix('.toml').name} (output = ...), or name another network"
+    )
+
+
+def _check_output(path: Path, role: Role, output: Output) -> None:
+    """Raises `InputError` where an output is not one that this role has."""
+    known: dict[Role, tuple[Output, ...]] = {
+        "detector": ("yolox",),
+        "embedder": ("embedding",),
+        "keypoints": ("movenet", "simcc", "heatmaps"),
+    }
+    if output not in known[role]:
+        raise InputError(f"{path}: output {output} is not one of {role}: there are {', '.join(known[role])}")
+
+
+def _usual_input(output: Output) -> InputConvention:
+    """What the networks of a kind were published with."""
+    return {"yolox": YOLOX, "movenet": MOVENET}.get(output, IMAGENET)
