@@ -121,8 +121,8 @@ def _complaint(path: Path, error: Exception) -> str:
     """What is wrong with the file and what mends it, in one line."""
     kind = type(error).__name__
     text = " ".join(str(error).split())
-    said = text.split(" : ")[-1][:200]
-    if kind == "InvalidProtobuf" or "ModelProto does not have a graph" in text:
+    said = text if len(text) < 160 else f"... {text[-150:]}"
+    if kind == "InvalidProtobuf" or "No graph was found" in text:
         return f"this is no ONNX file, or its download broke off ({path.stat().st_size} bytes): fetch it again or give another"
     if (
         "opset" in text

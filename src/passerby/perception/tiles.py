@@ -1,0 +1,130 @@
+"""Small people in large pictures: which parts of a picture a network looks at, and how what it finds there is merged.
+
+A network sees a picture shrunk to its input, and a person who is a few pixels tall there is missed. So the whole picture is
+looked at, and overlapping tiles of it, in which people are larger.
+"""
+
+from __future__ import annotations
+
+from math import ceil
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.observations import Floats
+from passerby.perception.letterbox import Window
+
+Tiling = Literal["auto", "none"] | tuple[int, int]
+"""auto: as the size of the picture asks for; or the numbers of columns and rows."""
+
+ENOUGH_SCALE = 0.5
+"""Input pixels per picture pixel from which a picture needs no tiles, and that tiles aim at."""
+
+MOST_MAGNIFICATION = 2.5
+"""Of a tile over the whole picture: bounds the cost, as pictures of more pixels seldom show people farther away."""
+
+SEEN_HEIGHT = 45.0
+"""Input pixels: taller people are found in the whole picture, so the tiles overlap by no more than this."""
+
+WIDTH_OF_PEOPLE = 0.5
+"""Of their height, with swinging arms: how much less the tiles overlap sideways."""
+
+BORDER = 3.0
+"""Input pixels: a box that ends this near a tile's inner border is taken to be cut by it."""
+
+INSIDE = 0.85
+"""Of a box's area within a larger one, from which it may be a part of the same person."""
+
+ALIGNED = 0.1
+"""Of the larger box's height: legs end where the person ends, head and shoulders begin where the person begins."""
+
+AS_WIDE = 0.6
+"""Of the larger box's width: a person farther away, whose box lies in a nearer one's, is narrower as well as less tall."""
+
+
+def tile_windows(picture: tuple[int, int], network: tuple[int, int], tiling: Tiling = "auto") -> tuple[Window, ...]:
+    """The tiles to look at besides the whole picture.
+
+    Args:
+        picture: its height and width, pixels.
+        network: height and width of the network's input.
+        tiling: how many.
+
+    Returns:
+        The tiles row by row, of one size; none where the whole picture is enough.
+    """
+    if tiling == "none" or tiling == (1, 1):
+        return ()
+    height, width = picture
+    whole = min(network[0] / height, network[1] / width)
+    overlap = min(round(SEEN_HEIGHT / whole), height // 2)
+    sideways = min(round(WIDTH_OF_PEOPLE * overlap), width // 2)
+    if tiling == "auto":
+        if whole >= ENOUGH_SCALE:
+            return ()
+        scale = min(ENOUGH_SCALE, MOST_MAGNIFICATION * whole)
+        columns, rows = _count(width, network[1] / scale, sideways), _count(height, network[0] / scale, overlap)
+    else:
+        columns, rows = tiling
+    across, wide = _spread(width, columns, sideways)
+    down, tall = _spread(height, rows, overlap)
+    return tuple((left, top, wide, tall) for top in down for left in across)
+
+
+def _count(length: int, tile: float, overlap: int) -> int:
+    """How many tiles of at most this length cover a length."""
+    return 1 if tile >= length else ceil((length - overlap) / max(tile - overlap, 1.0))
+
+
+def _spread(length: int, count: int, overlap: int) -> tuple[list[int], int]:
+    """Where tiles begin, and their length: evenly from end to end."""
+    tile = min(length, ceil((length + (count - 1) * overlap) / count))
+    return [round(place * (length - tile) / max(count - 1, 1)) for place in range(count)], tile
+
+
+def uncut(ltrb: Floats, window: Window, picture: tuple[int, int], scale: tuple[float, float]) -> NDArray[np.bool_]:
+    """(N,) which boxes (N, 4) that were found in a tile do not end at its inner borders.
+
+    Whoever is cut by a tile is whole in the next one or tall enough for the whole picture, and half a person's lower edge
+    is not where the person stands.
+    """
+    left, top, width, height = window
+    margin_x, margin_y = BORDER / scale[0], BORDER / scale[1]
+    return np.asarray(
+        ((ltrb[:, 0] > left + margin_x) | (left == 0))
+        & ((ltrb[:, 1] > top + margin_y) | (top == 0))
+        & ((ltrb[:, 2] < left + width - margin_x) | (left + width == picture[1]))
+        & ((ltrb[:, 3] < top + height - margin_y) | (top + height == picture[0]))
+    )
+
+
+def merge(ltrb: Floats, score: Floats, most_overlap: float) -> NDArray[np.int64]:
+    """Which boxes (N, 4) left, top, right, bottom remain of all that were found, the most certain first.
+
+    A box goes if it covers nearly the same as a more certain one (intersection over union above `most_overlap`), or if it is
+    a part of the same person: inside a larger and more certain box, nearly as wide, and ending or beginning where that does.
+    Of equal scores the larger box is kept.
+    """
+    area = (ltrb[:, 2] - ltrb[:, 0]) * (ltrb[:, 3] - ltrb[:, 1])
+    order = np.lexsort((*ltrb.T, -area, -score))
+    boxes, area = ltrb[order], area[order]
+    low = np.maximum(boxes[:, None, :2], boxes[None, :, :2])
+    high = np.minimum(boxes[:, None, 2:], boxes[None, :, 2:])
+    common = np.prod(np.maximum(high - low, 0.0), axis=2)
+    double = common > most_overlap * (area[:, None] + area[None] - common)
+    covered = np.triu(double | _is_part(boxes, common, area), k=1)
+    kept = np.ones(len(order), dtype=np.bool_)
+    for place in np.flatnonzero(covered.any(axis=1)):
+        if kept[place]:
+            kept[covered[place]] = False
+    return np.asarray(order[kept], dtype=np.int64)
+
+
+def _is_part(boxes: Floats, common: Floats, area: Floats) -> NDArray[np.bool_]:
+    """(N, N) whether the second box looks like legs, or head and shoulders, of the first."""
+    width, height = boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]
+    near = ALIGNED * height[:, None]
+    aligned = (np.abs(boxes[:, None, 1] - boxes[None, :, 1]) < near) | (np.abs(boxes[:, None, 3] - boxes[None, :, 3]) < near)
+    inside = common > INSIDE * area[None]
+    return np.asarray(inside & aligned & (area[None] <= area[:, None]) & (width[None] > AS_WIDE * width[:, None]))

@@ -1,0 +1,139 @@
+"""People found by a YOLOX network (Ge et al., "YOLOX: Exceeding YOLO Series in 2021")."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from passerby.errors import InputError
+from passerby.observations import Floats
+from passerby.perception.letterbox import Window, fit_window
+from passerby.perception.networks import Network
+from passerby.perception.pictures import Detections, Frame, Identity, Picture
+from passerby.perception.sessions import inputs_of, open_session, outputs_of, provider_of
+from passerby.perception.tiles import Tiling, merge, tile_windows, uncut
+from passerby.perception.yolox_output import STRIDES, Cells, Values, cells_of, is_decoded, matching_cells, people
+
+KINDS = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
+
+
+@dataclass(frozen=True)
+class YoloxOptions:
+    """Options of `YoloxDetector`. Raises `InputError` for a value out of range."""
+
+    score: float = 0.25
+    """Least score of a box."""
+    most_overlap: float = 0.65
+    """Intersection over union above which two boxes are one person found twice: YOLOX's own value."""
+    tiles: Tiling = "auto"
+    """Parts of large pictures that are looked at besides the whole: see `passerby.perception.tiles`."""
+    size: int = 640
+    """Side of the input of a network that takes any: a multiple of 32."""
+    decoded: bool | None = None
+    """Whether the network's boxes are in pixels already; None: told by what it gives for a grey picture."""
+
+    def __post_init__(self) -> None:
+        for name in ("score", "most_overlap"):
+            value = getattr(self, name)
+            if not 0 < value < 1:
+                raise InputError(f"detector: {name} = {value} is out of range: give a number between 0 and 1")
+        if self.size < 64 or self.size % 32:
+            raise InputError(f"detector: size = {self.size} is out of range: give a multiple of 32 from 64 on")
+        if not isinstance(self.tiles, str) and (len(self.tiles) != 2 or min(self.tiles) < 1 or max(self.tiles) > 16):
+            raise InputError(f"detector: tiles = {self.tiles} is out of range: give columns and rows, each from 1 to 16")
+
+
+class YoloxDetector:
+    """Finds people with a YOLOX network in an ONNX file; a `passerby.perception.pictures.Detector`.
+
+    The input is [1, 3, height, width], the output [1, N, 5 + C] with a row for each cell of grids of stride 8, 16, 32 and
+    perhaps 64, its boxes in pixels or as the network gives them. Class 0 is a person. Raises `InputError` for another file.
+    """
+
+    def __init__(self, network: Network, options: YoloxOptions | None = None) -> None:
+        self._network = network
+        self._options = options or YoloxOptions()
+        self._session = open_session(network.path)
+        self._input, self._size, self._kind = self._read_input()
+        self._cells, self._decoded = self._read_output()
+
+    @property
+    def identity(self) -> Identity:
+        """What decides its results."""
+        return {"name": "yolox", **self._network.identity, "options": asdict(self._options)}
+
+    @property
+    def provider(self) -> str:
+        """What the network runs on, for the report."""
+        return provider_of(self._session)
+
+    def __call__(self, frame: Frame) -> Detections:
+        """The people in a frame, the most certain first. Boxes end at the picture's edges."""
+        picture = frame.picture
+        height, width = picture.shape[:2]
+        parts = [self._look(picture, (0, 0, width, height))]
+        parts += [self._look(picture, tile) for tile in tile_windows((height, width), self._size, self._options.tiles)]
+        ltrb = np.concatenate([boxes for boxes, _ in parts])
+        score = np.concatenate([scores for _, scores in parts])
+        kept = merge(ltrb, score, self._options.most_overlap)
+        ltrb, score = ltrb[kept], np.clip(score[kept], 0.0, 1.0)
+        ltwh = np.concatenate([ltrb[:, :2], ltrb[:, 2:] - ltrb[:, :2]], axis=1)
+        return Detections(ltwh, score)
+
+    def _look(self, picture: Picture, window: Window) -> tuple[Floats, Floats]:
+        """(N, 4) left, top, right, bottom in pixels of the picture, within it, and (N,) scores, of a window."""
+        values, fitting = fit_window(picture, window, self._size, self._network.input, self._kind)
+        boxes, score = people(self._run(values), self._cells, self._decoded, self._options.score)
+        ltrb = fitting.to_picture(boxes)
+        height, width = picture.shape[:2]
+        ltrb = np.clip(ltrb, 0.0, np.array([width, height, width, height], dtype=np.float64))
+        kept = uncut(ltrb, window, (height, width), fitting.scale) & (ltrb[:, 2:] - ltrb[:, :2] >= 1.0).all(axis=1)
+        return ltrb[kept], score[kept]
+
+    def _run(self, values: Any) -> Values:
+        """(N, 5 + C) rows of one input."""
+        rows: Values = self._session.run(None, {self._input: values})[0][0]
+        return rows
+
+    def _read_input(self) -> tuple[str, tuple[int, int], np.dtype[Any]]:
+        """Name, height and width, and type of the network's input."""
+        ports = inputs_of(self._session)
+        wanted = "a YOLOX network takes one input [1, 3, height, width] of float, float16 or uint8, multiples of 32"
+        if len(ports) != 1:
+            raise self._unfit(f"takes {len(ports)} inputs", wanted)
+        port = ports[0]
+        side = self._options.size
+        if len(port.shape) != 4 or port.shape[0] not in (1, None) or port.shape[1] not in (3, None):
+            raise self._unfit(f"takes {port}", wanted)
+        height, width = port.shape[2] or side, port.shape[3] or side
+        if port.kind not in KINDS or height % STRIDES[2] or width % STRIDES[2]:
+            raise self._unfit(f"takes {port}", wanted)
+        return port.name, (height, width), np.dtype(KINDS[port.kind])
+
+    def _read_output(self) -> tuple[Cells, bool]:
+        """The cells of the network's rows, and whether its boxes are in pixels, from what it gives for a grey picture."""
+        grey = np.full((1, 1, 3), 114, dtype=np.uint8)
+        values, _ = fit_window(grey, (0, 0, 1, 1), self._size, self._network.input, self._kind)
+        try:
+            given = np.asarray(self._session.run(None, {self._input: values})[0])
+        except Exception as error:
+            raise self._unfit(f"fails on an input of {list(values.shape)}", "a YOLOX network takes that") from error
+        port = outputs_of(self._session)[0]
+        expected = len(cells_of(self._size, STRIDES[:3]))
+        wanted = f"a YOLOX network gives [1, {expected}, 5 + classes] for an input of {self._size[0]} by {self._size[1]}"
+        if given.ndim != 3 or given.shape[0] != 1 or given.shape[2] < 6:
+            raise self._unfit(f"gives {port.name} {list(given.shape)}", wanted)
+        cells = matching_cells(self._size, given.shape[1])
+        if cells is None:
+            raise self._unfit(f"gives {port.name} {list(given.shape)}", wanted)
+        rows = given[0]
+        if not (np.isfinite(rows).all() and (rows[:, 4:] >= 0).all() and (rows[:, 4:] <= 1.001).all()):
+            raise self._unfit("gives scores that are not within 0 to 1", "export it with the sigmoids of its heads")
+        decoded = self._options.decoded
+        return cells, is_decoded(rows, cells) if decoded is None else decoded
+
+    def _unfit(self, found: str, wanted: str) -> InputError:
+        """What is wrong with the network's shape."""
+        return InputError(f"{self._network.path}: the network {found}: {wanted}; give another file or another kind of output")
