@@ -25,8 +25,8 @@ CONTAINERS = {".mp4": "mp4", ".mov": "mov", ".mkv": "matroska"}
 # Ticks a second of the timestamps where the caller gives them: MPEG's own clock, which holds milliseconds and all usual rates.
 TICKS_PER_SECOND = 90_000
 
-# A player that is told nothing guesses the meaning of the colours from the picture's size: the file says what they were made with,
-# ITU-R BT.601 in its limited range (matrix coefficients number 6 in ITU-T H.273).
+# A player that is told nothing guesses how the colours were made from the size of the picture. The file tells: by
+# ITU-R BT.601 in its limited range (matrix coefficients 6 in ITU-T H.273).
 BT601_IN_FILE = 6
 
 

@@ -1,0 +1,230 @@
+"""Videos as sequences of pictures: decoded one after the other, sampled to a rate, however long the file is.
+
+Which pictures are chosen depends on their timestamps alone, never on where the reading began. Only chosen pictures are
+converted from the colours of the codec.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from av.container import InputContainer
+from av.error import EOFError as EndOfFile
+from av.error import FFmpegError
+from av.packet import Packet
+from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
+
+from passerby.errors import InputError
+from passerby.perception.pictures import Frame, Picture
+from passerby.perception.video_probe import GRID_TOLERANCE_S, VideoInfo, fit_of_size, opened, probe
+
+__all__ = ["Decoded", "VideoInfo", "VideoReader", "expected_count", "fit_of_size", "frames", "probe"]
+
+# A file that ends this much before the length it tells, and this part of it, was cut off. Sound that lasts longer than the
+# pictures, where only a common length is told, and lengths rounded to a second stay below.
+SHORTFALL_S = 0.5
+SHORTFALL_OF_FILE_S = 2.0
+
+# So many reads in a row may fail before the rest of the file is given up.
+FAILED_READS = 100
+
+# Timestamps that fall back by more belong to another recording behind the first: it is taken to follow at once.
+JUMP_BACK_S = 1.0
+
+TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """What became of a video that was read to its end."""
+
+    pictures: int
+    """Pictures that the file gave, chosen or not."""
+    yielded: int
+    """Pictures that were chosen."""
+    seconds: float
+    """Timestamp of the last picture, from the first."""
+    broken: int
+    """Packets that could not be decoded, and pictures that were decoded with errors."""
+    first_broken_s: float | None
+    """When the first of these would have been shown, about."""
+    ended_early: str | None
+    """Where the file ends clearly before the length that it tells: one sentence about it."""
+
+
+class VideoReader:
+    """The pictures of a video file, sampled: iterate over it, then look at `decoded`.
+
+    Args:
+        video: the file, or what `probe` told of it.
+        rate: pictures wanted a second: the first one at or after each k / rate seconds is chosen. None, or the video's own rate
+            or more: all of them.
+        after: only pictures with a number above this one; they are those that would follow it in a full reading.
+        threads: of the decoder; the pictures do not depend on it.
+
+    Raises:
+        InputError: as `probe`; a rate that is not above 0; while iterating: the size of the pictures changes, or none decodes.
+    """
+
+    def __init__(self, video: VideoInfo | str | Path, rate: float | None = None, after: int = 0, threads: int = 1) -> None:
+        self.info = video if isinstance(video, VideoInfo) else probe(video)
+        if rate is not None and not (rate > 0 and math.isfinite(rate)):
+            raise InputError(f"{self.info.path}: {rate} pictures per second cannot be chosen: give a number above 0")
+        self.rate = None if rate is None or _is_every_picture(self.info, rate) else rate
+        self.after = after
+        self.threads = threads
+        self.decoded: Decoded | None = None
+        """None until an iteration has come to the end of the file."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        self.decoded = None
+        reading = _Reading(self.info)
+        reformatter = VideoReformatter()
+        last_tick, yielded = -1, 0
+        with opened(self.info.path) as (container, stream):
+            stream.codec_context.thread_count = self.threads
+            for number, seconds, frame in reading.pictures(container, stream):
+                tick = self._tick(number, seconds)
+                if tick <= last_tick:
+                    continue
+                last_tick = tick
+                if number > self.after:
+                    yielded += 1
+                    yield Frame(number, seconds, _picture(reformatter, frame, self.info.rotation))
+        self.decoded = reading.summary(yielded)
+
+    def _tick(self, number: int, seconds: float) -> int:
+        """The last tick of the wanted rate that a picture is at or after."""
+        if self.rate is None:
+            return number
+        if self.info.variable:
+            return math.floor((seconds + GRID_TOLERANCE_S) * self.rate)
+        return math.floor((number - 1) * self.rate / self.info.clock_fps + 1e-6)
+
+
+class _Reading:
+    """One pass over the pictures of a file, and what was noticed on the way."""
+
+    def __init__(self, info: VideoInfo) -> None:
+        self._info = info
+        self._origin: float | None = None
+        self._size: tuple[int, int] | None = None
+        self._number = 0
+        self._seconds = 0.0
+        self._pictures = 0
+        self._broken = 0
+        self._first_broken_s: float | None = None
+        self._of_stream = True
+
+    def pictures(self, container: InputContainer, stream: VideoStream) -> Iterator[tuple[int, float, VideoFrame]]:
+        """Number, seconds and picture, the numbers ascending."""
+        self._of_stream = stream.duration is not None
+        for packet in self._packets(container, stream):
+            for frame in self._decode(stream, packet):
+                self._check_size(frame)
+                self._pictures += 1
+                previous = self._number
+                self._count(frame)
+                if frame.is_corrupt:
+                    self._note_broken()
+                if self._number > previous:
+                    yield self._number, self._seconds, frame
+        if self._pictures == 0:
+            raise InputError(f"{self._info.path}: nothing of it can be decoded: copy the video again")
+
+    def _packets(self, container: InputContainer, stream: VideoStream) -> Iterator[Packet[VideoStream] | None]:
+        """The packets, past places where the file cannot be read; None at the end of one that breaks off."""
+        failed = 0
+        while failed < FAILED_READS:
+            try:
+                for packet in container.demux(stream):
+                    failed = 0
+                    yield packet
+                return
+            except EndOfFile:
+                break
+            except FFmpegError:
+                failed += 1
+                self._note_broken()
+        yield None
+
+    def _decode(self, stream: VideoStream, packet: Packet[VideoStream] | None) -> list[VideoFrame]:
+        """The pictures that a packet completes, or (None) that the decoder still holds; none where the packet is broken."""
+        try:
+            return stream.decode(packet)
+        except FFmpegError:
+            self._note_broken()
+            return []
+
+    def _note_broken(self) -> None:
+        self._broken += 1
+        if self._first_broken_s is None:
+            self._first_broken_s = self._seconds
+
+    def _check_size(self, frame: VideoFrame) -> None:
+        """Raise `InputError` when a picture has another size than the first."""
+        size = (frame.width, frame.height)
+        if self._size is None:
+            self._size = size
+        if size != self._size:
+            raise InputError(
+                f"{self._info.path}: the pictures change from {self._size[0]} x {self._size[1]} to {size[0]} x {size[1]} after"
+                f" {self._seconds:.2f} s: cut the video there and keep the part that the lens belongs to"
+            )
+
+    def _count(self, frame: VideoFrame) -> None:
+        """Number and time of a picture by its timestamp or, without one, one step after the picture before."""
+        clock = self._info.clock_fps
+        if frame.pts is None or frame.time_base is None:
+            step = clock / self._info.average_fps
+            self._number += max(1, round(step)) if self._pictures > 1 else 1
+            self._seconds = (self._number - 1) / clock
+            return
+        time = float(frame.pts * frame.time_base)
+        if self._origin is None:
+            self._origin = time - self._seconds
+        if time - self._origin < self._seconds - JUMP_BACK_S:
+            self._note_broken()
+            self._origin = time - self._seconds - 1.0 / self._info.average_fps
+        number = round((time - self._origin) * clock) + 1
+        if number > self._number:
+            self._number, self._seconds = number, time - self._origin
+
+    def summary(self, yielded: int) -> Decoded:
+        """What the pass came to."""
+        promised = self._info.seconds
+        end = self._seconds + 1.0 / self._info.average_fps
+        early = None
+        if promised is not None and promised - end > (SHORTFALL_S if self._of_stream else SHORTFALL_OF_FILE_S):
+            early = f"the video ends after {end:.1f} s of the {promised:.1f} s that the file promises: it was cut off"
+        return Decoded(self._pictures, yielded, self._seconds, self._broken, self._first_broken_s, early)
+
+
+def frames(video: VideoInfo | str | Path, rate: float | None = None, after: int = 0, threads: int = 1) -> VideoReader:
+    """The pictures of a video, sampled to about `rate` a second: see `VideoReader`."""
+    return VideoReader(video, rate, after, threads)
+
+
+def expected_count(info: VideoInfo, rate: float | None = None) -> int | None:
+    """About how many pictures a reading at `rate` gives, for a progress bar; None where the file does not tell its length."""
+    if rate is None or _is_every_picture(info, rate):
+        return info.frames
+    return None if info.seconds is None else max(1, math.ceil(info.seconds * rate - 1e-6))
+
+
+def _is_every_picture(info: VideoInfo, rate: float) -> bool:
+    """Whether a rate is the video's own or above."""
+    return rate >= (info.average_fps if info.variable else info.clock_fps) * (1 - 1e-3)
+
+
+def _picture(reformatter: VideoReformatter, frame: VideoFrame, rotation: int) -> Picture:
+    """(H, W, 3) BGR, upright. One thread, so that cameras in processes of their own do not fight for the cores."""
+    picture = reformatter.reformat(frame, format="bgr24", threads=1).to_ndarray()
+    return np.asarray(cv2.rotate(picture, TURNS[rotation]) if rotation in TURNS else picture, dtype=np.uint8)

@@ -1,0 +1,258 @@
+"""What a video file holds, told before all of it is decoded.
+
+Frame numbers count from 1 at the first picture. A video of constant rate counts its own pictures (a picture that was left out
+leaves its number out); one of variable rate counts hundredths of a second, so that its timestamps are honoured within 5 ms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+import av
+import numpy as np
+from av.container import InputContainer
+from av.error import FFmpegError
+from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
+
+from passerby.errors import InputError
+from passerby.observations import Floats
+
+VARIABLE_CLOCK_FPS = 100.0
+
+# A constant rate's timestamps may lie off their grid by what a variable rate's clock would lose, and by a quarter of a frame.
+GRID_TOLERANCE_S = 0.005
+GRID_TOLERANCE_FRAMES = 0.25
+
+# Packets whose timestamps are looked at: 2 minutes at 25 frames per second, some tens of megabytes to read.
+PROBED_PACKETS = 3000
+
+# Packets that are tried before a video counts as undecodable: one cut out of a stream may begin 10 s before a key frame.
+TRIED_PACKETS = 600
+
+# H.264 codes whole blocks of this size; a video leaves out at most one pixel less of the last ones.
+MACROBLOCK = 16
+
+MEND = "convert it, for example with `ffmpeg -i {name} -c:v libx264 converted.mp4`, or take it out of the scene"
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """A video file."""
+
+    path: Path
+    size: tuple[int, int]
+    """(width, height), pixels, upright: a rotation that the file asks its player for has been made, as in the pictures."""
+    codec: str
+    clock_fps: float
+    """Frame numbers per second: the video's rate, or 100 where that is variable. Frame f shows second (f - 1) / clock_fps."""
+    variable: bool
+    average_fps: float
+    """Pictures per second, on the average."""
+    frames: int | None
+    """How many pictures the file says it holds, or its length suggests."""
+    seconds: float | None
+    """How long the file says it lasts."""
+    rotation: int = 0
+    """Degrees counter-clockwise, 0, 90, 180 or 270, by which the stored pictures are turned to stand upright."""
+
+
+def probe(path: str | Path) -> VideoInfo:
+    """Read a video's head, the timestamps of its first packets, and its first picture.
+
+    Raises:
+        InputError: no such file, a folder, an empty file, no video, a codec that cannot be decoded, or no picture at all.
+    """
+    path = Path(path)
+    with opened(path) as (container, stream):
+        seconds = _duration(container, stream)
+        timestamps = _timestamps(container, stream)
+    with opened(path) as (container, stream):
+        first = _first_picture(path, container, stream)
+        rate, variable = _rate(stream, timestamps)
+        if not variable and (rate is None or rate <= 0):
+            raise InputError(f"{path}: the file does not tell its pictures per second: {_mend(path)}")
+        average = _average(timestamps) if variable or rate is None else rate
+        rotation = first.rotation % 360 if first.rotation % 90 == 0 else 0
+        return VideoInfo(
+            path=path,
+            size=(first.height, first.width) if rotation in (90, 270) else (first.width, first.height),
+            codec=stream.codec_context.name,
+            clock_fps=VARIABLE_CLOCK_FPS if variable or rate is None else rate,
+            variable=variable,
+            average_fps=average,
+            frames=stream.frames or (None if seconds is None else max(1, round(seconds * average))),
+            seconds=seconds if seconds is not None else (stream.frames / average if stream.frames else None),
+            rotation=rotation,
+        )
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
+    """A video file and its first video stream.
+
+    Raises:
+        InputError: no such file, a folder, an empty file, no video, or a codec that nothing here decodes.
+    """
+    _check_file(path)
+    try:
+        # An absolute path, so that no name is taken for a protocol's.
+        container = av.open(str(path.absolute()), metadata_errors="replace")
+    except (FFmpegError, OSError) as error:
+        if "moov atom" in str(getattr(error, "log", "")) or _is_unfinished_mp4(path):
+            raise InputError(
+                f"{path}: the recording was cut off before its index (moov) was written: copy the file again, or repair it,"
+                f" for example with untrunc"
+            ) from error
+        if isinstance(error, PermissionError):
+            raise InputError(f"{path}: may not be read: give yourself the right to read it") from error
+        raise InputError(f"{path}: is not a video that can be read ({error.strerror or error}): {_mend(path)}") from error
+    with container:
+        yield container, _video_stream(path, container)
+
+
+def _check_file(path: Path) -> None:
+    """Raise `InputError` unless `path` is a file with something in it."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder: name a video file")
+    if not path.exists():
+        raise InputError(f"{path}: no such file: correct the path of the video")
+    if path.is_file() and path.stat().st_size == 0:
+        raise InputError(f"{path}: holds 0 bytes: copy the video again, or take it out of the scene")
+
+
+def _is_unfinished_mp4(path: Path) -> bool:
+    """Whether the file begins like an MP4 (ISO 14496-12: a box `ftyp`) and never names its index."""
+    with path.open("rb") as file:
+        head = file.read(12)
+        if head[4:8] != b"ftyp":
+            return False
+        file.seek(0)
+        tail = b""
+        while block := file.read(1 << 20):
+            if b"moov" in tail + block:
+                return False
+            tail = block[-3:]
+    return True
+
+
+def _video_stream(path: Path, container: InputContainer) -> VideoStream:
+    """The first video stream that is one; a still picture, the cover of a piece of music and text are none."""
+    kind = container.format.name
+    streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
+    if kind.endswith("_pipe") or kind in ("image2", "tty"):
+        raise InputError(f"{path}: is not a video ({container.format.long_name}): name a video file")
+    if not streams:
+        kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
+        raise InputError(f"{path}: has no video stream, only {kinds}: name a file with pictures")
+    stream = streams[0]
+    if stream.codec_context is None:
+        raise InputError(f"{path}: its video codec is unknown and cannot be decoded: {_mend(path)}")
+    return stream
+
+
+def _mend(path: Path) -> str:
+    """What to do about a file that cannot be decoded."""
+    return MEND.format(name=path.name)
+
+
+def _first_picture(path: Path, container: InputContainer, stream: VideoStream) -> VideoFrame:
+    """The first picture that decodes."""
+    reason = "no picture in it"
+    try:
+        for packet in islice(container.demux(stream), TRIED_PACKETS):
+            try:
+                for frame in packet.decode():
+                    return frame
+            except FFmpegError as error:
+                reason = error.strerror or str(error)
+    except FFmpegError as error:
+        reason = error.strerror or str(error)
+    raise InputError(f"{path}: nothing of it can be decoded ({stream.codec_context.name}: {reason}): {_mend(path)}")
+
+
+def _duration(container: InputContainer, stream: VideoStream) -> float | None:
+    """Length of the video in seconds, as the stream or else the whole file has it."""
+    if stream.duration is not None and stream.time_base is not None:
+        return float(stream.duration * stream.time_base)
+    return None if container.duration is None else container.duration / av.time_base
+
+
+def _timestamps(container: InputContainer, stream: VideoStream) -> Floats:
+    """(N,) seconds, ascending, of the first packets that are shown; empty where they carry none."""
+    shown: list[int] = []
+    try:
+        for packet in islice(container.demux(stream), PROBED_PACKETS):
+            if packet.pts is not None and not packet.is_discard:
+                shown.append(packet.pts)
+    except FFmpegError:
+        pass  # what could be read before decides; the pictures themselves will tell what is broken
+    if stream.time_base is None:
+        return np.zeros(0)
+    # Packets come in the order of decoding: the last few, cut off, may belong before others that were not read.
+    ticks = np.unique(np.array(shown, dtype=np.int64))[: max(2, len(shown) - 32) if len(shown) == PROBED_PACKETS else None]
+    return np.asarray(ticks * float(stream.time_base))
+
+
+def _rate(stream: VideoStream, timestamps: Floats) -> tuple[float | None, bool]:
+    """Pictures per second and False; or, where no rate explains the timestamps, None and True."""
+    candidates = [float(r) for r in (stream.average_rate, stream.base_rate, stream.guessed_rate) if r]
+    if len(timestamps) < 3:
+        return (candidates[0] if candidates else None), False
+    candidates.append(1.0 / float(np.median(np.diff(timestamps))))
+    for rate in candidates:
+        if _fits(rate, timestamps):
+            return rate, False
+    return None, True
+
+
+def _fits(rate: float, timestamps: Floats) -> bool:
+    """Whether the timestamps lie on a grid of this rate, most of them one step from the next."""
+    position = (timestamps - timestamps[0]) * rate
+    steps = np.diff(np.round(position))
+    off = np.abs(position - np.round(position))
+    close = bool((off <= min(GRID_TOLERANCE_FRAMES, GRID_TOLERANCE_S * rate)).all())
+    return close and bool(np.median(steps) == 1) and bool((steps >= 1).all())
+
+
+def _average(timestamps: Floats) -> float:
+    """Pictures per second over all timestamps."""
+    return float((len(timestamps) - 1) / (timestamps[-1] - timestamps[0]))
+
+
+def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int]) -> Literal["same", "cropped"]:
+    """Whether a video's pictures are those that a lens was calibrated for.
+
+    A lens whose size is rounded up to whole macroblocks of H.264 (1088 for 1080) was calibrated on the coded picture: the video
+    shows it without its last columns and rows, and the origin stays where it was.
+
+    Args:
+        video_size: (width, height), pixels, upright.
+        lens_size: (width, height), pixels.
+
+    Returns:
+        "same", or "cropped": up to 15 columns or rows are missing right or below.
+
+    Raises:
+        InputError: any other difference; the message, which the caller puts the file and the camera before, guesses its cause.
+    """
+    if video_size == lens_size:
+        return "same"
+    missing = (lens_size[0] - video_size[0], lens_size[1] - video_size[1])
+    if all(0 <= m < MACROBLOCK for m in missing):
+        return "cropped"
+    told = f"its pictures are {video_size[0]} x {video_size[1]}, its lens is calibrated for {lens_size[0]} x {lens_size[1]}"
+    factors = (video_size[0] / lens_size[0], video_size[1] / lens_size[1])
+    if video_size == lens_size[::-1]:
+        raise InputError(f"{told}: the video is turned by 90 degrees; turn it back, or give the lens of the turned pictures")
+    if abs(video_size[0] - lens_size[0] * factors[1]) <= 1 or abs(video_size[1] - lens_size[1] * factors[0]) <= 1:
+        raise InputError(
+            f"{told}: the video is scaled by {factors[0]:.4g}; multiply the lens's size and the first two rows of its matrix by"
+            f" that, or give the video in the size of the calibration"
+        )
+    raise InputError(f"{told}: give the lens of this video, or the video that the lens belongs to")
