@@ -1,0 +1,49 @@
+"""A rig file to be filled in: the picture sizes are known, the lenses are not, and no number is invented for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from passerby.starting import toml_text
+from passerby.starting.folders import FoundCamera
+
+FIELDS_OF_VIEW = (50, 60, 70, 80, 90, 110)
+"""Degrees across the picture: from a camcorder to a wide angle lens. Wider ones need a calibration with a pattern."""
+
+HEAD = """The cameras' lenses, to be filled in: `passerby check` refuses this file until numbers stand for "FX" and "FY".
+
+FX, FY   focal length in pixels. Best from a calibration of the lens with a pattern (OpenCV, Caliscope, Pose2Sim, ...).
+         Otherwise from the field of view: FX = width / 2 / tan(horizontal field of view / 2), and FY = FX.
+         The video's field of view counts: many cameras crop when they film, and zoom must stay as it was.
+         From a focal length of f mm as for 35 mm film: FX = width * f / 36, for pictures that are wider than high.
+CX, CY   the principal point, the third column of the matrix. The picture's middle is written: right within a few per cent.
+distortions   k1, k2, p1, p2, k3 as OpenCV has them. Zeros: straight lines are straight in the picture.
+fisheye  true for OpenCV's fisheye model, with four distortions.
+
+An error of 1 % in the focal length makes about as large an error in the distances between the cameras.
+"""
+
+
+def template_text(cameras: Sequence[FoundCamera]) -> str:
+    """The text of a rig file that `read_lens` refuses until the focal lengths are filled in.
+
+    Args:
+        cameras: Those without a lens. Where one has no video, its picture's size is to be filled in too.
+    """
+    return toml_text.comment(HEAD) + "".join(_table(camera) for camera in cameras)
+
+
+def _table(camera: FoundCamera) -> str:
+    """One camera's table."""
+    head = f"\n[{toml_text.key(camera.name)}]\nname = {toml_text.value(camera.name)}\n"
+    if camera.info is None:
+        size = 'size = ["WIDTH", "HEIGHT"]   # pixels\n'
+        matrix, hint = '[["FX", 0.0, "CX"], [0.0, "FY", "CY"], [0.0, 0.0, 1.0]]', ""
+    else:
+        width, height = camera.info.size
+        size = f"size = [{width}, {height}]   # of the video\n"
+        matrix = f'[["FX", 0.0, {width / 2:.1f}], [0.0, "FY", {height / 2:.1f}], [0.0, 0.0, 1.0]]'
+        views = ", ".join(f"{angle}: {width / 2 / math.tan(math.radians(angle / 2)):.0f}" for angle in FIELDS_OF_VIEW)
+        hint = f"# FX by degrees of the horizontal field of view: {views}\n"
+    return f"{head}{size}{hint}matrix = {matrix}\ndistortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nfisheye = false\n"
