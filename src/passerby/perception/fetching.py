@@ -186,7 +186,7 @@ def _open(url: str, start: int) -> Any:
     asking.start()
     asking.join(ANSWER_S)
     if not answers:
-        raise UnreachableError(f"{_host(url)}: no answer within {ANSWER_S:.0f} s")
+        raise UnreachableError(f"{_host(url)}: no answer within {ANSWER_S:g} s")
     answer = answers[0]
     if not isinstance(answer, Exception):
         return answer

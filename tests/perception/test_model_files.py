@@ -1,0 +1,193 @@
+"""Which file a name means, where it is looked for, and what is done where it lies nowhere."""
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from model_server import BODY, SHA256, entry, keep_to, know_only, serving
+from passerby.errors import InputError
+from passerby.perception.catalogue import catalogue, default_of
+from passerby.perception.fetching import sha256_of
+from passerby.perception.model_files import cache_folder, find_model, model_folders
+from passerby.perception.networks import InputConvention
+
+REAL = os.environ.get("PASSERBY_MODELS") or Path(__file__).parents[3] / "shared" / "models"
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    return keep_to(tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def server(cache, monkeypatch):
+    with serving() as server:
+        known = [
+            entry("tiny", url=server.url),
+            entry("other", url=server.url, default=False),
+            entry("looks", "embedder", url=server.url),
+            entry("joints", "keypoints"),
+        ]
+        know_only(known, monkeypatch)
+        yield server
+
+
+def put(folder, name="tiny.onnx", body=BODY):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_bytes(body)
+    return folder / name
+
+
+def test_the_manifest_is_complete():
+    entries = catalogue()
+    for key in ("name", "file", "sha256"):
+        assert len({getattr(item, key) for item in entries}) == len(entries)
+    pinned = re.compile(r"https://raw\.githubusercontent\.com/[\w.-]+/[\w.-]+/[0-9a-f]{40}/[\w./-]+\.onnx")
+    for item in entries:
+        assert re.fullmatch(r"[a-z0-9-]+", item.name)
+        assert re.fullmatch(r"[0-9a-f]{64}", item.sha256)
+        assert re.fullmatch(r"[\w-]+\.onnx", item.file)
+        assert item.url is None or pinned.fullmatch(item.url)
+        assert (item.url is None) == ("no address serves it" in item.note)
+        assert item.licence == "Apache-2.0"
+        assert item.publisher
+        assert not (item.default and item.url is None)
+        assert item.output in {"detector": ["yolox"], "embedder": ["embedding"], "keypoints": ["movenet"]}[item.role]
+    assert [item.name for item in entries if item.default] == ["yolox-nano", "person-reid-retail-0248"]
+    assert default_of("detector").name == "yolox-nano"
+    assert default_of("embedder").name == "person-reid-retail-0248"
+    assert default_of("keypoints") is None
+
+
+def test_the_manifest_is_frozen():
+    with pytest.raises(ValueError, match="frozen"):
+        catalogue()[0].sha256 = "0" * 64
+
+
+def test_fetched_on_first_use_and_found_on_the_next(server, cache):
+    told = []
+    network, reason = find_model("auto", "detector", tell=lambda stage, done=0, total=0: told.append(stage))
+    assert reason == ""
+    assert network.name == "tiny"
+    assert network.path == cache / "tiny.onnx"
+    assert network.path.read_bytes() == BODY
+    assert network.sha256 == SHA256
+    assert network.output == "yolox"
+    assert network.input == InputConvention()
+    assert network.licence == "Apache-2.0"
+    assert set(told) == {"fetching tiny.onnx (kB)"}
+    assert find_model("tiny", "detector").network == network
+    assert server.asked == [None]
+
+
+def test_the_order_of_the_folders(server, cache, tmp_path, monkeypatch):
+    folders = [tmp_path / name for name in ("own", "first", "second")]
+    files = [put(folder) for folder in (*folders, cache)]
+    monkeypatch.setenv("PASSERBY_MODELS", os.pathsep.join(map(str, folders[1:])))
+    assert model_folders(folders[0]) == (*folders, cache_folder())
+    for file in files:
+        assert find_model("tiny", "detector", folders[0]).network.path == file
+        file.unlink()
+    assert server.asked == []
+
+
+@pytest.mark.parametrize("place", ["models", "cache"])
+def test_a_wrong_checksum_is_an_error_and_the_file_stays(server, cache, tmp_path, monkeypatch, place):
+    folder = cache if place == "cache" else tmp_path / "models"
+    wrong = put(folder, body=BODY[:-1])
+    put(cache, "other.onnx")
+    if place == "models":
+        monkeypatch.setenv("PASSERBY_MODELS", str(folder))
+        put(cache)
+    with pytest.raises(InputError, match=f"{wrong}: is not tiny: SHA-256 {sha256_of(wrong)} instead of {SHA256}: delete it"):
+        find_model("auto", "detector")
+    assert wrong.read_bytes() == BODY[:-1]
+    assert server.asked == []
+    assert find_model("other", "detector").network is not None
+
+
+def test_a_wrong_download_is_an_error(server, cache):
+    server.body = BODY[::-1]
+    with pytest.raises(InputError, match="sends another file"):
+        find_model("auto", "detector")
+    assert not (cache / "tiny.onnx").exists()
+
+
+def test_no_network_and_no_file_is_a_reason(server, monkeypatch):
+    server.status = 503
+    network, reason = find_model("auto", "detector")
+    assert network is None
+    assert re.fullmatch("tiny is not on this computer and cannot be fetched: .*503.*; see `passerby models`", reason)
+    monkeypatch.setenv("PASSERBY_OFFLINE", "1")
+    asked = len(server.asked)
+    network, reason = find_model("tiny", "detector")
+    assert network is None
+    assert "PASSERBY_OFFLINE is set" in reason
+    assert find_model("tiny", "detector", download=False).reason.endswith("`passerby models fetch` gets it")
+    assert len(server.asked) == asked
+
+
+def test_keypoints_are_measured_only_where_they_are_asked_for(server):
+    network, reason = find_model("auto", "keypoints")
+    assert network is None
+    assert "name one by path" in reason
+
+
+def test_a_model_that_no_address_serves(server, tmp_path):
+    with pytest.raises(
+        InputError, match=r"joints: lies nowhere and no address serves it: put joints\.onnx into a folder that PASS"
+    ):
+        find_model("joints", "keypoints")
+    file = put(tmp_path / "models", "joints.onnx")
+    assert find_model("joints", "keypoints", tmp_path / "models").network.path == file
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("tinny", "tinny: is no model that Passerby knows: there are tiny, other, auto, or the path of an .onnx file"),
+        ("looks", "looks: is for embedder, not for detector: there are tiny, other"),
+        ("nets/none.onnx", "nets/none.onnx: no such file"),
+    ],
+)
+def test_names_that_nobody_knows(server, name, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        find_model(name, "detector")
+
+
+def test_a_known_file_by_path_under_any_name(server, tmp_path):
+    file = put(tmp_path / "nets", "renamed.onnx")
+    know_it = find_model("nets/renamed.onnx", "detector", base=tmp_path).network
+    assert (know_it.name, know_it.path) == ("tiny", file)
+    assert find_model(file, "detector", base=Path("elsewhere")).network == know_it
+
+
+def test_a_known_file_by_path_for_another_role(cache, tmp_path, monkeypatch):
+    know_only([entry("tiny")], monkeypatch)
+    file = put(tmp_path, "renamed.onnx")
+    with pytest.raises(InputError, match=r"renamed\.onnx: is tiny, a network for detector, not for embedder"):
+        find_model(file, "embedder")
+
+
+@pytest.mark.parametrize("by", ["variable", "argument"])
+def test_a_folder_that_is_none(server, tmp_path, monkeypatch, by):
+    missing = tmp_path / "missing"
+    if by == "variable":
+        monkeypatch.setenv("PASSERBY_MODELS", str(missing))
+    with pytest.raises(InputError, match=f"{missing}: is no folder"):
+        find_model("auto", "detector", None if by == "variable" else missing)
+
+
+def test_the_real_files(cache, monkeypatch):
+    folder = Path(REAL)
+    if not folder.is_dir():
+        pytest.skip(f"no model files: {folder} does not exist; set PASSERBY_MODELS to their folder")
+    monkeypatch.setenv("PASSERBY_OFFLINE", "1")
+    present = [item for item in catalogue() if (folder / item.file).exists()]
+    if not present:
+        pytest.skip(f"no model files in {folder}")
+    for item in present:
+        assert (folder / item.file).stat().st_size == item.bytes
+        assert find_model(item.name, item.role, folder).network.path == folder / item.file
