@@ -177,7 +177,12 @@ def _first_picture(path: Path, container: InputContainer, stream: VideoStream) -
 
 
 def _duration(container: InputContainer, stream: VideoStream) -> float | None:
-    """Length of the video in seconds, as the stream or else the whole file has it."""
+    """Length of the video in seconds, as the stream or else the whole file has it.
+
+    An AVI counts its pictures in its head; its length is guessed from the size of the file, which tells nothing of a cut.
+    """
+    if container.format.name == "avi" and stream.frames and stream.average_rate:
+        return float(stream.frames / stream.average_rate)
     if stream.duration is not None and stream.time_base is not None:
         return float(stream.duration * stream.time_base)
     return None if container.duration is None else container.duration / av.time_base
