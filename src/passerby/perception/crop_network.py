@@ -1,0 +1,141 @@
+"""Networks that take crops of people: their input read from the file, filled in batches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.errors import InputError
+from passerby.observations import Floats
+from passerby.perception.networks import Network
+from passerby.perception.pictures import Picture
+from passerby.perception.sessions import Port, inputs_of, open_session, outputs_of
+
+_NUMBER_TYPES: dict[str, type[np.generic]] = {
+    "tensor(float)": np.float32,
+    "tensor(float16)": np.float16,
+    "tensor(double)": np.float64,
+    "tensor(uint8)": np.uint8,
+    "tensor(int32)": np.int32,
+    "tensor(int64)": np.int64,
+}
+
+
+@dataclass(frozen=True)
+class CropInput:
+    """How a network takes its crops, read from the file."""
+
+    name: str
+    kind: type[np.generic]
+    channels_first: bool
+    """(N, 3, H, W) rather than (N, H, W, 3)."""
+    size: tuple[int, int]
+    """Width and height, pixels."""
+    batch: int | None
+    """The number of crops that it takes at once; None for any."""
+
+
+class CropNetwork:
+    """An ONNX file that is shown crops of one size."""
+
+    def __init__(self, network: Network, *, batch: int, open_size: tuple[int, int] | None = None) -> None:
+        """Open the file.
+
+        Args:
+            network: the file and its conventions.
+            batch: crops at once, where the file takes any number.
+            open_size: width and height to use where the file leaves them open; None: a file must state them.
+
+        Raises `InputError` for a file that does not open or takes no crops.
+        """
+        self.network = network
+        self._session = open_session(network.path)
+        self.input = _crop_input(network, inputs_of(self._session), open_size)
+        self.outputs: tuple[Port, ...] = outputs_of(self._session)
+        self._batch = self.input.batch or batch
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of a crop, pixels."""
+        return self.input.size
+
+    def probed(self) -> list[NDArray[Any]]:
+        """The outputs for one black crop: their shapes are certain then. Raises `InputError` where the network does not run."""
+        width, height = self.size
+        try:
+            return self([np.zeros((height, width, 3), dtype=np.uint8)])
+        except InputError:
+            raise
+        except Exception as error:  # ONNX Runtime's errors have no common base.
+            said = " ".join(str(error).split())[:200]
+            raise InputError(
+                f"{self.network.path}: does not run on a crop of {width}x{height} pixels ({said}): give another network"
+            ) from error
+
+    def __call__(self, crops: list[Picture]) -> list[NDArray[Any]]:
+        """The outputs for N crops of the right size, BGR: arrays (N, ...) in the file's order; N at least 1."""
+        parts = [self._run(crops[start : start + self._batch]) for start in range(0, len(crops), self._batch)]
+        return [np.concatenate([part[k] for part in parts]) for k in range(len(parts[0]))]
+
+    def _run(self, crops: list[Picture]) -> list[NDArray[Any]]:
+        """The outputs for at most one batch; the places left over in a batch of fixed size stay black."""
+        given = np.stack(crops)
+        if self.input.batch is not None and len(crops) < self.input.batch:
+            given = np.concatenate([given, np.zeros((self.input.batch - len(crops), *given.shape[1:]), dtype=np.uint8)])
+        answers = [np.asarray(answer) for answer in self._session.run(None, {self.input.name: self._converted(given)})]
+        for answer, port in zip(answers, self.outputs, strict=True):
+            if answer.ndim < 1 or len(answer) != len(given):
+                raise InputError(
+                    f"{self.network.path}: the output {port.name} has the shape {list(answer.shape)} for {len(given)} crops: "
+                    "one row a crop is needed; export it with a batch of 1 or an open batch"
+                )
+        return [answer[: len(crops)] for answer in answers]
+
+    def _converted(self, crops: NDArray[np.uint8]) -> NDArray[np.generic]:
+        """(N, 3, H, W) or (N, H, W, 3) as the network wants its colours, from (N, H, W, 3) BGR."""
+        convention = self.network.input
+        values: NDArray[Any] = crops[..., ::-1] if convention.colour == "rgb" else crops
+        if convention.scale != 1.0 or any(convention.mean) or set(convention.std) != {1.0}:
+            mean, std = np.array(convention.mean, dtype=np.float32), np.array(convention.std, dtype=np.float32)
+            values = (values * np.float32(convention.scale) - mean) / std
+            if np.issubdtype(self.input.kind, np.integer):
+                values = np.round(values)
+        if self.input.channels_first:
+            values = values.transpose(0, 3, 1, 2)
+        return np.ascontiguousarray(values, dtype=self.input.kind)
+
+
+def crop_rows(ltwh: Floats) -> Floats:
+    """(N, 4) boxes, checked: raises `InputError` for another shape."""
+    boxes = np.asarray(ltwh, dtype=np.float64)
+    if boxes.size == 0:
+        return np.zeros((0, 4))
+    if boxes.ndim != 2 or boxes.shape[1] != 4:
+        raise InputError(f"boxes have the shape {boxes.shape}: (boxes, 4) is needed")
+    return boxes
+
+
+def _crop_input(network: Network, ports: tuple[Port, ...], open_size: tuple[int, int] | None) -> CropInput:
+    """The one input of a network that takes crops; raises `InputError` that says what was found instead."""
+    found = "; ".join(map(str, ports)) or "nothing"
+    needed = f"{network.path}: takes {found}: one input [N, 3, height, width] or [N, height, width, 3] is needed"
+    if len(ports) != 1 or len(ports[0].shape) != 4:
+        raise InputError(f"{needed}; is this a network for the role {network.role}?")
+    port = ports[0]
+    batch, second, third, fourth = port.shape
+    if second == 3:
+        channels_first, height, width = True, third, fourth
+    elif fourth == 3:
+        channels_first, height, width = False, second, third
+    else:
+        raise InputError(f"{needed}; is this a network for the role {network.role}?")
+    if port.kind not in _NUMBER_TYPES:
+        raise InputError(f"{needed}, of a type among {', '.join(kind[7:-1] for kind in _NUMBER_TYPES)}")
+    if height is None or width is None:
+        if open_size is None:
+            raise InputError(f"{needed} with a stated height and width: export it with a fixed input size")
+        width, height = open_size
+    return CropInput(port.name, _NUMBER_TYPES[port.kind], channels_first, (width, height), batch)
