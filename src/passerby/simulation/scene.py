@@ -49,6 +49,8 @@ class SimulatedScene:
     """(T, P) who stands, walks or runs, and neither crouches, leans, sits, jumps nor reaches overhead."""
     clock_offsets: dict[str, float]
     """Camera -> seconds: its frame f shows the world at (f - 1) / fps + offset, with the camera's own fps."""
+    motion: Motion
+    """How everybody moves at any time, for the pictures of the scene."""
     true_identities: dict[str, Ints]
     """Camera -> (N,) who each of its boxes really shows; -1 for a box without a person."""
 
@@ -113,6 +115,7 @@ def simulate(options: SimulationOptions) -> SimulatedScene:
         joints3d=np.where(absent[..., None], np.nan, pose_joints(state, heights)[:, :, : len(BODY_17)]),
         upright=present & ~bent,
         clock_offsets=dict(zip(rig.names, offsets.tolist(), strict=True)),
+        motion=motion,
         true_identities={name: detected.true_identity for name, detected in found.items()},
     )
 

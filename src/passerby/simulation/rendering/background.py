@@ -1,0 +1,183 @@
+"""A camera's picture without people: by a ray through every quarter of a pixel, through the lens as it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.cameras import Camera
+from passerby.perception.pictures import Picture
+from passerby.simulation.presets import PRESETS, Preset
+from passerby.simulation.rendering.ground import ground
+from passerby.simulation.rendering.light import SHADOW, Light
+from passerby.simulation.rendering.surroundings import BEHIND_M, Block, draw_blocks, meet, sky, wall
+from passerby.simulation.rendering.textures import Field, Noise
+
+Floats = NDArray[np.float64]
+
+SUPERSAMPLING = 2
+RAY_PITCH_PX = 8
+"""Rays are computed at every so many pixels and interpolated: a lens bends them by less than a hundredth of a pixel in between."""
+ROWS_AT_ONCE = 128
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """The static world around one area."""
+
+    name: str
+    """Of the preset."""
+    middle: Floats
+    """(2,) of the area, world, metres."""
+    light: Light
+    noise: Noise
+    blocks: tuple[Block, ...]
+
+    @classmethod
+    def drawn(cls, name: str, middle: Floats, light: Light, rng: np.random.Generator) -> World:
+        """Textures and furniture."""
+        texture, furniture = rng.spawn(2)
+        return cls(name, middle, light, Noise(texture), draw_blocks(name, PRESETS[name], furniture))
+
+    @property
+    def preset(self) -> Preset:
+        """Its preset."""
+        return PRESETS[self.name]
+
+
+def background(camera: Camera, world: World) -> Picture:
+    """(H, W, 3) the camera's picture of the empty world."""
+    width, height = camera.lens.size
+    plane = _ray_grid(camera)
+    picture = np.empty((height, width, 3), dtype=np.uint8)
+    for top in range(0, height, ROWS_AT_ONCE):
+        rows = min(ROWS_AT_ONCE, height - top)
+        colours = _colours(camera, world, _rays(camera, plane, top, rows))
+        fine = np.clip(colours, 0, 255)
+        picture[top : top + rows] = np.round(cv2.resize(fine, (width, rows), interpolation=cv2.INTER_AREA)).astype(np.uint8)
+    return picture
+
+
+def _ray_grid(camera: Camera) -> Field:
+    """(h, w, 3) unit rays in the world at every `RAY_PITCH_PX` pixels, from one pitch outside the picture's corner on."""
+    assert camera.pose is not None
+    width, height = camera.lens.size
+    x, y = (np.arange(-1, size // RAY_PITCH_PX + 3, dtype=np.float64) * RAY_PITCH_PX for size in (width, height))
+    pixels = np.stack(np.meshgrid(x, y), axis=-1)
+    rays = camera.lens.bearings(pixels.reshape(-1, 2))
+    bad = ~np.isfinite(rays).all(axis=1)
+    if bad.any():  # a lens that ends inside the picture: what lies beyond shows its edge
+        rays[bad] = np.array([0.0, 0.0, 1.0])
+    return np.asarray((rays @ camera.pose.R_cw).reshape(pixels.shape[:2] + (3,)), dtype=np.float32)
+
+
+def _rays(camera: Camera, plane: Field, top: int, rows: int) -> Field:
+    """(2 rows, 2 W, 3) unit rays of the fine pixels of some rows."""
+    width = camera.lens.size[0]
+    x = ((np.arange(width * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5) / RAY_PITCH_PX + 1
+    y = (top + (np.arange(rows * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5) / RAY_PITCH_PX + 1
+    # Bilinear by hand: cv2.remap knows only 32 steps between two points.
+    left, above = np.floor(x).astype(int), np.floor(y).astype(int)
+    by_x, by_y = (x - left).astype(np.float32)[None, :, None], (y - above).astype(np.float32)[:, None, None]
+    columns = plane[:, left] * (1 - by_x) + plane[:, left + 1] * by_x
+    rays = columns[above] * (1 - by_y) + columns[above + 1] * by_y
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True), dtype=np.float32)
+
+
+def _colours(camera: Camera, world: World, rays: Field) -> Field:
+    """(..., 3) what the rays meet, in the light of the scene."""
+    eye = camera.centre - np.array([*world.middle, 0.0])
+    pixel = np.float32(1.0 / (camera.lens.focal * SUPERSAMPLING))
+    half = np.asarray(world.preset.area_m) / 2 + world.preset.standoff_m + BEHIND_M[world.name]
+    with np.errstate(divide="ignore"):
+        to_walls = np.where(rays[..., :2] > 0, (half - eye[:2]) / rays[..., :2], (-half - eye[:2]) / rays[..., :2]).astype(
+            np.float32
+        )
+        to_ground = np.where(rays[..., 2] < -1e-6, -eye[2] / rays[..., 2], np.inf).astype(np.float32)
+    axis = to_walls.argmin(axis=-1)
+    to_wall = np.minimum(to_walls[..., 0], to_walls[..., 1])
+    colours = sky(rays, world.light, world.noise)
+    on_wall = to_wall < to_ground
+    _set(colours, on_wall, _wall_colours(world, eye, rays[on_wall], axis[on_wall], to_wall[on_wall], pixel))
+    place = rays[~on_wall] * to_ground[~on_wall][:, None] + eye.astype(np.float32)
+    _set(colours, ~on_wall, _ground_colours(world, place, rays[~on_wall], to_ground[~on_wall], half, pixel))
+    reach = np.minimum(to_wall, to_ground)
+    for block in world.blocks:
+        distance, side = meet(block, eye, rays)
+        nearer = distance < reach
+        if nearer.any():
+            at = rays[nearer] * distance[nearer][:, None] + eye.astype(np.float32)
+            _set(colours, nearer, _block_colours(world, block, at, rays[nearer], side[nearer], distance[nearer] * pixel))
+            reach = np.where(nearer, distance, reach)
+    return colours
+
+
+def _set(colours: Field, where: NDArray[np.bool_], values: Field) -> None:
+    """Put values where they are finite."""
+    known = np.isfinite(values[..., 0])
+    inside = np.flatnonzero(where)[known]
+    colours.reshape(-1, 3)[inside] = values[known]
+
+
+def _column(values: Field) -> Field:
+    """A column of values as a picture: OpenCV's remap takes no longer lists than 32767."""
+    return values.reshape(-1, 1)
+
+
+def _wall_colours(world: World, eye: Floats, rays: Field, axis: Field, reach: Field, pixel: np.float32) -> Field:
+    """(N, 3); NaN where there is only sky."""
+    if not len(rays):
+        return rays
+    place = rays * reach[:, None] + eye.astype(np.float32)
+    along = np.where(axis == 0, place[:, 1], place[:, 0])
+    facing = np.where(axis == 0, rays[:, 0], rays[:, 1])
+    side = (axis + 2 * (facing < 0)).astype(np.float32)
+    colours, there = _in_pieces(lambda a, u, s, f: wall(a, u, s, f, world.noise), along, place[:, 2], side, reach * pixel)
+    normals = np.zeros((len(rays), 3))
+    normals[np.arange(len(rays)), axis.astype(int)] = -np.sign(facing)
+    lit = colours * world.light.on(normals).astype(np.float32)
+    return np.where(there[:, None], lit, np.float32(np.nan))
+
+
+def _ground_colours(world: World, place: Field, rays: Field, reach: Field, half: Floats, pixel: np.float32) -> Field:
+    """(N, 3) with the shadows of the furniture, and darker along the walls."""
+    if not len(rays):
+        return rays
+    footprint = reach * pixel / np.sqrt(np.maximum(-rays[:, 2], 0.01))
+    (colours,) = _in_pieces(
+        lambda x, y, f: (ground(world.name, world.preset, x, y, f, world.noise),), place[:, 0], place[:, 1], footprint
+    )
+    from_wall = np.minimum(half[0] - np.abs(place[:, 0]), half[1] - np.abs(place[:, 1]))
+    brightness = world.light.on(np.array([[0.0, 0.0, 1.0]]))[0, 0] * (1 - 0.35 * np.exp(-np.maximum(from_wall, 0) / 0.6))
+    if world.light.sunny:
+        sun = np.broadcast_to(world.light.towards_sun.astype(np.float32), place.shape)
+        outside = np.flatnonzero((np.abs(place[:, :2]) > np.asarray(world.preset.area_m) / 2 - 2.0).any(axis=1))
+        shadowed = np.zeros(len(place), dtype=np.bool_)
+        for block in world.blocks:
+            shadowed[outside] |= np.isfinite(meet(block, place[outside], sun[outside])[0])
+        brightness = np.where(shadowed, SHADOW * brightness, brightness)
+    return np.asarray(colours * brightness[:, None], dtype=np.float32)
+
+
+def _block_colours(world: World, block: Block, place: Field, rays: Field, side: Field, footprint: Field) -> Field:
+    """(N, 3)."""
+    axis = side.astype(int)
+    normals = np.zeros((len(rays), 3))
+    index = np.arange(len(rays))
+    normals[index, axis] = -np.sign(rays[index, axis])
+    (grain,) = _in_pieces(
+        lambda a, b, f: (world.noise.octaves(a, b, (0.8, 0.2, 0.05), f),), place[:, 0] + place[:, 1], place[:, 2], footprint
+    )
+    colour = np.array(block.colour, dtype=np.float32) + 8 * grain[:, None]
+    return np.asarray(colour * world.light.on(normals), dtype=np.float32)
+
+
+def _in_pieces(function, *columns):  # type: ignore[no-untyped-def]
+    """A texture function of pictures, applied to columns (N,) of any length."""
+    count = len(columns[0])
+    width = 4096
+    padded = [np.resize(np.asarray(column, dtype=np.float32), (-(-count // width), width)) for column in columns]
+    return tuple(part.reshape(-1, *part.shape[2:])[:count] for part in function(*padded))

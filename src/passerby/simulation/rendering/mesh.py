@@ -1,0 +1,338 @@
+"""A person's surface: rings of points around the joints, and the quads between them.
+
+The surface follows the spheres of `passerby.simulation.body`, whose hull is a person's true box, as closely as a human shape allows:
+head to soles exactly, hands, elbows, feet and the trunk's sides within about a hundredth of the standing height.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.simulation.body import JOINTS
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+PARTS = ("trunk", "neck", "head", "arm", "hand", "leg", "shoe", "hair", "skirt", "backpack", "brim")
+"""Kinds of parts; the last four are worn by some people only."""
+OPTIONAL = ("hair", "skirt", "backpack", "brim")
+
+_FRAMES = (
+    ("chest", "pelvis"),
+    ("up", "up"),
+    *(
+        pair
+        for side in ("left", "right")
+        for pair in (
+            (f"{side}_shoulder", f"{side}_elbow"),
+            (f"{side}_shoulder", f"{side}_wrist"),
+            (f"{side}_elbow", f"{side}_wrist"),
+            (f"{side}_hip", f"{side}_knee"),
+            (f"{side}_hip", f"{side}_ankle"),
+            (f"{side}_knee", f"{side}_ankle"),
+            (f"{side}_heel", f"{side}_toe"),
+        )
+    ),
+)
+"""The axes around which rings lie, each from one joint to another; "up" is the world's. A bend's axis spans both its limbs."""
+
+
+@dataclass(frozen=True)
+class _Ring:
+    """An ellipse around a point between two joints; lengths are fractions of the standing height."""
+
+    first: str
+    last: str
+    place: float
+    """0 at the first joint, 1 at the last; may lie beyond."""
+    across: float
+    """Half width along the body's left."""
+    deep: float
+    """Half depth along the front."""
+    axis: tuple[str, str]
+    ahead: float = 0.0
+    """How far in front of the joints' line."""
+    above: float = 0.0
+    """How far above it, along the world's z."""
+
+
+@dataclass(frozen=True, eq=False)
+class Template:
+    """The surface of any person. V points in rings, F quads, whose corners run anticlockwise seen from outside."""
+
+    first: Ints
+    """(V,) index of the joint at one end of the line that the ring lies around."""
+    last: Ints
+    """(V,) index of the joint at its other end."""
+    place: Floats
+    """(V,) 0 at the first joint, 1 at the last."""
+    axis: Ints
+    """(V,) index of the ring's axis."""
+    offsets: Floats
+    """(V, 3) from that line along the axis's left and front and along the world's z, fractions of the standing height."""
+    quads: Ints
+    """(F, 4) point indices."""
+    part: Ints
+    """(F,) index of `PARTS`."""
+    ring: Ints
+    """(F,) number of the band between two rings in its part, from 0 at the top (the heel, for a shoe)."""
+    angle: Floats
+    """(F,) radians about the axis: 0 on the body's left, pi / 2 in front."""
+    segment_of: Ints
+    """(F,) convex piece that a quad belongs to, for shadows."""
+    segments: tuple[Ints, ...]
+    """Indices of the points of each convex piece."""
+
+    def faces(self, part: str) -> NDArray[np.bool_]:
+        """(F,) which quads belong to a kind of part."""
+        return np.asarray(self.part == PARTS.index(part))
+
+
+def pose_surface(template: Template, joints: Floats, heights: Floats, builds: Floats) -> Floats:
+    """The points of P people's surfaces.
+
+    Args:
+        template: of V points.
+        joints: (P, J, 3) world, metres, from `body.pose_joints`.
+        heights: (P,) standing heights, metres.
+        builds: (P,) factor on all widths, about 1.
+
+    Returns:
+        (P, V, 3) world, metres.
+    """
+    left, front = _axes(joints)
+    start = joints[:, template.first]
+    along = joints[:, template.last] - start
+    size = (heights * builds)[:, None, None]
+    sideways = left[:, template.axis] * template.offsets[:, :1] + front[:, template.axis] * template.offsets[:, 1:2]
+    points = start + template.place[:, None] * along + size * sideways
+    points[..., 2] += heights[:, None] * template.offsets[:, 2]
+    return np.asarray(points)
+
+
+def _axes(joints: Floats) -> tuple[Floats, Floats]:
+    """(P, A, 3) left and front of each axis, unit vectors across it."""
+    left = joints[:, JOINTS.index("left_shoulder")] - joints[:, JOINTS.index("right_shoulder")]
+    left = left / np.linalg.norm(left, axis=-1, keepdims=True)
+    first = [JOINTS.index(first) for first, _ in _FRAMES if first != "up"]
+    last = [JOINTS.index(last) for _, last in _FRAMES if last != "up"]
+    axes = np.empty((len(joints), len(_FRAMES), 3))
+    limbs = np.array([first != "up" for first, _ in _FRAMES])
+    axes[:, limbs] = joints[:, first] - joints[:, last]
+    axes[:, ~limbs] = (0.0, 0.0, 1.0)
+    front = np.cross(left[:, None], axes)
+    front /= np.linalg.norm(front, axis=-1, keepdims=True)
+    across = np.cross(axes, front)
+    return across / np.linalg.norm(across, axis=-1, keepdims=True), front
+
+
+@cache
+def template(fine: bool) -> Template:
+    """The surface with about 800 quads for people near the camera, or 300 for small ones."""
+    builder = _Builder()
+    for part, rings, sides, power in _tubes():
+        builder.add(part, rings, sides if fine else max(5, round(0.55 * sides)), power)
+    return builder.template()
+
+
+class _Builder:
+    """Collects the tubes of a template."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[int, int, float, int, float, float, float]] = []
+        self._quads: list[tuple[int, int, int, int]] = []
+        self._faces: list[tuple[int, int, float, int]] = []
+        self._segments: list[list[int]] = []
+
+    def add(self, part: str, rings: Sequence[_Ring], sides: int, power: float) -> None:
+        """A tube; its ends are closed where the outer rings are small. Below a power of 1 the rings are squarish."""
+        angles = 2 * np.pi * np.arange(sides) / sides
+        c, s = (np.sign(wave) * np.abs(wave) ** power for wave in (np.cos(angles), np.sin(angles)))
+        base = len(self._points)
+        for ring in rings:
+            joints = JOINTS.index(ring.first), JOINTS.index(ring.last)
+            for across, deep in zip(ring.across * c, ring.deep * s, strict=True):
+                offsets = float(across), float(deep) + ring.ahead, ring.above
+                self._points.append((*joints, ring.place, _FRAMES.index(ring.axis), *offsets))
+        for row in range(len(rings) - 1):
+            above, below = base + row * sides, base + (row + 1) * sides
+            if row % 2 == 0:  # two bands are nearly convex together
+                self._segments.append([])
+            self._segments[-1] += range(above, below + sides)
+            for column in range(sides):
+                after = (column + 1) % sides
+                self._quads.append((above + column, above + after, below + after, below + column))
+                angle = 2 * np.pi * (column + 0.5) / sides
+                self._faces.append((PARTS.index(part), row, angle, len(self._segments) - 1))
+
+    def template(self) -> Template:
+        """All that was added."""
+        points = np.array(self._points)
+        faces = np.array(self._faces)
+        return Template(
+            first=points[:, 0].astype(np.int64),
+            last=points[:, 1].astype(np.int64),
+            place=points[:, 2],
+            axis=points[:, 3].astype(np.int64),
+            offsets=points[:, 4:],
+            quads=np.array(self._quads, dtype=np.int64),
+            part=faces[:, 0].astype(np.int64),
+            ring=faces[:, 1].astype(np.int64),
+            angle=faces[:, 2],
+            segment_of=faces[:, 3].astype(np.int64),
+            segments=tuple(np.unique(points) for points in self._segments),
+        )
+
+
+def _tubes() -> list[tuple[str, list[_Ring], int, float]]:
+    """Part, rings from the top down, number of sides, squareness."""
+    tubes = [
+        ("trunk", _trunk(), 16, 0.85),
+        ("neck", _neck(), 8, 1.0),
+        ("head", _head(), 14, 1.0),
+        ("hair", _long_hair(), 10, 1.0),
+        ("brim", _brim(), 12, 1.0),
+        ("skirt", _skirt(), 14, 0.9),
+        ("backpack", _backpack(), 8, 0.5),
+    ]
+    for side in ("left", "right"):
+        tubes += [
+            ("arm", _arm(side), 9, 1.0),
+            ("hand", _hand(side), 6, 1.0),
+            ("leg", _leg(side), 10, 1.0),
+            ("shoe", _shoe(side), 8, 0.8),
+        ]
+    return tubes
+
+
+def _trunk() -> list[_Ring]:
+    """Pelvis at 0, shoulders at 1."""
+    rows = (
+        (1.17, 0.030, 0.030, -0.004),
+        (1.13, 0.050, 0.036, -0.006),
+        (1.07, 0.088, 0.044, -0.006),
+        (0.97, 0.113, 0.052, -0.002),
+        (0.82, 0.112, 0.060, 0.002),
+        (0.66, 0.104, 0.064, 0.006),
+        (0.48, 0.092, 0.058, 0.002),
+        (0.33, 0.088, 0.056, 0.0),
+        (0.20, 0.096, 0.062, -0.002),
+        (0.05, 0.101, 0.068, -0.008),
+        (-0.08, 0.094, 0.064, -0.008),
+        (-0.17, 0.055, 0.045, -0.004),
+        (-0.20, 0.010, 0.010, 0.0),
+    )
+    axis = ("chest", "pelvis")
+    return [_Ring("pelvis", "chest", place, across, deep, axis, ahead) for place, across, deep, ahead in rows]
+
+
+def _neck() -> list[_Ring]:
+    axis = ("up", "up")
+    return [
+        _Ring("head", "head", 0.0, 0.028, 0.030, axis, -0.008, -0.045),
+        _Ring("neck", "neck", 0.0, 0.030, 0.030, axis, -0.004, 0.005),
+        _Ring("neck", "neck", 0.0, 0.036, 0.036, axis, -0.004, -0.015),
+    ]
+
+
+def _head() -> list[_Ring]:
+    """Egg-shaped, the chin in front; the crown reaches exactly as high as the head's sphere."""
+    rows = (
+        (0.0545, 0.006, 0.006, -0.004),
+        (0.050, 0.022, 0.027, -0.004),
+        (0.040, 0.034, 0.042, -0.003),
+        (0.026, 0.042, 0.051, -0.001),
+        (0.010, 0.046, 0.055, 0.0),
+        (-0.008, 0.046, 0.055, 0.0),
+        (-0.026, 0.044, 0.052, 0.001),
+        (-0.044, 0.040, 0.046, 0.006),
+        (-0.060, 0.034, 0.036, 0.014),
+        (-0.072, 0.024, 0.024, 0.024),
+        (-0.079, 0.006, 0.006, 0.028),
+    )
+    return [_Ring("head", "head", 0.0, across, deep, ("up", "up"), ahead, above) for above, across, deep, ahead in rows]
+
+
+def _long_hair() -> list[_Ring]:
+    """Falls behind the head onto the shoulders."""
+    rows = ((0.046, 0.018, 0.016, -0.024), (0.030, 0.041, 0.032, -0.026), (0.0, 0.049, 0.036, -0.026),
+            (-0.04, 0.050, 0.036, -0.024), (-0.08, 0.048, 0.030, -0.024), (-0.105, 0.046, 0.024, -0.028),
+            (-0.11, 0.008, 0.008, -0.030))  # fmt: skip
+    return [_Ring("head", "head", 0.0, across, deep, ("up", "up"), ahead, above) for above, across, deep, ahead in rows]
+
+
+def _brim() -> list[_Ring]:
+    """A cap's peak."""
+    rows = ((0.026, 0.040, 0.012, 0.046), (0.023, 0.038, 0.022, 0.052), (0.020, 0.020, 0.008, 0.050))
+    return [_Ring("head", "head", 0.0, across, deep, ("up", "up"), ahead, above) for above, across, deep, ahead in rows]
+
+
+def _skirt() -> list[_Ring]:
+    """From the waist to above the knees; it follows the pelvis."""
+    rows = ((0.30, 0.090, 0.060), (0.10, 0.104, 0.072), (-0.15, 0.112, 0.082), (-0.42, 0.118, 0.090), (-0.64, 0.122, 0.094))
+    return [_Ring("pelvis", "chest", place, across, deep, ("chest", "pelvis")) for place, across, deep in rows]
+
+
+def _backpack() -> list[_Ring]:
+    """Flat: what it adds to the body's outline is within a fiftieth of the height."""
+    rows = ((1.02, 0.030, 0.010), (0.98, 0.062, 0.030), (0.75, 0.072, 0.036), (0.50, 0.072, 0.036), (0.32, 0.064, 0.032),
+            (0.28, 0.030, 0.010))  # fmt: skip
+    axis = ("chest", "pelvis")
+    return [_Ring("pelvis", "chest", place, across, deep, axis, -0.052) for place, across, deep in rows]
+
+
+def _arm(side: str) -> list[_Ring]:
+    shoulder, elbow, wrist = f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"
+    upper, bend, lower = (shoulder, elbow), (shoulder, wrist), (elbow, wrist)
+    rows = (
+        (shoulder, elbow, -0.18, 0.008, upper),
+        (shoulder, elbow, -0.13, 0.022, upper),
+        (shoulder, elbow, -0.02, 0.034, upper),
+        (shoulder, elbow, 0.18, 0.036, upper),
+        (shoulder, elbow, 0.50, 0.032, upper),
+        (shoulder, elbow, 0.78, 0.028, upper),
+        (shoulder, elbow, 1.0, 0.026, bend),
+        (elbow, wrist, 0.28, 0.026, lower),
+        (elbow, wrist, 0.65, 0.022, lower),
+        (elbow, wrist, 1.0, 0.018, lower),
+    )
+    return [_Ring(first, last, place, radius, radius, axis) for first, last, place, radius, axis in rows]
+
+
+def _hand(side: str) -> list[_Ring]:
+    wrist, hand, axis = f"{side}_wrist", f"{side}_hand", (f"{side}_elbow", f"{side}_wrist")
+    rows = ((-0.1, 0.012, 0.015), (0.35, 0.013, 0.022), (0.9, 0.015, 0.024), (1.25, 0.012, 0.017), (1.46, 0.004, 0.005))
+    return [_Ring(wrist, hand, place, across, deep, axis) for place, across, deep in rows]
+
+
+def _leg(side: str) -> list[_Ring]:
+    hip, knee, ankle = f"{side}_hip", f"{side}_knee", f"{side}_ankle"
+    thigh, bend, shank = (hip, knee), (hip, ankle), (knee, ankle)
+    rows = (
+        (hip, knee, -0.10, 0.030, 0.040, thigh, -0.004),
+        (hip, knee, 0.05, 0.050, 0.060, thigh, -0.006),
+        (hip, knee, 0.30, 0.049, 0.056, thigh, 0.0),
+        (hip, knee, 0.60, 0.042, 0.047, thigh, 0.002),
+        (hip, knee, 0.85, 0.037, 0.040, thigh, 0.002),
+        (hip, knee, 1.0, 0.035, 0.038, bend, 0.0),
+        (knee, ankle, 0.15, 0.033, 0.036, shank, -0.002),
+        (knee, ankle, 0.35, 0.033, 0.037, shank, -0.006),
+        (knee, ankle, 0.65, 0.028, 0.031, shank, -0.004),
+        (knee, ankle, 0.92, 0.024, 0.028, shank, 0.0),
+        (knee, ankle, 1.0, 0.010, 0.012, shank, 0.0),
+    )
+    return [_Ring(*row) for row in rows]
+
+
+def _shoe(side: str) -> list[_Ring]:
+    """From the heel to the toe; the front of this axis is up."""
+    heel, toe = f"{side}_heel", f"{side}_toe"
+    axis = (heel, toe)
+    rows = ((-0.16, 0.010, 0.010, 0.0), (-0.10, 0.020, 0.021, 0.002), (0.10, 0.025, 0.030, 0.010), (0.30, 0.026, 0.030, 0.010),
+            (0.55, 0.027, 0.023, 0.003), (0.85, 0.030, 0.019, -0.001), (1.05, 0.025, 0.016, -0.004), (1.15, 0.010, 0.009, -0.006))  # fmt: skip
+    return [_Ring(heel, toe, place, across, deep, axis, ahead) for place, across, deep, ahead in rows]
