@@ -1,0 +1,249 @@
+"""People in the pictures of a static camera, found without any network: whatever differs from the empty scene.
+
+The recording is gone through twice: `learn_background` takes a few pictures all over it and learns the empty scene and how tall
+people appear where; `BackgroundDetector` then compares every picture with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, cast
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.errors import EvidenceError, InputError
+from passerby.observations import Floats
+from passerby.perception.background_statistics import Levels, usual_colours
+from passerby.perception.foreground import Reference, foreground, prepare_reference
+from passerby.perception.people_shapes import found_people
+from passerby.perception.pictures import Detections, Frame, Identity, Picture
+from passerby.perception.shadows import ShadowOptions
+from passerby.perception.silhouettes import least_height, silhouettes, upright
+from passerby.perception.stature import Stature, learn_stature
+
+VERSION = 1
+"""Of what the detector finds: raised when the same options give other boxes."""
+LEAST_PICTURES = 5
+"""Fewer pictures cannot outvote a passer-by."""
+
+
+@dataclass(frozen=True)
+class BackgroundOptions:
+    """Options of the background's learning and of the detector. Raises `InputError` for a value out of range."""
+
+    working_width: int = 960
+    """Pixels: wider pictures are compared at this width. A person who is too small at it is too small for the solver too."""
+    pictures: int = 60
+    """How many pictures a background is learnt from."""
+    window_s: float = 300.0
+    """Each so many seconds get a background of their own: the light changes."""
+    windows: int = 12
+    """At most so many backgrounds, longer windows then: the memory stays bounded."""
+    shadows: ShadowOptions = field(default_factory=ShadowOptions)
+
+    def __post_init__(self) -> None:
+        for name, least in (("working_width", 64), ("pictures", LEAST_PICTURES), ("window_s", 1e-3), ("windows", 1)):
+            if not getattr(self, name) >= least:
+                raise InputError(f"background: {name} = {getattr(self, name)} is out of range: give {least} or more")
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Which pictures of a recording the background is learnt from."""
+
+    interval_s: float
+    window_s: float
+
+
+def plan_sampling(duration_s: float, options: BackgroundOptions | None = None) -> Sampling:
+    """The sampling for a recording of so many seconds; 1 / interval_s is the rate at which to decode it."""
+    options = options or BackgroundOptions()
+    if not duration_s > 0:
+        raise InputError(f"background: a recording of {duration_s} s cannot be learnt from: give a longer one")
+    count = int(min(max(round(duration_s / options.window_s), 1), options.windows))
+    window = duration_s / count
+    return Sampling(window / options.pictures, window)
+
+
+@dataclass(frozen=True, eq=False)
+class BackgroundModel:
+    """The empty scene of one camera."""
+
+    size: tuple[int, int]
+    """(width, height) of the whole pictures, pixels."""
+    seconds: Floats
+    """(W,) middles of the windows, ascending."""
+    colour: Picture
+    """(W, h, w, 3) BGR at the working size."""
+    noise: Levels
+    """(W, h, w, 3) standard deviations as `usual_colours` has them."""
+    stature: Stature | None
+    """How tall people appear, working pixels; None where too few stood alone."""
+
+    @property
+    def scale(self) -> float:
+        """Working pixels per pixel of the whole picture."""
+        return float(self.colour.shape[2] / self.size[0])
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """The model as named arrays, for numpy.savez."""
+        plane = np.zeros((0, 5)) if self.stature is None else np.array(
+            [[*self.stature.plane, self.stature.spread, self.stature.boxes]]
+        )  # fmt: skip
+        return {
+            "size": np.array(self.size),
+            "seconds": self.seconds,
+            "colour": self.colour,
+            "noise": self.noise,
+            "stature": plane,
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> BackgroundModel:
+        """The model of `to_arrays`."""
+        row = np.asarray(arrays["stature"], dtype=np.float64)
+        stature = Stature(row[0, :3], float(row[0, 3]), int(row[0, 4])) if len(row) else None
+        width, height = (int(value) for value in arrays["size"])
+        return cls(
+            (width, height), np.asarray(arrays["seconds"]), np.asarray(arrays["colour"]), np.asarray(arrays["noise"]), stature
+        )
+
+
+def learn_background(
+    frames: Iterable[Frame], sampling: Sampling, options: BackgroundOptions | None = None, seed: int = 0
+) -> BackgroundModel:
+    """Learn the empty scene of a static camera.
+
+    Args:
+        frames: pictures all over the recording in order of time, of one size; more than `sampling` asks for are passed over.
+        sampling: from `plan_sampling`.
+        options: the defaults where None.
+        seed: of the random numbers in the fit of people's heights.
+
+    Returns:
+        The model. Memory: the working pictures of one window and the backgrounds. Raises `EvidenceError` where there are fewer
+        than `LEAST_PICTURES` pictures, `InputError` where their sizes differ.
+    """
+    options = options or BackgroundOptions()
+    learner = _Learner(options)
+    window, due, held = 0, -np.inf, 0
+    for frame in frames:
+        if frame.seconds < due - 1e-6:
+            continue
+        due = max(due, frame.seconds - 0.5 * sampling.interval_s) + sampling.interval_s
+        number = int(frame.seconds / sampling.window_s + 1e-9)
+        if number != window and held >= LEAST_PICTURES:
+            learner.close()
+            window, held = number, 0
+        learner.add(frame)
+        held += 1
+    return learner.finish(np.random.default_rng(seed))
+
+
+class _Learner:
+    """Gathers the pictures of a window and learns from them when it is over."""
+
+    def __init__(self, options: BackgroundOptions) -> None:
+        self.options = options
+        self.size: tuple[int, int] | None = None
+        self.pictures: list[Picture] = []
+        self.times: list[float] = []
+        self.backgrounds: list[tuple[float, Picture, Levels]] = []
+        self.boxes: list[Floats] = []
+
+    def add(self, frame: Frame) -> None:
+        """Keep a picture of the window, at the working size."""
+        size = (frame.picture.shape[1], frame.picture.shape[0])
+        if self.size is None:
+            self.size = size
+        if size != self.size:
+            raise InputError(
+                f"picture {frame.number} has {size[0]} x {size[1]} pixels, the first {self.size[0]} x {self.size[1]}"
+            )
+        self.pictures.append(shrunk(frame.picture, self.options.working_width).copy())
+        self.times.append(frame.seconds)
+
+    def close(self) -> None:
+        """Learn the window's background, and where people stood alone."""
+        if self.size is None or len(self.pictures) < LEAST_PICTURES:
+            return
+        colour, noise = usual_colours(self.pictures)
+        self.backgrounds.append((float(np.mean(self.times)), colour, noise))
+        reference = prepare_reference(colour, noise)
+        least = least_height(colour.shape[0], colour.shape[1] / self.size[0])
+        for picture in self.pictures:
+            mask, _ = foreground(picture, reference, self.options.shadows)
+            found = silhouettes(mask, least)
+            self.boxes.append(found.ltwh[upright(found, least)].astype(np.float64))
+        self.pictures.clear()
+        self.times.clear()
+
+    def finish(self, rng: np.random.Generator) -> BackgroundModel:
+        """The model of all windows."""
+        self.close()
+        if self.size is None or not self.backgrounds:
+            raise EvidenceError(
+                f"{len(self.pictures)} pictures are too few to learn the empty scene from: "
+                f"give a recording with {LEAST_PICTURES} or more"
+            )
+        stature = learn_stature(np.concatenate(self.boxes), rng)
+        seconds, colour, noise = zip(*self.backgrounds, strict=True)
+        return BackgroundModel(self.size, np.array(seconds), np.stack(colour), np.stack(noise), stature)
+
+
+def shrunk(picture: Picture, working_width: int) -> Picture:
+    """The picture at the working width, or itself where it is no wider."""
+    height, width = picture.shape[:2]
+    if width <= working_width:
+        return picture
+    rows = max(round(height * working_width / width), 1)
+    return cast(Picture, cv2.resize(picture, (working_width, rows), interpolation=cv2.INTER_AREA))
+
+
+class BackgroundDetector:
+    """A `Detector` that needs no network."""
+
+    def __init__(self, model: BackgroundModel, options: BackgroundOptions | None = None) -> None:
+        self._model = model
+        self._options = options or BackgroundOptions()
+        self._prepared: tuple[tuple[int, int, int], Reference] | None = None
+
+    @property
+    def identity(self) -> Identity:
+        """What decides its results, the model aside: that follows from the recording and the options."""
+        return {"detector": "background", "version": VERSION, **asdict(self._options)}
+
+    def __call__(self, frame: Frame) -> Detections:
+        """The people in a frame, boxes in pixels of the whole picture; 1.0 for a person who stands alone, less where in doubt.
+
+        Raises `InputError` for a picture of another size than the background's.
+        """
+        size = (frame.picture.shape[1], frame.picture.shape[0])
+        if size != self._model.size:
+            width, height = self._model.size
+            raise InputError(f"picture {frame.number} has {size[0]} x {size[1]} pixels, its background {width} x {height}")
+        picture = shrunk(frame.picture, self._options.working_width)
+        mask, shadow = foreground(picture, self._reference(frame.seconds), self._options.shadows)
+        scale = self._model.scale
+        ltwh, score = found_people(mask, shadow, self._model.stature, least_height(picture.shape[0], scale))
+        # An edge between working pixels lies as far from the picture's border as a share of the working picture says.
+        factor = np.array([size[0] / picture.shape[1], size[1] / picture.shape[0]])
+        return Detections(ltwh * np.tile(factor, 2), score)
+
+    def _reference(self, seconds: float) -> Reference:
+        """The background at a time: between the middles of two windows a mixture, in steps of an eighth."""
+        times = self._model.seconds
+        after = int(np.searchsorted(times, seconds))
+        low, high = max(after - 1, 0), min(after, len(times) - 1)
+        share = 0.0 if low == high else (seconds - times[low]) / (times[high] - times[low])
+        key = (low, high, round(8 * share))
+        if self._prepared is None or self._prepared[0] != key:
+            model = self._model
+            part = key[2] / 8
+            colour = cast(Picture, cv2.addWeighted(model.colour[low], 1 - part, model.colour[high], part, 0.0))
+            noise = cast(Levels, cv2.max(model.noise[low], model.noise[high]))
+            self._prepared = key, prepare_reference(colour, noise)
+        return self._prepared[1]
