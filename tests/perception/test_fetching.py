@@ -38,6 +38,10 @@ def get(server, target, **more):
     fetch(server.url, target, SHA256, len(BODY), **more)
 
 
+def other_process(server, target):
+    return subprocess.Popen([sys.executable, "-c", FETCH, server.url, str(target), SHA256, str(len(BODY))])
+
+
 def part_of(target):
     return target.with_name(f".tiny.onnx.{SHA256[:12]}.part")
 
@@ -87,7 +91,7 @@ def test_gives_up_where_nothing_comes_and_goes_on_later(server, target):
 
 def test_a_killed_process_is_gone_on_with(server, target):
     server.hold = threading.Event()
-    process = subprocess.Popen([sys.executable, "-c", FETCH, server.url, str(target), SHA256, str(len(BODY))])
+    process = other_process(server, target)
     for _ in range(1000):
         if part_of(target).exists() and part_of(target).stat().st_size > 50_000:
             break
@@ -201,6 +205,14 @@ def test_redirections_are_followed(server, target):
     assert target.read_bytes() == BODY
 
 
+def test_a_proxy_is_asked_in_place_of_the_server(server, target, monkeypatch):
+    monkeypatch.setenv("no_proxy", "")
+    monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{server.port}")
+    fetch("http://localhost:1/tiny.onnx", target, SHA256, len(BODY))
+    assert target.read_bytes() == BODY
+    assert server.asked == [None]
+
+
 def test_nothing_is_fetched_over_an_open_line(server, target):
     with pytest.raises(InputError, match=r"http://example\.invalid/a: is no https address"):
         fetch("http://example.invalid/a", target, SHA256, len(BODY))
@@ -217,9 +229,7 @@ def test_a_folder_that_cannot_be_written(server, tmp_path):
 
 def test_two_processes_fetch_it_once(server, target):
     server.hold = threading.Event()
-    processes = [
-        subprocess.Popen([sys.executable, "-c", FETCH, server.url, str(target), SHA256, str(len(BODY))]) for _ in range(2)
-    ]
+    processes = [other_process(server, target) for _ in range(2)]
     for _ in range(1000):
         if server.asked:
             break
