@@ -1,0 +1,46 @@
+"""Which joints of a top-down network to believe.
+
+Such a network always answers: with a neighbour's joints where two people share a crop, with a guess where a person is hidden.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from passerby.observations import Floats
+
+# PLACEHOLDER
+MIN_SCORE = 0.2
+# A detector cuts feet, hands and hair by a few percent of the box; a joint farther outside of it is a neighbour's.
+OUTSIDE = 0.1
+# The joints of a whole person reach over 0.8 of the box's height and more; of a seated one whose legs are hidden, over half.
+MIN_EXTENT = 0.3
+# Fewer joints than this are no person.
+MIN_JOINTS = 4
+
+
+def believed(xy: Floats, score: Floats, ltwh: Floats, picture_size: tuple[int, int]) -> Floats:
+    """Scores with 0 for what is not to be believed.
+
+    A joint is dropped below `MIN_SCORE`, outside of the picture, and farther from the box than `OUTSIDE` of the box's size in
+    that direction; a person whole when fewer than `MIN_JOINTS` are left or they reach over less than `MIN_EXTENT` of the box in
+    height.
+
+    Args:
+        xy: (N, J, 2) joints, pixels of the whole picture.
+        score: (N, J) confidence.
+        ltwh: (N, 4) the people's boxes, pixels.
+        picture_size: width and height, pixels.
+
+    Returns:
+        (N, J) confidence, 0 to 1.
+    """
+    score = np.clip(np.where(np.isfinite(score), score, 0.0), 0.0, 1.0)
+    margin = OUTSIDE * ltwh[:, None, 2:]
+    low = ltwh[:, None, :2]
+    near = ((xy >= low - margin) & (xy <= low + ltwh[:, None, 2:] + margin)).all(axis=2)
+    inside = ((xy >= -0.5) & (xy <= np.asarray(picture_size) - 0.5)).all(axis=2)
+    found = near & inside & (score >= MIN_SCORE)
+    height = np.where(found, xy[..., 1], -np.inf).max(axis=1) - np.where(found, xy[..., 1], np.inf).min(axis=1)
+    person = (found.sum(axis=1) >= MIN_JOINTS) & (height >= MIN_EXTENT * ltwh[:, 3])
+    return np.asarray(np.where(found & person[:, None], score, 0.0))
