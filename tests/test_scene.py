@@ -148,7 +148,16 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[[scale.camera_heights]]\ncamera = 'AA'\nmetres = 3", r"camera 'AA' is not declared: did you mean 'A'"),
         (CAMERAS + "[cameras.C]\ntracks = 'x'", r"\[cameras.C\] intrinsics: is missing"),
         (CAMERAS + "[cameras.C]\nintrinsics = 'x'", r"\[cameras.C\]: says nothing of what the camera saw"),
-        (CAMERAS + "[cameras.C]\nintrinsics = 'x'\nvideo = 'x.avi'", r"\[cameras.C\]: has only a video, .* add boxes"),
+        (
+            CAMERAS + "[cameras.C]\nintrinsics = 'x'\nvideo = 'x.avi'\n[association]\nmode = 'given'",
+            r"\[cameras.A\]: has no fps, but camera C has: add fps there",
+        ),
+        (
+            CAMERAS + "[cameras.C]\nintrinsics = 'x'\nvideo = 'x.avi'\n[scene]\nfps = 5\n[association]\nmode = 'given'",
+            r"\[cameras.C\]: has only a video, which does not tell who is who: .* mode \"combined\" finds them",
+        ),
+        (CAMERAS + "[perception]\nminscore = 0.5", r"\[perception\]: unknown key 'minscore': did you mean 'min_score'"),
+        (CAMERAS + "[perception]\nmin_score = 2", r"\[perception\] min_score is 2: input should be less than or equal to 1"),
         (CAMERAS + "[cameras.'../C']\nintrinsics = 'x'\ntracks = 'x'", r"'../C' cannot be a camera's name"),
         (CAMERAS + "[cameras.metadata]\nintrinsics = 'x'\ntracks = 'x'", r"'metadata' cannot be a camera's name"),
         (CAMERAS.split("[cameras.B]")[0], r"1 camera is declared: a calibration needs two"),

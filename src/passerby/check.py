@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from passerby.errors import EvidenceError, InputError
-from passerby.inputs import observations_of, scene_faults, scene_findings
+from passerby.inputs import observations_of, read_cameras, scene_faults, scene_findings
 from passerby.interchange.faults import faults_of
 from passerby.observations import UNKNOWN, CameraObservations, Ints, Observations
-from passerby.reading import CameraReading, read_camera
+from passerby.reading import CameraReading
 from passerby.scene import Scene
 from passerby.sharing import Shared, missing_overlap, shared_people
 
@@ -103,7 +103,7 @@ def check_scene(path: str | Path) -> SceneCheck:
         scene = Scene.load(path)
     except InputError as error:
         return SceneCheck(Path(path).stem, None, (), faults_of(error), (), ())
-    readings = [read_camera(scene, name) for name in scene.cameras]
+    readings = read_cameras(scene)
     given = scene.association.given
     shared = shared_people(_counted_alike(observations_of(scene, readings))) if given else {}
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 from passerby import __version__
+from passerby.commands.init import init
+from passerby.commands.models import models_app
 from passerby.errors import InputError, PasserbyError
 
 if TYPE_CHECKING:
@@ -33,6 +35,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+app.command()(init)
+app.add_typer(models_app, name="models")
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: wall times and figures of the stages.")]
@@ -106,12 +111,17 @@ def options(
 def calibrate(
     context: typer.Context,
     scene: SceneFile,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for rig.toml, calibration.json and tracks/.")] = Path("out"),
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for rig.toml, calibration.json, tracks/, and what was seen in videos.")
+    ] = Path("out"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files.")] = 0,
     json: AsJson = False,
     verbose: Verbose = False,
 ) -> None:
     """Calibrate the cameras of a scene.
+
+    What was seen in videos is kept in the output folder: a run that was stopped goes on from there, and one with other options
+    makes again only what depends on them.
 
     Exit status 3: doubtful or refused; what was found is written all the same, with the reasons.
     """
@@ -123,8 +133,9 @@ def calibrate(
 
     verbose = verbose or bool(context.obj)
     loaded = Scene.load(scene)
-    with stages(verbose) as tell, local_processes(loaded.size_bytes, len(loaded.cameras)) as executor:
-        calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor)
+    processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
+    with stages(verbose) as tell, processes as executor:
+        calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
         tell("writing")
         calibration.write(out)
     if json:

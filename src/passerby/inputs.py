@@ -5,19 +5,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from passerby.cameras import Camera, Rig
 from passerby.interchange.faults import FileFaults
 from passerby.observations import Clock, Observations
-from passerby.reading import CameraReading, read_camera
+from passerby.reading import CameraReading, read_camera, wants_video
 from passerby.scene import Scene
 
 SPAN_RATIO = 1.5
 """Recordings whose lengths in seconds differ by more are told: a frame rate is mostly mistaken for half or twice itself (25 and
 50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
+
+SHORT_VIDEO = 0.2
+"""A video of less than this share of the longest one's time is cut short, mostly by a copy that broke off or a full disk. Where
+the difference is smaller it is told, and what was seen together is used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,32 +38,57 @@ class SceneInputs:
     """What is odd, one sentence each."""
 
 
-def read_inputs(scene: Scene) -> SceneInputs:
-    """Read what a scene names.
+class Watch(Protocol):
+    """Completes the readings of cameras by what is seen in their videos."""
+
+    def __call__(self, scene: Scene, readings: Sequence[CameraReading]) -> None:
+        """Faults and findings are added to the readings."""
+
+
+def read_inputs(scene: Scene, watch: Watch | None = None) -> SceneInputs:
+    """Read what a scene names, and watch the videos of the cameras that need it; without `watch` no video is watched.
 
     Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and mend.
     """
-    readings = [read_camera(scene, name) for name in scene.cameras]
-    faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
-    if faults:
-        raise FileFaults(list(dict.fromkeys(faults)))
+    readings = read_cameras(scene)
+    # What is wrong with a file is told before hours are spent on videos.
+    _raise_faults(scene, readings)
+    if watch is not None and any(wants_video(scene, reading) for reading in readings):
+        watch(scene, readings)
+        _raise_faults(scene, readings)
     rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     return SceneInputs(rig, observations_of(scene, readings), tuple(findings))
 
 
+def _raise_faults(scene: Scene, readings: list[CameraReading]) -> None:
+    faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
+    if faults:
+        raise FileFaults(list(dict.fromkeys(faults)))
+
+
+def read_cameras(scene: Scene) -> list[CameraReading]:
+    """The files of all cameras, as far as they can be read; videos are looked into, but not watched."""
+    readings = [read_camera(scene, name) for name in scene.cameras]
+    if any(reading.fps is None for reading in readings):
+        # Frame numbers are counted alike in all cameras: the rate of one camera's video says nothing of the others.
+        for reading in readings:
+            reading.fps = scene.fps_of(reading.name)
+    return readings
+
+
 def observations_of(scene: Scene, readings: list[CameraReading]) -> Observations:
     """What the cameras saw, with their clocks."""
     fps = readings[0].fps if readings else None
-    return Observations({reading.name: reading.seen for reading in readings}, fps, clocks_of(scene))
+    return Observations({reading.name: reading.seen for reading in readings}, fps, clocks_of(scene, readings))
 
 
-def clocks_of(scene: Scene) -> dict[str, Clock]:
+def clocks_of(scene: Scene, readings: list[CameraReading]) -> dict[str, Clock]:
     """Each camera's clock, its offset 0. Empty where the same frame number is the same instant in all cameras.
 
     That is so where no frame rate is known, and, with nothing to search for, where identities are given and all rates alike.
     """
-    rates = {name: rate for name in scene.cameras if (rate := scene.fps_of(name)) is not None}
+    rates = {reading.name: reading.fps for reading in readings if reading.fps is not None}
     association = scene.association
     if association.given and len(set(rates.values())) == 1 and association.search_s == 0:
         return {}
@@ -70,6 +101,7 @@ def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
         *_length_faults(scene, readings),
         *_joint_faults(scene, readings),
         *_embedding_faults(scene, readings),
+        *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
     ]
 
@@ -125,19 +157,45 @@ def _embedding_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     ]
     if scene.association.mode != "appearance":
         return faults
-    mend = 'add embeddings = "NAME.npz", or write mode = "combined", which can do without'
-    wanting = [reading.name for reading in readings if reading.people and scene.cameras[reading.name].embeddings is None]
-    if all(table.embeddings is None for table in scene.cameras.values()):
+    mend = 'add embeddings = "NAME.npz" or a video, or write mode = "combined", which can do without'
+    without = [reading for reading in readings if scene.cameras[reading.name].embeddings is None and reading.dimensions is None]
+    without = [reading for reading in without if not wants_video(scene, reading)]
+    wanting = [reading.name for reading in without if reading.people]
+    if len(without) == len(readings):
         return [*faults, f'{scene.place}: mode "appearance" needs embeddings, and no camera has any: {mend}']
     return faults + [f'{scene.place}: [cameras.{name}] mode "appearance" needs embeddings: {mend}' for name in wanting]
+
+
+def _short_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Videos of which most must be missing, by the length of the others."""
+    seconds = {
+        reading.name: reading.video.seconds * reading.video.clock_fps / reading.fps
+        for reading in readings
+        if reading.video is not None and reading.video.seconds is not None and reading.fps is not None
+    }
+    if len(seconds) < 2:
+        return []
+    longest = max(seconds, key=lambda name: seconds[name])
+    return [
+        f"{reading.video.path}: camera {reading.name}: the video is {seconds[reading.name]:.1f} s long, that of camera "
+        f"{longest} {seconds[longest]:.1f} s: was it cut short? Give all of it, cut the others to the same time, or delete "
+        f"[cameras.{reading.name}] from {scene.place}"
+        for reading in readings
+        if reading.video is not None and seconds.get(reading.name, np.inf) < SHORT_VIDEO * seconds[longest]
+    ]
 
 
 def _emptiness_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     """Where identities are not given, a camera that saw nobody is left out; two others must be left."""
     awake = [reading.name for reading in readings if reading.people]
-    if scene.association.given or len(awake) > 1 or any(reading.faults for reading in readings):
+    if scene.association.given or len(awake) > 1 or any(reading.faults or reading.awaiting for reading in readings):
         return []
-    who = f"only camera {awake[0]} saw anybody" if awake else "no camera saw anybody: their files have no rows"
+    none = "no camera saw anybody: " + (
+        "nobody was found in their videos"
+        if any(table.watched for table in scene.cameras.values())
+        else "their files have no rows"
+    )
+    who = f"only camera {awake[0]} saw anybody" if awake else none
     return [f"{scene.place}: {who}: a calibration needs people in two cameras or more"]
 
 

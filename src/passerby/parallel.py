@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -24,6 +26,9 @@ STARTING_S = 1.0
 BYTE_S, PAIR_S = 3e-6, 0.07
 """What a byte of boxes takes to be made into tracklets, and a pair of cameras to be registered: measured on scenes of 4 to 8
 cameras, a minute long. Rough figures do: near the threshold nothing is gained or lost."""
+VIDEO_S = 5.0
+"""What a video takes at the least; mostly it is far more."""
+ORPHANED_EVERY_S = 1.0
 
 
 def side_by_side(
@@ -52,34 +57,47 @@ def _alone(function: Callable[[Job], Result], job: Job) -> Result:
         return function(job)
 
 
-def pays(n_bytes: int, n_cameras: int, n_processes: int) -> bool:
+def _begin_process(parent: int) -> None:
+    """Prepare a process of a pool: an interruption is its parent's to deal with, and it ends when its parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent is no more: a pool's processes would wait for work for ever."""
+    while os.getppid() == parent:
+        time.sleep(ORPHANED_EVERY_S)
+    os._exit(1)
+
+
+def pays(n_bytes: int, n_cameras: int, n_processes: int, n_videos: int = 0) -> bool:
     """Whether processes save more time than they take to start.
 
     Args:
         n_bytes: size of the files of boxes and joints, together.
         n_cameras: number of cameras.
         n_processes: processes that would share the work.
+        n_videos: number of videos in which people have to be found.
     """
-    work_s = n_bytes * BYTE_S + n_cameras * (n_cameras - 1) / 2 * PAIR_S
+    work_s = n_bytes * BYTE_S + n_cameras * (n_cameras - 1) / 2 * PAIR_S + n_videos * VIDEO_S
     return n_processes > 1 and work_s * (1 - 1 / n_processes) > STARTING_S
 
 
 @contextmanager
-def local_processes(n_bytes: int, n_cameras: int) -> Iterator[Executor | None]:
+def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator[Executor | None]:
     """A pool of local processes, one a core; None where it would not pay (see `pays`).
 
     Any `concurrent.futures.Executor` can take its place, that of a cluster too. Results do not depend on it.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     n_processes = min(cores, MAX_PROCESSES)
-    if not pays(n_bytes, n_cameras, n_processes):
+    if not pays(n_bytes, n_cameras, n_processes, n_videos):
         yield None
         return
     # Threads of libraries do not survive a fork; a fresh process takes a moment longer and is safe everywhere.
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    # An interruption is this process's to deal with.
-    pool = ProcessPoolExecutor(n_processes, context, signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    pool = ProcessPoolExecutor(n_processes, context, _begin_process, (os.getpid(),))
     try:
         yield pool
     except BaseException:

@@ -30,6 +30,7 @@ from passerby.solver.pairs import PairHypothesis
 from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.solution import Solution, Verdict
 from passerby.verdict import judged
+from passerby.videos import Videos
 
 if TYPE_CHECKING:
     from passerby.solver.geopose import GeoPoseOptions
@@ -56,6 +57,10 @@ class Calibration:
     """What is odd about the input."""
     association: Association | None = None
     """Who is who, and the cameras' clocks."""
+    clocked: bool = False
+    """Whether the cameras' frame rates are known."""
+    perception: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready: how people were found in the videos; empty where none was watched."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage; never written to a file, so that the same input gives the same files."""
 
@@ -67,7 +72,7 @@ class Calibration:
     @property
     def clocks_searched(self) -> bool:
         """Whether the cameras' clocks were searched for, rather than taken to agree."""
-        return self.scene.association.search_s > 0 and all(self.scene.fps_of(name) is not None for name in self.scene.cameras)
+        return self.scene.association.search_s > 0 and self.clocked
 
     @property
     def exit_status(self) -> int:
@@ -93,8 +98,9 @@ PASSING_TOLERANCE = 1e-5
 
 
 def calibrate(
-    scene: Scene | str | Path, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None
-) -> Calibration:
+    scene: Scene | str | Path, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None,
+    keep: str | Path | None = None,
+) -> Calibration:  # fmt: skip
     """Calibrate the cameras of a scene from the people in it.
 
     Too little evidence does not raise: it is a calibration with the verdict "refused" or "doubtful" and its reasons.
@@ -106,6 +112,8 @@ def calibrate(
             that are done and their total.
         executor: works on cameras, and on pairs of them, side by side, such as a `concurrent.futures.ProcessPoolExecutor`;
             None: one after the other. The result does not depend on it.
+        keep: folder in which is kept what was seen in the videos, so that a run that was stopped, or is repeated with other
+            options, goes on from there: mostly that which the calibration is written into. None: nothing is kept.
 
     Raises:
         InputError: the scene file or a file that it names is missing, broken, or contradicts another.
@@ -114,8 +122,9 @@ def calibrate(
     began = time.perf_counter()
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
-    inputs = read_inputs(scene)
     options = solver_options(scene)
+    watch = Videos(None if keep is None else Path(keep), executor, tell)
+    inputs = read_inputs(scene, watch)
     read = time.perf_counter()
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -132,9 +141,11 @@ def calibrate(
         seed=seed,
         options=asdict(options),
         figures=solution.figures,
-        findings=(*inputs.findings, *association.findings),
+        findings=(*watch.notes, *inputs.findings, *association.findings),
         association=association,
-        seconds={"reading": read - began, "solving": solved - read},
+        clocked=bool(inputs.observations.clocks),
+        perception=watch.figures,
+        seconds={"reading": read - began, **watch.seconds, "solving": solved - read},
     )
 
 

@@ -20,11 +20,14 @@ from passerby.interchange.faults import faults_of
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Ints, Keypoints
+from passerby.perception.video import VideoInfo, fit_of_size, probe
 from passerby.picture_checks import check_extents, check_principal_point
 from passerby.scene import Scene
 
 T = TypeVar("T")
 
+SAME_RATE = 0.005
+"""30 and 29.97 frames per second differ by a thousandth: half a second in eight minutes."""
 SHORTEST, FRAMES_TO_TRACK = 3, 6
 """Tracklets of fewer rows tell nobody's way. Where most ids are such, and there are so many frames, they were no tracklets."""
 
@@ -45,6 +48,9 @@ class CameraReading:
     keypoints_path: Path | None = None
     fps: float | None = None
     """Frames per second of the frame numbers."""
+    video: VideoInfo | None = None
+    awaiting: bool = False
+    """Whether people are still to be found in the video."""
     faults: list[str] = field(default_factory=list)
     findings: list[str] = field(default_factory=list)
 
@@ -93,12 +99,74 @@ def read_camera(scene: Scene, name: str) -> CameraReading:
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
     reading.keypoints = _attempt(read_keypoints, reading.keypoints_path, reading.faults) or reading.keypoints
-    _attempt(_existing, path_of(table.video), reading.faults)
-    (_check_identities if given else _check_sources)(scene, reading)
+    reading.video = _attempt(probe, path_of(table.video), reading.faults)
+    if reading.video is not None:
+        _check_video(scene, reading, reading.video)
+    reading.awaiting = table.watched
     if reading.lens is not None:
         check_principal_point(scene, reading, reading.lens)
-        check_extents(scene, reading, reading.lens)
+    if not reading.awaiting:
+        _check_people(scene, reading)
     return reading
+
+
+def wants_video(scene: Scene, reading: CameraReading) -> bool:
+    """Whether something of a camera is still to be got from its video: its people, how they look, or their joints."""
+    if reading.video is None or reading.faults:
+        return False
+    return reading.awaiting or wants_looks(scene, reading) or wants_joints(scene, reading)
+
+
+def wants_looks(scene: Scene, reading: CameraReading) -> bool:
+    """Whether a camera's boxes lack embeddings that its video could give and the mode would use."""
+    useful = scene.association.mode in ("combined", "appearance") and scene.perception.embedder != "none"
+    return useful and reading.boxes.embedding is None and (reading.awaiting or len(reading.boxes) > 0)
+
+
+def wants_joints(scene: Scene, reading: CameraReading) -> bool:
+    """Whether a camera's boxes lack joints that are asked for."""
+    return scene.perception.keypoints != "none" and reading.keypoints_path is None
+
+
+def fill(scene: Scene, reading: CameraReading, boxes: Boxes, keypoints: Keypoints) -> None:
+    """Complete a reading by what was seen in its video; the boxes are those that were read where there were any."""
+    reading.boxes, path = boxes, reading.video.path if reading.video else None
+    if len(keypoints):
+        reading.keypoints, reading.keypoints_path = keypoints, path
+    if reading.awaiting:
+        reading.boxes_path, reading.awaiting = path, False
+        _check_people(scene, reading)
+
+
+def _check_people(scene: Scene, reading: CameraReading) -> None:
+    """What can be told of a camera whose people are known."""
+    (_check_identities if reading.given else _check_sources)(scene, reading)
+    if reading.lens is not None:
+        check_extents(scene, reading, reading.lens)
+
+
+def _check_video(scene: Scene, reading: CameraReading, video: VideoInfo) -> None:
+    """A video against the lens, and its rate against what the scene file says."""
+    place = f"{video.path}: camera {reading.name}"
+    if reading.lens is not None:
+        try:
+            if fit_of_size(video.size, reading.lens.size) == "cropped":
+                reading.findings.append(
+                    f"{place}: its pictures are {video.size[0]} x {video.size[1]}, the lens's {reading.lens.size[0]} x "
+                    f"{reading.lens.size[1]}: the last columns or rows are taken to be cut off, as codecs do"
+                )
+        except InputError as error:
+            intrinsics = scene.resolve(scene.cameras[reading.name].intrinsics)
+            reading.faults.append(f"{place}: {error} (the lens is in {intrinsics}, [{reading.name}])")
+    if reading.fps is None or video.variable:
+        if reading.fps is not None:
+            reading.findings.append(f"{place}: the pictures' own times are used, since they come at a variable rate, not fps")
+        reading.fps = video.clock_fps
+    elif abs(reading.fps / video.clock_fps - 1) > SAME_RATE:
+        reading.findings.append(
+            f"{place}: the video says {video.clock_fps:g} frames per second, the scene file {reading.fps:g}: the scene file "
+            "is believed"
+        )
 
 
 def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) -> T | None:
@@ -110,12 +178,6 @@ def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) ->
     except InputError as error:
         faults += faults_of(error)
         return None
-
-
-def _existing(path: Path) -> Path:
-    if not path.is_file():
-        raise InputError(f"{path}: no such file: a video is needed here; check the path and its spelling")
-    return path
 
 
 def _with_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
@@ -140,7 +202,8 @@ def _check_sources(scene: Scene, reading: CameraReading) -> None:
     if table.tracks is not None and table.detections is not None:
         reading.findings.append(f"{place} detections are not used, since there are tracks")
     if not reading.people and not reading.faults:
-        reading.findings.append(f"{place} camera {reading.name} saw nobody: its files have no rows, it cannot be calibrated")
+        why = "nobody was found in its video" if table.watched else "its files have no rows"
+        reading.findings.append(f"{place} camera {reading.name} saw nobody: {why}, it cannot be calibrated")
     for path, name in ((reading.boxes_path, "boxes"), (reading.keypoints_path, "keypoints")):
         part: Boxes | Keypoints = getattr(reading, name)
         short = _rows_of_short_tracklets(part)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from passerby.pipeline import Calibration
 
 RIG_FILE, CALIBRATION_FILE, TRACKS_FOLDER = "rig.toml", "calibration.json", "tracks"
-COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib")
+COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")
 """Whose versions can change a figure."""
 
 
@@ -54,6 +54,7 @@ def calibration_dict(calibration: Calibration) -> dict[str, Any]:
                 _camera(camera, calibration.observations[camera.name]) | _clock(calibration.association, camera.name)
                 for camera in calibration.rig
             ],
+            **({"perception": calibration.perception} if calibration.perception else {}),
             "association": {"mode": scene.association.mode} | (association.figures if association else {}),
             "method": scene.solver.method,
             "seed": calibration.seed,

@@ -38,6 +38,8 @@ def _standing(value: float) -> float:
 
 Mode = Literal["combined", "trajectory", "appearance", "given"]
 
+WATCHED_FPS = 5.0
+"""People walk a third of a step in a fifth of a second: neighbouring pictures add little that is independent."""
 SEARCHED_S = 5.0
 """Recordings that are started by hand, or cut by cameras whose clocks are set now and then, differ by a few seconds."""
 
@@ -61,7 +63,8 @@ class SceneTable(Table):
     name: str | None = None
     """What reports call the scene; the file's name without ending, unless given."""
     fps: FramesPerSecond | None = None
-    """Frames per second of the frame numbers. None: unknown, and nothing that needs speeds or clocks is used."""
+    """Frames per second of the frame numbers. None: those of the videos; without any, nothing that needs speeds or clocks is
+    used. Given, it is believed rather than a video's own rate, which many recorders write wrongly."""
 
 
 class CameraTable(Table):
@@ -70,7 +73,7 @@ class CameraTable(Table):
     intrinsics: Path
     """Rig file; size, matrix and distortions of its table [NAME] are read, a pose in it is ignored."""
     video: Path | None = None
-    """A video. Declared for later: boxes or joints are needed beside it as long as videos are not decoded."""
+    """A video. People are found in it where there are neither boxes nor joints; boxes get their embeddings from it."""
     detections: Path | None = None
     """Boxes without identities, MOTChallenge text, id -1. Read where there are no `tracks`, in every mode but "given"."""
     tracks: Path | None = None
@@ -80,20 +83,44 @@ class CameraTable(Table):
     embeddings: Path | None = None
     """Appearance of the boxes in `tracks`, or else in `detections`: npz, one row a row of that file, in its order."""
     fps: FramesPerSecond | None = None
-    """Frames per second of this camera's frame numbers. None: those of `[scene]`."""
+    """Frames per second of this camera's frame numbers. None: those of `[scene]`, or else the video's own."""
+
+    @property
+    def watched(self) -> bool:
+        """Whether people have to be found in the video, since nothing else tells of them."""
+        return self.video is not None and self.detections is None and self.tracks is None and self.keypoints is None
 
     @model_validator(mode="after")
     def _has_a_source(self) -> Self:
-        if self.detections is None and self.tracks is None and self.keypoints is None:
-            if self.video is not None:
-                raise ValueError("has only a video, and videos are not read yet: add boxes (`tracks`) or joints (`keypoints`)")
+        if self.video is None and self.detections is None and self.tracks is None and self.keypoints is None:
             raise ValueError(
-                "says nothing of what the camera saw: add `tracks` (boxes with ids), `detections` (boxes without) "
+                "says nothing of what the camera saw: add `video`, `tracks` (boxes with ids), `detections` (boxes without) "
                 "or `keypoints` (joints)"
             )
         if self.embeddings is not None and self.detections is None and self.tracks is None:
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")
         return self
+
+
+class PerceptionTable(Table):
+    """`[perception]`: how people are found in the videos. A choice is a word, the name of a model that
+    `passerby models list` knows, or the path of an ONNX file.
+    """
+
+    detector: str = "auto"
+    """auto: the default network, or "background" where it cannot be had; background: what differs from the empty scene."""
+    embedder: str = "auto"
+    """auto: the default network, or "stripes" where it cannot be had; stripes: colours of horizontal stripes; none."""
+    keypoints: str = "none"
+    """none, or a network that finds the joints of each person found."""
+    fps: FramesPerSecond | None = None
+    """Pictures looked at in a second of video. None: `WATCHED_FPS`, and more in videos of less than a minute."""
+    min_score: Annotated[float, Field(ge=0, le=1)] = 0.25
+    """A network's detections of a lower score are dropped. The tracker uses weak ones to go on, never to begin."""
+    tiles: Literal["auto", "none"] | tuple[Annotated[int, Field(ge=1, le=16)], Annotated[int, Field(ge=1, le=16)]] = "auto"
+    """Columns and rows of overlapping tiles in which small people are looked for. auto: as the picture's size asks for."""
+    models: Path | None = None
+    """A folder of model files, looked into before the others."""
 
 
 class AssociationTable(Table):
@@ -192,6 +219,7 @@ class Scene(Table):
 
     scene: SceneTable = Field(default_factory=SceneTable)
     cameras: dict[str, CameraTable]
+    perception: PerceptionTable = Field(default_factory=PerceptionTable)
     association: AssociationTable = Field(default_factory=AssociationTable)
     solver: SolverTable = Field(default_factory=SolverTable)
     scale: ScaleTable = Field(default_factory=ScaleTable)
@@ -241,8 +269,13 @@ class Scene(Table):
         )
         return sum(path.stat().st_size for path in map(self.resolve, named) if path.is_file())
 
+    @property
+    def n_videos(self) -> int:
+        """How many cameras have a video."""
+        return sum(table.video is not None for table in self.cameras.values())
+
     def fps_of(self, camera: str) -> float | None:
-        """Frames per second of a camera's frame numbers; None where nothing is said of them, and then of no camera."""
+        """Frames per second of a camera's frame numbers as the scene file has them; None where it says nothing."""
         return self.cameras[camera].fps or self.scene.fps
 
     def scale_cues(self) -> ScaleCues:
@@ -282,10 +315,15 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _tables_agree(self) -> Self:
-        timed = [name for name in self.cameras if self.fps_of(name) is not None]
-        for name in self.cameras:
-            if timed and name not in timed:
+        timed = [name for name, table in self.cameras.items() if self.fps_of(name) is not None or table.watched]
+        for name, table in self.cameras.items():
+            if timed and name not in timed and table.video is None:
                 raise ValueError(f"[cameras.{name}]: has no fps, but camera {timed[0]} has: add fps there, or to [scene]")
+            if table.watched and self.association.given:
+                raise ValueError(
+                    f'[cameras.{name}]: has only a video, which does not tell who is who: mode "given" needs `tracks` or '
+                    '`keypoints` with identities; mode "combined" finds them'
+                )
         if self.scale.people and not self.association.given:
             raise ValueError(
                 f"[[scale.people]]: names identities, but mode '{self.association.mode}' does not know them beforehand: delete "
@@ -309,6 +347,7 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     (): Scene,
     ("scene",): SceneTable,
     ("cameras", "*"): CameraTable,
+    ("perception",): PerceptionTable,
     ("association",): AssociationTable,
     ("solver",): SolverTable,
     ("scale",): ScaleTable,

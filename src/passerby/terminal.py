@@ -51,16 +51,27 @@ def stages(verbose: bool = False) -> Iterator[Told]:
     """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _lines if verbose else silent
+        yield _Lines() if verbose else silent
         return
     columns = SpinnerColumn(), TextColumn("{task.description}"), _Counted(bar_width=24), _Count(), TimeElapsedColumn()
     with Progress(*columns, console=console, transient=True) as bar:
         yield _Bar(bar)
 
 
-def _lines(stage: str, done: int = 0, total: int = 0) -> None:
-    if done == 0:
-        print(f"{stage}: {total}" if total else stage, file=sys.stderr)
+class _Lines:
+    """Tells each stage once, and each thing that it works on."""
+
+    def __init__(self) -> None:
+        self._told: tuple[str, set[str]] = "", set()
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
+        if stage != self._told[0]:
+            self._told = stage, set()
+        if part in self._told[1]:
+            return
+        self._told[1].add(part)
+        name = f"{stage} {part}".strip()
+        print(f"{name}: {total}" if total else name, file=sys.stderr)
 
 
 class _Counted(BarColumn):
@@ -78,15 +89,18 @@ class _Count(ProgressColumn):
 
 
 class _Bar:
-    """Draws one stage at a time."""
+    """Draws one stage at a time, a bar for each thing that it works on at once."""
 
     def __init__(self, bar: Progress) -> None:
-        self._bar, self._stage, self._task = bar, "", TaskID(-1)
+        self._bar, self._stage = bar, ""
+        self._tasks: dict[str, TaskID] = {}
 
-    def __call__(self, stage: str, done: int = 0, total: int = 0) -> None:
-        if stage == self._stage:
-            self._bar.update(self._task, completed=done)
-            return
-        if self._stage:
-            self._bar.remove_task(self._task)
-        self._stage, self._task = stage, self._bar.add_task(escape(stage), total=total or None, completed=done)
+    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
+        if stage != self._stage:
+            for task in self._tasks.values():
+                self._bar.remove_task(task)
+            self._stage, self._tasks = stage, {}
+        if part in self._tasks:
+            self._bar.update(self._tasks[part], completed=done, total=total or None)
+        else:
+            self._tasks[part] = self._bar.add_task(escape(f"{stage} {part}".strip()), total=total or None, completed=done)

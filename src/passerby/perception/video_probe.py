@@ -121,7 +121,7 @@ def _check_file(path: Path) -> None:
     if path.is_dir():
         raise InputError(f"{path}: is a folder: name a video file")
     if not path.exists():
-        raise InputError(f"{path}: no such file: correct the path of the video")
+        raise InputError(f"{path}: no such file: a video is needed here; check the path and its spelling")
     if path.is_file() and path.stat().st_size == 0:
         raise InputError(f"{path}: holds 0 bytes: copy the video again, or take it out of the scene")
 

@@ -1,0 +1,349 @@
+"""One camera's video, watched once from its beginning to its end: people, how they look, their joints, and whether it moves.
+
+Every stage's results are kept in segments; what is kept is not made again, and a stage that is to be made takes what it needs
+from those that are kept.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import onnxruntime
+
+from passerby.errors import InputError
+from passerby.observations import UNKNOWN, Boxes, Ints, Keypoints, Vectors
+from passerby.perception.kept import Arrays, KeptStage, fingerprint, forget_others, hash_of_arrays
+from passerby.perception.opening import background_identity, open_background, open_detector, open_embedder, open_estimator
+from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator
+from passerby.perception.plan import Plan
+from passerby.perception.steadiness import SteadinessWatcher
+from passerby.perception.video import VideoInfo, VideoReader, expected_count
+
+REVISION = 1
+"""Counted up whenever a stage gives other results than before, so that what an older version kept is not taken for them."""
+SEGMENT = 64
+"""Pictures whose results are kept at once: what a run that is killed loses at most."""
+LOOKS_EVERY_S = 0.4
+"""Time between two pictures of which embeddings are made: how people look changes slowly, and networks are slow."""
+STEADY_EVERY_S = 1.5
+"""Time between two pictures that are compared to see whether the camera moves."""
+
+Tell = Callable[[int, int], None]
+"""Told how many pictures are done, and of how many; 0 where that is unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraJob:
+    """What is to be done about one camera."""
+
+    name: str
+    info: VideoInfo
+    rate: float
+    """Pictures looked at in a second of the video's own clock."""
+    plan: Plan
+    shelf: Path
+    """Folder of this camera's kept results."""
+    boxes: Boxes | None = None
+    """The people, where they are known; None: they are to be found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """What was seen in one camera's video."""
+
+    boxes: Boxes
+    """Of all pictures looked at, identities -1, or those that were given; embeddings where they were wanted."""
+    keypoints: Keypoints
+    pictures: int
+    """How many were looked at."""
+    summary: dict[str, Any]
+    """How decoding ended, and whether the camera moved: `ended_early`, `broken`, `moves`."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Time spent by each stage in this run."""
+
+    def faults(self, name: str, info: VideoInfo) -> list[str]:
+        """What makes the video unusable."""
+        place, found = f"{info.path}: camera {name}", []
+        early = self.summary["ended_early"]
+        if early is not None:
+            found.append(
+                f"{place}: {early}: copy the video again, or save what is there with "
+                f"`ffmpeg -i {info.path.name} -c copy whole.mp4`"
+            )
+        found += [
+            f"{place}: the camera moves {move['seconds']:.1f} s after the beginning, {_how_far(move['pixels'])}, and stays "
+            f"there: static cameras are needed: give the part before or after, or delete [cameras.{name}]"
+            for move in self.summary["moves"]
+            if move["until"] is None
+        ]
+        return found
+
+    def findings(self, name: str, info: VideoInfo) -> list[str]:
+        """What is odd about the video, but does not stop a calibration."""
+        place, broken = f"{info.path}: camera {name}", self.summary["broken"]
+        found = [
+            f"{place}: the camera is knocked {move['seconds']:.1f} s after the beginning, {_how_far(move['pixels'])}, and is "
+            f"back after {move['until']:.1f} s"
+            for move in self.summary["moves"]
+            if move["until"] is not None
+        ]
+        if broken:
+            first = self.summary["first_broken_s"]
+            found.append(f"{place}: {broken} pictures or packets could not be decoded, the first after {first:.1f} s")
+        return found
+
+
+@dataclass(eq=False)
+class _Stage:
+    """A stage while it is at work: what it has made of the current segment, or what is kept of it."""
+
+    kept: KeptStage
+    part: Arrays | None = None
+    rows: list[Arrays] = field(default_factory=list)
+
+    def begin(self, segment: int) -> None:
+        """Look whether the segment is kept."""
+        self.part, self.rows = self.kept.load(segment), []
+
+    def end(self, segment: int) -> None:
+        """Keep what was made of the segment."""
+        if self.part is None and self.rows:
+            self.part = {name: np.concatenate([row[name] for row in self.rows]) for name in self.rows[0]}
+            self.kept.save(segment, self.part)
+
+
+def watch_camera(job: CameraJob, tell: Tell) -> Watched:
+    """Watch a camera's video, or take from the shelf what was made of it before.
+
+    Raises `InputError` where the video cannot be decoded, a network does not do what its role asks for, or the shelf cannot be
+    written.
+    """
+    threads = cv2.getNumThreads()
+    # Cameras are watched side by side: more threads would wait for each other.
+    cv2.setNumThreads(1)
+    try:
+        return _Watch(job, tell).result()
+    finally:
+        cv2.setNumThreads(threads)
+
+
+class _Watch:
+    """One run over a camera's video."""
+
+    def __init__(self, job: CameraJob, tell: Tell) -> None:
+        self._job, self._tell = job, tell
+        self.seconds: dict[str, float] = {}
+        self._used: set[Path] = set()
+        video = {"video": fingerprint(job.info.path), "rate": job.rate, "revision": REVISION, "versions": _versions()}
+        self._detector = self._open_detector(video)
+        self._embedder: Embedder | None = None if job.plan.embedder is None else open_embedder(job.plan.embedder)
+        self._estimator: KeypointEstimator | None = None if job.plan.keypoints is None else open_estimator(job.plan.keypoints)
+        self._looks_every = max(1, round(LOOKS_EVERY_S * job.rate))
+        self._people = self._stage("people", video | {"detector": dict(self._detector.identity)})
+        people = {"people": self._people.kept.key}
+        self._looks = self._joints = None
+        if self._embedder is not None:
+            self._looks = self._stage("looks", people | {"embedder": dict(self._embedder.identity), "every": self._looks_every})
+        if self._estimator is not None:
+            self._joints = self._stage("joints", people | {"estimator": dict(self._estimator.identity)})
+
+    @property
+    def _stages(self) -> list[_Stage]:
+        return [stage for stage in (self._people, self._looks, self._joints) if stage is not None]
+
+    def _stage(self, name: str, identity: dict[str, Any]) -> _Stage:
+        stage = _Stage(KeptStage.of(self._job.shelf, name, identity))
+        self._used.add(stage.kept.folder)
+        return stage
+
+    def _open_detector(self, video: dict[str, Any]) -> Detector:
+        """The detector; where it is background subtraction, the empty scene is learnt first."""
+        if self._job.boxes is not None:
+            return _Given(self._job.boxes)
+        if self._job.plan.detector is not None:
+            return open_detector(self._job.plan.detector, self._job.plan)
+        kept = KeptStage.of(self._job.shelf, "background", video | background_identity())
+        self._used.add(kept.folder)
+        with self._timed("background"):
+            return open_background(kept, self._job.info)
+
+    def result(self) -> Watched:
+        """Make what is not kept, and gather all of it."""
+        summaries = [stage.kept.summary() for stage in self._stages]
+        summary = summaries[0]
+        parts = None if summary is None or None in summaries else self._parts(summary["segments"])
+        if summary is None or parts is None:
+            summary = self._watch()
+            parts = self._parts(summary["segments"])
+        if parts is None:
+            raise InputError(f"{self._job.shelf}: what was just written there cannot be read again: choose another folder")
+        forget_others(self._job.shelf, self._used)
+        self._tell(summary["pictures"], summary["pictures"])
+        return self._gathered(summary, parts)
+
+    def _watch(self) -> dict[str, Any]:
+        """Go through the video; all stages are kept, and how it ended."""
+        job, total = self._job, expected_count(self._job.info, self._job.rate) or 0
+        reader, watcher = VideoReader(job.info, job.rate), SteadinessWatcher(job.info.size)
+        steady_every = max(1, round(STEADY_EVERY_S * job.rate))
+        index = -1
+        with self._timed("watching"):
+            for index, frame in enumerate(reader):
+                place = index % SEGMENT
+                if place == 0:
+                    self._turn(index // SEGMENT)
+                self._look(index, place, frame)
+                if index % steady_every == 0:
+                    with self._timed("steadiness"):
+                        watcher.look(frame)
+                self._tell(index + 1, max(total, index + 1))
+        self._turn((index + SEGMENT) // SEGMENT)
+        summary = _summary(index + 1, reader, watcher)
+        for stage in self._stages:
+            stage.kept.finish(summary)
+        return summary
+
+    def _turn(self, segment: int) -> None:
+        """End the segment before this one and begin this one."""
+        for stage in self._stages:
+            if segment:
+                stage.end(segment - 1)
+            stage.begin(segment)
+
+    def _look(self, index: int, place: int, frame: Frame) -> None:
+        """All stages of one picture, but those that are kept."""
+        if self._people.part is None:
+            with self._timed("detection"):
+                people = self._detector(frame)
+            self._people.rows.append(_row_of(frame, people))
+            ltwh = people.ltwh
+        else:
+            first = int(self._people.part["count"][:place].sum())
+            ltwh = self._people.part["ltwh"][first : first + int(self._people.part["count"][place])]
+        if self._looks is not None and self._embedder is not None and self._looks.part is None:
+            with self._timed("embedding"):
+                wanted = len(ltwh) > 0 and index % self._looks_every == 0
+                vectors = self._embedder(frame.picture, ltwh) if wanted else _nothing(len(ltwh), self._embedder.dimensions)
+            self._looks.rows.append({"vectors": vectors})
+        if self._joints is not None and self._estimator is not None and self._joints.part is None:
+            with self._timed("keypoints"):
+                xy, score = self._estimator(frame.picture, ltwh)
+            self._joints.rows.append({"xy": xy, "score": score})
+
+    def _parts(self, segments: int) -> list[Arrays] | None:
+        """What each stage has kept, its segments put together; None where something is missing."""
+        gathered = []
+        for stage in self._stages:
+            loaded = [stage.kept.load(segment) for segment in range(segments)]
+            parts = [part for part in loaded if part is not None]
+            if len(parts) < segments or not parts:
+                return None
+            gathered.append({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+        return gathered
+
+    def _gathered(self, summary: dict[str, Any], parts: list[Arrays]) -> Watched:
+        """The people of the whole video."""
+        kept = iter(parts)
+        people = next(kept)
+        frame = np.repeat(people["number"], people["count"])
+        boxes = Boxes(frame, np.full(len(frame), UNKNOWN), people["ltwh"], people["score"])
+        looks = next(kept)["vectors"] if self._looks is not None else None
+        joints = next(kept) if self._joints is not None else None
+        keypoints = Keypoints.empty()
+        if joints is not None and self._estimator is not None:
+            keypoints = Keypoints(frame, boxes.identity, joints["xy"], joints["score"], self._estimator.joints)
+        if isinstance(self._detector, _Given):
+            boxes, keypoints = self._detector.named(frame, looks, keypoints)
+        elif looks is not None:
+            boxes = replace(boxes, embedding=looks)
+        seen = keypoints.take(np.flatnonzero((keypoints.score > 0).any(axis=1)))
+        return Watched(boxes, seen, summary["pictures"], summary, self.seconds)
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        """Count the time of a stage."""
+        began = time.perf_counter()
+        yield
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - began
+
+
+class _Given:
+    """The boxes that a file told, in place of a detector."""
+
+    def __init__(self, boxes: Boxes) -> None:
+        self._boxes = boxes
+        self._order = np.argsort(boxes.frame, kind="stable")
+        self._frames = boxes.frame[self._order]
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The boxes' content."""
+        return {"detector": "given", "boxes": hash_of_arrays(self._boxes.frame, self._boxes.ltwh)}
+
+    def __call__(self, frame: Frame) -> Detections:
+        """The boxes of a frame, in the order of the file."""
+        rows = self._rows(frame.number)
+        return Detections(self._boxes.ltwh[rows], self._boxes.score[rows])
+
+    def named(self, frame: Ints, looks: Vectors | None, keypoints: Keypoints) -> tuple[Boxes, Keypoints]:
+        """All boxes in the order of the file, with the embeddings of those that were looked at, and the joints by their names.
+
+        `frame` are the frame numbers of the rows that were looked at, as the pictures came.
+        """
+        rows = np.concatenate([self._rows(number) for number in np.unique(frame).tolist()] or [np.zeros(0, np.int64)])
+        boxes = self._boxes
+        if looks is not None:
+            vectors = _nothing(len(boxes), looks.shape[1])
+            vectors[rows] = looks
+            boxes = replace(boxes, embedding=vectors)
+        return boxes, replace(keypoints, identity=boxes.identity[rows]) if len(keypoints) else keypoints
+
+    def _rows(self, number: int) -> Ints:
+        low, high = np.searchsorted(self._frames, (number, number + 1))
+        return np.asarray(self._order[low:high])
+
+
+def _row_of(frame: Frame, people: Detections) -> Arrays:
+    """What is kept of one picture."""
+    return {
+        "number": np.array([frame.number], dtype=np.int64),
+        "count": np.array([len(people)], dtype=np.int64),
+        "ltwh": np.asarray(people.ltwh, dtype=np.float64).reshape(-1, 4),
+        "score": np.asarray(people.score, dtype=np.float64),
+    }
+
+
+def _how_far(pixels: float | None) -> str:
+    return "farther than can be told" if pixels is None else f"by {pixels:.0f} pixels"
+
+
+def _nothing(rows: int, dimensions: int) -> Vectors:
+    return np.zeros((rows, dimensions), dtype=np.float32)
+
+
+def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> dict[str, Any]:
+    """How a video was read, as plain values."""
+    decoded, steadiness = reader.decoded, watcher.result()
+    assert decoded is not None
+    return {
+        "pictures": pictures,
+        "segments": (pictures + SEGMENT - 1) // SEGMENT,
+        "ended_early": decoded.ended_early,
+        "broken": decoded.broken,
+        "first_broken_s": decoded.first_broken_s,
+        "moves": [asdict(move) for move in steadiness.moves],
+        "shake_px": steadiness.largest_shake_px,
+    }
+
+
+def _versions() -> dict[str, str]:
+    """The libraries that decide a picture's values and a network's results."""
+    return {"numpy": np.__version__, "opencv": cv2.__version__, "av": av.__version__, "onnxruntime": onnxruntime.__version__}
