@@ -52,7 +52,7 @@ def _show(started: Started) -> None:
         )
     show_table(f"{len(rows)} cameras", ("camera", "video", "size", "frames/s", "length", "codec", "intrinsics"), rows)
     for note in started.notes:
-        print(note)
+        print(" ".join(note.split()))
     print(f"written: {', '.join(map(str, started.written))}")
     print("\nNext:")
     steps = [*started.to_do]

@@ -51,6 +51,7 @@ class Survey:
 def survey(folder: Path, probe: Probe) -> Survey:
     """The cameras in a folder. Raises `InputError` where there are fewer than two."""
     notes: list[str] = []
+    _entries(folder)  # raises where there is nothing to look into
     clips = _clips(folder, notes)
     readable: list[tuple[str, Path, VideoInfo]] = []
     for text, path in clips:
@@ -120,9 +121,7 @@ def _videos(folder: Path, notes: list[str]) -> list[Path]:
     try:
         found = [path for path in folder.iterdir() if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()]
     except OSError as error:
-        if not isinstance(error, PermissionError):
-            raise
-        notes.append(f"left out: {folder}: cannot be read ({error.strerror})")
+        notes.append(f"left out: {folder}: cannot be read ({error.strerror or error})")
         return []
     hidden = sum(path.name.startswith(".") for path in found)
     if hidden:

@@ -1,7 +1,8 @@
 """Which lens belongs to which camera, from the rig files and OpenCV's files that lie in a user's folder.
 
-Rig files (TOML) and files of OpenCV are looked for in the folder itself and in its subfolders whose name begins with `calib` or
-`intrinsic`; files of OpenCV also in the folders in those and in the folder of a camera's video.
+Rig files (TOML) and files of OpenCV are looked for in the folder itself and in its subfolders whose name begins with `calib`
+or `intrinsic`; rig files called `intrinsics` also beside the scene file; files of OpenCV also in the folders in calibration
+folders and in the folder of a camera's video.
 """
 
 from __future__ import annotations
@@ -125,7 +126,10 @@ def _places(folder: Path) -> list[Path]:
 def _rig_files(folder: Path, notes: list[str], besides: Path) -> list[list[_Table]]:
     """The tables of each rig file."""
     paths = [path for place in _places(folder) for path in visible_files(place, (".toml",))]
-    return [_tables(path, notes) for path in paths if path.resolve() != besides.resolve()]
+    if besides.parent.is_dir():  # a template that was written there before, and filled in
+        paths += [path for path in visible_files(besides.parent, (".toml",)) if path.name.startswith("intrinsics")]
+    different = {path.resolve(): path for path in reversed(paths)}
+    return [_tables(path, notes) for path in reversed(different.values()) if path.resolve() != besides.resolve()]
 
 
 def _tables(path: Path, notes: list[str]) -> list[_Table]:

@@ -64,24 +64,39 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
     lenses = find_lenses(folder, found.cameras, notes, besides=path)
     lenses = _called_as_in_rig(found.cameras, lenses, notes)
     places, written = _write_intrinsics(found.cameras, lenses, path)
-    cameras, to_do = [], []
+    cameras, texts, to_do = [], [], _missing(found.cameras, lenses, places)
     for camera in found.cameras:
         lens = lenses.get(camera.name)
-        state, remark, must = _state(camera, lens, places[camera.name])
-        cameras.append((StartedCamera(camera, lens, state), remark))
+        state, remarks, must = _state(camera, lens, places[camera.name])
+        cameras.append(StartedCamera(camera, lens, state))
+        texts.append(SceneCamera(camera, places[camera.name], remarks, _assumed_fps(camera, found.cameras)))
         to_do += [must] if must else []
-    rate = next((camera.info.average_fps for camera in found.cameras if camera.info is not None), None)
-    texts = [
-        SceneCamera(started.found, places[started.found.name], remark, None if started.found.video is not None else rate)
-        for started, remark in cameras
-    ]
-    notes += [
-        f"assumed: camera {text.name}: {text.fps:g} frames per second, as the video's: correct it in {path}"
-        for text in texts
-        if text.fps is not None
-    ]
+    assumed = [text for text in texts if text.fps is not None]
+    if assumed:
+        notes.append(
+            f"assumed: {assumed[0].fps:g} frames per second, as the video's, for {', '.join(text.name for text in assumed)}, "
+            f"which have none: correct it in {path}"
+        )
     write_text(path, scene_text(folder.resolve().name or "scene", texts, path))
-    return Started(path, tuple(started for started, _ in cameras), (path, *written), tuple(notes), tuple(to_do))
+    return Started(path, tuple(cameras), (path, *written), tuple(notes), tuple(to_do))
+
+
+def _assumed_fps(camera: FoundCamera, cameras: Sequence[FoundCamera]) -> float | None:
+    """Frames per second of a camera without a video among cameras with one: a scene with some rates needs all."""
+    if camera.video is not None:
+        return None
+    return next((other.info.average_fps for other in cameras if other.info is not None), None)
+
+
+def _missing(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], places: dict[str, Path]) -> list[str]:
+    """What to do about cameras whose lens was not found, in a line; none where all were."""
+    names = [camera.name for camera in cameras if camera.name not in lenses]
+    if not names:
+        return []
+    return [
+        f"fill in FX and FY, the focal length in pixels, of {', '.join(names)} in {places[names[0]]} "
+        "(it says where to take them from)"
+    ]
 
 
 def _check_free(path: Path, force: bool) -> None:
@@ -160,8 +175,7 @@ def _free(scene: Path) -> Path:
 def _state(camera: FoundCamera, lens: CameraLens | None, place: Path) -> tuple[str, tuple[str, ...], str]:
     """A camera's lens for the table, in remarks for the scene file, and what must be done about it."""
     if lens is None:
-        must = f"camera {camera.name}: its lens is not known: fill in FX and FY in {place}"
-        return "MISSING", (f"TO DO: fill in this camera's lens in {place.name}.",), must
+        return "MISSING", (f"TO DO: fill in this camera's lens in {place.name}.",), ""
     if lens.lens is None:
         return "INCOMPLETE", (f"TO DO: {lens.fault}",), f"camera {camera.name}: {lens.fault}"
     remarks: tuple[str, ...] = () if lens.table is not None else (f"Its lens is from {lens.source}.",)

@@ -9,14 +9,14 @@ from passerby.starting import toml_text
 from passerby.starting.folders import FoundCamera
 
 FIELDS_OF_VIEW = (50, 60, 70, 80, 90, 110)
-"""Degrees across the picture: from a camcorder to a wide angle lens. Wider ones need a calibration with a pattern."""
+"""Degrees along the longer side: from a camcorder to a wide angle lens. Wider ones need a calibration with a pattern."""
 
-HEAD = """The cameras' lenses, to be filled in: `passerby check` refuses this file until numbers stand for "FX" and "FY".
+HEAD = """The cameras' lenses, to be filled in: `passerby check` refuses this file until numbers stand in place of FX and FY.
 
 FX, FY   focal length in pixels. Best from a calibration of the lens with a pattern (OpenCV, Caliscope, Pose2Sim, ...).
-         Otherwise from the field of view: FX = width / 2 / tan(horizontal field of view / 2), and FY = FX.
-         The video's field of view counts: many cameras crop when they film, and zoom must stay as it was.
-         From a focal length of f mm as for 35 mm film: FX = width * f / 36, for pictures that are wider than high.
+         Otherwise from the field of view along the longer side: FX = longer side / 2 / tan(field of view / 2), and FY = FX;
+         or from a focal length of f mm as for 35 mm film: FX = longer side * f / 36, and FY = FX.
+         What the video shows counts: many cameras crop when they film, and zoom must stay as it was.
 CX, CY   the principal point, the third column of the matrix. The picture's middle is written: right within a few per cent.
 distortions   k1, k2, p1, p2, k3 as OpenCV has them. Zeros: straight lines are straight in the picture.
 fisheye  true for OpenCV's fisheye model, with four distortions.
@@ -44,6 +44,8 @@ def _table(camera: FoundCamera) -> str:
         width, height = camera.info.size
         size = f"size = [{width}, {height}]   # of the video\n"
         matrix = f'[["FX", 0.0, {width / 2:.1f}], [0.0, "FY", {height / 2:.1f}], [0.0, 0.0, 1.0]]'
-        views = ", ".join(f"{angle}: {width / 2 / math.tan(math.radians(angle / 2)):.0f}" for angle in FIELDS_OF_VIEW)
-        hint = f"# FX by degrees of the horizontal field of view: {views}\n"
+        views = ", ".join(
+            f"{angle}: {max(width, height) / 2 / math.tan(math.radians(angle / 2)):.0f}" for angle in FIELDS_OF_VIEW
+        )
+        hint = f"# FX by degrees of the field of view along the longer side: {views}\n"
     return f"{head}{size}{hint}matrix = {matrix}\ndistortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nfisheye = false\n"

@@ -1,0 +1,399 @@
+"""`passerby init`: folders as people have them become scene files that load, and nothing is invented or overwritten."""
+
+import os
+import re
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from passerby.commands.init import init
+from passerby.errors import InputError
+from passerby.interchange.rig_toml import read_lens, read_rig
+from passerby.interchange.video_writer import VideoWriter
+from passerby.scene import Scene
+
+WIDTH, HEIGHT = 64, 48
+
+
+@pytest.fixture(scope="session")
+def clip(tmp_path_factory):
+    path = tmp_path_factory.mktemp("clip") / "clip.mp4"
+    with VideoWriter(path, (WIDTH, HEIGHT), fps=25) as video:
+        for shade in range(10):
+            video.write(np.full((HEIGHT, WIDTH, 3), 20 * shade, np.uint8))
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path, clip):
+    """Fills a folder with videos of the given names."""
+
+    def fill(*names):
+        for name in names:
+            path = tmp_path / "shoot" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(clip, path)
+        return tmp_path / "shoot"
+
+    return fill
+
+
+def rig(*names, width=WIDTH, height=HEIGHT, focal=60.0):
+    return "".join(
+        f"[{name}]\nsize = [{width}, {height}]\ndistortions = [0.0, 0.0, 0.0, 0.0, 0.0]\n"
+        f"matrix = [[{focal}, 0.0, {width / 2}], [0.0, {focal}, {height / 2}], [0.0, 0.0, 1.0]]\n"
+        for name in names
+    )
+
+
+def write_opencv(path, focal=60.0, size=(WIDTH, HEIGHT), centre=(WIDTH / 2, HEIGHT / 2)):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    if size:
+        storage.write("image_width", size[0])
+        storage.write("image_height", size[1])
+    storage.write("camera_matrix", np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]]))
+    storage.write("dist_coeffs", np.zeros((5, 1)))
+    storage.release()
+
+
+def videos(scene):
+    return {name: table.video.as_posix() for name, table in scene.cameras.items()}
+
+
+def lenses(scene):
+    return {name: read_lens(scene.resolve(table.intrinsics), name) for name, table in scene.cameras.items()}
+
+
+def told(capsys):
+    return capsys.readouterr().out
+
+
+def test_videos_and_a_rig_file(folder, capsys):
+    place = folder("videos/cam1.mp4", "videos/cam2.mp4", "videos/cam10.mp4")
+    (place / "rig.toml").write_text(rig("cam1", "cam2", "cam10"))
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert scene.scene.name == "shoot"
+    assert list(videos(scene).items()) == [
+        ("cam1", "videos/cam1.mp4"),
+        ("cam2", "videos/cam2.mp4"),
+        ("cam10", "videos/cam10.mp4"),
+    ]
+    assert {table.intrinsics.as_posix() for table in scene.cameras.values()} == {"rig.toml"}
+    assert all(lens.focal == 60 for lens in lenses(scene).values())
+    assert sorted(path.name for path in place.iterdir()) == ["rig.toml", "scene.toml", "videos"]
+    out = told(capsys)
+    assert re.search(r"cam1 +videos/cam1.mp4 +64 x 48 +25 +0.4 s +h264 +found", out)
+    assert f"1. passerby check {place}/scene.toml\n  2. passerby calibrate {place}/scene.toml -o {place}/out" in out
+
+
+@pytest.mark.parametrize("names", [("cam1.mp4", "cam2.mp4"), ("Cam 1 (left).MP4", 'it\'s "2" [x].mov'), ("1/a.mp4", "2/b.mkv")])
+def test_every_switched_off_setting_is_one(folder, names):
+    """Without the # before the settings the file is a scene file too."""
+    place = folder(*names)
+    init(place)
+    path = place / "scene.toml"
+    text = path.read_text()
+    path.write_text(re.sub(r"(?m)^#(?=\S)", "", text))
+    scene, plain = Scene.load(path), path.with_name("plain.toml")
+    assert len(scene.scale.distances) == len(scene.scale.lengths) == len(scene.scale.camera_heights) == 1
+    assert scene.solver.reference == next(iter(scene.cameras))
+    plain.write_text(text)
+    as_written = Scene.load(plain)
+    assert (scene.association.mode, scene.association.search_s) == (
+        as_written.association.mode,
+        as_written.association.search_s,
+    )
+    for key in ("detector", "embedder", "keypoints"):
+        assert getattr(scene.perception, key) == getattr(as_written.perception, key)
+    assert scene.scale.person_height_m == as_written.scale.person_height_m
+    assert all(scene.resolve(table.video).is_file() for table in scene.cameras.values())
+
+
+def test_without_intrinsics_nothing_is_invented(folder, capsys):
+    place = folder("cam1.mp4", "cam2.mp4")
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    for name, table in scene.cameras.items():
+        with pytest.raises(InputError, match=rf"intrinsics.toml: \[{name}\]: matrix is .*'FX'"):
+            read_lens(scene.resolve(table.intrinsics), name)
+    out = told(capsys)
+    assert f"1. fill in FX and FY, the focal length in pixels, of cam1, cam2 in {place}/intrinsics.toml" in out
+    template = (place / "intrinsics.toml").read_text()
+    assert f"size = [{WIDTH}, {HEIGHT}]" in template
+    assert "90: 32" in template  # half the width is seen under 45 degrees
+
+    # Filled in for one camera, then looked at again: what was filled in stays, and the rest is still asked for.
+    filled = template.replace('"FX"', "60.0", 1).replace('"FY"', "60.0", 1)
+    (place / "intrinsics.toml").write_text(filled)
+    init(place, force=True)
+    assert (place / "intrinsics.toml").read_text() == filled
+    assert not (place / "intrinsics-2.toml").exists()
+    out = told(capsys)
+    assert re.search(r"cam1 .* found\n", out)
+    assert re.search(r"cam2 .* INCOMPLETE\n", out)
+    (place / "intrinsics.toml").write_text(filled.replace('"FX"', "60.0").replace('"FY"', "60.0"))
+    init(place, force=True)
+    assert "INCOMPLETE" not in told(capsys)
+    assert {lens.focal for lens in lenses(Scene.load(place / "scene.toml")).values()} == {60}
+
+
+def test_cameras_are_called_as_in_the_rig_file(folder, capsys):
+    place = folder("walk-cam1.mp4", "walk-cam2.mp4")
+    (place / "calibration").mkdir()
+    (place / "calibration" / "Calib.toml").write_text(rig("int_cam_01", "int_cam_02"))
+    (place / "Config.toml").write_text("[project]\nframe_rate = 30\n")
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert videos(scene) == {"int_cam_01": "walk-cam1.mp4", "int_cam_02": "walk-cam2.mp4"}
+    assert len(lenses(scene)) == 2
+    assert "camera cam1 is called int_cam_01" in told(capsys)
+
+
+def test_rig_files_that_cannot_be_matched_are_told(folder, capsys):
+    place = folder("cam1.mp4", "cam2.mp4")
+    (place / "rig.toml").write_text(rig("c0", "c1"))
+    (place / "broken.toml").write_text("[")
+    init(place)
+    out = told(capsys)
+    assert "rig.toml: c0, c1 cannot be matched with the cameras cam1, cam2" in out
+    assert "broken.toml: is not TOML" in out
+    assert "MISSING" in out
+
+
+def test_tables_that_no_camera_can_be_called_as_are_copied(folder):
+    place = folder("Cam 1 (left).mp4", "Cam 2 (right).mp4")
+    (place / "rig.toml").write_text(rig('"1 (left)"', '"2 (right)"', focal=70.0))
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert list(scene.cameras) == ["1 left", "2 right"]
+    assert {lens.focal for lens in lenses(scene).values()} == {70}
+    assert read_rig(place / "intrinsics.toml").metadata == {"source": "rig.toml"}
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        ("calib/cam1.yml", "calib/cam2.yml"),
+        ("Calibration/intrinsics_cam1.xml", "Calibration/intrinsics_cam2.xml"),
+        ("intrinsics/cam1/calib.json", "intrinsics/cam2/calib.json"),
+        ("cam1_calibration.yaml", "cam2_calibration.yaml"),
+        ("cam1/intrinsics.yml", "cam2/intrinsics.yml"),
+    ],
+)
+def test_files_of_opencv(folder, places, capsys):
+    place = folder("cam1/video.mp4", "cam2/video.mp4")
+    for focal, name in zip((60, 70), places, strict=True):
+        write_opencv(place / name, focal)
+    (place / "notes.json").write_text("{}")
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert videos(scene) == {"cam1": "cam1/video.mp4", "cam2": "cam2/video.mp4"}
+    assert {name: lens.focal for name, lens in lenses(scene).items()} == {"cam1": 60, "cam2": 70}
+    assert "MISSING" not in told(capsys)
+
+
+def test_a_file_of_opencv_without_the_picture_size(folder, capsys):
+    place = folder("cam1.mp4", "cam2.mp4")
+    write_opencv(place / "calib" / "cam1.yml", size=None)
+    write_opencv(place / "calib" / "cam2.yml", size=None, centre=(WIDTH, HEIGHT))
+    init(place)
+    out = told(capsys)
+    assert re.search(r"cam1 .* size assumed\n", out)
+    assert re.search(r"cam2 .* MISSING\n", out)
+    assert "cam2.yml: does not say the picture's size, and its principal point [64.0, 48.0] is not that of the 64 x 48" in out
+    scene = Scene.load(place / "scene.toml")
+    assert scene.cameras["cam1"].intrinsics != scene.cameras["cam2"].intrinsics
+    assert read_lens(place / scene.cameras["cam1"].intrinsics, "cam1").size == (WIDTH, HEIGHT)
+    assert "ASSUMED: that file does not say" in (place / "scene.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("size", "state", "what"),
+    [((48, 64), "WRONG SIZE", "turned by 90 degrees"), ((128, 96), "WRONG SIZE", "scaled by 0.5"), ((64, 56), "found", "")],
+)
+def test_a_lens_of_another_size(folder, capsys, size, state, what):
+    place = folder("a.mp4", "b.mp4")
+    (place / "rig.toml").write_text(rig("a", width=size[0], height=size[1]) + rig("b"))
+    init(place)
+    out = told(capsys)
+    assert re.search(rf"a +a.mp4 .* {state}\n", out)
+    assert what in out
+    text = (place / "scene.toml").read_text()
+    assert ("# TO DO: its pictures are 64 x 48" in text) == bool(what)
+    assert ("without its last columns or rows" in text) != bool(what)
+    Scene.load(place / "scene.toml")
+
+
+def test_the_rig_file_that_serves_most_cameras_is_taken(folder):
+    place = folder("a.mp4", "b.mp4", "c.mp4")
+    (place / "calib.toml").write_text(rig("a", "b", focal=50.0))
+    (place / "other.toml").write_text(rig("a", "b", "c", focal=60.0))
+    (place / "rig.toml").write_text(rig("a", "b", "c", focal=70.0))
+    init(place)
+    assert {lens.focal for lens in lenses(Scene.load(place / "scene.toml")).values()} == {70}
+
+
+def test_what_is_left_out_is_told(folder, capsys):
+    place = folder("cam1.mp4", "cam2.mp4", "cam2.avi", ".cam4.mp4", "old/cam1.mp4")
+    (place / "cam3.mp4").write_bytes(b"")
+    (place / "cam5.ts").write_text("export const a = 1\n" * 100)
+    init(place)
+    out = told(capsys)
+    assert list(Scene.load(place / "scene.toml").cameras) == ["cam1", "cam2"]
+    assert "cam3.mp4: holds 0 bytes" in out
+    assert "cam5.ts" in out
+    assert "1 hidden video" in out
+    assert "taken to be a copy of cam2.avi" in out
+    assert f"the videos in {place}/old" in out
+
+
+def test_a_folder_for_each_camera(folder, capsys):
+    place = folder("north/GX010001.MP4", "north/GX020001.MP4", "gate/GX010001.MP4", "overview.mp4")
+    init(place)
+    assert videos(Scene.load(place / "scene.toml")) == {"gate": "gate/GX010001.MP4", "north": "north/GX010001.MP4"}
+    out = told(capsys)
+    assert "left out: GX020001.MP4 in" in out
+    assert "overview.mp4: the cameras are taken to be the subfolders" in out
+
+
+def test_the_folder_of_videos_is_preferred(folder):
+    place = folder("videos/a.mp4", "videos/b.mp4", "annotated/a.mp4", "annotated/b.mp4")
+    init(place)
+    assert videos(Scene.load(place / "scene.toml")) == {"a": "videos/a.mp4", "b": "videos/b.mp4"}
+
+
+def test_a_scene_file_elsewhere(folder, tmp_path, monkeypatch):
+    place = folder("a.mp4", "b.mp4")
+    (place / "rig.toml").write_text(rig("a", "b"))
+    (tmp_path / "linked").symlink_to(tmp_path / "deep" / "er")
+    (tmp_path / "deep" / "er").mkdir(parents=True)
+    for out in ("elsewhere/my.toml", "linked/my.toml"):
+        init(place, tmp_path / out)
+        scene = Scene.load(tmp_path / out)
+        assert all(scene.resolve(table.video).is_file() for table in scene.cameras.values())
+        assert len(lenses(scene)) == 2
+    assert not (place / "scene.toml").exists()
+    monkeypatch.chdir(place)
+    init(place.relative_to(place))
+    assert videos(Scene.load(place / "scene.toml")) == {"a": "a.mp4", "b": "b.mp4"}
+    assert Scene.load(place / "scene.toml").name == "shoot"
+
+
+def test_a_template_that_was_filled_in_beside_a_scene_file_elsewhere_is_found(folder, tmp_path, capsys):
+    place, out = folder("a.mp4", "b.mp4"), tmp_path / "elsewhere" / "scene.toml"
+    init(place, out)
+    template = out.with_name("intrinsics.toml")
+    template.write_text(re.sub('"FX"|"FY"', "60.0", template.read_text()))
+    told(capsys)
+    init(place, out, force=True)
+    assert "MISSING" not in told(capsys)
+    assert {lens.focal for lens in lenses(Scene.load(out)).values()} == {60}
+    assert sorted(path.name for path in out.parent.iterdir()) == ["intrinsics.toml", "scene.toml"]
+
+
+def test_nothing_is_overwritten(folder):
+    place = folder("a.mp4", "b.mp4")
+    (place / "rig.toml").write_text(rig("a", "b"))
+    init(place)
+    (place / "scene.toml").write_text((place / "scene.toml").read_text() + "# mine\n")
+    with pytest.raises(InputError, match=r"scene.toml: is there already: .*--force"):
+        init(place)
+    assert "# mine" in (place / "scene.toml").read_text()
+    init(place, force=True)
+    assert "# mine" not in (place / "scene.toml").read_text()
+    with pytest.raises(InputError, match=r"rig.toml: is not a scene file"):
+        init(place, place / "rig.toml", force=True)
+    assert (place / "rig.toml").read_text() == rig("a", "b")
+    with pytest.raises(InputError, match="is a folder: name the scene file"):
+        init(place, place)
+    assert sorted(path.name for path in place.iterdir()) == ["a.mp4", "b.mp4", "rig.toml", "scene.toml"]
+
+
+@pytest.mark.parametrize("names", [(), ("a.mp4",)])
+def test_too_few_videos(folder, tmp_path, names):
+    (tmp_path / "shoot").mkdir()
+    place = folder(*names)
+    with pytest.raises(InputError, match="holds one camera only" if names else "neither it nor a folder in it") as error:
+        init(place)
+    assert error.value.exit_status == 2
+    assert "\n" not in str(error.value)
+    assert not (place / "scene.toml").exists()
+
+
+def test_no_such_folder(tmp_path, clip):
+    with pytest.raises(InputError, match="no such folder"):
+        init(tmp_path / "none")
+    with pytest.raises(InputError, match="is a file: give the folder"):
+        init(clip)
+    assert not (tmp_path / "none").exists()
+
+
+def test_unreadable_videos_only(tmp_path):
+    (tmp_path / "a.mp4").write_bytes(b"")
+    (tmp_path / "b.mp4").write_bytes(b"no video")
+    with pytest.raises(InputError, match=r"neither it nor .*a.mp4: holds 0 bytes"):
+        init(tmp_path)
+
+
+def test_boxes_without_videos(tmp_path, capsys):
+    for key, ending in (("detections", "txt"), ("keypoints", "json")):
+        (tmp_path / key).mkdir()
+        for name in ("north", "gate"):
+            (tmp_path / key / f"{name}.{ending}").write_text("")
+    init(tmp_path)
+    scene = Scene.load(tmp_path / "scene.toml")
+    assert scene.cameras["north"].detections.as_posix() == "detections/north.txt"
+    assert scene.cameras["gate"].keypoints.as_posix() == "keypoints/gate.json"
+    with pytest.raises(InputError, match=r"size is \['WIDTH', 'HEIGHT'\]"):
+        read_lens(tmp_path / "intrinsics.toml", "gate")
+
+
+def test_one_video_and_boxes_of_other_cameras(folder, capsys):
+    place = folder("V1.mp4")
+    (place / "detections").mkdir()
+    for name in ("V1", "V2"):
+        (place / "detections" / f"{name}.txt").write_text("")
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert scene.cameras["V1"].watched
+    assert scene.cameras["V2"].detections is not None
+    assert scene.cameras["V2"].fps == 25
+    assert "assumed: 25 frames per second, as the video's, for V2" in told(capsys)
+
+
+def test_names_that_a_file_can_have(folder, capsys):
+    """Line ends, control characters and broken UTF-8 in names, and links that lead nowhere."""
+    place = folder("a\nb/x\ty.mp4", "a\nb/#1 \\.mp4")
+    shutil.copy(place / "a\nb" / "x\ty.mp4", os.fsencode(place / "a\nb") + b"/\xff.mp4")
+    (place / "a\nb" / "gone.mp4").symlink_to(place / "nowhere")
+    write_opencv(place / "calib" / "x y.yml")
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert list(scene.cameras) == ["1", "x y"]
+    assert all(scene.resolve(table.video).is_file() for table in scene.cameras.values())
+    assert read_lens(scene.resolve(scene.cameras["x y"].intrinsics), "x y").focal == 60
+    assert r"'\udcff.mp4'" in told(capsys)
+
+
+def test_many_cameras(folder):
+    place = folder(*(f"cam{number}.mp4" for number in range(1, 25)))
+    (place / "rig.toml").write_text(rig(*(f"cam{number}" for number in range(1, 25))))
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert list(scene.cameras) == [f"cam{number}" for number in range(1, 25)]
+    assert len(lenses(scene)) == 24
+
+
+def test_as_a_command(folder, tmp_path):
+    place = folder("a.mp4", "b.mp4")
+    app = typer.Typer()
+    app.command()(init)
+    result = CliRunner().invoke(app, [str(place), "-o", str(tmp_path / "my scene.toml"), "--force"])
+    assert result.exit_code == 0, result.output
+    assert f"passerby check '{tmp_path}/my scene.toml'" in result.output
