@@ -55,11 +55,11 @@ def open_session(path: Path, *, allow_cuda: bool = True) -> onnxruntime.Inferenc
     if allow_cuda and CUDA in onnxruntime.get_available_providers():
         try:
             return _opened(path, [(CUDA, CUDA_OPTIONS), CPU])
-        except _runtime_errors():
+        except runtime_errors():
             pass  # A card that is absent, too old or full; what is wrong with the file itself is found again below.
     try:
         return _opened(path, [CPU])
-    except _runtime_errors() as error:
+    except runtime_errors() as error:
         raise InputError(f"{path}: {_complaint(path, error)}") from error
 
 
@@ -98,7 +98,7 @@ def _opened(path: Path, providers: list[Any]) -> onnxruntime.InferenceSession:
     return onnxruntime.InferenceSession(str(path), sess_options=options, providers=providers, enable_fallback=0)
 
 
-def _runtime_errors() -> tuple[type[Exception], ...]:
+def runtime_errors() -> tuple[type[Exception], ...]:
     """What ONNX Runtime raises: each of its errors is an `Exception` of its own, without a common base."""
     state = onnxruntime.capi.onnxruntime_pybind11_state
     names = (
