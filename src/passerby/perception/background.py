@@ -20,7 +20,7 @@ from passerby.perception.background_statistics import Levels, usual_colours
 from passerby.perception.foreground import Reference, foreground, prepare_reference
 from passerby.perception.people_shapes import found_people
 from passerby.perception.pictures import Detections, Frame, Identity, Picture
-from passerby.perception.shadows import ShadowOptions
+from passerby.perception.shadows import ShadowOptions, shadow_tone
 from passerby.perception.silhouettes import least_height, silhouettes, upright
 from passerby.perception.stature import Stature, learn_stature
 
@@ -28,6 +28,8 @@ VERSION = 1
 """Of what the detector finds: raised when the same options give other boxes."""
 LEAST_PICTURES = 5
 """Fewer pictures cannot outvote a passer-by."""
+SHADOW_PIXELS = 1000
+"""At most about so many pixels of a picture tell how dark shadows are."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,8 @@ class BackgroundModel:
     """(W, h, w, 3) BGR at the working size."""
     noise: Levels
     """(W, h, w, 3) standard deviations as `usual_colours` has them."""
+    tone: Floats | None
+    """(3,) of the shadows, as `find_shadows` has it."""
     stature: Stature | None
     """How tall people appear, working pixels; None where too few stood alone."""
 
@@ -90,14 +94,15 @@ class BackgroundModel:
 
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """The model as named arrays, for numpy.savez."""
-        plane = np.zeros((0, 5)) if self.stature is None else np.array(
-            [[*self.stature.plane, self.stature.spread, self.stature.boxes]]
-        )  # fmt: skip
+        tone = np.zeros((0, 3)) if self.tone is None else self.tone[None]
+        stature = self.stature
+        plane = np.zeros((0, 5)) if stature is None else np.array([[*stature.plane, stature.spread, stature.boxes]])
         return {
             "size": np.array(self.size),
             "seconds": self.seconds,
             "colour": self.colour,
             "noise": self.noise,
+            "tone": tone,
             "stature": plane,
         }
 
@@ -106,10 +111,11 @@ class BackgroundModel:
         """The model of `to_arrays`."""
         row = np.asarray(arrays["stature"], dtype=np.float64)
         stature = Stature(row[0, :3], float(row[0, 3]), int(row[0, 4])) if len(row) else None
+        tone = np.asarray(arrays["tone"], dtype=np.float64)
         width, height = (int(value) for value in arrays["size"])
-        return cls(
-            (width, height), np.asarray(arrays["seconds"]), np.asarray(arrays["colour"]), np.asarray(arrays["noise"]), stature
-        )
+        seconds, known_tone = np.asarray(arrays["seconds"], dtype=np.float64), tone[0] if len(tone) else None
+        colour, noise = (np.asarray(arrays[name], np.uint8) for name in ("colour", "noise"))
+        return cls((width, height), seconds, colour, noise, known_tone, stature)
 
 
 def learn_background(
@@ -153,6 +159,8 @@ class _Learner:
         self.times: list[float] = []
         self.backgrounds: list[tuple[float, Picture, Levels]] = []
         self.boxes: list[Floats] = []
+        self.ratios: list[Levels] = []
+        self.tone: Floats | None = None
 
     def add(self, frame: Frame) -> None:
         """Keep a picture of the window, at the working size."""
@@ -174,12 +182,20 @@ class _Learner:
         self.backgrounds.append((float(np.mean(self.times)), colour, noise))
         reference = prepare_reference(colour, noise)
         least = least_height(colour.shape[0], colour.shape[1] / self.size[0])
+        self._learn_tone(reference)
         for picture in self.pictures:
-            mask, _ = foreground(picture, reference, self.options.shadows)
-            found = silhouettes(mask, least)
+            found = silhouettes(foreground(picture, reference, self.options.shadows, self.tone).body, least)
             self.boxes.append(found.ltwh[upright(found, least)].astype(np.float64))
         self.pictures.clear()
         self.times.clear()
+
+    def _learn_tone(self, reference: Reference) -> None:
+        """Learn how dark shadows are, from the window's pictures and those before."""
+        for picture in self.pictures:
+            shadows = foreground(picture, reference, self.options.shadows, None).shadows
+            pixels = shadows.ratio[shadows.core > 0]
+            self.ratios.append(pixels[:: max(len(pixels) // SHADOW_PIXELS, 1)])
+        self.tone = shadow_tone(self.ratios)
 
     def finish(self, rng: np.random.Generator) -> BackgroundModel:
         """The model of all windows."""
@@ -191,7 +207,7 @@ class _Learner:
             )
         stature = learn_stature(np.concatenate(self.boxes), rng)
         seconds, colour, noise = zip(*self.backgrounds, strict=True)
-        return BackgroundModel(self.size, np.array(seconds), np.stack(colour), np.stack(noise), stature)
+        return BackgroundModel(self.size, np.array(seconds), np.stack(colour), np.stack(noise), self.tone, stature)
 
 
 def shrunk(picture: Picture, working_width: int) -> Picture:
@@ -226,9 +242,9 @@ class BackgroundDetector:
             width, height = self._model.size
             raise InputError(f"picture {frame.number} has {size[0]} x {size[1]} pixels, its background {width} x {height}")
         picture = shrunk(frame.picture, self._options.working_width)
-        mask, shadow = foreground(picture, self._reference(frame.seconds), self._options.shadows)
+        found = foreground(picture, self._reference(frame.seconds), self._options.shadows, self._model.tone)
         scale = self._model.scale
-        ltwh, score = found_people(mask, shadow, self._model.stature, least_height(picture.shape[0], scale))
+        ltwh, score = found_people(found, self._model.stature, least_height(picture.shape[0], scale))
         # An edge between working pixels lies as far from the picture's border as a share of the working picture says.
         factor = np.array([size[0] / picture.shape[1], size[1] / picture.shape[0]])
         return Detections(ltwh * np.tile(factor, 2), score)

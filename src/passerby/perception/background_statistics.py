@@ -23,9 +23,10 @@ ROWS = 32
 def usual_colours(pictures: Sequence[Picture]) -> tuple[Picture, Levels]:
     """The most frequent colour of every pixel, and its noise.
 
-    The colour is the centre of the shortest interval that holds `SHARE` of a channel's samples (an estimate of the
-    mode: Grübel, Annals of Statistics 1988), among equals the one nearest to the median. The noise is the deviation that half of the samples
-    keep to, as the standard deviation of a normal distribution: foliage in the wind has much, passers-by add little.
+    The colour is the centre of the shortest interval that holds `SHARE` of a channel's samples (an estimate of the mode:
+    Grübel, Annals of Statistics 1988), among equals the one nearest to the median. The noise is the deviation that half of
+    the samples keep to, as the standard deviation of a normal distribution: foliage in the wind has much, passers-by add
+    little.
 
     Args:
         pictures: n pictures (H, W, 3) of one size.

@@ -11,7 +11,7 @@ import numpy as np
 from passerby.observations import Floats
 from passerby.perception.background_statistics import Levels, local_contrast
 from passerby.perception.pictures import Picture
-from passerby.perception.shadows import ShadowOptions, shadow_mask
+from passerby.perception.shadows import Shadows, ShadowOptions, find_shadows, regain
 
 LEAST = 9.0
 """Grey levels: compression changes flat areas by as much in the wake of people."""
@@ -60,15 +60,25 @@ def light_gain(picture: Picture, colour: Picture) -> Floats:
     return np.clip(gain, 0.25, 4.0)
 
 
-def foreground(picture: Picture, reference: Reference, shadows: ShadowOptions) -> tuple[Levels, Levels]:
-    """(H, W) 255 where something stands before the background, shadows left out; and 255 where a shadow lies."""
+@dataclass(frozen=True, eq=False)
+class Foreground:
+    """What stands before the background of a picture."""
+
+    body: Levels
+    """(H, W) 255 for people and things, shadows left out."""
+    shadows: Shadows
+
+
+def foreground(picture: Picture, reference: Reference, options: ShadowOptions, tone: Floats | None) -> Foreground:
+    """Compare a picture with its background; `tone` as `find_shadows` has it."""
     gain = light_gain(picture, reference.colour)
     usual = _brightened(reference.colour, gain)
     difference = cv2.absdiff(picture, usual)
     low = cast(Levels, cv2.medianBlur(_any_channel(cv2.subtract(difference, reference.tolerance)), 5))
     high = cast(Levels, cv2.medianBlur(_any_channel(cv2.subtract(difference, reference.certain)), 3))
-    shadow = shadow_mask(picture, usual, low, high, shadows)
-    return _with_seed(low & ~shadow, high), shadow
+    shadows = find_shadows(picture, usual, low, high, options, tone)
+    body = _with_seed(low & ~shadows.mask, high)
+    return Foreground(regain(body, shadows.mask), shadows)
 
 
 def _brightened(colour: Picture, gain: Floats) -> Picture:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.observations import Floats
-from passerby.perception.background_statistics import Levels
 from passerby.perception.crowds import divide
+from passerby.perception.foreground import Foreground
 from passerby.perception.silhouettes import Silhouettes, expected, silhouettes, upright
 from passerby.perception.stature import Stature
 
@@ -25,9 +25,9 @@ WIDEST = 0.62
 """Of one standing person, as a fraction of the expected height: a long stride seen from the side."""
 
 
-def found_people(mask: Levels, shadow: Levels, stature: Stature | None, least_pixels: float) -> tuple[Floats, Floats]:
-    """(N, 4) boxes and (N,) scores of the people in a foreground (H, W), working pixels."""
-    found = silhouettes(mask, least_pixels)
+def found_people(foreground: Foreground, stature: Stature | None, least_pixels: float) -> tuple[Floats, Floats]:
+    """(N, 4) boxes and (N,) scores of the people in a foreground, working pixels."""
+    found = silhouettes(foreground.body, least_pixels)
     if len(found) == 0:
         return np.zeros((0, 4)), np.zeros(0)
     ltwh = found.ltwh.astype(np.float64)

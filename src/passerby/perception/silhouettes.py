@@ -45,11 +45,11 @@ def silhouettes(mask: Levels, least_pixels: float) -> Silhouettes:
     """The regions of a mask (H, W; 0 or 255) that are large enough to be a part of a person at least `least_pixels` tall."""
     rows = max(round(CLOSING * mask.shape[0]), 3) | 1
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((rows, 3), np.uint8))
-    _, label, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8, ltype=cv2.CV_32S)
+    _, label, measured, _ = cv2.connectedComponentsWithStats(closed, connectivity=8, ltype=cv2.CV_32S)
+    stats = np.asarray(measured, np.int32)
     large = (stats[1:, cv2.CC_STAT_AREA] >= 0.05 * least_pixels**2) & (stats[1:, cv2.CC_STAT_HEIGHT] >= 0.2 * least_pixels)
     number = np.zeros(len(stats), np.int32)
     number[1:][large] = np.arange(1, large.sum() + 1)
-    stats = np.asarray(stats, np.int32)
     ltwh = stats[1:, [cv2.CC_STAT_LEFT, cv2.CC_STAT_TOP, cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]][large]
     return Silhouettes(number[label], ltwh, stats[1:, cv2.CC_STAT_AREA][large])
 
