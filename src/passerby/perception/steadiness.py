@@ -1,0 +1,307 @@
+"""Whether a camera stays where it is: told from a picture every second or two.
+
+Each picture is compared with a reference: the first one, in which what was hidden or has changed is filled in later. Small
+textured patches are followed from the reference to the picture, after local contrast is normalised so that lights and exposure
+do not matter. As long as enough patches are found where they were, the camera stands, however many others are hidden by people.
+Only where they are not, a similarity that most patches agree on (RANSAC) is a motion of the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.observations import Floats
+from passerby.perception.pictures import Frame, Picture
+
+# Pictures are shrunk by a whole factor, which is quick, so that their longer side has about this many pixels. The background
+# of a standing camera is located to 0.05 pixels of that, and 0.5 % of a portrait picture's width are still 1.3.
+THUMBNAIL_PX = 480
+CELL = 32
+MARGIN = 8
+WINDOW = (17, 17)
+NORMALISING_PX = 31
+
+# Contrast below this many grey levels is noise and compression; it is not blown up.
+NOISE_GREY = 4.0
+CONTRAST = 40.0
+
+# Mean difference of a patch that was found again, in units of the normalised picture; unrelated ones differ by 1.1 * CONTRAST.
+LARGEST_DIFFERENCE = 18.0
+LEAST_CORNER = 1e-3
+
+# A patch agrees with a motion within this many thumbnail pixels.
+AGREEMENT_PX = 0.7
+
+# Patches that prove that the camera stands, and that prove a motion: no less than so many, and no less than this part of all.
+STANDING_COUNT, STANDING_PART = 10, 0.08
+MOTION_COUNT, MOTION_PART = 14, 0.25
+
+# A camera that stands this far from its place, in parts of the picture's width, has lost its calibration.
+MOVED_PART = 0.005
+LASTING_S = 5.0
+
+# A patch that was not found for so many pictures is replaced by what is seen there now.
+STALE_AFTER = 12
+
+# A reference that is lost before it was recognised so many times was a bad one, full of people or dark: the next one is taken.
+KNOWN_AFTER = 3
+
+
+@dataclass(frozen=True)
+class Move:
+    """A camera that left its place."""
+
+    seconds: float
+    """Timestamp of the first picture that shows it."""
+    until: float | None
+    """Of the first picture that shows the camera in its place again, after a knock; None: it stayed in the new place."""
+    pixels: float | None
+    """Median shift of the background, in pixels of the whole picture; None: it shows nothing now that it showed before."""
+
+
+@dataclass(frozen=True)
+class Steadiness:
+    """How a camera stood."""
+
+    moves: tuple[Move, ...]
+    """In order of time."""
+    largest_shake_px: float
+    """Largest shift of the background that was no move, in pixels of the whole picture."""
+    pictures: int
+    """How many were looked at."""
+    recognised: int
+    """In how many of them the background was recognised."""
+
+    @property
+    def lasting(self) -> tuple[Move, ...]:
+        """The moves after which the camera stood elsewhere: one calibration does not hold before and after."""
+        return tuple(move for move in self.moves if move.until is None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Departure:
+    """A camera away from its place, as long as it is not known whether it comes back."""
+
+    seconds: float
+    last_seconds: float
+    shifts: tuple[float, ...]
+
+
+class SteadinessWatcher:
+    """Watches one camera: `look` at a frame every second or two, in order of time, then ask for the `result`.
+
+    Args:
+        size: (width, height) of the pictures, pixels.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self._scale = max(1, round(max(size) / THUMBNAIL_PX))
+        self._moved_px = MOVED_PART * size[0]
+        self._reference: _Reference | None = None
+        self._rest = np.eye(2, 3)
+        self._departure: _Departure | None = None
+        self._lost: tuple[float, float] | None = None
+        self._lost_view: _Reference | None = None
+        self._moves: list[Move] = []
+        self._largest_shake = 0.0
+        self._pictures = 0
+        self._recognised = 0
+
+    def look(self, frame: Frame) -> None:
+        """Take a frame into account; its picture has the size that was promised."""
+        self._pictures += 1
+        view = _normalised(frame.picture, self._scale)
+        found = None if self._reference is None else self._reference.motion_to(view, self._rest)
+        if found is None and self._recognised < KNOWN_AFTER:
+            self._reference = _Reference(view)
+            self._recognised = 1
+            return
+        if found is None:
+            self._lose(view, frame.seconds)
+            return
+        self._recognised += 1
+        motion, points = found
+        self._judge(frame.seconds, motion, float(np.median(_shift(motion, self._rest, points))) * self._scale)
+
+    def result(self) -> Steadiness:
+        """What was seen so far."""
+        moves = list(self._moves)
+        away = self._departure
+        if away is not None:
+            stayed = len(away.shifts) > 1 or self._lost is not None
+            moves.append(Move(away.seconds, None if stayed else away.last_seconds, float(np.median(away.shifts))))
+        elif self._lost is not None and self._lost[1] - self._lost[0] > LASTING_S:
+            moves.append(Move(self._lost[0], None, None))
+        return Steadiness(tuple(moves), self._largest_shake, self._pictures, self._recognised)
+
+    def _judge(self, seconds: float, motion: Floats, shift: float) -> None:
+        """One more shift against the camera's place: a shake, a knock that is over, or a new place."""
+        if shift <= self._moved_px:
+            self._lost = self._lost_view = None
+            if self._departure is not None:
+                self._moves.append(Move(self._departure.seconds, seconds, max(self._departure.shifts)))
+                self._departure = None
+            self._largest_shake = max(self._largest_shake, shift)
+            return
+        left = seconds if self._lost is None else self._lost[0]
+        away = self._departure or _Departure(left, seconds, ())
+        self._departure = _Departure(away.seconds, seconds, (*away.shifts, shift))
+        if seconds - away.seconds > LASTING_S:
+            self._moves.append(Move(away.seconds, None, float(np.median(self._departure.shifts))))
+            self._departure = self._lost = self._lost_view = None
+            self._rest = motion
+
+    def _lose(self, view: NDArray[np.uint8], seconds: float) -> None:
+        """The background is not to be seen. A view that itself stands still from here to the end is another place.
+
+        Someone before the lens goes away again, and a dark room shows nothing that could stand still.
+        """
+        standing = self._lost_view is not None and self._lost_view.motion_to(view, np.eye(2, 3)) is not None
+        self._lost_view = _Reference(view)
+        if not standing:
+            self._lost = (seconds, seconds) if self._lost_view.is_rich else None
+        elif self._lost is not None:
+            self._lost = (self._lost[0], seconds)
+
+
+class _Reference:
+    """What the camera sees from its place, and the patches by which that is known again."""
+
+    def __init__(self, view: NDArray[np.uint8]) -> None:
+        self._view = view.copy()
+        rows, columns = max(1, view.shape[0] // CELL), max(1, view.shape[1] // CELL)
+        self._cells = np.array([(x * CELL, y * CELL) for y in range(rows) for x in range(columns)])
+        self._unseen = np.zeros(len(self._cells), dtype=int)
+        self._points = _corners(view, self._cells)
+
+    @property
+    def is_rich(self) -> bool:
+        """Whether enough patches can be followed."""
+        return int(np.isfinite(self._points[:, 0]).sum()) >= MOTION_COUNT
+
+    def motion_to(self, view: NDArray[np.uint8], rest: Floats) -> tuple[Floats, Floats] | None:
+        """Motion of the background from the reference to a view, `rest` being where it was lately.
+
+        Returns:
+            (2, 3) similarity in thumbnail pixels, and (N, 2) the reference's points that agree; None where nothing is certain.
+        """
+        usable = np.flatnonzero(np.isfinite(self._points[:, 0]))
+        if len(usable) < STANDING_COUNT:
+            return None
+        points = self._points[usable]
+        there = _apply(rest, points)
+        # Without the coarse levels of the pyramid, into which a neighbour that is hidden would reach.
+        arrived, good = _follow(self._view, view, points, there, coarsest=0)
+        standing = good & (np.linalg.norm(arrived - there, axis=1) <= AGREEMENT_PX)
+        if standing.sum() >= max(STANDING_COUNT, STANDING_PART * len(points)):
+            motion = _fitted(points, arrived, standing, rest)
+            self._refresh(view, usable, standing, motion)
+            return motion, points[standing]
+        for start in (there, points + _global_shift(self._view, view)):
+            arrived, good = _follow(self._view, view, points, start, coarsest=3)
+            found, agreeing = _consensus(points, arrived, good)
+            if found is not None and agreeing.sum() >= max(MOTION_COUNT, MOTION_PART * len(points)):
+                return found, points[agreeing]
+        return None
+
+    def _refresh(self, view: NDArray[np.uint8], usable: NDArray[np.intp], agreeing: NDArray[np.bool_], motion: Floats) -> None:
+        """Replace cells that have not been found for long by what they show now, moved into the reference's place."""
+        self._unseen += 1
+        self._unseen[usable[agreeing]] = 0
+        stale = np.flatnonzero(self._unseen >= STALE_AFTER)
+        if len(stale) == 0:
+            return
+        placed = cv2.warpAffine(view, motion, (view.shape[1], view.shape[0]), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+        for x, y in self._cells[stale]:
+            self._view[y : y + CELL, x : x + CELL] = placed[y : y + CELL, x : x + CELL]
+        self._points[stale] = _corners(self._view, self._cells[stale])
+        self._unseen[stale] = 0
+
+
+def _normalised(picture: Picture, scale: int) -> NDArray[np.uint8]:
+    """A grey thumbnail with the mean and the contrast of each neighbourhood alike, (H // scale, W // scale) of uint8."""
+    height, width = picture.shape[0] // scale, picture.shape[1] // scale
+    whole = picture[: height * scale, : width * scale]
+    small = whole if scale == 1 else cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+    grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY).astype(np.float32)
+    window = (NORMALISING_PX, NORMALISING_PX)
+    mean = cv2.boxFilter(grey, cv2.CV_32F, window)
+    variance = cv2.boxFilter(grey * grey, cv2.CV_32F, window) - mean * mean
+    level = (grey - mean) / (np.sqrt(np.maximum(variance, 0.0)) + NOISE_GREY) * CONTRAST + 128.0
+    return np.clip(level, 0, 255).astype(np.uint8)
+
+
+def _corners(view: NDArray[np.uint8], cells: NDArray[np.int64]) -> Floats:
+    """(N, 2) the strongest corner (Shi and Tomasi 1994) in the middle of each cell; NaN where there is none."""
+    strength = cv2.cornerMinEigenVal(view, 5, ksize=3)
+    inner = CELL - 2 * MARGIN
+    corners = np.full((len(cells), 2), np.nan)
+    for row, (x, y) in enumerate(cells):
+        part = strength[y + MARGIN : y + CELL - MARGIN, x + MARGIN : x + CELL - MARGIN]
+        best = int(part.argmax())
+        if part.flat[best] > LEAST_CORNER:
+            corners[row] = x + MARGIN + best % inner, y + MARGIN + best // inner
+    return corners
+
+
+def _follow(
+    reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, start: Floats, coarsest: int
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Where patches arrive (pyramidal Lucas and Kanade; Bouguet 2000), (N, 2), and (N,) which look the same there."""
+    before = np.ascontiguousarray(points, dtype=np.float32).reshape(-1, 1, 2)
+    guess = np.ascontiguousarray(start, dtype=np.float32).reshape(-1, 1, 2)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.02)
+    arrived, status, difference = cv2.calcOpticalFlowPyrLK(
+        reference,
+        view,
+        before,
+        guess,
+        winSize=WINDOW,
+        maxLevel=coarsest,
+        criteria=criteria,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    good = (status.ravel() == 1) & (difference.ravel() <= LARGEST_DIFFERENCE)
+    return arrived.reshape(-1, 2).astype(np.float64), good
+
+
+def _consensus(points: Floats, arrived: Floats, good: NDArray[np.bool_]) -> tuple[Floats | None, NDArray[np.bool_]]:
+    """The similarity that most good patches agree on, and which do. OpenCV's RANSAC draws from a seed of its own."""
+    nobody = np.zeros(len(points), dtype=bool)
+    if good.sum() < 3:
+        return None, nobody
+    motion, inliers = cv2.estimateAffinePartial2D(
+        points[good], arrived[good], method=cv2.RANSAC, ransacReprojThreshold=AGREEMENT_PX, maxIters=300, confidence=0.99
+    )
+    if motion is None:
+        return None, nobody
+    nobody[np.flatnonzero(good)[inliers.ravel() == 1]] = True
+    return np.asarray(motion, dtype=np.float64), nobody
+
+
+def _fitted(points: Floats, arrived: Floats, standing: NDArray[np.bool_], rest: Floats) -> Floats:
+    """The small motion of patches that stand: their median way, which few patches in one corner cannot tilt."""
+    motion = rest.copy()
+    motion[:, 2] += np.median(arrived[standing] - _apply(rest, points[standing]), axis=0)
+    return motion
+
+
+def _global_shift(reference: NDArray[np.uint8], view: NDArray[np.uint8]) -> Floats:
+    """(2,) the shift of the whole view against the reference, thumbnail pixels, by phase correlation."""
+    window = cv2.createHanningWindow((view.shape[1], view.shape[0]), cv2.CV_32F)
+    shift, _ = cv2.phaseCorrelate(reference.astype(np.float32), view.astype(np.float32), window)
+    return np.array(shift)
+
+
+def _apply(motion: Floats, points: Floats) -> Floats:
+    """(N, 2) points after a (2, 3) motion."""
+    return np.asarray(points @ motion[:, :2].T + motion[:, 2])
+
+
+def _shift(motion: Floats, rest: Floats, points: Floats) -> Floats:
+    """(N,) how far two motions take the same points apart, thumbnail pixels."""
+    return np.asarray(np.linalg.norm(_apply(motion, points) - _apply(rest, points), axis=1))
