@@ -50,7 +50,7 @@ class LinkCosts:
 
 
 @dataclass(eq=False)
-class _Tracks:
+class Tracks:
     """The tracklets that may go on, T of them, as they were when last seen."""
 
     row: Ints
@@ -68,13 +68,18 @@ class _Tracks:
     appearance: Vectors
     """(T, D) sum of the embeddings so far; D = 0 without any."""
 
-    def take(self, rows: NDArray[np.generic]) -> _Tracks:
+    def take(self, rows: NDArray[np.generic]) -> Tracks:
         """The tracks of the given rows."""
-        return _Tracks(*(getattr(self, item.name)[rows] for item in fields(self)))
+        return Tracks(*(getattr(self, item.name)[rows] for item in fields(self)))
 
-    def joined(self, other: _Tracks) -> _Tracks:
+    def put(self, rows: Ints, other: Tracks) -> None:
+        """Replace the tracks of the given rows."""
+        for item in fields(self):
+            getattr(self, item.name)[rows] = getattr(other, item.name)
+
+    def joined(self, other: Tracks) -> Tracks:
         """These tracks followed by others."""
-        return _Tracks(*(np.concatenate([getattr(self, item.name), getattr(other, item.name)]) for item in fields(self)))
+        return Tracks(*(np.concatenate([getattr(self, item.name), getattr(other, item.name)]) for item in fields(self)))
 
 
 def agreed_links(
@@ -102,24 +107,13 @@ def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, resemblanc
         resemblance: what the embeddings tell; None to leave them out.
     """
     following = np.full(len(boxes), -1, dtype=np.int64)
-    centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
-    shape = np.log(boxes.ltwh[:, [3, 2]])
-    without = np.zeros((len(boxes), 0), np.float32)
-    everything = _Tracks(
-        row=np.arange(len(boxes)),
-        time=seconds,
-        centre=centre,
-        velocity=np.zeros_like(centre),
-        covariance=np.tile([POSITION_SD**2, 0.0, START_SPEED_SD**2], (len(boxes), 1)),
-        shape=shape,
-        appearance=without if resemblance is None or boxes.embedding is None else boxes.embedding,
-    )
+    everything = first_seen(boxes, seconds, resemblance is not None)
     tracks = everything.take(np.zeros(0, dtype=np.int64))
     order = np.argsort(seconds, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(seconds[order])) + 1) if len(order) else ():
         now, seen = seconds[rows[0]], everything.take(rows)
         tracks = tracks.take(now - tracks.time <= costs.max_gap_s * (1 + 1e-9))
-        predicted = _predict(tracks, now)
+        predicted = predict(tracks, now)
         gain = _gains(tracks, predicted, seen, weak[rows], costs, resemblance)
         of_track, of_box, clear = _decide(gain, costs.margin)
         sure = clear & (tracks.row[of_track] >= 0)
@@ -127,13 +121,31 @@ def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, resemblanc
         tracks.row[_contested(gain, of_box[~clear])] = -1
         waiting, fresh = np.ones(len(tracks.row), dtype=np.bool_), ~weak[rows]
         waiting[of_track], fresh[of_box] = False, False
-        going_on = _update(predicted.take(of_track), seen.take(of_box))
+        going_on = update(predicted.take(of_track), seen.take(of_box))
         tracks = tracks.take(waiting).joined(going_on).joined(seen.take(fresh))
     return following
 
 
-def _predict(tracks: _Tracks, now: float) -> _Tracks:
-    """Where the tracklets are expected at a later time, after constant velocity with white acceleration."""
+def first_seen(boxes: Boxes, seconds: Floats, with_embeddings: bool = False) -> Tracks:
+    """Every box as a track of its own: at rest, but for all that is known of its speed."""
+    centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
+    without = np.zeros((len(boxes), 0), np.float32)
+    return Tracks(
+        row=np.arange(len(boxes)),
+        time=seconds,
+        centre=centre,
+        velocity=np.zeros_like(centre),
+        covariance=np.tile([POSITION_SD**2, 0.0, START_SPEED_SD**2], (len(boxes), 1)),
+        shape=np.log(boxes.ltwh[:, [3, 2]]),
+        appearance=boxes.embedding if with_embeddings and boxes.embedding is not None else without,
+    )
+
+
+def predict(tracks: Tracks, now: float | Floats) -> Tracks:
+    """Where the tracklets are expected at a later time, after constant velocity with white acceleration.
+
+    Their time becomes the time gone by.
+    """
     dt = now - tracks.time
     pp, pv, vv = tracks.covariance.T
     covariance = np.stack(
@@ -145,11 +157,11 @@ def _predict(tracks: _Tracks, now: float) -> _Tracks:
         axis=1,
     )
     ahead = tracks.centre + dt[:, None] * tracks.velocity
-    return _Tracks(tracks.row, dt, ahead, tracks.velocity, covariance, tracks.shape, tracks.appearance)
+    return Tracks(tracks.row, dt, ahead, tracks.velocity, covariance, tracks.shape, tracks.appearance)
 
 
 def _gains(
-    tracks: _Tracks, predicted: _Tracks, seen: _Tracks, weak: Mask, costs: LinkCosts, resemblance: Resemblance | None
+    tracks: Tracks, predicted: Tracks, seen: Tracks, weak: Mask, costs: LinkCosts, resemblance: Resemblance | None
 ) -> Floats:
     """(T, D) how much likelier each link is than leaving both unlinked, as -2 log likelihood: negative, or 0 for no link."""
     height = np.exp(tracks.shape[:, 0])[:, None]
@@ -188,7 +200,7 @@ def _contested(gain: Floats, box: Ints) -> Ints:
     return np.flatnonzero((gain[:, box] < 0).any(axis=1))
 
 
-def _update(predicted: _Tracks, seen: _Tracks) -> _Tracks:
+def update(predicted: Tracks, seen: Tracks) -> Tracks:
     """The Kalman filter's step, a box far from its expected place counting for less (Student's t)."""
     pp, pv, vv = predicted.covariance.T
     height = np.exp(predicted.shape[:, 0])
@@ -196,7 +208,7 @@ def _update(predicted: _Tracks, seen: _Tracks) -> _Tracks:
     apart = np.sum(off**2, axis=1) / height**2 / (pp + POSITION_SD**2)
     noise = POSITION_SD**2 * np.maximum(1.0, (TAIL + apart) / (TAIL + 2))
     gain_p, gain_v = pp / (pp + noise), pv / (pp + noise)
-    return _Tracks(
+    return Tracks(
         row=seen.row,
         time=seen.time,
         centre=predicted.centre + gain_p[:, None] * off,

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import UNKNOWN, Boxes, Floats, Vectors
+from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Vectors
+
+Mask = NDArray[np.bool_]
 
 FEWEST = 50
 """Pairs of either kind below which nothing is concluded."""
@@ -19,6 +21,14 @@ TELLING = 0.5
 """Standard deviations that the two kinds must lie apart for the embeddings to be used at all."""
 STRONGEST = 8.0
 """Largest cost or reward, -2 log likelihood: appearance may settle what motion leaves open, but not overrule clear motion."""
+
+STRONGEST_OF_TRACKLETS = 12.0
+"""The same between whole tracklets, whose means tell more than a box does. Simulated people whose looks differ, mended at
+7 fps: IDF1 0.89, 0.92, 0.86 (terrace, basketball, a crowded terrace); with 8 0.82, 0.90, 0.76, with 20 a little more."""
+FEWEST_HALVES = 20
+"""Pairs of halves of tracklets of either kind below which nothing is concluded."""
+HALF = 4
+"""Boxes in half a tracklet at least."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +48,19 @@ class Resemblance:
             embeddings: (D, K) of D boxes.
         """
         length = np.linalg.norm(sums, axis=1)[:, None] * np.linalg.norm(embeddings, axis=1)
-        product = (sums @ embeddings.T).astype(np.float64)
+        return self._bounded((sums @ embeddings.T).astype(np.float64), length, STRONGEST)
+
+    def cost_of_pairs(self, one: Vectors | Floats, two: Vectors | Floats) -> Floats:
+        """(N,) the same of pairs of tracklets, by the sums (N, K) of the embeddings of all their boxes."""
+        length = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
+        return self._bounded(np.einsum("nk,nk->n", one, two).astype(np.float64), length, STRONGEST_OF_TRACKLETS)
+
+    def _bounded(self, product: Floats, length: Floats, strongest: float) -> Floats:
         (same, same_sd), (other, other_sd) = self.same, self.other
         # Outside of the two means the ratio of Gaussians of unequal width turns round, which means nothing.
         cosine = np.clip(product / np.where(length > 0, length, 1.0), other, same)
         ratio = ((cosine - same) / same_sd) ** 2 - ((cosine - other) / other_sd) ** 2 + 2 * np.log(same_sd / other_sd)
-        return np.asarray(np.where(length > 0, np.clip(ratio, -STRONGEST, STRONGEST), 0.0))
+        return np.asarray(np.where(length > 0, np.clip(ratio, -strongest, strongest), 0.0))
 
 
 def measure_resemblance(boxes: Boxes) -> Resemblance | None:
@@ -66,7 +83,29 @@ def measure_resemblance(boxes: Boxes) -> Resemblance | None:
     one, two = one[has_past[one]], two[has_past[one]]
     same = _cosines(earlier[has_past], known.embedding[has_past])
     other = _cosines(earlier[one], known.embedding[two])
-    if min(len(same), len(other)) < FEWEST:
+    return _resemblance(same, other, FEWEST)
+
+
+def resemblance_of_halves(early: Floats, late: Floats, long: Mask, one: Ints, two: Ints) -> Resemblance | None:
+    """The same of whole tracklets: either half of one is of one person, halves of two that are seen at once are of two.
+
+    Args:
+        early: (T, K) sum of the embeddings of the first half of each tracklet.
+        late: (T, K) of the second half.
+        long: (T,) tracklets of enough boxes to be halved.
+        one: (P,) tracklets that are seen at one time as
+        two: (P,) others.
+    """
+    known = long & early.any(axis=1) & late.any(axis=1)
+    pairs = known[one] & known[two]
+    one, two = one[pairs], two[pairs]
+    other = np.concatenate([_cosines(early[one], late[two]), _cosines(early[two], late[one])])
+    return _resemblance(_cosines(early[known], late[known]), other, FEWEST_HALVES)
+
+
+def _resemblance(same: Floats, other: Floats, fewest: int) -> Resemblance | None:
+    """Of cosines of either kind; None where they are too few or too alike."""
+    if min(len(same), len(other)) < fewest:
         return None
     found = Resemblance(_centre_and_spread(same), _centre_and_spread(other))
     apart = (found.same[0] - found.other[0]) / np.hypot(found.same[1], found.other[1])
@@ -83,7 +122,7 @@ def _earlier_sums(boxes: Boxes) -> Vectors:
     return sums
 
 
-def _cosines(one: NDArray[np.float32], two: NDArray[np.float32]) -> Floats:
+def _cosines(one: Vectors | Floats, two: Vectors | Floats) -> Floats:
     """(N,) of rows (N, D)."""
     product = np.einsum("nd,nd->n", one, two).astype(np.float64)
     return np.asarray(product / (np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)))
