@@ -68,18 +68,20 @@ def tile_windows(picture: tuple[int, int], network: tuple[int, int], tiling: Til
         return ()
     height, width = picture
     whole = min(network[0] / height, network[1] / width)
-    overlap = min(round(SEEN_HEIGHT / whole), height // 2)
-    sideways = min(round(WIDTH_OF_PEOPLE * overlap), width // 2)
+    scale = min(ENOUGH_SCALE, MOST_MAGNIFICATION * whole)
     if tiling == "auto":
         if whole >= ENOUGH_SCALE:
             return ()
-        scale = min(ENOUGH_SCALE, MOST_MAGNIFICATION * whole)
-        columns, rows = _count(width, network[1] / scale, sideways), _count(height, network[0] / scale, overlap)
+        across, down = network[1] / scale, network[0] / scale
     else:
-        columns, rows = tiling
-    across, wide = _spread(width, columns, sideways)
-    down, tall = _spread(height, rows, overlap)
-    return tuple((left, top, wide, tall) for top in down for left in across)
+        across, down = width / tiling[0], height / tiling[1]
+    # Half a tile at most: with an input hardly larger than people, tiles would not advance.
+    overlap = round(min(SEEN_HEIGHT / whole, down / 2))
+    sideways = round(min(WIDTH_OF_PEOPLE * SEEN_HEIGHT / whole, across / 2))
+    columns, rows = tiling if tiling != "auto" else (_count(width, across, sideways), _count(height, down, overlap))
+    lefts, wide = _spread(width, columns, sideways)
+    tops, tall = _spread(height, rows, overlap)
+    return tuple((left, top, wide, tall) for top in tops for left in lefts)
 
 
 def hinted(tiles: tuple[Window, ...], centres: Floats) -> tuple[Window, ...]:
@@ -94,7 +96,7 @@ def hinted(tiles: tuple[Window, ...], centres: Floats) -> tuple[Window, ...]:
 
 def _count(length: int, tile: float, overlap: int) -> int:
     """How many tiles of at most this length cover a length."""
-    return 1 if tile >= length else ceil((length - overlap) / max(tile - overlap, 1.0))
+    return 1 if tile >= length else ceil((length - overlap) / (tile - overlap))
 
 
 def _spread(length: int, count: int, overlap: int) -> tuple[list[int], int]:
