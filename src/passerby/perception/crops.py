@@ -54,10 +54,11 @@ def sampled(picture: Picture, box: Floats, size: tuple[int, int], padding: float
     """A box (4,), wherever it lies, sampled to `size` (width, height); grey of `padding` (0 to 255) outside of the picture.
 
     The crop's pixel (i, j), counted from 0, shows the picture at `left + (i + 0.5) * width / size[0]`, and so in height. Where
-    the box is the larger, that many samples are averaged: one bilinear sample looks at two pixels and misses those between.
+    the box is more than twice as large, several samples are averaged, one for every two pixels of the picture: that is as far
+    as one bilinear sample looks.
     """
     left, top, width, height = box
-    times = int(np.ceil(max(width / size[0], height / size[1], 1.0)))
+    times = max(1, int(np.ceil(max(width / size[0], height / size[1]) / 2.0)))
     fine = (size[0] * times, size[1] * times)
     step_x, step_y = width / fine[0], height / fine[1]
     to_picture = np.array([[step_x, 0.0, left + step_x / 2], [0.0, step_y, top + step_y / 2]])

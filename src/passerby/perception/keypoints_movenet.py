@@ -14,7 +14,11 @@ class MovenetKeypoints(TopDownKeypoints):
     """MoveNet lightning and thunder (Google): output [N, 1, 17, 3], each joint's y, x as fractions of the crop, and score."""
 
     kind: ClassVar[str] = "movenet"
-    margin: ClassVar[float] = 1.25
+    # Median distance to OpenPose's joints (44 pictures of one person, boxes 5 % larger than the joints' extent) as a share of
+    # the box's height, lightning and thunder: 1.46 % and 1.26 % at 1.0, 1.51 and 1.28 at 1.1, 1.59 and 1.35 at 1.2, 1.70 and
+    # 1.42 at 1.3. 1.1 has the most of lightning's joints within 5 % (97 %) and bears a box that cuts off the feet. A second
+    # pass on a crop about the first one's joints, as where there is no detector, does not pay: 1.59, 1.37 % in twice the time.
+    margin: ClassVar[float] = 1.1
     outputs_needed: ClassVar[str] = "one output [N, 1, 17, 3]: y, x and score of COCO's 17 joints"
 
     @staticmethod
