@@ -7,6 +7,7 @@ import io
 import shutil
 import tempfile
 from collections.abc import Iterable
+from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -21,13 +22,25 @@ from passerby.interchange.coco import write_keypoints
 from passerby.interchange.embeddings import write_embeddings
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
+from passerby.progress import Progress, silent
+from passerby.simulation.rendering import RenderOptions, write_videos
 from passerby.simulation.scene import SimulatedScene
 
 SCENE_FILE = "scene.toml"
+BOXES_FILE = "boxes.toml"
+"""Beside a scene file of videos: the same scene from boxes that are known."""
 OPTIONS_FILE = "simulation.toml"
+VIDEOS = "videos"
 
 
-def write_scene(simulated: SimulatedScene, directory: str | Path, keypoints: bool = False) -> Path:
+def write_scene(
+    simulated: SimulatedScene,
+    directory: str | Path,
+    keypoints: bool = False,
+    video: RenderOptions | None = None,
+    executor: Executor | None = None,
+    tell: Progress = silent,
+) -> Path:
     """Write a scene folder, whole or not at all, and return the path of its scene file.
 
     The folder holds `scene.toml` (identities given; to be found where they are unrelated), `intrinsics.toml` (lenses, no
@@ -35,6 +48,10 @@ def write_scene(simulated: SimulatedScene, directory: str | Path, keypoints: boo
     tracks), on request `keypoints/CAMERA.json` (COCO), and the truth: `truth.toml` (the rig with its poses), `truth/CAMERA.txt`
     (where identities are unrelated: the boxes of people with their true identities), `heights.csv`, `ground_positions.csv` and
     `simulation.toml` (the options and the cameras' clock offsets).
+
+    With `video`, `videos/CAMERA.mp4` show the scene and `scene.toml` names them alone: no boxes, no identities, no frame rate.
+    `boxes.toml` is then the scene file of the boxes, and `truth/CAMERA.txt` is there in any case. The videos are rendered side
+    by side by `executor`, or one after the other where it is None; `tell` is told of each that is done.
 
     A folder written by an earlier simulation is replaced as a whole. Raises `InputError` for one that holds anything else, or
     that cannot be written.
@@ -53,7 +70,9 @@ def write_scene(simulated: SimulatedScene, directory: str | Path, keypoints: boo
     try:
         new = workshop / "new"
         new.mkdir()
-        _write_files(simulated, new, target.name, keypoints)
+        _write_files(simulated, new, target.name, keypoints, video)
+        if video is not None:
+            write_videos(simulated, new / VIDEOS, video, executor, tell)
         if target.exists():
             target.rename(workshop / "old")
         new.rename(target)
@@ -70,7 +89,7 @@ def _cannot_write(directory: Path, error: OSError) -> InputError:
     return InputError(f"{directory}: cannot be written ({error.strerror or error}): choose a folder that you may write to")
 
 
-def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: bool) -> None:
+def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: bool, video: RenderOptions | None) -> None:
     lenses = Rig(tuple(replace(camera, pose=None, sigma=None) for camera in simulated.rig))
     write_rig(folder / "intrinsics.toml", lenses)
     write_rig(folder / "truth.toml", simulated.rig)
@@ -83,7 +102,7 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
             write_embeddings(folder / _embeddings(camera), boxes.embedding, boxes.frame)
         if keypoints:
             write_keypoints(folder / _keypoints(camera), seen.keypoints)
-    if simulated.options.unrelated_ids:
+    if simulated.options.unrelated_ids or video is not None:
         for camera, boxes in simulated.truth.items():
             write_boxes(folder / "truth" / f"{camera}.txt", boxes)
     write_text(folder / "heights.csv", _csv(("id", "height_m"), ((i, f"{h:.4f}") for i, h in simulated.heights.items())))
@@ -95,8 +114,14 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
     )
     write_text(folder / "ground_positions.csv", _csv(("frame", "id", "x_m", "y_m"), places))
     options = {key: value for key, value in asdict(simulated.options).items() if value is not None}
-    write_text(folder / OPTIONS_FILE, tomli_w.dumps({"options": options, "clock_offsets_s": simulated.clock_offsets}))
-    write_text(folder / SCENE_FILE, tomli_w.dumps(_scene(simulated, name, keypoints)))
+    made: dict[str, Any] = {"options": options, "clock_offsets_s": simulated.clock_offsets}
+    if video is not None:
+        made["video"] = asdict(video)
+    write_text(folder / OPTIONS_FILE, tomli_w.dumps(made))
+    scene = _scene(simulated, name, keypoints)
+    write_text(folder / (SCENE_FILE if video is None else BOXES_FILE), tomli_w.dumps(scene))
+    if video is not None:
+        write_text(folder / SCENE_FILE, tomli_w.dumps(_of_videos(scene)))
 
 
 def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, Any]:
@@ -120,6 +145,15 @@ def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, A
             "person_height_sd_m": max(options.person_height_sd_m, 0.01),
         },
     }
+
+
+def _of_videos(scene: dict[str, Any]) -> dict[str, Any]:
+    """The scene file of the videos, from that of the boxes: frame rates are the videos' own, identities are to be found."""
+    cameras = {
+        camera: {"intrinsics": table["intrinsics"], "video": f"{VIDEOS}/{camera}.mp4"}
+        for camera, table in scene["cameras"].items()
+    }
+    return scene | {"scene": {"name": scene["scene"]["name"]}, "cameras": cameras, "association": {"mode": "combined"}}
 
 
 def _tracks(camera: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -20,7 +21,7 @@ Floats = NDArray[np.float64]
 
 SUPERSAMPLING = 2
 RAY_PITCH_PX = 8
-"""Rays are computed at every so many pixels and interpolated: a lens bends them by less than a hundredth of a pixel in between."""
+"""Rays are computed at every so many pixels and interpolated: a lens bends them by less than a hundredth of a pixel there."""
 ROWS_AT_ONCE = 128
 
 
@@ -84,7 +85,8 @@ def _rays(camera: Camera, plane: Field, top: int, rows: int) -> Field:
     by_x, by_y = (x - left).astype(np.float32)[None, :, None], (y - above).astype(np.float32)[:, None, None]
     columns = plane[:, left] * (1 - by_x) + plane[:, left + 1] * by_x
     rays = columns[above] * (1 - by_y) + columns[above + 1] * by_y
-    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True), dtype=np.float32)
+    length = np.sqrt(rays[..., 0] ** 2 + rays[..., 1] ** 2 + rays[..., 2] ** 2)
+    return np.asarray(rays / length[..., None], dtype=np.float32)
 
 
 def _colours(camera: Camera, world: World, rays: Field) -> Field:
@@ -97,22 +99,34 @@ def _colours(camera: Camera, world: World, rays: Field) -> Field:
             np.float32
         )
         to_ground = np.where(rays[..., 2] < -1e-6, -eye[2] / rays[..., 2], np.inf).astype(np.float32)
-    axis = to_walls.argmin(axis=-1)
+    axis = (to_walls[..., 1] < to_walls[..., 0]).astype(np.int64)
     to_wall = np.minimum(to_walls[..., 0], to_walls[..., 1])
     colours = sky(rays, world.light, world.noise)
     on_wall = to_wall < to_ground
     _set(colours, on_wall, _wall_colours(world, eye, rays[on_wall], axis[on_wall], to_wall[on_wall], pixel))
     place = rays[~on_wall] * to_ground[~on_wall][:, None] + eye.astype(np.float32)
     _set(colours, ~on_wall, _ground_colours(world, place, rays[~on_wall], to_ground[~on_wall], half, pixel))
-    reach = np.minimum(to_wall, to_ground)
-    for block in world.blocks:
-        distance, side = meet(block, eye, rays)
-        nearer = distance < reach
-        if nearer.any():
-            at = rays[nearer] * distance[nearer][:, None] + eye.astype(np.float32)
-            _set(colours, nearer, _block_colours(world, block, at, rays[nearer], side[nearer], distance[nearer] * pixel))
-            reach = np.where(nearer, distance, reach)
+    _add_blocks(world, eye.astype(np.float32), rays.reshape(-1, 3), np.minimum(to_wall, to_ground).ravel(), colours, pixel)
     return colours
+
+
+def _add_blocks(world: World, eye: Field, rays: Field, reach: Field, colours: Field, pixel: np.float32) -> None:
+    """Draw the furniture over `colours`, in place, where it is nearer than `reach`, (N,) metres along the rays (N, 3)."""
+    flat = colours.reshape(-1, 3)
+    for block in world.blocks:
+        apart = block.middle - eye
+        distance = float(np.linalg.norm(apart))
+        cone = np.cos(np.arcsin(min(1.0, block.radius / distance)))
+        near = np.flatnonzero(np.einsum("nk,k->n", rays, (apart / distance).astype(np.float32)) >= cone - 1e-4)
+        if not len(near):
+            continue
+        enter, side = meet(block, eye, rays[near])
+        shown = enter < reach[near]
+        if shown.any():
+            seen = near[shown]
+            place = rays[seen] * enter[shown][:, None] + eye
+            flat[seen] = _block_colours(world, block, place, rays[seen], side[shown], enter[shown] * pixel)
+            reach[seen] = enter[shown]
 
 
 def _set(colours: Field, where: NDArray[np.bool_], values: Field) -> None:
@@ -122,12 +136,7 @@ def _set(colours: Field, where: NDArray[np.bool_], values: Field) -> None:
     colours.reshape(-1, 3)[inside] = values[known]
 
 
-def _column(values: Field) -> Field:
-    """A column of values as a picture: OpenCV's remap takes no longer lists than 32767."""
-    return values.reshape(-1, 1)
-
-
-def _wall_colours(world: World, eye: Floats, rays: Field, axis: Field, reach: Field, pixel: np.float32) -> Field:
+def _wall_colours(world: World, eye: Floats, rays: Field, axis: NDArray[np.int64], reach: Field, pixel: np.float32) -> Field:
     """(N, 3); NaN where there is only sky."""
     if not len(rays):
         return rays
@@ -137,7 +146,7 @@ def _wall_colours(world: World, eye: Floats, rays: Field, axis: Field, reach: Fi
     side = (axis + 2 * (facing < 0)).astype(np.float32)
     colours, there = _in_pieces(lambda a, u, s, f: wall(a, u, s, f, world.noise), along, place[:, 2], side, reach * pixel)
     normals = np.zeros((len(rays), 3))
-    normals[np.arange(len(rays)), axis.astype(int)] = -np.sign(facing)
+    normals[np.arange(len(rays)), axis] = -np.sign(facing)
     lit = colours * world.light.on(normals).astype(np.float32)
     return np.where(there[:, None], lit, np.float32(np.nan))
 
@@ -146,25 +155,36 @@ def _ground_colours(world: World, place: Field, rays: Field, reach: Field, half:
     """(N, 3) with the shadows of the furniture, and darker along the walls."""
     if not len(rays):
         return rays
-    footprint = reach * pixel / np.sqrt(np.maximum(-rays[:, 2], 0.01))
+    # Between the pixel's width and its length along the ground: lines far away fade instead of breaking up into dashes.
+    footprint = np.asarray(reach * pixel / np.maximum(-rays[:, 2], 0.01) ** 0.75, dtype=np.float32)
     (colours,) = _in_pieces(
         lambda x, y, f: (ground(world.name, world.preset, x, y, f, world.noise),), place[:, 0], place[:, 1], footprint
     )
     from_wall = np.minimum(half[0] - np.abs(place[:, 0]), half[1] - np.abs(place[:, 1]))
     brightness = world.light.on(np.array([[0.0, 0.0, 1.0]]))[0, 0] * (1 - 0.35 * np.exp(-np.maximum(from_wall, 0) / 0.6))
     if world.light.sunny:
-        sun = np.broadcast_to(world.light.towards_sun.astype(np.float32), place.shape)
-        outside = np.flatnonzero((np.abs(place[:, :2]) > np.asarray(world.preset.area_m) / 2 - 2.0).any(axis=1))
-        shadowed = np.zeros(len(place), dtype=np.bool_)
-        for block in world.blocks:
-            shadowed[outside] |= np.isfinite(meet(block, place[outside], sun[outside])[0])
-        brightness = np.where(shadowed, SHADOW * brightness, brightness)
+        brightness[_shadowed(world, place)] *= SHADOW
     return np.asarray(colours * brightness[:, None], dtype=np.float32)
 
 
-def _block_colours(world: World, block: Block, place: Field, rays: Field, side: Field, footprint: Field) -> Field:
-    """(N, 3)."""
-    axis = side.astype(int)
+def _shadowed(world: World, place: Field) -> NDArray[np.int64]:
+    """Indices of those places on the ground (N, 3) that lie in the shadow of a piece of furniture."""
+    sun = world.light.towards_sun.astype(np.float32)
+    flat = float(np.hypot(sun[0], sun[1]) / sun[2])
+    dark = [np.zeros(0, dtype=np.int64)]
+    for block in world.blocks:
+        # From a block the shadow goes away from the sun, over its height by the sun's slope.
+        length = block.high[2] * flat
+        middle = block.middle[:2] - sun[:2] / np.hypot(sun[0], sun[1]) * length / 2
+        reach = length / 2 + block.radius
+        x, y = place[:, 0] - np.float32(middle[0]), place[:, 1] - np.float32(middle[1])
+        near = np.flatnonzero((np.abs(x) < reach) & (np.abs(y) < reach))
+        dark.append(near[np.isfinite(meet(block, place[near], sun)[0])])
+    return np.unique(np.concatenate(dark))
+
+
+def _block_colours(world: World, block: Block, place: Field, rays: Field, axis: NDArray[np.int64], footprint: Field) -> Field:
+    """(N, 3) the sides of a block, whose normals lie along the world's axes `axis`."""
     normals = np.zeros((len(rays), 3))
     index = np.arange(len(rays))
     normals[index, axis] = -np.sign(rays[index, axis])
@@ -175,8 +195,8 @@ def _block_colours(world: World, block: Block, place: Field, rays: Field, side: 
     return np.asarray(colour * world.light.on(normals), dtype=np.float32)
 
 
-def _in_pieces(function, *columns):  # type: ignore[no-untyped-def]
-    """A texture function of pictures, applied to columns (N,) of any length."""
+def _in_pieces(function: Callable[..., tuple[Field, ...]], *columns: Field) -> tuple[Field, ...]:
+    """A texture function of pictures, applied to columns (N,) of any length: OpenCV's remap takes none longer than 32767."""
     count = len(columns[0])
     width = 4096
     padded = [np.resize(np.asarray(column, dtype=np.float32), (-(-count // width), width)) for column in columns]

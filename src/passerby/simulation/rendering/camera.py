@@ -93,7 +93,7 @@ def pictures(job: CameraJob) -> Iterator[Picture]:
     world = World.drawn(job.preset, job.middle, light, building)
     outfits = draw_outfits(job.options.clothes, len(job.heights), dressing)
     painter = PeoplePainter(job.camera, job.heights, outfits, light, _grain(graining))
-    caster = ShadowCaster(job.camera, light)
+    caster = ShadowCaster(job.camera, job.heights, outfits, light)
     sensor = Sensor(job.camera.lens.size, job.options, sensing.spawn(job.index + 1)[-1])
     empty = background(job.camera, world)
     stretch = max(1, BODIES_AT_ONCE // len(job.heights))
@@ -103,9 +103,8 @@ def pictures(job: CameraJob) -> Iterator[Picture]:
         joints = pose_joints(state, job.heights)
         for seconds, body, there in zip(times.tolist(), joints, present & job.here, strict=True):
             frame = empty.copy()
-            surfaces = painter.surfaces(body, there)
-            caster.cast(frame, surfaces, [painter.worn(surface) for surface in surfaces], body, job.heights)
-            for surface in surfaces:
+            caster.cast(frame, body, there)
+            for surface in painter.surfaces(body, there):
                 painter.paint(frame, surface)
             yield sensor(frame, seconds)
 

@@ -24,22 +24,27 @@ FINE_FROM_PX = 110.0
 SUPERSAMPLING = 2
 SHIFT = 4
 """Fractional bits of the corners that are passed to OpenCV."""
+LIMIT_PX = 8000.0
+"""Corners farther outside the picture are moved to here: OpenCV's fixed-point numbers end."""
 GRAIN = 0.05
 """How much cloth varies in brightness, from fold to fold."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A person who stands before a camera."""
+    """A person who stands before a camera: the quads that face it, from the farthest to the nearest."""
 
     person: int
     depth: float
     """Mean distance from the camera, metres: people are drawn from the farthest to the nearest."""
-    template: Template
-    points: Floats
-    """(V, 3) world, metres."""
-    pixels: Floats
-    """(V, 2)."""
+    low: Floats
+    """(2,) left and top of the whole body in the picture, pixels."""
+    high: Floats
+    """(2,) right and bottom."""
+    polygons: Floats
+    """(Q, 4, 2) the quads' corners, pixels."""
+    colours: Floats
+    """(Q, 3) their colours in the light of the scene."""
 
 
 class PeoplePainter:
@@ -90,22 +95,27 @@ class PeoplePainter:
         points = pose_surface(shape, joints[people], self._heights[people], self._builds[people])
         pixels = self._camera.project(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
         low, high = pixels.min(axis=1), pixels.max(axis=1)
-        inside = (high > 0).all(axis=1) & (low < np.array(self._camera.lens.size)).all(axis=1)
-        return [
-            Surface(int(person), float(depth[person]), shape, points[row], pixels[row])
-            for row, person in enumerate(people)
-            if inside[row]
-        ]
-
-    def worn(self, surface: Surface) -> NDArray[np.bool_]:
-        """(F,) which of a person's quads there are."""
-        return np.asarray(self._wardrobes[surface.template is template(True)].worn[surface.person])
+        corners = points[:, shape.quads]
+        normals = np.cross(corners[:, :, 2] - corners[:, :, 0], corners[:, :, 3] - corners[:, :, 1])
+        towards = self._camera.centre - corners.mean(axis=2)
+        distance = np.einsum("pfk,pfk->pf", towards, towards)
+        wardrobe = self._wardrobes[shape is template(True)]
+        shown = (np.einsum("pfk,pfk->pf", normals, towards) > 0) & wardrobe.worn[people]
+        normals /= np.maximum(np.sqrt(np.einsum("pfk,pfk->pf", normals, normals)), 1e-12)[..., None]
+        colours = np.clip(wardrobe.colours[people] * self._light.on(normals), 0, 255)
+        order = np.argsort(np.where(shown, -distance, np.inf), axis=1, kind="stable")
+        found = []
+        for row in np.flatnonzero((high > 0).all(axis=1) & (low < np.array(self._camera.lens.size)).all(axis=1)):
+            person, drawn = int(people[row]), order[row, : np.count_nonzero(shown[row])]
+            polygons = pixels[row, shape.quads[drawn]]
+            found.append(Surface(person, float(depth[person]), low[row], high[row], polygons, colours[row, drawn]))
+        return found
 
     def paint(self, frame: Picture, surface: Surface) -> None:
         """Draw a person over a frame, in place."""
         width, height = self._camera.lens.size
-        left, top = np.maximum(np.floor(surface.pixels.min(axis=0)).astype(int) - 1, 0)
-        right, bottom = np.minimum(np.ceil(surface.pixels.max(axis=0)).astype(int) + 2, (width, height))
+        left, top = np.maximum(np.floor(surface.low).astype(int) - 1, 0)
+        right, bottom = np.minimum(np.ceil(surface.high).astype(int) + 2, (width, height))
         if right <= left or bottom <= top:
             return
         size = int(right - left), int(bottom - top)
@@ -117,30 +127,17 @@ class PeoplePainter:
 
     def _patch(self, surface: Surface, origin: tuple[int, int], size: tuple[int, int]) -> Picture:
         """(h, w, 4) the person alone: colours times coverage, and coverage."""
-        shape = surface.template
-        quads = shape.quads
-        wardrobe = self._wardrobes[shape is template(True)]
-        corners = surface.points[quads]
-        normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-        towards = self._camera.centre - corners.mean(axis=1)
-        shown = (np.einsum("fk,fk->f", normals, towards) > 0) & self.worn(surface)
-        distance = np.einsum("fk,fk->f", towards, towards)
-        order = np.flatnonzero(shown)
-        order = order[np.argsort(-distance[order], kind="stable")]
-        unit = normals[order] / np.maximum(np.linalg.norm(normals[order], axis=1, keepdims=True), 1e-12)
-        colours = np.clip(wardrobe.colours[surface.person, order] * self._light.on(unit), 0, 255)
         # A pixel's middle has whole coordinates, in the finer picture too.
-        fine = (surface.pixels - origin) * SUPERSAMPLING + (SUPERSAMPLING - 1) / 2
-        limit = 4000.0 * SUPERSAMPLING
-        polygons = np.round(np.clip(fine, -limit, limit)[quads[order]] * (1 << SHIFT)).astype(np.int32)
+        fine = (surface.polygons - origin) * SUPERSAMPLING + (SUPERSAMPLING - 1) / 2
+        polygons = np.round(np.clip(fine, -LIMIT_PX, LIMIT_PX) * (1 << SHIFT)).astype(np.int32)
         canvas = np.zeros((size[1] * SUPERSAMPLING, size[0] * SUPERSAMPLING, 4), dtype=np.uint8)
-        for polygon, (blue, green, red) in zip(polygons, colours.tolist(), strict=True):
+        for polygon, (blue, green, red) in zip(polygons, surface.colours.tolist(), strict=True):
             cv2.fillConvexPoly(canvas, polygon, (blue, green, red, 255.0), cv2.LINE_8, SHIFT)
         return np.asarray(cv2.resize(canvas, size, interpolation=cv2.INTER_AREA))
 
     def _with_grain(self, colours: Picture, surface: Surface, origin: tuple[int, int]) -> Picture:
         """The folds of cloth move with the person: the field is tied to the corner of the whole body's box."""
-        low, high = surface.pixels.min(axis=0), surface.pixels.max(axis=0)
+        low, high = surface.low, surface.high
         scale = 56.0 / max(float(high[1] - low[1]), 1.0)
         row = 61 * surface.person % 128
         move = np.array([[scale, 0.0, (origin[0] - low[0]) * scale + row], [0.0, scale, (origin[1] - low[1]) * scale + row]])

@@ -39,26 +39,26 @@ def _paving(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) 
     joints = np.maximum(
         line(grid(x - STONE_M / 2, STONE_M), 0.012, footprint), line(grid(y - STONE_M / 2, STONE_M), 0.012, footprint)
     )
-    return mixed(colour, (80, 85, 88), 0.8 * joints)
+    return mixed(colour, (80, 85, 88), np.float32(0.8) * joints)
 
 
 def _court(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) -> Field:
     """A painted court with white lines, asphalt around it."""
-    half_x, half_y = COURT_SHARE * np.array(preset.area_m)
+    half_x, half_y = (np.float32(COURT_SHARE * extent) for extent in preset.area_m)
     inside = ((np.abs(x) < half_x) & (np.abs(y) < half_y)).astype(np.float32)
     rough = 9 * noise.octaves(x, y, COARSE, footprint) + 12 * noise.octaves(y, x, FINE, footprint)
     asphalt = np.stack([108 + rough, 110 + rough, 112 + rough], axis=-1)
     paint = np.stack([118 + 0.7 * rough, 128 + 0.7 * rough, 88 + 0.7 * rough], axis=-1)
     colour = mixed(asphalt, paint, inside)
-    radius = np.hypot(x, y)
+    radius = np.asarray(np.hypot(x, y), dtype=np.float32)
     along = np.abs(y)
     within_x, within_y = (np.abs(x) < half_x + 0.025), (along < half_y + 0.025)
     lines = line(np.abs(x) - half_x, 0.05, footprint) * within_y
     lines = np.maximum(lines, line(along - half_y, 0.05, footprint) * within_x)
     lines = np.maximum(lines, line(y, 0.05, footprint) * within_x)
     lines = np.maximum(lines, line(radius - 1.8, 0.05, footprint))
-    key = 0.32 * half_x
-    reach = half_y - 5.8 * half_y / 14
+    key = np.float32(0.32 * half_x)
+    reach = np.float32(half_y * (1 - 5.8 / 14))
     lines = np.maximum(lines, line(np.abs(x) - key, 0.05, footprint) * ((along > reach) & within_y))
     lines = np.maximum(lines, line(along - reach, 0.05, footprint) * (np.abs(x) < key))
     arc = np.hypot(x, along - half_y + 1.6)
@@ -76,9 +76,9 @@ def _site(preset: Preset, x: Field, y: Field, footprint: Field, noise: Noise) ->
     edge_x, edge_y = 0.27 * preset.area_m[0], 0.30 * preset.area_m[1]
     slab = ((np.abs(x + 0.1 * preset.area_m[0]) < edge_x) & (np.abs(y - 2) < edge_y)).astype(np.float32)
     seams = np.maximum(line(grid(x, 3.0), 0.02, footprint), line(grid(y, 3.0), 0.02, footprint))
-    wander = x + 0.12 * y + 1.2 * noise.smooth(y, np.zeros_like(y) + 7, 6.0)
+    wander: Field = x + 0.12 * y + 1.2 * noise.smooth(y, np.zeros_like(y) + 7, 6.0)
     track = np.maximum(line(wander - 6.5, 0.35, footprint), line(wander - 8.3, 0.35, footprint)) * (
         0.7 + 0.3 * noise.smooth(x, y, 0.15)
     )
     colour = mixed(earth, (62, 76, 88), np.asarray(0.55 * track, dtype=np.float32))
-    return mixed(colour, mixed(concrete, (105, 105, 105), 0.8 * seams), slab)
+    return mixed(colour, mixed(concrete, (105, 105, 105), np.float32(0.8) * seams), slab)

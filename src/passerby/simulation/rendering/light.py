@@ -34,8 +34,9 @@ class Light:
         return cls(np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]), sunny)
 
     def on(self, normals: Floats) -> Floats:
-        """(N, 1) brightness of surfaces with unit normals (N, 3): Lambert's law for the sun, half of the sky for what looks down."""
-        sky = 0.80 + 0.20 * normals[:, 2:]
+        """(..., 1) brightness of surfaces with unit normals (..., 3): Lambert's law, less sky where they look down."""
+        sky = 0.80 + 0.20 * normals[..., 2:]
         if not self.sunny:
             return np.asarray(OVERCAST * sky)
-        return np.asarray(AMBIENT * sky + SUN * np.maximum(normals @ self.towards_sun, 0.0)[:, None])
+        facing = np.einsum("...k,k->...", normals, self.towards_sun)
+        return np.asarray(AMBIENT * sky + SUN * np.maximum(facing, 0.0)[..., None])

@@ -1,7 +1,7 @@
 """A person's surface: rings of points around the joints, and the quads between them.
 
-The surface follows the spheres of `passerby.simulation.body`, whose hull is a person's true box, as closely as a human shape allows:
-head to soles exactly, hands, elbows, feet and the trunk's sides within about a hundredth of the standing height.
+The surface follows the spheres of `passerby.simulation.body`, whose hull is a person's true box, as closely as a human shape
+allows: head to soles exactly, hands, elbows, feet and the trunk's sides within about a hundredth of the standing height.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ Ints = NDArray[np.int64]
 PARTS = ("trunk", "neck", "head", "arm", "hand", "leg", "shoe", "hair", "skirt", "backpack", "brim")
 """Kinds of parts; the last four are worn by some people only."""
 OPTIONAL = ("hair", "skirt", "backpack", "brim")
+CONVEX = {"trunk": 4, "arm": 6, "leg": 5}
+"""So many bands of a part are nearly convex together: limbs are cut at the elbow and the knee. Other parts are convex."""
 
 _FRAMES = (
     ("chest", "pelvis"),
@@ -83,10 +85,10 @@ class Template:
     """(F,) number of the band between two rings in its part, from 0 at the top (the heel, for a shoe)."""
     angle: Floats
     """(F,) radians about the axis: 0 on the body's left, pi / 2 in front."""
-    segment_of: Ints
-    """(F,) convex piece that a quad belongs to, for shadows."""
-    segments: tuple[Ints, ...]
-    """Indices of the points of each convex piece."""
+    piece: Ints
+    """(F,) nearly convex piece that a quad belongs to, for shadows."""
+    pieces: tuple[Ints, ...]
+    """Indices of the points of each piece."""
 
     def faces(self, part: str) -> NDArray[np.bool_]:
         """(F,) which quads belong to a kind of part."""
@@ -147,7 +149,7 @@ class _Builder:
         self._points: list[tuple[int, int, float, int, float, float, float]] = []
         self._quads: list[tuple[int, int, int, int]] = []
         self._faces: list[tuple[int, int, float, int]] = []
-        self._segments: list[list[int]] = []
+        self._pieces: list[list[int]] = []
 
     def add(self, part: str, rings: Sequence[_Ring], sides: int, power: float) -> None:
         """A tube; its ends are closed where the outer rings are small. Below a power of 1 the rings are squarish."""
@@ -161,14 +163,14 @@ class _Builder:
                 self._points.append((*joints, ring.place, _FRAMES.index(ring.axis), *offsets))
         for row in range(len(rings) - 1):
             above, below = base + row * sides, base + (row + 1) * sides
-            if row % 2 == 0:  # two bands are nearly convex together
-                self._segments.append([])
-            self._segments[-1] += range(above, below + sides)
+            if row % CONVEX.get(part, len(rings)) == 0:
+                self._pieces.append([])
+            self._pieces[-1] += range(above, below + sides)
             for column in range(sides):
                 after = (column + 1) % sides
                 self._quads.append((above + column, above + after, below + after, below + column))
                 angle = 2 * np.pi * (column + 0.5) / sides
-                self._faces.append((PARTS.index(part), row, angle, len(self._segments) - 1))
+                self._faces.append((PARTS.index(part), row, angle, len(self._pieces) - 1))
 
     def template(self) -> Template:
         """All that was added."""
@@ -184,8 +186,8 @@ class _Builder:
             part=faces[:, 0].astype(np.int64),
             ring=faces[:, 1].astype(np.int64),
             angle=faces[:, 2],
-            segment_of=faces[:, 3].astype(np.int64),
-            segments=tuple(np.unique(points) for points in self._segments),
+            piece=faces[:, 3].astype(np.int64),
+            pieces=tuple(np.unique(points) for points in self._pieces),
         )
 
 
@@ -197,7 +199,6 @@ def _tubes() -> list[tuple[str, list[_Ring], int, float]]:
         ("head", _head(), 14, 1.0),
         ("hair", _long_hair(), 10, 1.0),
         ("brim", _brim(), 12, 1.0),
-        ("skirt", _skirt(), 14, 0.9),
         ("backpack", _backpack(), 8, 0.5),
     ]
     for side in ("left", "right"):
@@ -205,6 +206,7 @@ def _tubes() -> list[tuple[str, list[_Ring], int, float]]:
             ("arm", _arm(side), 9, 1.0),
             ("hand", _hand(side), 6, 1.0),
             ("leg", _leg(side), 10, 1.0),
+            ("skirt", _skirt(side), 10, 0.9),
             ("shoe", _shoe(side), 8, 0.8),
         ]
     return tubes
@@ -272,10 +274,11 @@ def _brim() -> list[_Ring]:
     return [_Ring("head", "head", 0.0, across, deep, ("up", "up"), ahead, above) for above, across, deep, ahead in rows]
 
 
-def _skirt() -> list[_Ring]:
-    """From the waist to above the knees; it follows the pelvis."""
-    rows = ((0.30, 0.090, 0.060), (0.10, 0.104, 0.072), (-0.15, 0.112, 0.082), (-0.42, 0.118, 0.090), (-0.64, 0.122, 0.094))
-    return [_Ring("pelvis", "chest", place, across, deep, ("chest", "pelvis")) for place, across, deep in rows]
+def _skirt(side: str) -> list[_Ring]:
+    """Half of a skirt: from the waist to above the knee, around the thigh, so that it follows a bend of the hips."""
+    hip, knee = f"{side}_hip", f"{side}_knee"
+    rows = ((-0.30, 0.030, 0.050), (-0.10, 0.050, 0.066), (0.20, 0.056, 0.070), (0.55, 0.058, 0.070), (0.85, 0.060, 0.072))
+    return [_Ring(hip, knee, place, across, deep, (hip, knee)) for place, across, deep in rows]
 
 
 def _backpack() -> list[_Ring]:
@@ -334,5 +337,6 @@ def _shoe(side: str) -> list[_Ring]:
     heel, toe = f"{side}_heel", f"{side}_toe"
     axis = (heel, toe)
     rows = ((-0.16, 0.010, 0.010, 0.0), (-0.10, 0.020, 0.021, 0.002), (0.10, 0.025, 0.030, 0.010), (0.30, 0.026, 0.030, 0.010),
-            (0.55, 0.027, 0.023, 0.003), (0.85, 0.030, 0.019, -0.001), (1.05, 0.025, 0.016, -0.004), (1.15, 0.010, 0.009, -0.006))  # fmt: skip
+            (0.55, 0.027, 0.023, 0.003), (0.85, 0.030, 0.019, -0.001), (1.05, 0.025, 0.016, -0.004),
+            (1.15, 0.010, 0.009, -0.006))  # fmt: skip
     return [_Ring(heel, toe, place, across, deep, axis, ahead) for place, across, deep, ahead in rows]

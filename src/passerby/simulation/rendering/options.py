@@ -16,8 +16,7 @@ class RenderOptions:
     """Options of the pictures. Raises `InputError` for a value out of range."""
 
     clothes: str = "individual"
-    """individual (everybody's own) | alike (the same high-visibility vest and trousers for all: only height, hair, skin and shoes
-    differ)."""
+    """individual (everybody's own) | alike (the same vest and trousers for all: only height, hair, skin and shoes differ)."""
     shadows: bool = True
     """The sun casts shadows; without, the sky is overcast and there are contact shadows only."""
     noise: float = 2.5

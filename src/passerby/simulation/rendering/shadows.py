@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +12,10 @@ from passerby.cameras import Camera
 from passerby.perception.pictures import Picture
 from passerby.simulation.body import JOINTS
 from passerby.simulation.observe import NEAREST_M
-from passerby.simulation.rendering.drawing import Surface
+from passerby.simulation.rendering.clothes import Outfit, dress
+from passerby.simulation.rendering.drawing import LIMIT_PX
 from passerby.simulation.rendering.light import SHADOW, Light
+from passerby.simulation.rendering.mesh import pose_surface, template
 
 Floats = NDArray[np.float64]
 
@@ -23,40 +27,49 @@ EDGE_PX = 1.5
 CONTACT = 0.72
 """Brightness right under a foot, where even the sky is hidden."""
 CONTACT_M = 0.16
+CONTACT_FADE_M = 0.08
+"""Over this height of the foot the blot loses all but a third of its darkness."""
 
 
 class ShadowCaster:
     """Darkens the ground of one camera's frames."""
 
-    def __init__(self, camera: Camera, light: Light) -> None:
-        self._camera, self._light = camera, light
+    def __init__(self, camera: Camera, heights: Floats, outfits: tuple[Outfit, ...], light: Light) -> None:
+        """Set up.
+
+        Args:
+            camera: with a pose.
+            heights: (P,) metres.
+            outfits: of the P people.
+            light: of the scene.
+        """
+        self._camera, self._heights, self._light = camera, heights, light
         width, height = camera.lens.size
         self._size = (-(-width // SCALE), -(-height // SCALE))
+        self._builds = np.array([outfit.build for outfit in outfits])
+        self._shape = template(False)
+        self._pieces = [np.unique(self._shape.piece[worn]).tolist() for worn in dress(self._shape, outfits).worn]
 
-    def cast(
-        self, frame: Picture, surfaces: list[Surface], worn: list[NDArray[np.bool_]], joints: Floats, heights: Floats
-    ) -> None:
-        """Draw the shadows of all people, in place.
+    def cast(self, frame: Picture, joints: Floats, present: NDArray[np.bool_]) -> None:
+        """Draw the shadows of all people, in place; of people outside the picture too.
 
         Args:
             frame: the background.
-            surfaces: whose.
-            worn: per surface, (F,) which of its quads there are.
             joints: (P, J, 3) world, metres.
-            heights: (P,) metres.
+            present: (P,) who is there.
         """
-        brightness = np.full(self._size[::-1], 255, dtype=np.uint8)
-        for surface in surfaces:
-            self._contact(brightness, joints[surface.person], heights[surface.person], surface.depth)
-        if self._light.sunny:
-            for surface, there in zip(surfaces, worn, strict=True):
-                self._sun(brightness, surface, there)
-        touched = cv2.boundingRect(255 - brightness)
-        if not touched[2]:
+        people = np.flatnonzero(present)
+        if not len(people):
             return
-        self._darken(frame, brightness, touched)
+        brightness = np.full(self._size[::-1], 255, dtype=np.uint8)
+        self._contacts(brightness, joints[people], self._heights[people])
+        if self._light.sunny:
+            self._sun(brightness, joints[people], people)
+        touched = cv2.boundingRect(255 - brightness)
+        if touched[2]:
+            self._darken(frame, brightness, touched)
 
-    def _darken(self, frame: Picture, brightness: Picture, touched: tuple[int, int, int, int]) -> None:
+    def _darken(self, frame: Picture, brightness: Picture, touched: Sequence[int]) -> None:
         """Multiply the part of the frame that shadows touch, with soft edges."""
         pad = 4
         left, top = max(touched[0] - pad, 0), max(touched[1] - pad, 0)
@@ -67,40 +80,46 @@ class ShadowCaster:
         large = cv2.cvtColor(large[: part.shape[0], : part.shape[1]], cv2.COLOR_GRAY2BGR)
         part[:] = cv2.multiply(part, large, scale=1 / 255)
 
-    def _sun(self, brightness: Picture, surface: Surface, there: NDArray[np.bool_]) -> None:
+    def _sun(self, brightness: Picture, joints: Floats, people: NDArray[np.int64]) -> None:
         """The shadow of each nearly convex piece of a body is the hull of its points' shadows."""
         sun = self._light.towards_sun
-        points = surface.points - (np.maximum(surface.points[:, 2:], 0.0) / sun[2]) * sun
+        points = pose_surface(self._shape, joints, self._heights[people], self._builds[people])
+        points -= (np.maximum(points[..., 2:], 0.0) / sun[2]) * sun
         pixels, ahead = self._project(points)
-        shape = surface.template
-        seen = set(np.unique(shape.segment_of[there]).tolist())
-        for number, members in enumerate(shape.segments):
-            if number in seen and ahead[members].all():
-                hull = cv2.convexHull(pixels[members])
-                cv2.fillConvexPoly(brightness, hull, (round(255 * SHADOW),), cv2.LINE_AA, SHIFT)
+        for row, person in enumerate(people.tolist()):
+            whole = bool(ahead[row].all())
+            for piece in self._pieces[person]:
+                members = self._shape.pieces[piece]
+                if whole or ahead[row, members].all():
+                    self._fill(brightness, pixels[row, members], SHADOW)
 
-    def _contact(self, brightness: Picture, joints: Floats, height: float, depth: float) -> None:
+    def _contacts(self, brightness: Picture, joints: Floats, heights: Floats) -> None:
         """A dark blot around each foot that is on the ground; it fades as the foot rises."""
-        for side in ("left", "right"):
-            heel, toe = (joints[JOINTS.index(f"{side}_{end}")] for end in ("heel", "toe"))
-            lifted = min(heel[2], toe[2]) - 0.02 * height
-            strength = (1 - CONTACT) * float(np.exp(-max(lifted, 0.0) / 0.08))
-            along = (toe - heel)[:2] / max(float(np.linalg.norm((toe - heel)[:2])), 1e-6)
-            aside = np.array([-along[1], along[0]])
-            middle = (heel + toe)[:2] / 2
-            turns = np.linspace(0, 2 * np.pi, 12, endpoint=False)[:, None]
-            for size, share in ((1.0, 0.5), (0.6, 1.0)):
-                ring = middle + size * CONTACT_M * (1.35 * np.cos(turns) * along + 0.8 * np.sin(turns) * aside)
-                pixels, ahead = self._project(np.column_stack([ring, np.zeros(len(ring))]))
-                if ahead.all():
-                    level = round(255 * (1 - share * strength))
-                    cv2.fillConvexPoly(brightness, cv2.convexHull(pixels), (level,), cv2.LINE_AA, SHIFT)
+        ends = [[JOINTS.index(f"{side}_{end}") for side in ("left", "right")] for end in ("heel", "toe")]
+        heel, toe = (joints[:, end] for end in ends)
+        lifted = np.minimum(heel[..., 2], toe[..., 2]) - 0.02 * heights[:, None]
+        strength = (1 - CONTACT) * np.exp(-np.maximum(lifted, 0.0) / CONTACT_FADE_M)
+        along = (toe - heel)[..., :2]
+        along = along / np.maximum(np.hypot(along[..., 0], along[..., 1]), 1e-6)[..., None]
+        aside = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+        turns = np.linspace(0, 2 * np.pi, 12, endpoint=False)[:, None]
+        ring = 1.35 * np.cos(turns) * along[..., None, :] + 0.8 * np.sin(turns) * aside[..., None, :]
+        middle = (heel + toe)[..., None, :2] / 2
+        for size, share in ((1.0, 0.5), (0.6, 1.0)):
+            flat = middle + size * CONTACT_M * ring
+            pixels, ahead = self._project(np.concatenate([flat, np.zeros_like(flat[..., :1])], axis=-1))
+            for foot in np.argwhere(ahead.all(axis=-1)).tolist():
+                self._fill(brightness, pixels[tuple(foot)], 1 - share * float(strength[tuple(foot)]))
+
+    @staticmethod
+    def _fill(brightness: Picture, pixels: NDArray[np.int32], level: float) -> None:
+        cv2.fillConvexPoly(brightness, cv2.convexHull(pixels), (round(255 * level),), cv2.LINE_8, SHIFT)
 
     def _project(self, points: Floats) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-        """(N, 2) pixels of the small picture with `SHIFT` fractional bits; (N,) which points are far enough ahead."""
+        """(..., 2) pixels of the small picture with `SHIFT` fractional bits; (...) which points are far enough ahead."""
         pose = self._camera.pose
         assert pose is not None
-        ahead = np.einsum("nk,k->n", points, pose.R_cw[2]) + pose.t_cw[2] > NEAREST_M
-        safe = np.where(ahead[:, None], points, self._camera.centre + pose.R_cw[2])
-        pixels = (self._camera.project(safe) - (SCALE - 1) / 2) / SCALE
-        return np.round(np.clip(pixels, -4000, 4000) * (1 << SHIFT)).astype(np.int32), ahead
+        ahead = np.einsum("...k,k->...", points, pose.R_cw[2]) + pose.t_cw[2] > NEAREST_M
+        safe = np.where(ahead[..., None], points, self._camera.centre + pose.R_cw[2])
+        pixels = (self._camera.project(safe.reshape(-1, 3)).reshape(*points.shape[:-1], 2) - (SCALE - 1) / 2) / SCALE
+        return np.round(np.clip(pixels, -LIMIT_PX, LIMIT_PX) * (1 << SHIFT)).astype(np.int32), ahead

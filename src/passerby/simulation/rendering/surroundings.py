@@ -28,6 +28,16 @@ class Block:
     high: tuple[float, float, float]
     colour: tuple[float, float, float]
 
+    @property
+    def middle(self) -> Floats:
+        """(3,) its centre."""
+        return np.asarray((np.array(self.low) + np.array(self.high)) / 2)
+
+    @property
+    def radius(self) -> float:
+        """Of the sphere around it."""
+        return float(np.linalg.norm(np.array(self.high) - np.array(self.low)) / 2)
+
 
 def draw_blocks(name: str, preset: Preset, rng: np.random.Generator) -> tuple[Block, ...]:
     """Boxes and posts in the ring between the cameras and the buildings, where nobody walks and no camera looks past them."""
@@ -51,24 +61,27 @@ def draw_blocks(name: str, preset: Preset, rng: np.random.Generator) -> tuple[Bl
     return tuple(blocks)
 
 
-def meet(block: Block, origin: Floats, rays: Field) -> tuple[Field, Field]:
+def meet(block: Block, origin: Field, rays: Field) -> tuple[Field, NDArray[np.int64]]:
     """Where rays enter a block.
 
     Args:
         block: the block.
-        origin: (3,) or (..., 3) where the rays start, metres.
-        rays: (..., 3) directions.
+        origin: (3,) or (N, 3) where the rays start, metres.
+        rays: (N, 3) or (3,) directions.
 
     Returns:
-        (...) distance in units of the ray's length, infinite where it misses; (...) the axis (0, 1, 2) of the side that it meets.
+        (N,) distance in units of the ray's length, infinite where it misses; (N,) the axis (0, 1, 2) of the side that it meets.
     """
+    entries, enter, leave = [], np.float32(-np.inf), np.float32(np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
-        first = (np.array(block.low, dtype=np.float32) - origin.astype(np.float32)) / rays
-        second = (np.array(block.high, dtype=np.float32) - origin.astype(np.float32)) / rays
-    near, far = np.minimum(first, second), np.maximum(first, second)
-    enter = near.max(axis=-1)
-    hit = (enter < far.min(axis=-1)) & (enter > 1e-4)
-    return np.where(hit, enter, np.float32(np.inf)), near.argmax(axis=-1).astype(np.float32)
+        for axis in range(3):
+            first = (np.float32(block.low[axis]) - origin[..., axis]) / rays[..., axis]
+            second = (np.float32(block.high[axis]) - origin[..., axis]) / rays[..., axis]
+            entries.append(np.minimum(first, second))
+            enter, leave = np.maximum(enter, entries[-1]), np.minimum(leave, np.maximum(first, second))
+    side = np.where(enter == entries[0], 0, np.where(enter == entries[1], 1, 2))
+    hit = (enter < leave) & (enter > 1e-4)
+    return np.asarray(np.where(hit, enter, np.float32(np.inf)), dtype=np.float32), side
 
 
 def sky(rays: Field, light: Light, noise: Noise) -> Field:

@@ -22,7 +22,7 @@ class Noise:
 
     def smooth(self, x: Field, y: Field, cell: float) -> Field:
         """About -1 to 1, interpolated between values at every `cell` metres of the places `x`, `y` (any shape)."""
-        u, v = (np.mod(axis / np.float32(cell), TILE) for axis in (x, y))
+        u, v = (axis * np.float32(1 / cell) for axis in (x, y))
         return np.asarray(cv2.remap(self._tile, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), dtype=np.float32)
 
     def of_cells(self, column: Field, row: Field) -> Field:
