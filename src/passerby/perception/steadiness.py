@@ -22,8 +22,8 @@ from passerby.perception.pictures import Frame, Picture
 THUMBNAIL_PX = 480
 CELL = 32
 MARGIN = 8
-WINDOW = (17, 17)
-NORMALISING_PX = 31
+WINDOW = (15, 15)
+NORMALISING_PX = 21
 
 # Contrast below this many grey levels is noise and compression; it is not blown up.
 NOISE_GREY = 4.0
@@ -36,9 +36,16 @@ LEAST_CORNER = 1e-3
 # A patch agrees with a motion within this many thumbnail pixels.
 AGREEMENT_PX = 0.7
 
-# Patches that prove that the camera stands, and that prove a motion: no less than so many, and no less than this part of all.
+# Patches that prove that the camera stands, and that prove a motion: no less than so many, and no less than this part of all,
+# and for standing no less than half of those that agree on any other motion.
 STANDING_COUNT, STANDING_PART = 10, 0.08
-MOTION_COUNT, MOTION_PART = 14, 0.25
+MOTION_COUNT, MOTION_PART = 14, 0.12
+
+# A camera within this many thumbnail pixels of its place is measured without looking further.
+NEAR_PX = 2.0
+
+# Landmarks that are sought all over a picture when a camera is not near its place.
+LANDMARKS = 600
 
 # A camera that stands this far from its place, in parts of the picture's width, has lost its calibration.
 MOVED_PART = 0.005
@@ -124,8 +131,7 @@ class SteadinessWatcher:
             self._lose(view, frame.seconds)
             return
         self._recognised += 1
-        motion, points = found
-        self._judge(frame.seconds, motion, float(np.median(_shift(motion, self._rest, points))) * self._scale)
+        self._judge(frame.seconds, found.motion, found.shift_from(self._rest) * self._scale)
 
     def result(self) -> Steadiness:
         """What was seen so far."""
@@ -160,12 +166,28 @@ class SteadinessWatcher:
 
         Someone before the lens goes away again, and a dark room shows nothing that could stand still.
         """
-        standing = self._lost_view is not None and self._lost_view.motion_to(view, np.eye(2, 3)) is not None
+        standing = self._lost_view is not None and self._lost_view.mostly_stands_in(view)
         self._lost_view = _Reference(view)
         if not standing:
             self._lost = (seconds, seconds) if self._lost_view.is_rich else None
         elif self._lost is not None:
             self._lost = (self._lost[0], seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """How the background of a view lies against the reference."""
+
+    motion: Floats
+    """(2, 3) similarity from the reference to the view, thumbnail pixels."""
+    points: Floats
+    """(N, 2) the reference's patches."""
+    agreeing: float
+    """Part of the patches that agree."""
+
+    def shift_from(self, rest: Floats) -> float:
+        """Median way of the patches between another motion and this one, thumbnail pixels."""
+        return float(np.median(np.linalg.norm(_apply(self.motion, self.points) - _apply(rest, self.points), axis=1)))
 
 
 class _Reference:
@@ -183,35 +205,30 @@ class _Reference:
         """Whether enough patches can be followed."""
         return int(np.isfinite(self._points[:, 0]).sum()) >= MOTION_COUNT
 
-    def motion_to(self, view: NDArray[np.uint8], rest: Floats) -> tuple[Floats, Floats] | None:
-        """Motion of the background from the reference to a view, `rest` being where it was lately.
-
-        Returns:
-            (2, 3) similarity in thumbnail pixels, and (N, 2) the reference's points that agree; None where nothing is certain.
-        """
+    def motion_to(self, view: NDArray[np.uint8], rest: Floats) -> _Motion | None:
+        """Motion of the background from the reference to a view, `rest` being where it was lately; None: nothing is certain."""
         usable = np.flatnonzero(np.isfinite(self._points[:, 0]))
         if len(usable) < STANDING_COUNT:
             return None
         points = self._points[usable]
-        there = _apply(rest, points)
-        # Without the coarse levels of the pyramid, into which a neighbour that is hidden would reach.
-        arrived, good = _follow(self._view, view, points, there, coarsest=0)
-        standing = good & (np.linalg.norm(arrived - there, axis=1) <= AGREEMENT_PX)
-        if standing.sum() >= max(STANDING_COUNT, STANDING_PART * len(points)):
-            motion = _fitted(points, arrived, standing, rest)
-            self._refresh(view, usable, standing, motion)
-            return motion, points[standing]
-        for start in (there, points + _global_shift(self._view, view)):
-            arrived, good = _follow(self._view, view, points, start, coarsest=3)
-            found, agreeing = _consensus(points, arrived, good)
-            if found is not None and agreeing.sum() >= max(MOTION_COUNT, MOTION_PART * len(points)):
-                return found, points[agreeing]
-        return None
+        near, agreeing = _near(self._view, view, points, rest)
+        other, others = (None, agreeing) if agreeing.mean() > 0.5 else _agreed(self._view, view, points, rest)
+        if agreeing.sum() >= max(STANDING_COUNT, STANDING_PART * len(points), 0.5 * others.sum()):
+            self._refresh(view, usable[agreeing], near)
+            return _Motion(near, points, float(agreeing.mean()))
+        if other is None and (guess := _far(self._view, view)) is not None:
+            other, others = _agreed(self._view, view, points, guess)
+        return None if other is None else _Motion(other, points, float(others.mean()))
 
-    def _refresh(self, view: NDArray[np.uint8], usable: NDArray[np.intp], agreeing: NDArray[np.bool_], motion: Floats) -> None:
+    def mostly_stands_in(self, view: NDArray[np.uint8]) -> bool:
+        """Whether at least half of the patches are where they were."""
+        found = self.motion_to(view, np.eye(2, 3))
+        return found is not None and found.agreeing >= 0.5 and found.shift_from(np.eye(2, 3)) <= AGREEMENT_PX
+
+    def _refresh(self, view: NDArray[np.uint8], found: NDArray[np.intp], motion: Floats) -> None:
         """Replace cells that have not been found for long by what they show now, moved into the reference's place."""
         self._unseen += 1
-        self._unseen[usable[agreeing]] = 0
+        self._unseen[found] = 0
         stale = np.flatnonzero(self._unseen >= STALE_AFTER)
         if len(stale) == 0:
             return
@@ -269,39 +286,72 @@ def _follow(
     return arrived.reshape(-1, 2).astype(np.float64), good
 
 
-def _consensus(points: Floats, arrived: Floats, good: NDArray[np.bool_]) -> tuple[Floats | None, NDArray[np.bool_]]:
-    """The similarity that most good patches agree on, and which do. OpenCV's RANSAC draws from a seed of its own."""
+def _agreed(
+    reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, guess: Floats
+) -> tuple[Floats | None, NDArray[np.bool_]]:
+    """The similarity that most patches agree on, and (N,) which do; None and nobody where they are too few for a motion.
+
+    OpenCV's RANSAC draws from a seed of its own, always the same.
+    """
     nobody = np.zeros(len(points), dtype=bool)
-    if good.sum() < 3:
+    arrived, good = _follow(reference, view, points, _apply(guess, points), coarsest=1)
+    if good.sum() < MOTION_COUNT:
         return None, nobody
     motion, inliers = cv2.estimateAffinePartial2D(
         points[good], arrived[good], method=cv2.RANSAC, ransacReprojThreshold=AGREEMENT_PX, maxIters=300, confidence=0.99
     )
     if motion is None:
         return None, nobody
-    nobody[np.flatnonzero(good)[inliers.ravel() == 1]] = True
-    return np.asarray(motion, dtype=np.float64), nobody
+    similarity = np.asarray(motion, dtype=np.float64)
+    if inliers.sum() < max(MOTION_COUNT, MOTION_PART * _inside(similarity, points, view)):
+        return None, nobody
+    agreeing = nobody.copy()
+    agreeing[np.flatnonzero(good)[inliers.ravel() == 1]] = True
+    return similarity, agreeing
 
 
-def _fitted(points: Floats, arrived: Floats, standing: NDArray[np.bool_], rest: Floats) -> Floats:
-    """The small motion of patches that stand: their median way, which few patches in one corner cannot tilt."""
+def _near(
+    reference: NDArray[np.uint8], view: NDArray[np.uint8], points: Floats, rest: Floats
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """The motion of a camera near its place, and (N,) which patches agree.
+
+    It is their median way, which few patches in one corner cannot tilt. They are followed
+    without the coarse levels of the pyramid, into which a neighbour that is hidden would reach.
+    """
+    there = _apply(rest, points)
+    arrived, good = _follow(reference, view, points, there, coarsest=0)
+    way = arrived - there
+    near = good & (np.linalg.norm(way, axis=1) <= NEAR_PX)
     motion = rest.copy()
-    motion[:, 2] += np.median(arrived[standing] - _apply(rest, points[standing]), axis=0)
-    return motion
+    if near.any():
+        motion[:, 2] += np.median(way[near], axis=0)
+    return motion, near & (np.linalg.norm(arrived - _apply(motion, points), axis=1) <= AGREEMENT_PX)
 
 
-def _global_shift(reference: NDArray[np.uint8], view: NDArray[np.uint8]) -> Floats:
-    """(2,) the shift of the whole view against the reference, thumbnail pixels, by phase correlation."""
-    window = cv2.createHanningWindow((view.shape[1], view.shape[0]), cv2.CV_32F)
-    shift, _ = cv2.phaseCorrelate(reference.astype(np.float32), view.astype(np.float32), window)
-    return np.array(shift)
+def _far(reference: NDArray[np.uint8], view: NDArray[np.uint8]) -> Floats | None:
+    """A motion of any size, by landmarks that look alike (ORB; Rublee et al. 2011); None where there are too few."""
+    finder = cv2.ORB.create(nfeatures=LANDMARKS, fastThreshold=10)
+    before, words_before = finder.detectAndCompute(reference, None)
+    after, words_after = finder.detectAndCompute(view, None)
+    if words_before is None or words_after is None:
+        return None
+    pairs = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True).match(words_before, words_after)
+    if len(pairs) < MOTION_COUNT:
+        return None
+    source = np.array([before[pair.queryIdx].pt for pair in pairs])
+    target = np.array([after[pair.trainIdx].pt for pair in pairs])
+    motion, _ = cv2.estimateAffinePartial2D(
+        source, target, method=cv2.RANSAC, ransacReprojThreshold=2.0, maxIters=2000, confidence=0.999
+    )
+    return None if motion is None else np.asarray(motion, dtype=np.float64)
+
+
+def _inside(motion: Floats, points: Floats, view: NDArray[np.uint8]) -> int:
+    """How many points a motion leaves in the picture."""
+    moved = _apply(motion, points)
+    return int(((moved >= 0) & (moved < view.shape[::-1])).all(axis=1).sum())
 
 
 def _apply(motion: Floats, points: Floats) -> Floats:
     """(N, 2) points after a (2, 3) motion."""
     return np.asarray(points @ motion[:, :2].T + motion[:, 2])
-
-
-def _shift(motion: Floats, rest: Floats, points: Floats) -> Floats:
-    """(N,) how far two motions take the same points apart, thumbnail pixels."""
-    return np.asarray(np.linalg.norm(_apply(motion, points) - _apply(rest, points), axis=1))

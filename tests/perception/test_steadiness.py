@@ -1,0 +1,212 @@
+"""Cameras that stand, shake, are knocked and turned, in pictures with people, lights and noise."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from passerby.perception.pictures import Frame, Picture
+from passerby.perception.steadiness import Steadiness, SteadinessWatcher
+from passerby.perception.video import frames, probe
+
+SIZE = (480, 320)
+MARGIN = 200
+COUNT = 40
+
+
+def texture(seed: int) -> Picture:
+    """A wide random scene: soft ground and some hundred sharp things on it."""
+    rng = np.random.default_rng(seed)
+    width, height = SIZE[0] + 2 * MARGIN, SIZE[1] + 2 * MARGIN
+    rough = cv2.GaussianBlur(rng.uniform(0, 255, (height, width, 3)).astype(np.float32), (0, 0), 6)
+    scene = np.asarray(np.clip(120 + (rough - rough.mean()) * 4, 0, 255), dtype=np.uint8)
+    for _ in range(250):
+        x, y = int(rng.integers(0, width)), int(rng.integers(0, height))
+        w, h = rng.integers(5, 40, 2)
+        scene[y : y + h, x : x + w] = rng.integers(0, 255, 3)
+    return np.asarray(cv2.GaussianBlur(scene, (0, 0), 0.8), dtype=np.uint8)
+
+
+SCENE = texture(1)
+
+
+def seen(dx: float = 0.0, dy: float = 0.0, degrees: float = 0.0, scene: Picture = SCENE) -> Picture:
+    """The scene by a camera whose picture is shifted and turned."""
+    centre = (MARGIN + SIZE[0] / 2, MARGIN + SIZE[1] / 2)
+    motion = cv2.getRotationMatrix2D(centre, degrees, 1.0)
+    motion[:, 2] += np.array([dx - MARGIN, dy - MARGIN])
+    return np.asarray(cv2.warpAffine(scene, motion, SIZE, flags=cv2.INTER_LINEAR), dtype=np.uint8)
+
+
+def crowded(picture: Picture, rng: np.random.Generator, part: float) -> Picture:
+    """Textured people over at least this part of the picture."""
+    picture, hidden = picture.copy(), np.zeros(picture.shape[:2], dtype=bool)
+    while hidden.mean() < part:
+        x, y = int(rng.integers(-20, SIZE[0])), int(rng.integers(-60, SIZE[1]))
+        body = rng.integers(0, 255, (12, 5, 3)).astype(np.uint8)
+        body = np.asarray(cv2.resize(body, (40, 110), interpolation=cv2.INTER_LINEAR))
+        left, top = max(x, 0), max(y, 0)
+        inside = picture[top : y + 110, left : x + 40]
+        inside[:] = body[top - y : top - y + inside.shape[0], left - x : left - x + inside.shape[1]]
+        hidden[top : y + 110, left : x + 40] = True
+    return picture
+
+
+def watched(pictures: Iterable[Picture], step_s: float = 1.0) -> Steadiness:
+    watcher = SteadinessWatcher(SIZE)
+    for k, picture in enumerate(pictures):
+        watcher.look(Frame(k + 1, k * step_s, picture))
+    return watcher.result()
+
+
+def noisy(picture: Picture, rng: np.random.Generator, sigma: float = 6.0) -> Picture:
+    return np.asarray(np.clip(picture + rng.normal(0, sigma, picture.shape), 0, 255), dtype=np.uint8)
+
+
+def test_a_camera_that_stands() -> None:
+    rng = np.random.default_rng(0)
+    told = watched(noisy(seen(), rng) for _ in range(COUNT))
+    assert told.moves == ()
+    assert (told.pictures, told.recognised) == (COUNT, COUNT)
+    assert told.largest_shake_px < 0.1
+
+
+@pytest.mark.parametrize("part", [0.1, 0.3, 0.5, 0.7])
+def test_people_are_no_move(part: float) -> None:
+    rng = np.random.default_rng(0)
+    told = watched(crowded(noisy(seen(), rng), rng, part) for _ in range(COUNT))
+    assert told.moves == ()
+    assert told.recognised >= (0.9 * COUNT if part <= 0.3 else 1)
+
+
+def test_a_crowd_in_half_of_every_picture_is_no_move() -> None:
+    rng = np.random.default_rng(0)
+    halves = [(crowded(seen(), rng, 0.97), k) for k in range(COUNT)]
+    told = watched(np.concatenate([seen()[:160], crowd[160:]]) if k % 20 < 10 else np.hstack([seen()[:, :240], crowd[:, 240:]])
+                   for crowd, k in halves)  # fmt: skip
+    assert told.moves == ()
+    assert told.recognised == COUNT
+
+
+def test_a_crowd_that_comes_and_stays_is_no_move() -> None:
+    rng = np.random.default_rng(0)
+    crowd = crowded(seen(), rng, 0.6)
+    told = watched([seen()] * 10 + [crowd] * 30)
+    assert told.moves == ()
+    assert told.recognised == COUNT
+
+
+LIGHTS: dict[str, Callable[[Picture, int], np.ndarray]] = {
+    "half the lights go off": lambda p, k: p * (0.4 if k >= 20 else 1.0),
+    "a lamp at one side": lambda p, k: p * np.linspace(0.4, 1.5, SIZE[0])[:, None] if k >= 20 else p,
+    "automatic exposure": lambda p, k: p * (1 + 0.4 * np.sin(k / 3)) + 10 * np.cos(k),
+    "blinking": lambda p, k: p * (0.15 if k % 2 else 1.0),
+    "dark": lambda p, k: p * (0.0 if k >= 20 else 1.0),
+    "overexposed": lambda p, k: p * 0 + 255 if k >= 20 else p,
+}
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+def test_lights_are_no_move(light: str) -> None:
+    rng = np.random.default_rng(0)
+    changed = (np.asarray(np.clip(LIGHTS[light](seen(), k), 0, 255), dtype=np.uint8) for k in range(COUNT))
+    told = watched(noisy(p, rng, 2.0) for p in changed)
+    assert told.moves == ()
+    assert told.recognised >= 20
+
+
+@pytest.mark.parametrize(
+    ("dx", "dy", "degrees"),
+    [(0.0075 * 480, 0, 0), (-3, 3, 0), (0, -15, 0), (60, 25, 0), (150, 0, 0), (0, 0, 2), (20, 10, 6), (-40, 10, -3)],
+)
+@pytest.mark.parametrize("crowd", [0.0, 0.35])
+def test_a_camera_that_is_moved_for_good(dx: float, dy: float, degrees: float, crowd: float) -> None:
+    rng = np.random.default_rng(0)
+    views = [seen() if k < 17 else seen(dx, dy, degrees) for k in range(COUNT)]
+    told = watched(crowded(noisy(view, rng), rng, crowd) for view in views)
+    (move,) = told.moves
+    assert (move.seconds, move.until) == (17.0, None)
+    assert told.lasting == told.moves
+    assert move.pixels is not None
+    x, y = np.meshgrid(np.linspace(0, SIZE[0], 9) - SIZE[0] / 2, np.linspace(0, SIZE[1], 9) - SIZE[1] / 2)
+    turn = np.deg2rad(degrees)
+    shift = np.hypot(np.cos(turn) * x + np.sin(turn) * y + dx - x, np.cos(turn) * y - np.sin(turn) * x + dy - y)
+    assert move.pixels == pytest.approx(float(np.median(shift)), rel=0.25, abs=0.4)
+
+
+def test_a_small_shake_is_told_and_is_no_move() -> None:
+    rng = np.random.default_rng(0)
+    shifts = rng.uniform(-0.8, 0.8, (COUNT, 2))
+    shifts[0] = 0.0
+    told = watched(noisy(seen(*shift), rng) for shift in shifts)
+    assert told.moves == ()
+    assert told.largest_shake_px == pytest.approx(np.linalg.norm(shifts, axis=1).max(), abs=0.25)
+
+
+def test_a_knock_is_over_and_the_camera_stands_again() -> None:
+    told = watched(seen(9.0, 2.0) if 15 <= k < 18 else seen() for k in range(COUNT))
+    (move,) = told.moves
+    assert (move.seconds, move.until) == (15.0, 18.0)
+    assert move.pixels == pytest.approx(np.hypot(9, 2), abs=0.5)
+    assert told.lasting == ()
+
+
+def test_there_and_back_after_long() -> None:
+    told = watched(seen(9.0) if 10 <= k < 25 else seen() for k in range(COUNT))
+    assert [(move.seconds, move.until) for move in told.moves] == [(10.0, None), (25.0, None)]
+
+
+def test_a_mount_that_sags() -> None:
+    told = watched(seen(0.0, 0.15 * k) for k in range(COUNT))
+    assert told.lasting
+    assert 15 <= told.lasting[0].seconds <= 20
+
+
+def test_a_camera_that_is_turned_to_something_else() -> None:
+    other = texture(2)
+    rng = np.random.default_rng(0)
+    told = watched(noisy(seen() if k < 12 else seen(scene=other), rng) for k in range(COUNT))
+    (move,) = told.moves
+    assert (move.seconds, move.until, move.pixels) == (12.0, None, None)
+    assert told.recognised == 12
+
+
+def test_somebody_before_the_lens_is_no_move() -> None:
+    coat = seen(scene=texture(3))
+    told = watched(coat if 10 <= k < 25 else seen() for k in range(COUNT))
+    assert told.moves == ()
+    assert told.recognised == COUNT - 15
+
+
+def test_a_first_picture_full_of_people() -> None:
+    rng = np.random.default_rng(0)
+    told = watched([crowded(seen(), rng, 0.95)] + [seen()] * 20 + [seen(8.0)] * 19)
+    (move,) = told.moves
+    assert (move.seconds, move.until) == (21.0, None)
+
+
+def test_nothing_to_hold_on_to() -> None:
+    told = watched([np.full((SIZE[1], SIZE[0], 3), 127, dtype=np.uint8)] * 20)
+    assert told.moves == ()
+    assert told.recognised <= 1
+    assert SteadinessWatcher(SIZE).result() == Steadiness((), 0.0, 0, 0)
+
+
+def test_the_same_pictures_give_the_same_bits() -> None:
+    rng = np.random.default_rng(0)
+    pictures = [crowded(seen(0.5 * (k % 3), 0, 4.0 * (k > 20)), rng, 0.3) for k in range(COUNT)]
+    assert watched(pictures) == watched(pictures)
+
+
+def test_real_cameras_stand(data_root: Path) -> None:
+    for path, rate in [(data_root / "pets2009" / "V1.avi", 0.5), (data_root / "pose2sim_single" / "videos" / "cam02.mp4", 6.0)]:
+        info = probe(path)
+        watcher = SteadinessWatcher(info.size)
+        for frame in frames(info, rate):
+            watcher.look(frame)
+        told = watcher.result()
+        assert told.moves == ()
+        assert told.recognised == told.pictures
+        assert told.largest_shake_px < 0.3
