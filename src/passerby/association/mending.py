@@ -27,8 +27,8 @@ from passerby.observations import UNKNOWN, Boxes, Floats, Ints
 
 MEMORY_S = 2.0
 """How much of a tracklet tells place and velocity at its end: the filter forgets what is older."""
-HIDDEN_S = 1.0
-"""Mean time for which somebody is out of sight who comes back; half and twice of it change little."""
+HIDDEN_S = 2.0
+"""Mean time for which somebody is out of sight who comes back; half of it changes little."""
 GROWTH_SD_PER_S = 0.1
 """Of the logarithms of height and width over a gap: a walker 14 m from the camera who comes straight towards it."""
 TAIL_OF_MOTION = 6.0
@@ -69,6 +69,8 @@ def mend(boxes: Boxes, fps: float, options: MendingOptions | None = None) -> Box
     # Sorted by all that a box is, so that the order of the rows decides nothing.
     order = np.lexsort((*boxes.ltwh.T, boxes.frame, boxes.identity))
     order = order[boxes.identity[order] != UNKNOWN]
+    if not len(order):
+        return boxes
     part = boxes.take(order)
     number = np.unique(part.identity, return_inverse=True)[1]
     for _ in range(ROUNDS):
@@ -80,7 +82,7 @@ def mend(boxes: Boxes, fps: float, options: MendingOptions | None = None) -> Box
         number = connected_components(graph, directed=False)[1].astype(np.int64)[number]
     by_time = np.lexsort((part.identity, part.frame))
     groups, place = np.unique(number[by_time], return_index=True)
-    first = np.zeros(number.max(initial=-1) + 1, dtype=np.int64)
+    first = np.zeros(number.max() + 1, dtype=np.int64)
     first[groups] = part.identity[by_time[place]]
     identity = np.array(boxes.identity)
     identity[order] = first[number]
@@ -181,8 +183,8 @@ def _newcomers(boxes: Boxes, ends: _Ends) -> float:
     """
     height = boxes.ltwh[:, 3]
     centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
-    low, high = (centre - height[:, None]).min(axis=0, initial=np.inf), (centre + height[:, None]).max(axis=0, initial=-np.inf)
-    area = float(np.prod(high - low) * np.mean(height**-2.0)) if len(boxes) else 1.0
+    low, high = (centre - height[:, None]).min(axis=0), (centre + height[:, None]).max(axis=0)
+    area = float(np.prod(high - low) * np.mean(height**-2.0))
     seconds = float(np.ptp(np.concatenate([ends.begin_s, ends.end_s])))
     return len(ends.begin_s) / area / max(seconds, 1.0)
 

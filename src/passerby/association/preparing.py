@@ -12,6 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from passerby.association.bodies import Bodies, bodies_of, level_of_bodies
 from passerby.association.ground_tracks import GroundTracks, ground_tracks
+from passerby.association.mending import MendingOptions, successions
 from passerby.association.splitting import continuations, split
 from passerby.association.tracking import overlaps, track
 from passerby.cameras import Camera, Rig
@@ -26,6 +27,9 @@ Ints = NDArray[np.int64]
 MIN_JOINT_SCORE = 0.3
 SAME_PERSON_OVERLAP = 0.5
 """Joints belong to the box that their extent overlaps by this much (intersection over union)."""
+BEYOND_DOUBT = MendingOptions(margin=6.0)
+"""As sure as the tracker is of its links, 20 to 1. On pets2009 precision and recall of the pairs of boxes that are tied are
+0.947 and 0.803 with them, 0.942 and 0.785 without, and 0.945 and 0.800 with all links of odds above 2.7 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,17 +123,21 @@ def _tracked(seen: CameraObservations, fps: float) -> tuple[CameraObservations, 
 def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:
     """Tracklets numbered from 0 on: those that were given, split where they change person, and those of the detections.
 
-    Our own tracker splits by itself, and has made all links that are beyond doubt.
+    Our own tracker splits by itself. What goes on as what is told by frames for given tracklets, which somebody else's tracker
+    may have ended anywhere, and by whole tracklets for our own.
     """
     known = boxes.identity > UNKNOWN
     identity = np.full(len(boxes), UNKNOWN)
     given = split(boxes.take(known), fps)
     numbers, identity[known] = np.unique(given.identity, return_inverse=True)
     given = replace(given, identity=identity[known])
+    continued = continuations(given, fps)
     if not known.all():
-        found = track(boxes.take(~known), fps).identity
-        identity[~known] = np.where(found > UNKNOWN, found + len(numbers), UNKNOWN)
-    return replace(boxes, identity=identity), continuations(given, fps)
+        found = track(boxes.take(~known), fps)
+        identity[~known] = np.where(found.identity > UNKNOWN, found.identity + len(numbers), UNKNOWN)
+        ends, begins = successions(found, fps, BEYOND_DOUBT)
+        continued = np.append(continued[0], ends + len(numbers)), np.append(continued[1], begins + len(numbers))
+    return replace(boxes, identity=identity), continued
 
 
 def _extents(joints: Keypoints) -> Floats:
