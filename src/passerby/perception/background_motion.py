@@ -1,7 +1,7 @@
 """How the background of a picture lies against what the camera saw before.
 
-Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights and exposure
-do not matter. As long as enough patches are found where they were, the camera stands, however many others are hidden by people.
+Small textured patches are followed from a reference to a picture, after local contrast is normalised so that lights do not
+matter. As long as enough patches are found where they were, the camera stands, however many others are hidden by people.
 Only where they are not, a similarity that most patches agree on (RANSAC) is a motion of the camera.
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from passerby.observations import Floats
 from passerby.perception.pictures import Picture
 
-# Thumbnail pixels: a patch's own cell, the border that its corner keeps from it, what is compared, the neighbourhood of contrast.
+# Thumbnail pixels: a patch's cell, its corner's distance from the border of that, what is compared, contrast's neighbourhood.
 CELL = 32
 MARGIN = 8
 WINDOW = (15, 15)
