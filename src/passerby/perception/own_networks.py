@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,8 @@ IMAGENET_STD = (0.229, 0.224, 0.225)
 
 YOLOX = InputConvention()
 IMAGENET = InputConvention("rgb", 1.0 / 255.0, IMAGENET_MEAN, IMAGENET_STD, "stretch")
+TOP_DOWN = replace(IMAGENET, fit="letterbox", padding=0.0)
+"""RTMPose and its like: the crop has the input's aspect ratio, nothing is stretched."""
 MOVENET = InputConvention("rgb", fit="letterbox", padding=0.0)
 
 COCO_JOINTS = 17
@@ -143,4 +146,4 @@ def _check_output(path: Path, role: Role, output: Output) -> None:
 
 def _usual_input(output: Output) -> InputConvention:
     """What the networks of a kind were published with."""
-    return {"yolox": YOLOX, "movenet": MOVENET}.get(output, IMAGENET)
+    return {"yolox": YOLOX, "movenet": MOVENET, "simcc": TOP_DOWN, "heatmaps": TOP_DOWN}.get(output, IMAGENET)

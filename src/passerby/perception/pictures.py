@@ -1,7 +1,7 @@
 """What passes between the stages of perception, and what each stage promises the next.
 
 Pictures are (H, W, 3) of uint8, BGR as OpenCV has them. Boxes are left, top, width, height in pixels of the whole picture, with
-the origin where OpenCV has it.
+the origin where OpenCV has it, in the middle of the first pixel; only `Detections` count from that pixel's outer corner.
 """
 
 from __future__ import annotations
@@ -38,9 +38,14 @@ class Detections:
     """The people found in one picture."""
 
     ltwh: Floats
-    """(N, 4) left, top, width, height, pixels; within the picture."""
+    """(N, 4) left, top, width, height, pixels; within the picture, which reaches from (0, 0) to its (width, height)."""
     score: Floats
     """(N,) confidence, 0 to 1."""
+
+    @property
+    def centred(self) -> Floats:
+        """(N, 4) the boxes as cameras project to them: (0, 0) is the middle of the first pixel, half a pixel from its corner."""
+        return np.asarray(self.ltwh - np.array([0.5, 0.5, 0.0, 0.0]))
 
     @classmethod
     def none(cls) -> Detections:

@@ -19,7 +19,7 @@ import numpy as np
 import onnxruntime
 
 from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Ints, Keypoints, Vectors
+from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Keypoints, Vectors
 from passerby.perception.kept import Arrays, KeptStage, fingerprint, forget_others, hash_of_arrays
 from passerby.perception.opening import background_identity, open_background, open_detector, open_embedder, open_estimator
 from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator
@@ -223,8 +223,9 @@ class _Watch:
         if self._people.part is None:
             with self._timed("detection"):
                 people = self._detector(frame)
-            self._people.rows.append(_row_of(frame, people))
-            ltwh = people.ltwh
+            # Boxes of a file are as cameras project to them, or as another detector has them: they stay as they are.
+            ltwh = people.ltwh if isinstance(self._detector, _Given) else people.centred
+            self._people.rows.append(_row_of(frame, ltwh, people.score))
         else:
             first = int(self._people.part["count"][:place].sum())
             ltwh = self._people.part["ltwh"][first : first + int(self._people.part["count"][place])]
@@ -311,13 +312,13 @@ class _Given:
         return np.asarray(self._order[low:high])
 
 
-def _row_of(frame: Frame, people: Detections) -> Arrays:
+def _row_of(frame: Frame, ltwh: Floats, score: Floats) -> Arrays:
     """What is kept of one picture."""
     return {
         "number": np.array([frame.number], dtype=np.int64),
-        "count": np.array([len(people)], dtype=np.int64),
-        "ltwh": np.asarray(people.ltwh, dtype=np.float64).reshape(-1, 4),
-        "score": np.asarray(people.score, dtype=np.float64),
+        "count": np.array([len(score)], dtype=np.int64),
+        "ltwh": np.asarray(ltwh, dtype=np.float64).reshape(-1, 4),
+        "score": np.asarray(score, dtype=np.float64),
     }
 
 
