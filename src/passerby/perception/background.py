@@ -171,7 +171,7 @@ class _Learner:
             raise InputError(
                 f"picture {frame.number} has {size[0]} x {size[1]} pixels, the first {self.size[0]} x {self.size[1]}"
             )
-        self.pictures.append(shrunk(frame.picture, self.options.working_width).copy())
+        self.pictures.append(working_picture(frame.picture, self.options.working_width))
         self.times.append(frame.seconds)
 
     def close(self) -> None:
@@ -210,13 +210,13 @@ class _Learner:
         return BackgroundModel(self.size, np.array(seconds), np.stack(colour), np.stack(noise), self.tone, stature)
 
 
-def shrunk(picture: Picture, working_width: int) -> Picture:
-    """The picture at the working width, or itself where it is no wider."""
+def working_picture(picture: Picture, working_width: int) -> Picture:
+    """The picture at no more than the working width, smoothed: dark hair before dark leaves shows over several pixels."""
     height, width = picture.shape[:2]
-    if width <= working_width:
-        return picture
-    rows = max(round(height * working_width / width), 1)
-    return cast(Picture, cv2.resize(picture, (working_width, rows), interpolation=cv2.INTER_AREA))
+    if width > working_width:
+        rows = max(round(height * working_width / width), 1)
+        picture = cast(Picture, cv2.resize(picture, (working_width, rows), interpolation=cv2.INTER_AREA))
+    return cast(Picture, cv2.blur(picture, (3, 3)))
 
 
 class BackgroundDetector:
@@ -241,7 +241,7 @@ class BackgroundDetector:
         if size != self._model.size:
             width, height = self._model.size
             raise InputError(f"picture {frame.number} has {size[0]} x {size[1]} pixels, its background {width} x {height}")
-        picture = shrunk(frame.picture, self._options.working_width)
+        picture = working_picture(frame.picture, self._options.working_width)
         found = foreground(picture, self._reference(frame.seconds), self._options.shadows, self._model.tone)
         scale = self._model.scale
         ltwh, score = found_people(found, self._model.stature, least_height(picture.shape[0], scale))

@@ -11,14 +11,14 @@ import numpy as np
 from passerby.observations import Floats
 from passerby.perception.background_statistics import Levels, local_contrast
 from passerby.perception.pictures import Picture
-from passerby.perception.shadows import Shadows, ShadowOptions, find_shadows, regain
+from passerby.perception.shadows import ShadowOptions, Shadows, find_shadows, regain, without_slivers
 
-LEAST = 9.0
+LEAST = 5.0
 """Grey levels: compression changes flat areas by as much in the wake of people."""
-SIGMAS = 3.5
+SIGMAS = 3.0
 RELATIVE = 0.03
 """Part of the level: cameras and encoders are not linear, and bright areas do not follow the light's gain."""
-SHAKE_PX = 0.3
+SHAKE_PX = 0.1
 """How far the picture may have moved, pixels: sharp edges of the background need the tolerance."""
 CERTAIN = 2.0
 """A region must somewhere differ by so many times the tolerance."""
@@ -74,11 +74,11 @@ def foreground(picture: Picture, reference: Reference, options: ShadowOptions, t
     gain = light_gain(picture, reference.colour)
     usual = _brightened(reference.colour, gain)
     difference = cv2.absdiff(picture, usual)
-    low = cast(Levels, cv2.medianBlur(_any_channel(cv2.subtract(difference, reference.tolerance)), 5))
+    low = cast(Levels, cv2.medianBlur(_any_channel(cv2.subtract(difference, reference.tolerance)), 3))
     high = cast(Levels, cv2.medianBlur(_any_channel(cv2.subtract(difference, reference.certain)), 3))
     shadows = find_shadows(picture, usual, low, high, options, tone)
     body = _with_seed(low & ~shadows.mask, high)
-    return Foreground(regain(body, shadows.mask), shadows)
+    return Foreground(regain(without_slivers(body, shadows.mask), shadows.mask), shadows)
 
 
 def _brightened(colour: Picture, gain: Floats) -> Picture:

@@ -5,15 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.observations import Floats
-from passerby.perception.crowds import divide
+from passerby.perception.crowds import divide, heads, profiles
 from passerby.perception.foreground import Foreground
-from passerby.perception.silhouettes import Silhouettes, expected, silhouettes, upright
+from passerby.perception.silhouettes import Silhouettes, expected, joined, silhouettes, upright
 from passerby.perception.stature import Stature
 
 ALONE = 1.0
 """Score of a person who stands alone and is as tall as expected."""
 UNKNOWN_HEIGHT = 0.7
 """Score of an upright shape where it is not known how tall people are."""
+USUAL = 0.12
+"""Greatest deviation from the expected height, as a fraction, of a score of 1: the spread of people's heights is 5 %."""
+UNUSUAL = 0.5
+"""Score of a person who stands alone and has another height: leaning, jumping, or without the head."""
 DIVIDED = 0.6
 SHORT = 0.35
 """Score of a shape that is too low for a standing person: crouching, or half hidden."""
@@ -30,6 +34,8 @@ def found_people(foreground: Foreground, stature: Stature | None, least_pixels: 
     found = silhouettes(foreground.body, least_pixels)
     if len(found) == 0:
         return np.zeros((0, 4)), np.zeros(0)
+    if stature is not None:
+        found = joined(found, stature)
     ltwh = found.ltwh.astype(np.float64)
     shaped = upright(found, least_pixels)
     if stature is None:
@@ -53,13 +59,17 @@ def _people(
     fill = found.area[row] / (wide * high)
     rows, columns = found.label.shape
     border = left <= 1 or top <= 1 or left + wide >= columns - 1 or top + high >= rows - 1
-    if shaped and HEIGHTS[0] <= ratio <= HEIGHTS[1] and wide <= WIDEST * person:
-        return box, ALONE
-    if border and high >= least_pixels and ratio <= HEIGHTS[1] and wide <= WIDEST * person and fill >= 0.3 and high > wide:
-        return box, CUT
-    if 0.4 <= ratio < HEIGHTS[0] and high >= least_pixels and wide <= WIDEST * person and fill >= 0.4:
-        return box, SHORT
-    if wide > 0.4 * person and ratio > HEIGHTS[0]:
-        region = (found.label[top : top + high, left : left + wide] == row + 1).astype(np.uint8)
+    region = (found.label[top : top + high, left : left + wide] == row + 1).astype(np.uint8)
+    contour, _ = profiles(region)
+    several = len(heads(contour, high, person)) > 1
+    if several or wide > WIDEST * person or ratio > HEIGHTS[1]:
+        if ratio <= HEIGHTS[0] or wide <= 0.3 * person:
+            return np.zeros((0, 4)), 0.0
         return divide(region, (int(left), int(top)), stature), DIVIDED
+    if shaped and HEIGHTS[0] <= ratio:
+        return box, ALONE if abs(ratio - 1.0) <= USUAL else UNUSUAL
+    if border and high >= least_pixels and fill >= 0.3 and high > wide:
+        return box, CUT
+    if 0.4 <= ratio < HEIGHTS[0] and high >= least_pixels and fill >= 0.4:
+        return box, SHORT
     return np.zeros((0, 4)), 0.0

@@ -25,16 +25,18 @@ class ShadowOptions:
     """Greatest difference of the ratio between channels."""
     texture: float = 0.06
     """Greatest standard deviation of the ratio among neighbours: the ground's texture is seen through a shadow."""
-    tone: float = 0.08
-    """Greatest difference of the ratio to that of the recording's shadows, where it is known."""
+    deepest: float = 0.75
+    """Least ratio as a fraction of that of the recording's shadows, where it is known: at the feet the sky is hidden too."""
+    faintest: float = 0.35
+    """Greatest ratio, where that of the recording's shadows is known: so far towards no shadow. Thin ones are blurred."""
 
 
 UNIT = 128
 """Ratio 1 in the 8-bit pictures of ratios."""
 RIM = 7
 """Pixels: a shadow is grown by half of it, over its penumbra, where the ratio is not smooth."""
-DEEPER = 0.06
-"""By how much more than its tone a shadow may be dark: at people's feet the sky is hidden too."""
+FAINT = 0.8
+"""Shadows that take less of the light have no one tone: they are contact shadows, or come and go with the clouds."""
 LEAST_PIXELS = 2000
 """So many pixels of shadow tell its tone."""
 LEAST_SHARE = 0.5
@@ -69,7 +71,7 @@ def find_shadows(
         tone: (3,) the ratio in this recording's shadows, by channel, where it is known: clothes that are grey like the ground
             have another.
     """
-    ratio = cast(Levels, cv2.blur(cv2.divide(picture, np.maximum(usual, 1), scale=UNIT), (3, 3)))
+    ratio = cast(Levels, cv2.divide(picture, np.maximum(usual, 1), scale=UNIT))
     blue, green, red = cv2.split(ratio)
     least, most = cv2.min(cv2.min(blue, green), red), cv2.max(cv2.max(blue, green), red)
     darker = cast(Levels, cv2.inRange(most, options.darkest * UNIT, options.lightest * UNIT))
@@ -77,21 +79,22 @@ def find_shadows(
     plausible = darker & grey & mask
     if not plausible.any():
         return Shadows(plausible, plausible, ratio)
-    plain = green.astype(np.float32)
-    mean = cv2.blur(plain, (5, 5))
-    variance = cv2.blur(plain * plain, (5, 5)) - mean * mean
-    smooth = np.where(variance < (options.texture * UNIT) ** 2, np.uint8(255), np.uint8(0))
-    core = plausible & smooth
-    if tone is not None:
-        low, high = (tone - options.tone - DEEPER) * UNIT, (tone + options.tone) * UNIT
-        core &= cast(Levels, cv2.inRange(ratio, low, high))
-    core = cast(Levels, cv2.morphologyEx(core, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)))
+    if tone is None:
+        plain = green.astype(np.float32)
+        mean = cv2.blur(plain, (5, 5))
+        variance = cv2.blur(plain * plain, (5, 5)) - mean * mean
+        core = plausible & np.where(variance < (options.texture * UNIT) ** 2, np.uint8(255), np.uint8(0))
+    else:
+        low, high = options.deepest * tone * UNIT, (tone + options.faintest * (1.0 - tone)) * UNIT
+        core = plausible & cast(Levels, cv2.inRange(ratio, low, high))
+    # Seen at a grazing angle a shadow is a few rows high.
+    core = cast(Levels, cv2.morphologyEx(core, cv2.MORPH_OPEN, np.ones((2, 4), np.uint8)))
     grown = cast(Levels, cv2.dilate(core, np.ones((RIM, RIM), np.uint8))) & plausible
     return Shadows(grown | (plausible & ~certain), core, ratio)
 
 
 def shadow_tone(ratios: Sequence[Levels]) -> Floats | None:
-    """(3,) the ratio, by channel, that most of the shadows' pixels (n, 3) have, 128 for 1; None where they do not agree."""
+    """(3,) the ratio, by channel, that most of the shadows' pixels (n, 3) have, 128 for 1; None without agreement."""
     pixels = np.concatenate([np.zeros((0, 3), np.uint8), *ratios]).astype(np.float64) / UNIT
     pixels = pixels[pixels[:, 1] < 0.9]
     if len(pixels) < LEAST_PIXELS:
@@ -99,7 +102,7 @@ def shadow_tone(ratios: Sequence[Levels]) -> Floats | None:
     count, edges = np.histogram(pixels[:, 1], bins=50, range=(0.0, 1.0))
     peak = edges[np.argmax(np.convolve(count, np.ones(5), mode="same"))] + 0.01
     near = np.abs(pixels[:, 1] - peak) < 0.07
-    if near.mean() < LEAST_SHARE:
+    if near.mean() < LEAST_SHARE or peak > FAINT:
         return None
     return np.asarray(np.median(pixels[near], axis=0))
 
@@ -122,3 +125,10 @@ def regain(body: Levels, shadow: Levels) -> Levels:
     filled = body.copy()
     filled[start:end] |= below_one & above_one
     return filled
+
+
+def without_slivers(body: Levels, shadow: Levels) -> Levels:
+    """The body (H, W; 255) without what is left of shadows' rims: less than three pixels thick, and beside a shadow."""
+    square = np.ones((3, 3), np.uint8)
+    thin = body & ~cast(Levels, cv2.morphologyEx(body, cv2.MORPH_OPEN, square))
+    return body & ~(thin & cast(Levels, cv2.dilate(shadow, np.ones((RIM, RIM), np.uint8))))

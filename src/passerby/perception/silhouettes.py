@@ -16,6 +16,14 @@ Labels = NDArray[np.int32]
 
 CLOSING = 0.02
 """Height of the gaps that are closed, as a fraction of the picture's height: belts, and legs behind a rope."""
+PART = 0.8
+"""Of the expected height: a lower region may be a part of a person."""
+TALLEST = 1.15
+"""Of the expected height: what people's parts together may have."""
+GAP = 0.25
+"""Of the expected height, between two parts."""
+ASIDE = 0.2
+"""Of the expected height: the middles of two parts are no farther apart from side to side."""
 LEAST_HEIGHT = 0.04
 """Of a person, as a fraction of the picture's height."""
 LEAST_PIXELS = 24
@@ -52,6 +60,40 @@ def silhouettes(mask: Levels, least_pixels: float) -> Silhouettes:
     number[1:][large] = np.arange(1, large.sum() + 1)
     ltwh = stats[1:, [cv2.CC_STAT_LEFT, cv2.CC_STAT_TOP, cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]][large]
     return Silhouettes(number[label], ltwh, stats[1:, cv2.CC_STAT_AREA][large])
+
+
+def joined(found: Silhouettes, stature: Stature) -> Silhouettes:
+    """The regions, those joined that are parts of one person: above each other, and together no taller than people are.
+
+    A part is one that is itself too low for a person; a belt, a scarf or a signpost divides it from the next.
+    """
+    left, top, wide, high = found.ltwh.T.astype(np.float64)
+    person = expected(found.ltwh.astype(np.float64), stature)
+    owner = np.arange(len(found))
+    for lower in np.argsort(-(top + high), kind="stable"):
+        for upper in np.argsort(-(top + high), kind="stable"):
+            if upper == lower or owner[upper] != upper or owner[lower] != lower or top[upper] >= top[lower]:
+                continue
+            gap, whole = top[lower] - (top[upper] + high[upper]), top[lower] + high[lower] - top[upper]
+            right = min(left[upper] + wide[upper], left[lower] + wide[lower])
+            common = right - max(left[upper], left[lower])
+            aside = abs(left[upper] + 0.5 * wide[upper] - left[lower] - 0.5 * wide[lower])
+            if high[upper] > PART * person[upper] and high[lower] > PART * person[lower]:
+                continue
+            if common < 0.5 * min(wide[upper], wide[lower]) or aside > ASIDE * person[lower] or gap > GAP * person[lower]:
+                continue
+            if not PART * person[lower] <= whole <= TALLEST * person[lower]:
+                continue
+            end = max(left[upper] + wide[upper], left[lower] + wide[lower])
+            left[lower], high[lower], top[lower] = min(left[upper], left[lower]), whole, top[upper]
+            wide[lower] = end - left[lower]
+            owner[owner == upper] = lower
+    keep = np.flatnonzero(owner == np.arange(len(found)))
+    number = np.zeros(len(found) + 1, np.int32)
+    number[1:] = np.searchsorted(keep, owner) + 1
+    area = np.bincount(number[1:] - 1, weights=found.area, minlength=len(keep)).astype(np.int32)
+    ltwh = np.column_stack([left, top, wide, high])[keep].astype(np.int32)
+    return Silhouettes(number[found.label], ltwh, area)
 
 
 def upright(found: Silhouettes, least_pixels: float) -> NDArray[np.bool_]:
