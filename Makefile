@@ -10,7 +10,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 .PHONY: demo test test-slow lint types bench bench-association format clean
 
 demo: $(INSTALLED)
-	$(VENV)/bin/passerby demo
+	$(VENV)/bin/passerby demo -o demo
 
 test: $(INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python -m pytest -n 2 -m "not slow"

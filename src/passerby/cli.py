@@ -11,19 +11,16 @@ import threading
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import Annotated
 
 import typer
 
 from passerby import __version__
+from passerby.commands.demo import demo
 from passerby.commands.init import init
 from passerby.commands.models import models_app
+from passerby.commands.simulate import simulate
 from passerby.errors import InputError, PasserbyError
-
-if TYPE_CHECKING:
-    from passerby.pipeline import Calibration
-
-Number = TypeVar("Number", int, float)
 
 INTERRUPTED = 130
 BUG = 1
@@ -36,8 +33,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-app.command()(init)
-app.add_typer(models_app, name="models")
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: wall times and figures of the stages.")]
@@ -128,7 +123,7 @@ def calibrate(
     from passerby.parallel import local_processes
     from passerby.pipeline import calibrate as run_calibration
     from passerby.scene import Scene
-    from passerby.tables import show_calibration
+    from passerby.tables import show_calibration, tell_reasons
     from passerby.terminal import stages
 
     verbose = verbose or bool(context.obj)
@@ -143,7 +138,7 @@ def calibrate(
     else:
         show_calibration(calibration, verbose)
         print(f"written to {out}")
-    _tell_reasons(calibration)
+    tell_reasons(calibration)
     raise typer.Exit(calibration.exit_status)
 
 
@@ -185,137 +180,13 @@ def check(scene: SceneFile, json: AsJson = False) -> None:
     raise typer.Exit(report.exit_status)
 
 
-@app.command()
-def simulate(
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write; an earlier simulation in it is replaced.")],
-    preset: Annotated[str, typer.Option(help="terrace, basketball or construction.")] = "terrace",
-    seed: Annotated[int, typer.Option(help="The same options and seed give the same scene.")] = 0,
-    cameras: Annotated[int | None, typer.Option(help="Number of cameras; the preset's.")] = None,
-    people: Annotated[int | None, typer.Option(help="Number of people; the preset's.")] = None,
-    seconds: Annotated[float, typer.Option(help="Length of the recording.")] = 40.0,
-    fps: Annotated[float, typer.Option(help="Instants per second.")] = 5.0,
-    camera_height_m: Annotated[float | None, typer.Option(help="Height of the cameras; the preset's.")] = None,
-    person_height_mean_m: Annotated[float, typer.Option(help="Mean standing height, shoes on.")] = 1.72,
-    person_height_sd_m: Annotated[float, typer.Option(help="Its standard deviation.")] = 0.09,
-    occlusion: Annotated[bool, typer.Option(help="People hide each other.")] = True,
-    box_noise: Annotated[float, typer.Option(help="Sigma of each edge, as a fraction of the box height.")] = 0.0,
-    corner_noise_px: Annotated[float, typer.Option(help="Uniform noise of the corners, plus or minus pixels.")] = 0.0,
-    box_slack: Annotated[float, typer.Option(help="Fraction of its height by which a box is larger on each side.")] = 0.0,
-    missing: Annotated[float, typer.Option(help="Fraction of the boxes that are dropped.")] = 0.0,
-    false_boxes: Annotated[float, typer.Option(help="Boxes without a person, as a fraction of the true ones.")] = 0.0,
-    identity_swaps: Annotated[float, typer.Option(help="Fraction of each instant's people who exchange identities.")] = 0.0,
-    clock_offsets: Annotated[
-        str, typer.Option(help="Seconds: a largest offset drawn for each camera, or one for each, parted by commas.")
-    ] = "0",
-    joint_noise_px: Annotated[float, typer.Option(help="Sigma of the joints' pixels.")] = 0.0,
-    unrelated_ids: Annotated[bool, typer.Option(help="Tracklet numbers of each camera's own, not identities.")] = False,
-    tracklet_seconds: Annotated[
-        float, typer.Option(help="Mean length at which tracklets are cut at random; 0: never. Needs --unrelated-ids.")
-    ] = 0.0,
-    embeddings: Annotated[
-        str, typer.Option(help="Appearance of the boxes: none, distinct (tells people apart) or alike (tells nothing).")
-    ] = "none",
-    camera_fps: Annotated[str, typer.Option(help="Frames per second of each camera, parted by commas; all --fps.")] = "",
-    groups: Annotated[
-        str, typer.Option(help="Cameras in groups without common ground: their numbers, parted by commas, as 6,2.")
-    ] = "",
-    keypoints: Annotated[bool, typer.Option(help="Write joints (COCO) too.")] = False,
-) -> None:
-    """Simulate people in a scene: boxes, joints on request, true cameras, and a scene file ready to calibrate."""
-    from passerby.simulation import SimulationOptions, write_scene
-    from passerby.simulation import simulate as run_simulation
-    from passerby.terminal import stages
-
-    chosen = SimulationOptions(
-        preset=preset,
-        seed=seed,
-        cameras=cameras,
-        people=people,
-        seconds=seconds,
-        fps=fps,
-        camera_height_m=camera_height_m,
-        person_height_mean_m=person_height_mean_m,
-        person_height_sd_m=person_height_sd_m,
-        occlusion=occlusion,
-        box_noise=box_noise,
-        corner_noise_px=corner_noise_px,
-        box_slack=box_slack,
-        missing=missing,
-        false_boxes=false_boxes,
-        identity_swaps=identity_swaps,
-        clock_offsets=_clock_offsets(clock_offsets),
-        joint_noise_px=joint_noise_px,
-        unrelated_ids=unrelated_ids,
-        tracklet_seconds=tracklet_seconds,
-        embeddings=embeddings,
-        camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
-        groups=_numbers(groups, int, "--groups", "the number of cameras of each group"),
-    )
-    with stages() as tell:
-        tell("simulating")
-        path = write_scene(run_simulation(chosen), out, keypoints=keypoints)
-    print(f"written to {out}: passerby calibrate {path} -o {out}-rig")
-
-
-@app.command()
-def demo(
-    context: typer.Context,
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Keep the scene and its calibration in this folder.")] = None,
-    verbose: Verbose = False,
-) -> None:
-    """Simulate a terrace with four cameras, calibrate it from its boxes, and print the errors."""
-    import tempfile
-
-    from passerby.evaluation.metrics import compare
-    from passerby.interchange.rig_toml import read_rig
-    from passerby.pipeline import calibrate as run_calibration
-    from passerby.simulation import SimulationOptions, write_scene
-    from passerby.simulation import simulate as run_simulation
-    from passerby.tables import show_calibration, show_comparison
-    from passerby.terminal import stages
-
-    with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages() as tell:
-        folder = out or Path(temporary)
-        tell("simulating")
-        path = write_scene(run_simulation(SimulationOptions(preset="terrace", box_noise=0.02)), folder / "scene")
-        calibration = run_calibration(path, progress=tell)
-        calibration.write(folder / "out")
-        comparison = compare(read_rig(folder / "out" / "rig.toml"), read_rig(path.parent / "truth.toml"))
-    print("A simulated terrace of 7 x 11 m: people walk, each box edge is off by 2 % of the box height.\n")
-    show_calibration(calibration, verbose or bool(context.obj))
-    print()
-    show_comparison(comparison)
-    if out is not None:
-        print(f"\nwritten to {out}: scene/scene.toml and out/rig.toml")
-    _tell_reasons(calibration)
-    raise typer.Exit(calibration.exit_status)
-
-
-def _clock_offsets(text: str) -> float | tuple[float, ...]:
-    try:
-        offsets = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(
-            f"--clock-offsets {text!r}: give seconds, one number or one for each camera parted by commas"
-        ) from None
-    return offsets[0] if len(offsets) == 1 else offsets
-
-
-def _numbers(text: str, kind: type[Number], option: str, wanted: str) -> tuple[Number, ...]:
-    """Numbers parted by commas; none where the text is empty."""
-    try:
-        return tuple(kind(part) for part in text.split(",")) if text else ()
-    except ValueError:
-        raise InputError(f"{option} {text!r}: give {wanted}, parted by commas") from None
-
-
 def _print_json(value: object) -> None:
     from passerby.interchange.json_text import to_json
 
     print(to_json(value), end="")
 
 
-def _tell_reasons(calibration: Calibration) -> None:
-    if not calibration.accepted:
-        reasons = "; ".join(calibration.reasons) or "no reason given"
-        print(f"{calibration.verdict}: {' '.join(reasons.split())}", file=sys.stderr)
+app.command()(init)
+app.command()(simulate)
+app.command()(demo)
+app.add_typer(models_app, name="models")

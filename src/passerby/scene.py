@@ -261,6 +261,12 @@ class Scene(Table):
         """A path of the scene file as one that can be opened."""
         return self._path.parent / path if self._path else path
 
+    def with_perception(self, perception: PerceptionTable) -> Scene:
+        """The same scene with another `[perception]`."""
+        changed = self.model_copy(update={"perception": perception})
+        changed._path = self._path
+        return changed
+
     @property
     def size_bytes(self) -> int:
         """Size of the files of boxes and joints, together; those that do not exist count nothing."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -40,6 +41,13 @@ def _clock(calibration: Calibration, camera: Camera) -> list[str]:
     if association is None or camera.pose is None:
         return [MISSING, MISSING]
     return [number(association.clocks[camera.name].offset_s, 3), number(association.sigma_s.get(camera.name), 3)]
+
+
+def tell_reasons(calibration: Calibration) -> None:
+    """On standard error, why a calibration is not to be relied upon; nothing where it is."""
+    if not calibration.accepted:
+        reasons = "; ".join(calibration.reasons) or "no reason given"
+        print(f"{calibration.verdict}: {' '.join(reasons.split())}", file=sys.stderr)
 
 
 def show_pairs(pairs: Sequence[Mapping[str, Any]]) -> None:
