@@ -37,7 +37,7 @@ def demo(
     from passerby.tables import show_calibration, show_comparison, tell_reasons
     from passerby.terminal import stages
 
-    options = SimulationOptions(preset="terrace", seconds=SECONDS, fps=FPS)
+    options = SimulationOptions(preset="terrace", seconds=SECONDS, fps=FPS, unrelated_ids=True)
     with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages() as tell:
         folder = out or Path(temporary)
         with local_processes(0, options.n_cameras, options.n_cameras) as executor:

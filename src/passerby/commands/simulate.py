@@ -79,7 +79,8 @@ def simulate(
         identity_swaps=identity_swaps,
         clock_offsets=_clock_offsets(clock_offsets),
         joint_noise_px=joint_noise_px,
-        unrelated_ids=unrelated_ids,
+        # A video tells nobody's identity, so neither do the boxes that it is compared with.
+        unrelated_ids=unrelated_ids or video,
         tracklet_seconds=tracklet_seconds,
         embeddings=embeddings,
         camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
