@@ -59,7 +59,7 @@ def score_tracklets(found: Boxes, truth: Boxes, iou: float = 0.5) -> TrackletSco
     if not 0 < iou <= 1:
         raise InputError(f"score of tracklets: iou = {iou}: give a number above 0 and at most 1")
     found, truth = (_of_somebody(boxes, what) for boxes, what in ((found, "found"), (truth, "true")))
-    rows, columns, overlap = _overlapping(truth, found, iou)
+    rows, columns, overlap = overlapping(truth, found, iou)
     people, person = np.unique(truth.identity, return_inverse=True)
     numbers, tracklet = np.unique(found.identity, return_inverse=True)
     agreeing = coo_array((np.ones(len(rows)), (person[rows], tracklet[columns])), shape=(len(people), len(numbers))).toarray()
@@ -99,8 +99,8 @@ def _of_somebody(boxes: Boxes, what: str) -> Boxes:
     return boxes
 
 
-def _overlapping(truth: Boxes, found: Boxes, least: float) -> tuple[Ints, Ints, Floats]:
-    """(K,) rows of both, sorted by frame, that share a frame and overlap enough, and (K,) by how much."""
+def overlapping(truth: Boxes, found: Boxes, least: float) -> tuple[Ints, Ints, Floats]:
+    """(K,) rows of both, which are sorted by frame, that share a frame and overlap enough, and (K,) by how much."""
     begin = np.searchsorted(found.frame, truth.frame)
     count = np.searchsorted(found.frame, truth.frame, side="right") - begin
     rows = np.repeat(np.arange(len(truth)), count)
