@@ -7,7 +7,7 @@ BENCH_INSTALLED := $(BENCH_VENV)/.installed
 # Two test processes of one BLAS thread each are faster than threads that fight for the same cores.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test test-slow lint types bench bench-association format clean
+.PHONY: demo test test-slow lint types bench bench-association bench-perception format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo -o demo
@@ -34,6 +34,9 @@ bench: $(BENCH_INSTALLED)
 
 bench-association: $(INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only association
+
+bench-perception: $(INSTALLED)
+	$(VENV)/bin/python benchmarks/run.py --only perception --scenes build/scenes
 
 clean:
 	rm -rf $(VENV) $(BENCH_VENV)

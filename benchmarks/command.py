@@ -27,6 +27,8 @@ class Run:
     """Exit status: `ACCEPTED` or `DOUBTFUL`."""
     seconds: float
     """Wall time of the whole process, start of Python included."""
+    cpu_seconds: float
+    """Processor time, that of the processes that it started included."""
     peak_mb: float
     """Largest resident memory, 10^6 bytes. No less than this process's own: Linux counts a child from before its `exec`."""
 
@@ -48,6 +50,7 @@ class Calibrated:
     """`calibration.json`."""
     seconds: float
     peak_mb: float
+    cpu_seconds: float = float("nan")
 
 
 def run_program(arguments: Sequence[str], environment: dict[str, str] | None = None) -> Run:
@@ -68,7 +71,8 @@ def run_program(arguments: Sequence[str], environment: dict[str, str] | None = N
         err.seek(0)
         if child.returncode not in (ACCEPTED, DOUBTFUL):
             raise RuntimeError(f"{' '.join(arguments)}: exit status {child.returncode}: {err.read().strip()[-2000:]}")
-        return Run(out.read(), child.returncode, seconds, usage.ru_maxrss * 1024 / 1e6)
+        cpu_seconds = usage.ru_utime + usage.ru_stime
+        return Run(out.read(), child.returncode, seconds, cpu_seconds, usage.ru_maxrss * 1024 / 1e6)
 
 
 def passerby(*arguments: str, environment: dict[str, str] | None = None) -> Run:
@@ -78,7 +82,11 @@ def passerby(*arguments: str, environment: dict[str, str] | None = None) -> Run:
 
 def calibrate(scene: Path, truth: Path, out: Path, environment: dict[str, str] | None = None) -> Calibrated:
     """`passerby calibrate scene -o out`, then `passerby evaluate out/rig.toml truth --json`."""
-    run = passerby("calibrate", str(scene), "-o", str(out), environment=environment)
+    return judge(out, truth, passerby("calibrate", str(scene), "-o", str(out), environment=environment), environment)
+
+
+def judge(out: Path, truth: Path, run: Run, environment: dict[str, str] | None = None) -> Calibrated:
+    """What a run has written into `out`, against the truth."""
     result = json.loads((out / "calibration.json").read_text())
     errors = None
     if any(camera["registered"] for camera in result["cameras"]):
@@ -93,4 +101,5 @@ def calibrate(scene: Path, truth: Path, out: Path, environment: dict[str, str] |
         report=result,
         seconds=run.seconds,
         peak_mb=run.peak_mb,
+        cpu_seconds=run.cpu_seconds,
     )

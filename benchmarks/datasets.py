@@ -64,6 +64,12 @@ def folder_of(data: DataSet) -> Path | None:
     return None
 
 
+def models_folder() -> Path | None:
+    """The folder of model files: `$PASSERBY_MODELS`, or `../shared/models` beside the repository; None where it is missing."""
+    folder = Path(os.environ.get("PASSERBY_MODELS") or ROOT.parent / "shared" / "models")
+    return folder.resolve() if folder.is_dir() else None
+
+
 def write_scene(data: DataSet, folder: Path, into: Path, change: BoxChange | None = None) -> Path:
     """Write a scene file with absolute paths; with `change`, copies of the boxes changed by it, camera after camera."""
     into.mkdir(parents=True, exist_ok=True)

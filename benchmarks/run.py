@@ -1,12 +1,15 @@
 """Every figure that Passerby states, measured: `python benchmarks/run.py [--quick] [--only NAME ...] [-o FOLDER]`.
 
 Prints the tables and writes them as Markdown, one file a section. A quick run is printed only, unless a folder is given.
+A section that takes long is written as it grows.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 import accuracy
@@ -17,14 +20,16 @@ from datasets import ROOT
 from tables import Section, machine_note
 
 import association
+import perception
 
 # What is timed comes first, before the runs that fill both cores.
-SECTIONS = {
+SECTIONS: dict[str, Callable[[Path, bool], Section | Iterable[Section]]] = {
     "speed": speed.run,
     "association": association.run,
     "accuracy": accuracy.run,
     "simulated": simulated.run,
     "swaps": swaps.run,
+    "perception": perception.run,
 }
 RESULTS = ROOT / "docs" / "results"
 
@@ -34,21 +39,37 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few seeds and repeats; the tables are printed, not written")
     parser.add_argument("--only", nargs="+", choices=SECTIONS, metavar="NAME", help=f"sections: {', '.join(SECTIONS)}")
     parser.add_argument("-o", "--out", type=Path, help="folder for the tables; docs/results")
+    pixels = parser.add_argument_group("perception")
+    pixels.add_argument("--scenes", type=Path, help="folder that keeps rendered videos for the next time")
+    pixels.add_argument("--seeds", type=int, default=3, help="seeds of each rendered scene; 3")
+    pixels.add_argument(
+        "--parts",
+        nargs="+",
+        choices=perception.PARTS,
+        metavar="PART",
+        default=(),
+        help=f"parts to run: {', '.join(perception.PARTS)}; all",
+    )
     arguments = parser.parse_args()
+    wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts)
+    sections = SECTIONS | {"perception": partial(perception.run, wanted=wanted)}
     out = arguments.out or (None if arguments.quick else RESULTS)
     for name in arguments.only or SECTIONS:
         with tempfile.TemporaryDirectory(prefix="passerby-bench-") as scratch:
-            section = SECTIONS[name](Path(scratch), arguments.quick)
-        _publish(section, out, arguments.quick)
+            made = sections[name](Path(scratch), arguments.quick)
+            _publish([made] if isinstance(made, Section) else made, out, arguments.quick)
 
 
-def _publish(section: Section, out: Path | None, quick: bool) -> None:
-    command = f"python benchmarks/run.py --only {section.name}{' --quick' if quick else ''}"
-    text = f"{section.text}\nWritten by `{command}` on: {machine_note()}\n"
+def _publish(growing: Iterable[Section], out: Path | None, quick: bool) -> None:
+    """Write a section whenever there is more of it, and print it when it is whole."""
+    text = ""
+    for section in growing:
+        command = f"python benchmarks/run.py --only {section.name}{' --quick' if quick else ''}"
+        text = f"{section.text}\nWritten by `{command}` on: {machine_note()}\n"
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+            (out / f"{section.name}.md").write_text(text)
     print(text, flush=True)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / f"{section.name}.md").write_text(text)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,277 @@
+"""From pixels to a rig: the demonstration, rendered and real videos, with networks and without, and what it takes.
+
+Every part tells its table as far as it is, so that a benchmark that is stopped keeps what is finished.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+from accuracy import NOT_HERE
+from command import Calibrated
+from datasets import data_set, folder_of, models_folder
+from perception_runs import (
+    BOXES,
+    METHODS,
+    NETWORKS,
+    PETS_CAMERA,
+    Watched,
+    run_demo,
+    run_pets,
+    run_rendered,
+    run_single,
+    score_pets_tracklets,
+    watch_alone,
+)
+from perception_scenes import FPS, LARGE, LARGE_FPS, SECONDS, large_video, rendered, repeated
+from perception_tables import (
+    BOX_HEAD,
+    GOAL_HEAD,
+    IDF1_GOAL,
+    LONG_HEAD,
+    RATIO_GOAL,
+    RATIO_HEAD,
+    SEED_HEAD,
+    SINGLE_GOAL,
+    TRACKLET_HEAD,
+    box_rows,
+    demo_tables,
+    goal_row,
+    long_row,
+    pets_rows,
+    ratio_row,
+    seed_row,
+    told,
+    tracklet_rows,
+)
+from simulations import PRESETS, WORKERS
+from tables import Section, load, table
+
+from passerby.scene import WATCHED_FPS
+
+Result = TypeVar("Result")
+Runs = Mapping[str, Watched]
+"""Method -> one scene's run."""
+
+NOT_RUN, NO_MODELS = "not run", "not run: no model files"
+MINUTE_S = 60.0
+LONG_S = 10 * MINUTE_S
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to be run."""
+
+    scenes: Path | None = None
+    """Folder in which rendered videos are kept for the next time."""
+    seeds: int = 3
+    parts: Sequence[str] = ()
+    """Names of `PARTS`; all unless given."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a part works."""
+
+    scratch: Path
+    scenes: Path
+    seeds: range
+
+
+@dataclass
+class Page:
+    """The page as far as it is."""
+
+    parts: dict[str, str]
+    took: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def section(self) -> Section:
+        """With a note on the time."""
+        took = ", ".join(f"{name} {seconds / 60:.1f}" for name, seconds in self.took.items())
+        note = f"Minutes: {took}; together {sum(self.took.values()) / 60:.0f}. Mean load at the end: {load():.1f}."
+        texts = [_TEXTS[name].format(**_FIGURES) + "\n\n" + part for name, part in self.parts.items()]
+        return Section("perception", "\n\n".join([_HEAD, *texts, note]) + "\n")
+
+
+def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Section]:
+    """Three seeds of each rendered scene, or one in a quick run; the page again and again as it grows."""
+    wanted = wanted or Wanted()
+    place = Place(scratch, wanted.scenes or scratch / "scenes", range(1 if quick else wanted.seeds))
+    page = Page(dict.fromkeys(PARTS, NOT_RUN))
+    for name in wanted.parts or PARTS:
+        began = time.perf_counter()
+        for text in PARTS[name](place):
+            page.parts[name], page.took[name] = text, time.perf_counter() - began
+            yield page.section
+
+
+def _demo(place: Place) -> Iterator[str]:
+    before = load()
+    demo = run_demo(place.scratch / "demo")
+    _tell("demo", told(demo.calibrated))
+    yield demo_tables(demo) + f"\n\nLoad of the machine (mean of a minute): {before:.1f} before, {load():.1f} after."
+
+
+def _rendered(place: Place) -> Iterator[str]:
+    """Scene after scene; of each, the methods side by side."""
+    done: dict[str, dict[int, Runs]] = {preset: {} for preset in PRESETS}
+    for seed in place.seeds:
+        for preset in PRESETS:
+            folder = rendered(place.scenes, preset, seed)
+            into = place.scratch / f"{preset}-{seed}"
+            methods = [*_methods(), BOXES]
+            jobs = [_rendered_job(folder, method, into / method) for method in methods]
+            done[preset][seed] = dict(zip(methods, _side_by_side(jobs), strict=True))
+            for method, run in done[preset][seed].items():
+                _tell(f"{preset} {seed} {method}", told(run.calibrated))
+            yield _rendered_tables(done)
+
+
+def _rendered_job(folder: Path, method: str, into: Path) -> Callable[[], Watched]:
+    return lambda: run_rendered(folder, method, into)
+
+
+def _rendered_tables(done: Mapping[str, Mapping[int, Runs]]) -> str:
+    """Of the scenes so far: against true boxes, seed by seed, and the boxes."""
+    ratios, seeds, boxes = [], [], []
+    for method in METHODS:
+        if method not in _methods():
+            ratios.append([f"all, {method}", NO_MODELS, *["-"] * (len(RATIO_HEAD) - 2)])
+            continue
+        for preset, runs in done.items():
+            label = f"{preset}, {method}"
+            if not runs:
+                ratios.append([label, NOT_RUN, *["-"] * (len(RATIO_HEAD) - 2)])
+                continue
+            found, true = ([run[which].calibrated for run in runs.values()] for which in (method, BOXES))
+            ratios.append(ratio_row(label, true, found))
+            for seed, before, after in zip(runs, true, found, strict=True):
+                seeds.append(seed_row(f"{preset} {seed}, {method}", before, after))
+            boxes += box_rows(label, [run[method] for run in runs.values()])
+    return "\n\n".join([table(RATIO_HEAD, ratios), _SEEDS, table(SEED_HEAD, seeds), _BOXES, table(BOX_HEAD, boxes)])
+
+
+def _pets(place: Place) -> Iterator[str]:
+    """The calibrations, then the tracklets from what they kept."""
+    folder = folder_of(data_set("pets2009"))
+    if folder is None or models_folder() is None or not (folder / f"{PETS_CAMERA}.avi").is_file():
+        yield NOT_HERE if folder is None else NO_MODELS
+        return
+    into = {method: place.scratch / f"pets-{method}" for method in ("networks", BOXES, "weight-free")}
+    networks, boxes, weight_free = _side_by_side([_pets_job(folder, method, path) for method, path in into.items()])
+    for method, run in zip(into, (networks, boxes, weight_free), strict=True):
+        _tell(f"pets2009 {method}", told(run))
+    first = table(GOAL_HEAD, pets_rows(networks, boxes, weight_free))
+    yield first
+    rows = tracklet_rows(score_pets_tracklets(folder, into["networks"]))
+    yield "\n\n".join([first, _TRACKLETS.format(*IDF1_GOAL, camera=PETS_CAMERA), table(TRACKLET_HEAD, rows)])
+
+
+def _pets_job(folder: Path, method: str, into: Path) -> Callable[[], Calibrated]:
+    return lambda: run_pets(folder, method, into)
+
+
+def _single(place: Place) -> Iterator[str]:
+    folder = folder_of(data_set("pose2sim_single"))
+    if folder is None or models_folder() is None or not (folder / "videos").is_dir():
+        yield NOT_HERE if folder is None else NO_MODELS
+        return
+    run = run_single(folder, place.scratch / "single")
+    _tell("pose2sim_single", told(run))
+    yield table(GOAL_HEAD, [goal_row("pose2sim_single", run, *SINGLE_GOAL)])
+
+
+def _long(place: Place) -> Iterator[str]:
+    """One video at a time: it is timed."""
+    source = large_video(place.scenes)
+    videos = {seconds: repeated(source, seconds, place.scratch / f"{seconds:g}.mp4") for seconds in (MINUTE_S, LONG_S)}
+    rows = []
+    for method in ("networks", "weight-free"):
+        if method not in _methods():
+            rows.append([method, NO_MODELS, *["-"] * (len(LONG_HEAD) - 2)])
+            continue
+        short, long = (watch_alone(video, method, place.scratch / method / video.stem) for video in videos.values())
+        _tell(f"long video, {method}", f"{short} {long}")
+        rows.append(long_row(METHODS[method]["detector"], short, long))
+        yield table(LONG_HEAD, rows)
+
+
+PARTS: dict[str, Callable[[Place], Iterator[str]]] = {
+    "demo": _demo, "pets2009": _pets, "single": _single, "rendered": _rendered, "long": _long,
+}  # fmt: skip
+"""In this order: what is timed by itself, then from the quick to the long."""
+
+
+def _methods() -> list[str]:
+    """What can be run here."""
+    return [method for method, table in METHODS.items() if table != NETWORKS or models_folder() is not None]
+
+
+def _side_by_side(jobs: Sequence[Callable[[], Result]]) -> list[Result]:
+    """Two at a time; each runs its programs in processes of their own."""
+    with ThreadPoolExecutor(WORKERS) as pool:
+        return list(pool.map(lambda job: job(), jobs))
+
+
+def _tell(what: str, found: str) -> None:
+    print(f"{what}: {found}", file=sys.stderr, flush=True)
+
+
+_HEAD = """# From pixels
+
+Videos in, rig out: `passerby calibrate` on videos, identities to be found (mode combined). *networks*: `{detector}` and
+`{embedder}`; *weight-free*: background subtraction and stripes of colour. Similarity errors, mean over all cameras; a run
+without all cameras has missed its goal.""".format(**NETWORKS)
+
+_FIGURES = {
+    "seconds": SECONDS,
+    "fps": FPS,
+    "acceptable": RATIO_GOAL[0],
+    "aim": RATIO_GOAL[1],
+    "size": f"{LARGE[0]} × {LARGE[1]}",
+    "rate": LARGE_FPS,
+    "watched": WATCHED_FPS,
+}
+
+_TEXTS = {
+    "demo": """## The demonstration
+
+A terrace rendered and calibrated without weights by `passerby demo`. *calibrating*: its videos once more, by themselves, start
+of the program included; *simulating and rendering*: the rest. Processor time is that of all processes.""",
+    "pets2009": """## A real video among boxes of others
+
+`pets2009`: one camera's people found in its video at 7 frames per second, the boxes of the other six from a detector of other
+make. The aim is what the camera's own given boxes reach, within 5 %.""",
+    "single": """## One person on the spot
+
+`pose2sim_single`: four videos of 1088 × 1920 pixels, 60 frames per second, 100 frames; one person balances on the spot,
+bystanders behind. Networks, and the joints of `movenet-thunder`.""",
+    "rendered": """## Rendered scenes
+
+{seconds:g} s at {fps:g} frames per second, all of them looked at. The ratio is to what the true boxes of the same scenes give,
+noise-free and without identities, as detections; people who are hidden by more than 60 % have no true box. *acceptable*: all
+cameras and at most {acceptable:g} times the error, in every seed; *aim*: besides, the ratios of the means are at most
+{aim:g}.""",
+    "long": """## Ten minutes
+
+A construction site of {size} pixels at {rate:g} frames per second, 20 s repeated to a minute and to ten; one camera watched at
+{watched:g} pictures per second by the detector alone. Peak memory of the whole program; time by the clock, nothing else
+running. *detector's share*: of all the time, the learning of the background included.""",
+}
+
+_SEEDS = "Seed by seed."
+
+_BOXES = """The boxes against the true ones (overlap of at least 0.5), all seeds together. *found*: all of the detector's, weak
+ones too; *used*: those of people whom the calibration knows. *off*: pairs with an edge off by more than a tenth of the true
+height. Edges: median ± scatter (of the median absolute deviation) of found less true, in hundredths of the height, right and
+down positive."""
+
+_TRACKLETS = """Tracklets of {camera} from its video, every frame, against its true identities (which are a detector's boxes
+tied to annotated positions; some are wrong). IDF1: {0:g} acceptable, {1:g} aim."""
