@@ -53,7 +53,7 @@ def _parts(figure: Figure) -> np.ndarray:
     scale, shift = 16, 4
 
     def at(u: float, v: float) -> tuple[int, int]:
-        return round((x + u * h) * scale), round((foot - v * h) * scale)
+        return round((x + u * h - 0.5) * scale), round((foot - v * h - 0.5) * scale)
 
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     cv2.ellipse(mask, at(0, 0.935), (round(0.05 * h * scale), round(0.065 * h * scale)), 0, 0, 360, 255, -1, cv2.LINE_8, shift)

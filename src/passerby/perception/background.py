@@ -248,12 +248,9 @@ class BackgroundDetector:
         found = foreground(picture, self._reference(frame.seconds), self._options.shadows, self._model.tone)
         scale = self._model.scale
         ltwh, score = found_people(found, self._model.stature, least_height(picture.shape[0], scale))
+        # An edge between working pixels lies as far from the picture's border as a share of the working picture says.
         factor = np.array([size[0] / picture.shape[1], size[1] / picture.shape[0]])
-        ltwh = ltwh * np.tile(factor, 2)
-        # Column 0 begins half a pixel left of the origin, which is the first pixel's middle.
-        corner = np.maximum(ltwh[:, :2] - 0.5, 0.0)
-        ltwh = np.column_stack([corner, ltwh[:, :2] + ltwh[:, 2:] - 0.5 - corner])
-        return Detections(ltwh, score)
+        return Detections(ltwh * np.tile(factor, 2), score)
 
     def _reference(self, seconds: float) -> Reference:
         """The background at a time: between the middles of two windows a mixture, in steps of an eighth."""
