@@ -6,7 +6,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -149,8 +149,9 @@ class _Noted:
         if now - self.last < TOLD_EVERY_S and done < total:
             return
         self.last = now
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.write_text(f"{done} {total}", encoding="ascii")
+        # Whether the folder can be written is the business of those who keep results in it.
+        with suppress(OSError):
+            self.path.write_text(f"{done} {total}", encoding="ascii")
 
 
 def _note(job: CameraJob) -> Path:

@@ -8,6 +8,9 @@ from pathlib import Path
 
 from passerby.errors import InputError
 
+PART = ".part"
+"""How the names of temporary files end; a process that is killed leaves one behind at most."""
+
 
 def write_bytes(path: str | Path, data: bytes) -> None:
     """Write `data` to `path` as a whole or not at all: a temporary file in the same folder, fsync, rename.
@@ -17,9 +20,9 @@ def write_bytes(path: str | Path, data: bytes) -> None:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)
     except OSError as error:
-        raise _cannot_write(path, error) from error
+        raise cannot_write(path, error) from error
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(data)
@@ -28,7 +31,7 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except OSError as error:
-        raise _cannot_write(path, error) from error
+        raise cannot_write(path, error) from error
     finally:
         Path(temporary).unlink(missing_ok=True)
 
@@ -45,5 +48,6 @@ def _umask() -> int:
     return mask
 
 
-def _cannot_write(path: Path, error: OSError) -> InputError:
+def cannot_write(path: Path, error: OSError) -> InputError:
+    """The error of a file or folder that cannot be written."""
     return InputError(f"{path}: cannot be written ({error.strerror or error}): choose a folder that you may write to")

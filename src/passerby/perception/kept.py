@@ -2,7 +2,7 @@
 
 A stage's results lie in a folder that is named by a key of all that decides them: its input, its options, its network and the
 versions of the libraries. They come in parts, each written whole or not at all, and a summary says that there will be no more.
-A part that cannot be read (the npz archives carry checksums) counts as missing and is made again.
+All of it carries a digest; what was damaged counts as missing and is made again.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 import shutil
-import zipfile
-import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.interchange.atomic import write_bytes, write_text
+from passerby.interchange.atomic import PART, cannot_write, write_bytes, write_text
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 Arrays = dict[str, NDArray[Any]]
 
-SUMMARY = "summary.json"
+SUMMARY = "summary.txt"
+"""A line of JSON, and its digest."""
 KEY_LENGTH = 20
+DIGEST_BYTES = 16
 SAMPLES, SAMPLE_BYTES = 64, 1 << 16
 """A file is known by its size and by so many evenly spread samples of its content: a hash of all of it would take minutes for
 the recordings of a day."""
@@ -48,31 +55,67 @@ class KeptStage:
     def load(self, part: int) -> Arrays | None:
         """The arrays of a part; None where it is not there or damaged."""
         try:
-            with np.load(self._path(part), allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
+            content = self._path(part).read_bytes()
+        except OSError:
             return None
+        archive, digest = content[:-DIGEST_BYTES], content[-DIGEST_BYTES:]
+        if _digest(archive) != digest:
+            return None
+        with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
 
     def save(self, part: int, arrays: Arrays) -> None:
         """Keep a part, whole or not at all. Raises `InputError` where the folder cannot be written."""
         archive = io.BytesIO()
         np.savez(archive, **arrays)  # type: ignore[arg-type]
-        write_bytes(self._path(part), archive.getvalue())
+        # The archive's own checksums leave out its directory and headers. What comes after it disturbs no reader.
+        write_bytes(self._path(part), archive.getvalue() + _digest(archive.getvalue()))
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Say that all parts are there. Raises `InputError` where the folder cannot be written."""
-        write_text(self.folder / SUMMARY, json.dumps(summary, sort_keys=True) + "\n")
+        text = json.dumps(summary, sort_keys=True)
+        write_text(self.folder / SUMMARY, f"{text}\n{_digest(text.encode()).hex()}\n")
 
     def summary(self) -> dict[str, Any] | None:
         """What `finish` was given; None where the stage is not finished."""
         try:
-            content = json.loads((self.folder / SUMMARY).read_text(encoding="utf-8"))
+            text, digest = (self.folder / SUMMARY).read_text(encoding="utf-8").splitlines()
         except (OSError, ValueError):
             return None
-        return content if isinstance(content, dict) else None
+        if _digest(text.encode()).hex() != digest:
+            return None
+        content: dict[str, Any] = json.loads(text)
+        return content
 
     def _path(self, part: int) -> Path:
         return self.folder / f"{part:06d}.npz"
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=DIGEST_BYTES).digest()
+
+
+@contextmanager
+def alone(shelf: Path) -> Iterator[None]:
+    """Keep a camera's shelf for this process; another run that works in the same folder waits, then finds what was kept.
+
+    A lock ends with its process, even a killed one's. Where the system has no such locks, two runs are not kept apart.
+    Raises `InputError` where the folder cannot be made.
+    """
+    try:
+        shelf.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(shelf, error) from error
+    if fcntl is None:
+        yield
+        return
+    handle = os.open(shelf, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def key_of(identity: Mapping[str, Any]) -> str:
@@ -102,7 +145,9 @@ def hash_of_arrays(*arrays: NDArray[Any]) -> str:
 
 
 def forget_others(shelf: Path, used: set[Path]) -> None:
-    """Delete the stages of a camera's shelf that are not among those used."""
+    """Delete the stages of a camera's shelf that are not among those used, and what killed runs left half-written."""
     for folder in sorted(shelf.iterdir()) if shelf.is_dir() else ():
         if folder.is_dir() and folder not in used:
             shutil.rmtree(folder, ignore_errors=True)
+    for half in sorted(shelf.glob(f"*/.*{PART}")):
+        half.unlink(missing_ok=True)

@@ -20,7 +20,7 @@ import onnxruntime
 
 from passerby.errors import InputError
 from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Keypoints, Vectors
-from passerby.perception.kept import Arrays, KeptStage, fingerprint, forget_others, hash_of_arrays
+from passerby.perception.kept import Arrays, KeptStage, alone, fingerprint, forget_others, hash_of_arrays
 from passerby.perception.opening import background_identity, open_background, open_detector, open_embedder, open_estimator
 from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator
 from passerby.perception.plan import Plan
@@ -130,7 +130,8 @@ def watch_camera(job: CameraJob, tell: Tell) -> Watched:
     # Cameras are watched side by side: more threads would wait for each other.
     cv2.setNumThreads(1)
     try:
-        return _Watch(job, tell).result()
+        with alone(job.shelf):
+            return _Watch(job, tell).result()
     finally:
         cv2.setNumThreads(threads)
 
@@ -142,7 +143,8 @@ class _Watch:
         self._job, self._tell = job, tell
         self.seconds: dict[str, float] = {}
         self._used: set[Path] = set()
-        video = {"video": fingerprint(job.info.path), "rate": job.rate, "revision": REVISION, "versions": _versions()}
+        video = {"video": fingerprint(job.info.path), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
+        video |= {"versions": _versions()}
         self._detector = self._open_detector(video)
         self._embedder: Embedder | None = None if job.plan.embedder is None else open_embedder(job.plan.embedder)
         self._estimator: KeypointEstimator | None = None if job.plan.keypoints is None else open_estimator(job.plan.keypoints)
