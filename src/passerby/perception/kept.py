@@ -73,7 +73,7 @@ class KeptStage:
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Say that all parts are there. Raises `InputError` where the folder cannot be written."""
-        text = json.dumps(summary, sort_keys=True)
+        text = json.dumps(summary)
         write_text(self.folder / SUMMARY, f"{text}\n{_digest(text.encode()).hex()}\n")
 
     def summary(self) -> dict[str, Any] | None:

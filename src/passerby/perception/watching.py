@@ -181,10 +181,10 @@ class _Watch:
         """Make what is not kept, and gather all of it."""
         summaries = [stage.kept.summary() for stage in self._stages]
         summary = summaries[0]
-        parts = None if summary is None or None in summaries else self._parts(summary["segments"])
+        parts = None if summary is None or None in summaries else self._parts(summary["pictures"])
         if summary is None or parts is None:
             summary = self._watch()
-            parts = self._parts(summary["segments"])
+            parts = self._parts(summary["pictures"])
         if parts is None:
             raise InputError(f"{self._job.shelf}: what was just written there cannot be read again: choose another folder")
         forget_others(self._job.shelf, self._used)
@@ -241,9 +241,9 @@ class _Watch:
                 xy, score = self._estimator(frame.picture, ltwh)
             self._joints.rows.append({"xy": xy, "score": score})
 
-    def _parts(self, segments: int) -> list[Arrays] | None:
+    def _parts(self, pictures: int) -> list[Arrays] | None:
         """What each stage has kept, its segments put together; None where something is missing."""
-        gathered = []
+        gathered, segments = [], (pictures + SEGMENT - 1) // SEGMENT
         for stage in self._stages:
             loaded = [stage.kept.load(segment) for segment in range(segments)]
             parts = [part for part in loaded if part is not None]
@@ -338,7 +338,6 @@ def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> 
     assert decoded is not None
     return {
         "pictures": pictures,
-        "segments": (pictures + SEGMENT - 1) // SEGMENT,
         "ended_early": decoded.ended_early,
         "broken": decoded.broken,
         "first_broken_s": decoded.first_broken_s,
