@@ -34,7 +34,7 @@ def halves(out):
 
 
 def test_killed_again_and_again_it_ends_in_the_same_bits(scene, whole, tmp_path):
-    ended, files = whole
+    _, files = whole
     assert set(files) == {"rig.toml", "calibration.json", "tracks/C1.txt", "tracks/C2.txt"}
     moments = [("background", 1), ("file", 1), ("detection", 40), ("file", 3), ("name", 4), ("picture", 100), ("embedding", 5),
                ("people of each camera", 2), ("solving", 1), ("tracks", 2), ("rig", 1), ("file", 3)]  # fmt: skip

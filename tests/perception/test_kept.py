@@ -1,0 +1,176 @@
+"""Kept results: whole or missing, known by what decides them."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from passerby.errors import InputError
+from passerby.perception.kept import KeptStage, alone, fingerprint, forget_others, hash_of_arrays, key_of
+
+PART = {"number": np.arange(5), "score": np.linspace(0, 1, 7).reshape(7, 1), "none": np.zeros((0, 4))}
+
+
+@pytest.fixture
+def stage(tmp_path):
+    kept = KeptStage.of(tmp_path, "people", {"a": 1})
+    kept.save(3, PART)
+    kept.finish({"pictures": 5, "moves": [{"until": None, "seconds": 0.1}]})
+    return kept
+
+
+def only_file(stage, ending):
+    (path,) = stage.folder.glob(f"*{ending}")
+    return path
+
+
+def test_what_was_kept_is_found(stage):
+    loaded = stage.load(3)
+    assert list(loaded) == list(PART)
+    for name, array in PART.items():
+        assert loaded[name].dtype == array.dtype
+        np.testing.assert_array_equal(loaded[name], array)
+    assert stage.load(2) is None
+    summary = stage.summary()
+    assert summary == {"pictures": 5, "moves": [{"until": None, "seconds": 0.1}]}
+    assert list(summary) == ["pictures", "moves"], "the order decides the bytes of what it is written into"
+
+
+def test_a_stage_is_not_finished_before_it_says_so(tmp_path):
+    kept = KeptStage.of(tmp_path, "people", {"a": 1})
+    kept.save(0, PART)
+    assert kept.summary() is None
+
+
+def test_numpy_reads_what_was_kept(stage):
+    with np.load(only_file(stage, ".npz")) as archive:
+        np.testing.assert_array_equal(archive["score"], PART["score"])
+
+
+@pytest.mark.parametrize("ending", [".npz", ".txt"])
+def test_a_cut_file_counts_as_missing(stage, ending):
+    path = only_file(stage, ending)
+    whole = path.read_bytes()
+    for length in {0, 1, 15, 16, 17, len(whole) // 2, len(whole) - 17, len(whole) - 16, len(whole) - 2}:
+        path.write_bytes(whole[: max(length, 0)])
+        assert (stage.load(3) if ending == ".npz" else stage.summary()) is None, length
+    path.unlink()
+    path.mkdir()
+    assert (stage.load(3) if ending == ".npz" else stage.summary()) is None
+
+
+@pytest.mark.parametrize("ending", [".npz", ".txt"])
+def test_any_changed_byte_is_noticed(stage, ending):
+    path = only_file(stage, ending)
+    whole = path.read_bytes()
+    # The last byte of the summary is the line's end.
+    for place in range(len(whole) - (ending == ".txt")):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x40]) + whole[place + 1 :])
+        assert (stage.load(3) if ending == ".npz" else stage.summary()) is None, place
+    path.write_bytes(bytes(len(whole)))
+    assert (stage.load(3) if ending == ".npz" else stage.summary()) is None
+
+
+def test_a_part_that_is_made_again_is_read(stage):
+    only_file(stage, ".npz").write_bytes(b"half")
+    stage.save(3, {"number": np.arange(2)})
+    np.testing.assert_array_equal(stage.load(3)["number"], [0, 1])
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    kept = KeptStage.of(tmp_path / "file", "people", {})
+    with pytest.raises(InputError, match="cannot be written"):
+        kept.save(0, PART)
+    with pytest.raises(InputError, match=r"file/C1: cannot be written .*: choose a folder"), alone(tmp_path / "file" / "C1"):
+        pass
+
+
+def test_keys_differ_with_what_decides():
+    keys = {key_of(identity) for identity in ({}, {"a": 1}, {"a": 1.5}, {"a": "1"}, {"b": 1}, {"a": {"b": 1}}, {"a": None})}
+    assert len(keys) == 7
+    assert key_of({"a": 1, "b": 2}) == key_of({"b": 2, "a": 1})
+
+
+def test_a_file_is_known_by_its_content(tmp_path):
+    content = np.random.default_rng(0).bytes(9_000_000)
+    first, second = tmp_path / "a.mp4", tmp_path / "other" / "b.avi"
+    first.write_bytes(content)
+    second.parent.mkdir()
+    shutil.copyfile(first, second)
+    os.utime(second, (1, 1))
+    assert fingerprint(first) == fingerprint(second)
+    # Video codecs change everything behind a change: a piece of 256 kB is never missed by 64 samples of 9 MB.
+    second.write_bytes(content[:4_000_000] + bytes(262_144) + content[4_262_144:])
+    assert fingerprint(first) != fingerprint(second)
+    second.write_bytes(content + b"\0")
+    assert fingerprint(first) != fingerprint(second)
+    for tiny in (b"", b"a", b"b"):
+        (tmp_path / "tiny").write_bytes(tiny)
+        assert fingerprint(tmp_path / "tiny")["bytes"] == len(tiny)
+
+
+def test_arrays_are_known_by_content_shape_and_type():
+    base = np.arange(6.0)
+    digests = {hash_of_arrays(array) for array in (base, base[::-1], base.reshape(2, 3), base.astype(np.float32), base[:5])}
+    assert len(digests) == 5
+    assert hash_of_arrays(base) == hash_of_arrays(base.copy()) == hash_of_arrays(np.repeat(base, 2)[::2])
+    assert hash_of_arrays(base, base) != hash_of_arrays(base)
+
+
+def test_stages_that_are_not_used_are_forgotten_and_halves_too(tmp_path):
+    used, old = (KeptStage.of(tmp_path, "people", {"a": value}) for value in (1, 2))
+    for kept in (used, old):
+        kept.save(0, PART)
+    (used.folder / ".000001.npz.x1.part").write_bytes(b"half")
+    (tmp_path / "a file of somebody").write_text("")
+    forget_others(tmp_path, {used.folder})
+    assert not old.folder.exists()
+    assert used.load(0) is not None
+    assert not list(tmp_path.rglob("*.part"))
+    assert (tmp_path / "a file of somebody").exists()
+    forget_others(tmp_path / "nowhere", set())
+
+
+WAITS = """
+import sys
+from pathlib import Path
+from passerby.perception.kept import alone
+print("begun", flush=True)
+with alone(Path(sys.argv[1])):
+    print("in", flush=True)
+    sys.stdin.readline()
+"""
+
+
+def test_a_shelf_belongs_to_one_process_and_a_killed_one_gives_it_back(tmp_path):
+    pytest.importorskip("fcntl")
+    import fcntl
+
+    def held():
+        handle = os.open(tmp_path, os.O_RDONLY)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        finally:
+            os.close(handle)
+        return False
+
+    def begin():
+        command = [sys.executable, "-c", WAITS, str(tmp_path)]
+        return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    with begin() as first:
+        assert [first.stdout.readline() for _ in range(2)] == ["begun\n", "in\n"]
+        with begin() as second:
+            assert second.stdout.readline() == "begun\n"
+            assert held()
+            first.kill()
+            assert second.stdout.readline() == "in\n"
+            assert held()
+            second.kill()
+    assert not held()
