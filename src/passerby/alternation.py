@@ -15,12 +15,13 @@ from passerby.association.cleaning import clean
 from passerby.association.drift import clock_drifts, drift_findings
 from passerby.association.figures import association_figures
 from passerby.association.instants import common_clock
+from passerby.association.joint_tracks import joint_tracks, unmirrored
 from passerby.association.looks import Looks
 from passerby.association.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
 from passerby.association.pace import assumed_rate
 from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.result import Association
-from passerby.association.starting import Beginning, begin_with_looks, begin_with_tracks
+from passerby.association.starting import Beginning, JointEvidence, begin_with_looks, begin_with_tracks
 from passerby.association.unregistered import nobody_walks, reasons_of_lost
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
@@ -92,11 +93,33 @@ def solve_unidentified(
         if options.mode == "appearance":
             beginning = begin_with_looks(cameras, tracklets, looks)
         else:
-            beginning = begin_with_tracks(cameras, tracklets, search_s, looks.likeness() if looks else {}, executor, tell)
+            likeness = looks.likeness() if looks else {}
+            joints = _joints(rig, cameras, options.body_m, rng)
+            beginning = begin_with_tracks(cameras, tracklets, search_s, likeness, executor, tell, joints)
+            run = replace(run, cameras=_unmirrored(cameras, tracklets, beginning))
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", error.reasons), nobody
     return _alternate(run, beginning, solve, refine=search_s > 0, tell=tell)
+
+
+def _joints(rig: Rig, cameras: Sequence[PreparedCamera], body_m: float, rng: np.random.Generator) -> JointEvidence | None:
+    """The joints that cameras could be registered by; None where fewer than two have any."""
+    if sum(len(camera.seen.keypoints) > 0 for camera in cameras) < 2:
+        return None
+    tracks = [joint_tracks(own.seen.keypoints, camera.lens, own.clock) for camera, own in zip(rig, cameras, strict=True)]
+    return JointEvidence(tracks, body_m, rng)
+
+
+def _unmirrored(cameras: Sequence[PreparedCamera], tracklets: Tracklets, beginning: Beginning) -> Sequence[PreparedCamera]:
+    """The cameras, left and right set right in the joints."""
+    if beginning.mirrored is None or not beginning.mirrored.any():
+        return cameras
+    out = []
+    for c, camera in enumerate(cameras):
+        joints = unmirrored(camera.seen.keypoints, beginning.mirrored[tracklets.first[c] : tracklets.first[c + 1]])
+        out.append(replace(camera, seen=replace(camera.seen, keypoints=joints)))
+    return out
 
 
 def _clocks(rig: Rig, observations: Observations, body_m: float, rng: np.random.Generator) -> dict[str, Clock]:
@@ -223,7 +246,9 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
         if beginning.graph is not None:
             likeness = run.looks.likeness() if run.looks else None
             body_m = run.options.body_m
-            person = people_of_rig(run.tracklets, run.cameras, beginning.graph, poses, offset_s, body_m, likeness)
+            person = people_of_rig(
+                run.tracklets, run.cameras, beginning.graph, poses, offset_s, body_m, likeness, beginning.known
+            )
         same = _alike(before, person)
         rounds.append({"registered": sum(pose is not None for pose in poses), "unchanged": same})
         if same > SETTLED:

@@ -20,6 +20,8 @@ from passerby.cameras import Pose
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Pairs = tuple[Ints, Ints, Floats]
+"""(E,) tracklets, numbered through, (E,) tracklets, and (E,) what speaks for their being one person."""
 
 OVERLAP_S = 0.3
 """Tracklets of one camera that overlap by more are two people; less may be a tracker's late end."""
@@ -87,10 +89,12 @@ class _Edges:
 
 def people_of_pairs(
     tracklets: Tracklets, tracks: Sequence[GroundTracks | None], graph: ViewGraph,
-    likeness: Mapping[tuple[int, int], Floats] | None = None,
+    likeness: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
 ) -> Ints:  # fmt: skip
-    """(T,) person of each tracklet, joined by the registrations of the view graph."""
+    """(T,) person of each tracklet, joined by the registrations of the view graph and by what else is known."""
     edges = _Edges([], [], [])
+    if known is not None:
+        edges.add(*known)
     _add_registered(edges, tracklets, tracks, graph, likeness, [True] * len(tracks))
     return _joined(tracklets, edges)
 
@@ -111,7 +115,7 @@ def _add_registered(
 
 def people_of_rig(
     tracklets: Tracklets, cameras: Sequence[PreparedCamera], graph: ViewGraph, poses: Sequence[Pose | None], offset_s: Floats,
-    body_m: float, likeness: Mapping[tuple[int, int], Floats] | None = None,
+    body_m: float, likeness: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
 ) -> Ints:  # fmt: skip
     """(T,) person of each tracklet, joined by whether a calibrated rig lets them meet.
 
@@ -123,9 +127,12 @@ def people_of_rig(
         offset_s: (C,) what to add to each camera's clock.
         body_m: typical standing height, metres.
         likeness: appearance, as for `register_pair`.
+        known: what else speaks for one person.
     """
     tracks = [None if pose is None else sight_tracks(own.bodies, pose) for own, pose in zip(cameras, poses, strict=True)]
     edges = _Edges([], [], [])
+    if known is not None:
+        edges.add(*known)
     for a, in_a in enumerate(tracks):
         for b, in_b in enumerate(tracks):
             if a >= b or in_a is None or in_b is None:

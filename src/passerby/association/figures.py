@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.associate import Tracklets
+from passerby.association.joint_pairs import JointRegistration
 from passerby.association.looks import Looks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.starting import Beginning
@@ -48,15 +49,24 @@ def _pairs(
     offset_s: Floats,
 ) -> list[dict[str, Any]]:  # fmt: skip
     edges = {} if beginning is None or beginning.graph is None else {(e.a, e.b): e for e in beginning.graph.edges}
+    joints = {} if beginning is None else {(one.a, one.b): one for one in beginning.by_joints}
     out = []
     for a in range(len(cameras)):
         for b in range(a + 1, len(cameras)):
             edge = edges.get((a, b))
             guess = None if edge is None else edge.guess
             of_looks = None if looks is None else looks.pairs.get((a, b))
+            of_joints = joints.get((a, b))
+            useful = None if of_looks is None else of_looks.usefulness
+            if of_joints is not None and (of_joints.used or guess is None):
+                entry = _by_joints(of_joints)
+                entry["matched_tracklets"] = _joined(tracklets, person, a, b)
+                entry["offset_s"] = float(offset_s[b] - offset_s[a])
+                entry["looks"] = None if useful is None else useful.probability
+                out.append({"cameras": [cameras[a].name, cameras[b].name], **entry})
+                continue
             if guess is None and of_looks is None:
                 continue
-            useful = None if of_looks is None else of_looks.usefulness
             out.append(
                 {
                     "cameras": [cameras[a].name, cameras[b].name],
@@ -74,6 +84,20 @@ def _pairs(
                 }
             )
     return out
+
+
+def _by_joints(one: JointRegistration) -> dict[str, Any]:
+    """The figures of a pair that joints registered."""
+    return {
+        "route": "joints",
+        "used": one.used,
+        "score": one.score,
+        "share": one.gain,
+        "runner_up": one.runner_up,
+        "support": None,
+        "matches": one.joints,
+        "registered_offset_s": -one.lag_s,
+    }
 
 
 def _joined(tracklets: Tracklets, person: Ints, a: int, b: int) -> int:

@@ -9,9 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.associate import Tracklets, people_of_pairs, people_of_votes
+from passerby.association.associate import Pairs, Tracklets, people_of_pairs, people_of_votes
 from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground_tracks import GroundTracks
+from passerby.association.joint_graph import (
+    joined_graph,
+    joint_hypothesis,
+    known_pairs,
+    mirrored_tracklets,
+    registered_by_joints,
+)
+from passerby.association.joint_pairs import JointRegistration
+from passerby.association.joint_tracks import JointTracks
 from passerby.association.looks import Looks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import PairRegistration, register_pair
@@ -24,6 +33,7 @@ from passerby.solver.pairs import PairHypothesis
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 TRIED = 3
 """Where no pair can be registered, so many are tried at other frame rates and larger lags."""
@@ -43,13 +53,33 @@ class Beginning:
     """None where only looks were used."""
     guesses: tuple[PairHypothesis, ...] = ()
     """How the registered pairs stand to each other, for the solver."""
+    by_joints: tuple[JointRegistration, ...] = ()
+    """The pairs that tracks left apart, as their joints have it."""
+    known: Pairs | None = None
+    """What joints say of who is who."""
+    mirrored: Bools | None = None
+    """(T,) in which tracklets the joints of left and right are exchanged; None where that is not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointEvidence:
+    """What it takes to register cameras by joints."""
+
+    joints: Sequence[JointTracks]
+    """Of every camera."""
+    body_m: float
+    """Mean standing height, metres."""
+    rng: np.random.Generator
+    """Drives RANSAC."""
 
 
 def begin_with_tracks(
     cameras: Sequence[PreparedCamera], tracklets: Tracklets, max_lag_s: float, likeness: Mapping[tuple[int, int], Floats],
-    executor: Executor | None = None, tell: Progress = silent,
+    executor: Executor | None = None, tell: Progress = silent, joints: JointEvidence | None = None,
 ) -> Beginning:  # fmt: skip
     """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
+
+    Cameras that tracks leave apart are registered by joints where there are any.
 
     Args:
         cameras: all cameras.
@@ -58,6 +88,7 @@ def begin_with_tracks(
         likeness: from looks, by pair of cameras; empty where there are none.
         executor: runs the pairs in parallel; one after the other where it is None.
         tell: told of every pair that is done.
+        joints: of the same tracklets.
 
     Raises:
         EvidenceError: no two cameras can be registered.
@@ -70,11 +101,19 @@ def begin_with_tracks(
     ]
     pairs = side_by_side(_registered, jobs, executor, tell, "pairs of cameras")
     graph = view_graph(pairs, len(cameras))
+    by_joints = [] if joints is None else registered_by_joints(joints.joints, graph, joints.rng, executor, tell)
+    graph = joined_graph(graph, by_joints)
     if len(graph.groups[0]) < 2:
         raise EvidenceError(*_no_pair(cameras, graph, max_lag_s))
-    person = people_of_pairs(tracklets, [camera.tracks for camera in cameras], graph, likeness)
+    used = [one for one in by_joints if one.used]
+    known = known_pairs(tracklets, used) if used else None
+    person = people_of_pairs(tracklets, [camera.tracks for camera in cameras], graph, likeness, known)
     guesses = [_hypothesis(edge, cameras[edge.a].level, cameras[edge.b].level) for edge in graph.edges if edge.used]
-    return Beginning(person, graph.offset_s, graph, tuple(guess for guess in guesses if guess is not None))
+    if joints is not None:
+        guesses += [joint_hypothesis(one, cameras[one.a], cameras[one.b], joints.body_m) for one in used]
+    mirrored = mirrored_tracklets(tracklets, used) if used else None
+    told_guesses = tuple(guess for guess in guesses if guess is not None)
+    return Beginning(person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored)
 
 
 def _hypothesis(edge: Edge, level_a: Level | None, level_b: Level | None) -> PairHypothesis | None:
