@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.pair_matching import GroundMotion
-from passerby.association.registration import PairRegistration, Registration
+from passerby.association.registration import BELIEVED_SHARE, PairRegistration, Registration
 
 Floats = NDArray[np.float64]
 
@@ -28,10 +28,9 @@ _MIN_SUPPORT = 0.15
 _MAX_MISS = 3.0
 _MIN_SCORE = 12.0
 """Less than so many agreeing samples of walkers (half a second each) happen by chance."""
-BELIEVED_SHARE, USED_SHARE = 0.45, 0.35
-"""Of what two cameras should both see: a guess with less is not believed, one that the tree confirms is not used. Over
-simulated scenes, cameras that see the same place reach 0.63 to 0.83, and those that see different people at most 0.44. Third
-cameras do not help there: cameras that see one place all agree on where to put a stranger."""
+USED_SHARE = 0.35
+"""A guess with less of what both cameras should see is not used, even where the tree confirms it, unless it is clear of
+chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,7 @@ def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
             continue
         guess = guesses[chosen][1]
         rest = [other.score for other in pair.candidates if other is not guess]
-        used = kept is not None and (chosen in tree or guess.share >= USED_SHARE)
+        used = kept is not None and (chosen in tree or guess.share >= USED_SHARE or _clear(pair, guess))
         edges.append(Edge(pair.a, pair.b, guess, max([*rest, 0.0]) / guess.score, float(support[chosen]), used))
     groups = _groups(edges, n_cameras)
     return ViewGraph(tuple(edges), groups, _offsets(edges, groups, n_cameras))
@@ -91,13 +90,18 @@ def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
 def _belief(pair: PairRegistration, guess: Registration, support: float) -> float:
     """The weight of a guess in the spanning tree; 0 where nothing speaks for it."""
     rest = max([other.score for other in pair.candidates if other is not guess], default=0.0)
-    if guess.share < BELIEVED_SHARE:
+    if guess.share < BELIEVED_SHARE and not _clear(pair, guess):
         return 0.0
     alone = guess.score > 0 and rest / guess.score < ALONE_RUNNER_UP
     if not alone and support < _MIN_SUPPORT:
         return 0.0
     clarity = max(1.0 - rest / guess.score, 0.05)
     return float(np.sqrt(guess.merit) * clarity * (0.05 + support))
+
+
+def _clear(pair: PairRegistration, guess: Registration) -> bool:
+    """Whether a guess is its pair's best, and that one clear of chance."""
+    return pair.clear_of_chance and guess is pair.candidates[0]
 
 
 def _miss(way: GroundMotion, guess: Registration) -> float:

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.association.graph import ALONE_RUNNER_UP, BELIEVED_SHARE, Edge, ViewGraph
+from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph
 from passerby.association.ground_tracks import GroundTracks, ground_tracks
 from passerby.association.preparing import PreparedCamera
-from passerby.association.registration import Registration, register_pair
+from passerby.association.registration import BELIEVED_SHARE, Registration, register_pair
 from passerby.association.sampling import STEP_S
 from passerby.cameras import Pose
 
