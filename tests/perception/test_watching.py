@@ -1,0 +1,368 @@
+"""One camera's video, watched: what is kept is not made again, and what is made does not depend on how it was come by."""
+
+import os
+import shutil
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from filmed import wall, write_video
+from passerby.errors import InputError
+from passerby.interchange.video_writer import VideoWriter
+from passerby.observations import UNKNOWN, Boxes
+from passerby.perception import watching
+from passerby.perception.networks import Network
+from passerby.perception.pictures import Detections
+from passerby.perception.plan import Plan
+from passerby.perception.video import probe
+from passerby.perception.watching import CameraJob, watch_camera
+
+SIZE, FPS, COUNT = (160, 120), 10.0, 50
+SEGMENT = 8
+LEVELS = np.arange(COUNT) * 5
+
+
+class Calls:
+    """How often each stage was asked."""
+
+    def __init__(self):
+        self.pictures, self.looks, self.joints = [], 0, 0
+
+
+class Finds:
+    """As many people as the number of the picture says, modulo 3; where they are depends on the picture's own brightness."""
+
+    def __init__(self, calls, score):
+        self.calls, self.identity = calls, {"finds": score}
+
+    def __call__(self, frame):
+        self.calls.pictures.append(frame.number)
+        count, level = frame.number % 3, float(frame.picture[:40].mean())
+        ltwh = np.array([[10.0 + 30 * k, 20 + level / 10, 20, 50] for k in range(count)]).reshape(-1, 4)
+        return Detections(ltwh, np.full(count, self.identity["finds"]))
+
+
+class Describes:
+    """Unit vectors that tell the picture's brightness and where the box is: see `told`."""
+
+    dimensions = 3
+
+    def __init__(self, calls, name):
+        self.calls, self.identity = calls, {"describes": name}
+
+    def __call__(self, picture, ltwh):
+        self.calls.looks += 1
+        told = np.column_stack([np.full(len(ltwh), picture[:40].mean()), ltwh[:, 0]]) / 500
+        return np.column_stack([told, np.sqrt(1 - (told**2).sum(axis=1))]).astype(np.float32)
+
+
+def told(vectors):
+    """(N,) brightness and (N,) left edge."""
+    return (500 * vectors[:, :2]).T
+
+
+class Points:
+    joints = ("nose", "left_ankle")
+    identity = {"points": 1}  # noqa: RUF012
+
+    def __init__(self, calls):
+        self.calls = calls
+
+    def __call__(self, picture, ltwh):
+        self.calls.joints += 1
+        xy = np.repeat(ltwh[:, None, :2], 2, axis=1)
+        # The second person of a picture has no joint that was found.
+        return xy, np.repeat((np.arange(len(ltwh)) == 0)[:, None] * 0.9, 2, axis=1)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    counted = Calls()
+    monkeypatch.setattr(watching, "SEGMENT", SEGMENT)
+    monkeypatch.setattr(watching, "open_detector", lambda network, plan: Finds(counted, plan.min_score))
+    monkeypatch.setattr(watching, "open_embedder", lambda network: Describes(counted, network.name))
+    monkeypatch.setattr(watching, "open_estimator", lambda network: Points(counted))
+    return counted
+
+
+def pictures():
+    behind = wall(SIZE, 3)
+    for level in LEVELS:
+        picture = behind.copy()
+        picture[:40] = level
+        yield picture
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    return write_video(tmp_path_factory.mktemp("watching") / "a.mp4", pictures(), FPS)
+
+
+def network(name, tmp_path):
+    return Network(name, "embedder", tmp_path / "x.onnx", "0" * 64, "embedding")
+
+
+@pytest.fixture
+def job(video, tmp_path):
+    detector, looks, joints = (network(name, tmp_path) for name in ("d", "e", "k"))
+    return CameraJob("A", probe(video), FPS, Plan(detector, looks, joints), tmp_path / "shelf")
+
+
+def silent(done, total):
+    pass
+
+
+def facts(watched):
+    """All that decides what follows."""
+    boxes, joints = watched.boxes, watched.keypoints
+    arrays = (boxes.frame, boxes.identity, boxes.ltwh, boxes.score, boxes.embedding, joints.frame, joints.xy, joints.score)
+    return [None if array is None else (array.dtype, array.shape, array.tobytes()) for array in arrays], watched.summary
+
+
+def test_what_is_seen(job, calls):
+    progress = []
+    watched = watch_camera(job, lambda *counts: progress.append(counts))
+    assert calls.pictures == list(range(1, COUNT + 1))
+    numbers = np.arange(1, COUNT + 1)
+    np.testing.assert_array_equal(watched.boxes.frame, np.repeat(numbers, numbers % 3))
+    assert (watched.boxes.identity == UNKNOWN).all()
+    # From the outer corner of the first pixel to its middle.
+    level = LEVELS[watched.boxes.frame - 1]
+    np.testing.assert_allclose(watched.boxes.ltwh[:, 1], 19.5 + level / 10, atol=0.3)
+    np.testing.assert_allclose(watched.boxes.ltwh[:, 0] % 30, 9.5)
+    # Looked at every 0.4 s, from the first picture on.
+    looked = (watched.boxes.frame - 1) % 4 == 0
+    assert (watched.boxes.embedding[~looked] == 0).all()
+    bright, left = told(watched.boxes.embedding[looked])
+    np.testing.assert_allclose(bright, level[looked], atol=3)
+    np.testing.assert_allclose(left, watched.boxes.ltwh[looked, 0], rtol=1e-5)
+    # Joints of those who have any.
+    np.testing.assert_array_equal(watched.keypoints.frame, numbers[numbers % 3 > 0])
+    assert watched.keypoints.joints == Points.joints
+    assert watched.pictures == COUNT
+    assert progress[-1] == (COUNT, COUNT)
+    assert [done for done, _ in progress] == sorted(done for done, _ in progress)
+
+
+def test_nothing_is_made_twice(job, calls):
+    first = watch_camera(job, silent)
+    before = (len(calls.pictures), calls.looks, calls.joints)
+    again = watch_camera(job, silent)
+    assert (len(calls.pictures), calls.looks, calls.joints) == before
+    assert facts(again) == facts(first)
+
+
+def test_the_same_video_is_known_wherever_it_lies(job, calls, tmp_path):
+    first = watch_camera(job, silent)
+    copy = tmp_path / "elsewhere" / "b.mp4"
+    copy.parent.mkdir()
+    shutil.copyfile(job.info.path, copy)
+    os.utime(copy, (1, 1))
+    assert facts(watch_camera(replace(job, info=probe(copy)), silent)) == facts(first)
+    assert len(calls.pictures) == COUNT
+
+
+def test_another_video_of_the_same_name_is_not(job, calls, tmp_path):
+    path = tmp_path / "a.mp4"
+    shutil.copyfile(job.info.path, path)
+    watch_camera(replace(job, info=probe(path)), silent)
+    write_video(path, (255 - picture for picture in pictures()), FPS)
+    watched = watch_camera(replace(job, info=probe(path)), silent)
+    assert len(calls.pictures) == 2 * COUNT
+    np.testing.assert_allclose(watched.boxes.ltwh[0, 1], 19.5 + 25.5, atol=0.3)
+
+
+def stages(job):
+    return {folder.name.split("-")[0]: folder for folder in job.shelf.iterdir() if folder.is_dir()}
+
+
+def times(folder):
+    return {path.name: path.stat().st_mtime_ns for path in folder.iterdir()}
+
+
+def test_another_embedder_keeps_people_and_joints(job, calls, tmp_path):
+    watch_camera(job, silent)
+    kept = stages(job)
+    written, looks, joints = times(kept["people"]), calls.looks, calls.joints
+    other = replace(job, plan=replace(job.plan, embedder=network("other", tmp_path)))
+    watch_camera(other, silent)
+    after = stages(job)
+    assert len(calls.pictures) == COUNT
+    assert calls.joints == joints
+    assert calls.looks == 2 * looks
+    assert {name for name in after if after[name] != kept[name]} == {"looks"}
+    # A stage that is used again gets its summary again, but none of its parts.
+    assert {n: t for n, t in times(after["people"]).items() if n.endswith("npz")} == {
+        n: t for n, t in written.items() if n.endswith("npz")
+    }
+    assert not kept["looks"].exists(), "the other embedder's results are forgotten"
+
+
+def test_embeddings_and_joints_that_are_not_wanted_any_more_are_forgotten(job, calls):
+    full = watch_camera(job, silent)
+    less = watch_camera(replace(job, plan=replace(job.plan, embedder=None, keypoints=None)), silent)
+    assert len(calls.pictures) == COUNT
+    assert less.boxes.embedding is None
+    assert len(less.keypoints) == 0
+    np.testing.assert_array_equal(less.boxes.ltwh, full.boxes.ltwh)
+    assert set(stages(job)) == {"people"}
+
+
+@pytest.mark.parametrize("change", ["detector", "rate", "revision"])
+def test_what_decides_the_people_makes_all_anew(job, calls, monkeypatch, change):
+    watch_camera(job, silent)
+    before, kept = calls.looks, stages(job)
+    if change == "detector":
+        job = replace(job, plan=replace(job.plan, min_score=0.5))
+    elif change == "rate":
+        job = replace(job, rate=5.0)
+    else:
+        monkeypatch.setattr(watching, "REVISION", watching.REVISION + 1)
+    watch_camera(job, silent)
+    assert len(calls.pictures) == COUNT + (25 if change == "rate" else COUNT)
+    assert calls.looks > before
+    assert set(stages(job).values()).isdisjoint(kept.values())
+
+
+@pytest.mark.parametrize("segment", [1, 7, 50, 64])
+def test_segments_decide_nothing(job, calls, monkeypatch, tmp_path, segment):
+    eights = facts(watch_camera(job, silent))
+    monkeypatch.setattr(watching, "SEGMENT", segment)
+    assert facts(watch_camera(replace(job, shelf=tmp_path / "other"), silent)) == eights
+    # On the same shelf as well: parts of another length are not taken for these.
+    assert facts(watch_camera(job, silent)) == eights
+
+
+def test_what_is_damaged_or_lost_is_made_again_and_no_more(job, calls):
+    whole = facts(watch_camera(job, silent))
+    for stage, name, pictures_again in (
+        ("people", "000003.npz", SEGMENT),
+        ("people", "000006.npz", COUNT % SEGMENT),
+        ("people", "summary.txt", 0),
+        ("looks", "000000.npz", 0),
+        ("joints", "summary.txt", 0),
+    ):
+        for damage in ("cut", "changed", "gone"):
+            path, done = stages(job)[stage] / name, len(calls.pictures)
+            content = path.read_bytes()
+            middle = len(content) // 2
+            changed = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+            path.unlink()
+            if damage != "gone":
+                path.write_bytes(content[:middle] if damage == "cut" else changed)
+            assert facts(watch_camera(job, silent)) == whole
+            assert len(calls.pictures) - done == pictures_again
+            assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("calls_until", range(1, COUNT, 7))
+def test_a_stop_in_any_segment(job, calls, monkeypatch, tmp_path, calls_until):
+    whole = facts(watch_camera(replace(job, shelf=tmp_path / "whole"), silent))
+    calls.pictures.clear()
+
+    class StopError(BaseException):
+        pass
+
+    def stop(done, total):
+        if done == calls_until:
+            raise StopError
+
+    with pytest.raises(StopError):
+        watch_camera(job, stop)
+    assert facts(watch_camera(job, silent)) == whole
+    # What was done of the segment at work was lost.
+    assert len(calls.pictures) == COUNT + (calls_until - 1) % SEGMENT + 1
+
+
+def test_given_boxes_get_embeddings_in_the_order_of_their_file(job, calls):
+    rng = np.random.default_rng(2)
+    frame = rng.permutation(np.repeat(np.arange(1, 2 * COUNT, 2), 2))
+    left = rng.uniform(0, 100, len(frame))
+    ltwh = np.column_stack([left, np.full((len(frame), 1), 10.0), np.full((len(frame), 2), 30.0)])
+    boxes = Boxes(frame, np.arange(len(frame)), ltwh, np.ones(len(frame)))
+    watched = watch_camera(replace(job, boxes=boxes), silent)
+    assert not calls.pictures
+    for name in ("frame", "identity", "ltwh", "score"):
+        np.testing.assert_array_equal(getattr(watched.boxes, name), getattr(boxes, name))
+    looked = (frame <= COUNT) & ((frame - 1) % 4 == 0)
+    assert 10 < looked.sum() < len(frame)
+    assert (watched.boxes.embedding[~looked] == 0).all()
+    bright, seen_left = told(watched.boxes.embedding[looked])
+    np.testing.assert_allclose(seen_left, left[looked], rtol=1e-4)
+    np.testing.assert_allclose(bright, LEVELS[frame[looked] - 1], atol=3)
+    # Joints carry the ids of their boxes, of which the first of each picture has any.
+    assert len(watched.keypoints) == COUNT // 2
+    for number, who, xy in zip(watched.keypoints.frame, watched.keypoints.identity, watched.keypoints.xy, strict=True):
+        assert frame[who] == number
+        np.testing.assert_allclose(xy[0], [left[who], 10.0])
+
+
+def test_other_given_boxes_are_looked_at_anew(job, calls):
+    boxes = Boxes(np.arange(1, 11), np.zeros(10, int), np.tile([5.0, 5, 20, 40], (10, 1)), np.ones(10))
+    watch_camera(replace(job, boxes=boxes), silent)
+    before = calls.looks
+    watch_camera(replace(job, boxes=replace(boxes, score=np.full(10, 0.5), identity=np.arange(10))), silent)
+    assert calls.looks == before, "ids and scores decide nothing of how people look"
+    watch_camera(replace(job, boxes=replace(boxes, ltwh=boxes.ltwh + 1)), silent)
+    assert calls.looks == 2 * before
+
+
+def test_nobody_in_the_whole_video(job, calls, monkeypatch):
+    monkeypatch.setattr(Finds, "__call__", lambda self, frame: Detections.none())
+    for _ in range(2):
+        watched = watch_camera(job, silent)
+        assert len(watched.boxes) == len(watched.keypoints) == 0
+        assert watched.boxes.embedding.shape == (0, 3)
+    assert calls.looks == 0
+
+
+def test_a_camera_that_is_moved_is_told_and_when(job, calls, tmp_path):
+    fine = np.random.default_rng(5).normal(128, 60, (60, 90, 3)).clip(0, 255).astype(np.uint8)
+    wide = cv2.resize(fine, (450, 300), interpolation=cv2.INTER_LINEAR)
+
+    def moved(back):
+        for number in range(200):
+            left = 30 if 90 <= number < (130 if back else 999) else 0
+            yield wide[20:260, left : left + 320].copy()
+
+    for back in (False, True):
+        info = probe(write_video(tmp_path / f"moved{back}.mp4", moved(back), FPS))
+        watched = watch_camera(replace(job, info=info), silent)
+        faults, findings = watched.faults("A", info), watched.findings("A", info)
+        told = (findings if back else faults)[0]
+        assert not (faults if back else findings)
+        assert told.startswith(
+            f"{info.path}: camera A: the camera is " if back else f"{info.path}: camera A: the camera moves "
+        )
+        seconds = float(told.split(" s after the beginning")[0].split()[-1])
+        assert 9.0 <= seconds <= 10.6
+        # It is told from what is kept as well.
+        again = watch_camera(replace(job, info=info), silent)
+        assert (again.faults("A", info), again.findings("A", info)) == (faults, findings)
+
+
+def test_the_shelf_cannot_be_made(job, calls, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"file.*: cannot be written"):
+        watch_camera(replace(job, shelf=tmp_path / "file" / "A"), silent)
+
+
+def test_the_threads_of_opencv_are_as_before(job, calls):
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(3)
+    try:
+        watch_camera(job, silent)
+        assert cv2.getNumThreads() == 3
+    finally:
+        cv2.setNumThreads(before)
+
+
+def test_a_rate_below_the_videos(job, calls, tmp_path):
+    path = tmp_path / "fast.mp4"
+    with VideoWriter(path, SIZE, 25.0) as video:
+        for picture in pictures():
+            video.write(picture)
+    watch_camera(replace(job, info=probe(path), rate=5.0), silent)
+    assert calls.pictures == list(range(1, COUNT + 1, 5))
