@@ -227,8 +227,8 @@ def _tell(what: str, found: str) -> None:
 _HEAD = """# From pixels
 
 Videos in, rig out: `passerby calibrate` on videos, identities to be found (mode combined). *networks*: `{detector}` and
-`{embedder}`; *weight-free*: background subtraction and stripes of colour. Similarity errors, mean over all cameras; a run
-without all cameras has missed its goal.""".format(**NETWORKS)
+`{embedder}`; *weight-free*: background subtraction and stripes of colour. Similarity errors, mean over the registered cameras;
+a run that lacks a camera has missed its goal.""".format(**NETWORKS)
 
 _FIGURES = {
     "seconds": SECONDS,
@@ -257,8 +257,8 @@ bystanders behind. Networks, and the joints of `movenet-thunder`.""",
 
 {seconds:g} s at {fps:g} frames per second, all of them looked at. The ratio is to what the true boxes of the same scenes give,
 noise-free and without identities, as detections; people who are hidden by more than 60 % have no true box. *acceptable*: all
-cameras and at most {acceptable:g} times the error, in every seed; *aim*: besides, the ratios of the means are at most
-{aim:g}.""",
+cameras and at most {acceptable:g} times the error, in every seed; *aim*: besides, the ratios of the means are at most {aim:g}.
+A dash: a camera is missing.""",
     "long": """## Ten minutes
 
 A construction site of {size} pixels at {rate:g} frames per second, 20 s repeated to a minute and to ten; one camera watched at

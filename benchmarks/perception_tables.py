@@ -52,7 +52,7 @@ def goal_row(label: str, run: Calibrated, acceptable: Bounds | None, aim: Bounds
     goals = ["", "", ""]
     if acceptable is not None and aim is not None:
         goals = [errors(*acceptable), errors(*aim), judged(run, acceptable, aim)]
-    return [label, run.verdict, in_rig(run), _found(run), *goals, f"{run.seconds:.0f} s"]
+    return [label, run.verdict, in_rig(run), _found(run), *goals, f"{number(run.seconds, 0)} s"]
 
 
 GOAL_HEAD = ("data", "verdict", "registered", "similarity", "acceptable", "aim", "reached", "wall time")
@@ -89,7 +89,7 @@ def ratio_row(label: str, true: Sequence[Calibrated], found: Sequence[Calibrated
     within = int((ratio <= RATIO_GOAL[0]).all(axis=1).sum())
     return [
         label, registered, errors(*before.mean(axis=0)), errors(*after.mean(axis=0)),
-        f"{of_means[0]:.2f} {of_means[1]:.2f}", f"{ratio[:, 0].max():.2f} {ratio[:, 1].max():.2f}",
+        _both(of_means), _both(ratio.max(axis=0)),
         f"{within} of {len(found)}", verdict,
     ]  # fmt: skip
 
@@ -99,12 +99,17 @@ RATIO_HEAD = (
 )  # fmt: skip
 
 
+def _both(ratio: Sequence[float] | np.ndarray) -> str:
+    """Of position and of orientation."""
+    return f"{number(ratio[0], 2)} {number(ratio[1], 2)}"
+
+
 def seed_row(label: str, true: Calibrated, found: Calibrated) -> list[str]:
     """One seed: verdict, errors and the ratio."""
     ratio = (of([found]) / of([true]))[0] if complete(true) and complete(found) else (np.nan, np.nan)
     return [
-        label, found.verdict, in_rig(found), _found(true), _found(found), f"{ratio[0]:.2f} {ratio[1]:.2f}",
-        f"{found.seconds:.0f} s", f"{found.peak_mb:.0f} MB",
+        label, found.verdict, in_rig(found), _found(true), _found(found), _both(ratio),
+        f"{number(found.seconds, 0)} s", f"{number(found.peak_mb, 0)} MB",
     ]  # fmt: skip
 
 
