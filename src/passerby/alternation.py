@@ -15,7 +15,8 @@ from passerby.association.cleaning import clean
 from passerby.association.drift import clock_drifts, drift_findings
 from passerby.association.figures import association_figures
 from passerby.association.instants import common_clock
-from passerby.association.joint_tracks import joint_tracks, unmirrored
+from passerby.association.joint_graph import joined_by_joints
+from passerby.association.joint_tracks import unmirrored
 from passerby.association.looks import Looks
 from passerby.association.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
 from passerby.association.pace import assumed_rate
@@ -94,21 +95,13 @@ def solve_unidentified(
             beginning = begin_with_looks(cameras, tracklets, looks)
         else:
             likeness = looks.likeness() if looks else {}
-            joints = _joints(rig, cameras, options.body_m, rng)
+            joints = JointEvidence([camera.lens for camera in rig], options.body_m, rng)
             beginning = begin_with_tracks(cameras, tracklets, search_s, likeness, executor, tell, joints)
             run = replace(run, cameras=_unmirrored(cameras, tracklets, beginning))
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", error.reasons), nobody
     return _alternate(run, beginning, solve, refine=search_s > 0, tell=tell)
-
-
-def _joints(rig: Rig, cameras: Sequence[PreparedCamera], body_m: float, rng: np.random.Generator) -> JointEvidence | None:
-    """The joints that cameras could be registered by; None where fewer than two have any."""
-    if sum(len(camera.seen.keypoints) > 0 for camera in cameras) < 2:
-        return None
-    tracks = [joint_tracks(own.seen.keypoints, camera.lens, own.clock) for camera, own in zip(rig, cameras, strict=True)]
-    return JointEvidence(tracks, body_m, rng)
 
 
 def _unmirrored(cameras: Sequence[PreparedCamera], tracklets: Tracklets, beginning: Beginning) -> Sequence[PreparedCamera]:
@@ -198,19 +191,22 @@ class _Run:
             identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, figures | {"rounds": rounds},
             {} if graph is None else reasons_of_lost(self.cameras, graph, self.options.search_s),
-            *self._told(person, offset_s, solution, walked=graph is not None),
+            *self._told(person, offset_s, solution, beginning),
         )  # fmt: skip
 
     def _told(
-        self, person: Ints, offset_s: Floats, solution: Solution | None, *, walked: bool
+        self, person: Ints, offset_s: Floats, solution: Solution | None, beginning: Beginning | None
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What speaks against relying on the association, which may rest on how people walked, and what is odd about it."""
+        """What speaks against relying on the association, and what is odd about it."""
         if solution is None:
             return (), ()
         first, poses = self.tracklets.first, [camera.pose for camera in solution.rig]
         own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
         doubts, findings = drift_findings(self.cameras, clock_drifts(self.cameras, poses, own, offset_s))
-        return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), tuple(findings)
+        graph = beginning.graph if beginning is not None else None
+        walked = graph is not None and any(edge.used for edge in graph.edges)
+        joined = joined_by_joints(self.cameras, beginning.by_joints) if beginning is not None else []
+        return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *findings)
 
 
 def _at(column: Ints, row: Ints) -> Ints:

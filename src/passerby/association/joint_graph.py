@@ -130,6 +130,8 @@ def _contradicts(one: JointRegistration, way: dict[int, Way]) -> bool:
 
 def joined_graph(graph: ViewGraph, registrations: Sequence[JointRegistration]) -> ViewGraph:
     """The view graph with the groups that used registrations join as one, their clocks with them."""
+    if not any(one.used for one in registrations):
+        return graph
     groups = [list(group) for group in graph.groups]
     offset_s = graph.offset_s.copy()
     for one in sorted((one for one in registrations if one.used), key=lambda one: -one.gain * one.score):
@@ -139,11 +141,21 @@ def joined_graph(graph: ViewGraph, registrations: Sequence[JointRegistration]) -
         offset_s[second] += offset_s[one.a] - one.lag_s - offset_s[one.b]
         groups.remove(second)
         first += second
-    for group in groups:
-        group.sort()
-        offset_s[group] -= offset_s[group[0]]
-    ordered = tuple(tuple(group) for group in sorted(groups, key=lambda group: (-len(group), group[0])))
+        offset_s[first] -= offset_s[min(first)]
+    ordered = tuple(tuple(sorted(group)) for group in sorted(groups, key=lambda group: (-len(group), min(group))))
     return replace(graph, groups=ordered, offset_s=offset_s)
+
+
+def joined_by_joints(cameras: Sequence[PreparedCamera], registrations: Sequence[JointRegistration]) -> list[str]:
+    """A sentence where cameras were joined by joints: their clocks were not searched for."""
+    joined = sorted({c for one in registrations if one.used for c in (one.a, one.b)})
+    if not joined:
+        return []
+    names = [cameras[c].name for c in joined]
+    return [
+        f"cameras {', '.join(names[:-1])} and {names[-1]} were joined by the joints of people who move, nobody walks through "
+        "their views; offsets between their clocks were not searched for"
+    ]
 
 
 def known_pairs(tracklets: Tracklets, registrations: Sequence[JointRegistration]) -> Pairs:

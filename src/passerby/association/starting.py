@@ -20,11 +20,12 @@ from passerby.association.joint_graph import (
     registered_by_joints,
 )
 from passerby.association.joint_pairs import JointRegistration
-from passerby.association.joint_tracks import JointTracks
+from passerby.association.joint_tracks import joint_tracks
 from passerby.association.looks import Looks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import PairRegistration, register_pair
 from passerby.association.unregistered import WALK_MEND, sees_too_little, told, what_would_fit
+from passerby.cameras import Lens
 from passerby.errors import EvidenceError
 from passerby.geometry.single_view import Level
 from passerby.parallel import side_by_side
@@ -65,7 +66,7 @@ class Beginning:
 class JointEvidence:
     """What it takes to register cameras by joints."""
 
-    joints: Sequence[JointTracks]
+    lenses: Sequence[Lens]
     """Of every camera."""
     body_m: float
     """Mean standing height, metres."""
@@ -88,7 +89,7 @@ def begin_with_tracks(
         likeness: from looks, by pair of cameras; empty where there are none.
         executor: runs the pairs in parallel; one after the other where it is None.
         tell: told of every pair that is done.
-        joints: of the same tracklets.
+        joints: what it takes to use joints; None: they are not used.
 
     Raises:
         EvidenceError: no two cameras can be registered.
@@ -101,7 +102,7 @@ def begin_with_tracks(
     ]
     pairs = side_by_side(_registered, jobs, executor, tell, "pairs of cameras")
     graph = view_graph(pairs, len(cameras))
-    by_joints = [] if joints is None else registered_by_joints(joints.joints, graph, joints.rng, executor, tell)
+    by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell)
     graph = joined_graph(graph, by_joints)
     if len(graph.groups[0]) < 2:
         raise EvidenceError(*_no_pair(cameras, graph, max_lag_s))
@@ -114,6 +115,18 @@ def begin_with_tracks(
     mirrored = mirrored_tracklets(tracklets, used) if used else None
     told_guesses = tuple(guess for guess in guesses if guess is not None)
     return Beginning(person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored)
+
+
+def _registered_by_joints(
+    cameras: Sequence[PreparedCamera], graph: ViewGraph, joints: JointEvidence, executor: Executor | None, tell: Progress
+) -> list[JointRegistration]:
+    """The pairs that tracks leave apart, as far as their joints tell."""
+    if len(graph.groups) < 2 or sum(len(camera.seen.keypoints) > 0 for camera in cameras) < 2:
+        return []
+    seen = [
+        joint_tracks(camera.seen.keypoints, lens, camera.clock) for camera, lens in zip(cameras, joints.lenses, strict=True)
+    ]
+    return registered_by_joints(seen, graph, joints.rng, executor, tell)
 
 
 def _hypothesis(edge: Edge, level_a: Level | None, level_b: Level | None) -> PairHypothesis | None:

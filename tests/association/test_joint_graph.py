@@ -1,0 +1,95 @@
+"""Registrations by joints that contradict each other, and what they make of cameras and people."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import passerby.association.joint_graph as joint_graph
+from passerby.alternation import AssociationOptions, solve_unidentified
+from passerby.association.associate import Tracklets
+from passerby.association.graph import ViewGraph
+from passerby.association.joint_pairs import JointRegistration, SamePerson
+from passerby.cameras import Camera, Rig
+from passerby.evaluation.metrics import compare
+from passerby.observations import Observations
+from passerby.solver.people import solve_people
+from passerby.solver.scale import ScaleCues
+from people_on_spot import moving_on_spot, ring, seen
+
+TURNS = Rotation.random(4, random_state=5).as_matrix()
+
+
+def registration(a, b, *, gain=0.8, wrong=None, mirrored=False, lag_s=0.0):
+    R_ba = TURNS[b] @ TURNS[a].T if wrong is None else Rotation.from_rotvec(wrong).as_matrix() @ TURNS[b] @ TURNS[a].T
+    people = (SamePerson(0, 0, mirrored, 0.9, 3.0),)
+    return JointRegistration(a, b, R_ba, np.array([1.0, 0, 0]), 0.9, gain, 0.0, people, 100, lag_s, used=True)
+
+
+def test_a_registration_that_contradicts_better_ones_is_dropped():
+    right = [registration(0, 1), registration(1, 2), registration(2, 3), registration(0, 2)]
+    wrong = registration(0, 3, gain=0.55, wrong=[0.0, 1.5, 0.0])
+    assert [one.used for one in joint_graph.agreeing([*right, wrong], 4)] == [True, True, True, True, False]
+
+
+def test_of_two_equally_good_neither_is_believed():
+    loop = [registration(0, 1, gain=0.7), registration(1, 2), registration(0, 2, gain=0.69, wrong=[0.0, 1.5, 0.0])]
+    assert [one.used for one in joint_graph.agreeing(loop, 3)] == [False, True, False]
+
+
+def test_groups_that_joints_join_bring_their_clocks():
+    apart = ViewGraph((), ((0, 1), (2, 3)), np.array([0.0, 0.5, 0.0, -1.0]))
+    graph = joint_graph.joined_graph(apart, [registration(1, 3, lag_s=0.3)])
+    assert graph.groups == ((0, 1, 2, 3),)
+    # Both see one event: time_3 = time_1 + lag, and time + offset is the same.
+    assert graph.offset_s[1] == pytest.approx(graph.offset_s[3] + 0.3)
+    np.testing.assert_allclose(graph.offset_s[[0, 1]], [0.0, 0.5])
+    assert graph.offset_s[2] - graph.offset_s[3] == pytest.approx(1.0)
+    assert joint_graph.joined_graph(apart, [replace(registration(1, 3), used=False)]) is apart
+
+
+def test_the_tracklet_with_left_and_right_exchanged_is_the_odd_one():
+    tracklets = Tracklets(np.arange(5), np.zeros(4), np.ones(4), (np.zeros(0, np.int64), np.zeros(0, np.int64)))
+    found = [registration(0, 1, mirrored=True), registration(1, 2, mirrored=True), registration(2, 3)]
+    assert joint_graph.mirrored_tracklets(tracklets, found).tolist() == [False, True, False, False]
+
+
+def calibrated(rig, rng, shown, exchanged=()):
+    """A rig found from people nobody has identified."""
+    observations = Observations(
+        {
+            camera.name: seen(camera, joints, rng, exchanged=camera.name in exchanged)
+            for camera, joints in zip(rig, shown, strict=True)
+        },
+        25.0,
+    )
+
+    def solve(instants, guesses, *, passing, refine_time):
+        return solve_people(bare, instants, ScaleCues(), rng=np.random.default_rng(0), guesses=guesses)
+
+    bare = Rig(tuple(Camera(camera.name, camera.lens) for camera in rig))
+    return solve_unidentified(bare, observations, AssociationOptions(), solve, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("exchanged", [(), ("C3",)], ids=["as they are", "left and right exchanged in C3"])
+def test_a_rig_from_one_person_on_the_spot(exchanged):
+    rng = np.random.default_rng(3)
+    rig = ring(4, rng)
+    joints = moving_on_spot(np.zeros((1, 2)), 4.0, 25.0, rng)
+    solution, association = calibrated(rig, rng, [joints] * 4, exchanged)
+    judged = compare(solution.rig, rig).similarity
+    assert all(camera.pose is not None for camera in solution.rig)
+    assert judged.mean_position_mm < 60
+    assert judged.mean_orientation_deg < 1.0
+    assert {pair["route"] for pair in association.figures["pairs"]} == {"joints"}
+    assert any("joined by the joints" in finding for finding in association.findings)
+
+
+def test_cameras_that_see_different_people_on_the_spot_are_refused():
+    rng = np.random.default_rng(4)
+    rig = ring(2, rng)
+    shown = [moving_on_spot(np.zeros((1, 2)), 4.0, 25.0, rng) for _ in rig]
+    solution, association = calibrated(rig, rng, shown)
+    assert solution.verdict == "refused"
+    assert [(pair["route"], pair["used"]) for pair in association.figures["pairs"]] in ([], [("joints", False)])

@@ -1,0 +1,75 @@
+"""Two cameras are registered by joints of people who move on the spot, and by nothing that only looks alike."""
+
+import numpy as np
+import pytest
+
+from passerby.association.joint_pairs import register_joints
+from passerby.association.joint_tracks import joint_tracks
+from passerby.geometry.rotations import angle_between, direction_angle
+from passerby.observations import Clock
+from people_on_spot import moving_on_spot, ring, seen
+
+ONE = np.array([[0.0, 0.0]])
+THREE = np.array([[0.0, 0.0], [1.2, 0.3], [-0.6, 1.1]])
+FPS = 25.0
+
+
+def two_views(seed, places, *, strangers=False, moving=1.0, seconds=3.0, exchanged=False, late_frames=0):
+    """The registration of two cameras a quarter of a circle apart, and its true rotation and baseline."""
+    rng = np.random.default_rng(seed)
+    first, second, *_ = ring(4, rng)
+    joints = moving_on_spot(places, seconds + 1.0, FPS, rng, moving=moving)
+    others = moving_on_spot(places, seconds + 1.0, FPS, rng, moving=moving) if strangers else joints
+    n = round(seconds * FPS)
+    tracks = [
+        joint_tracks(seen(camera, shown, rng, exchanged=swap).keypoints, camera.lens, Clock(FPS))
+        for camera, shown, swap in (
+            (first, joints[:n], False),
+            (second, others[late_frames : late_frames + n], exchanged),
+        )
+    ]
+    R_ba = second.pose.R_cw @ first.pose.R_cw.T
+    return register_joints(0, 1, *tracks, np.random.default_rng(seed)), R_ba, second.pose.t_cw - R_ba @ first.pose.t_cw
+
+
+@pytest.mark.parametrize("places", [ONE, THREE], ids=["one person", "three people"])
+def test_people_who_move_on_the_spot_register_two_cameras(places):
+    for seed in range(3):
+        found, R_ba, t_ba = two_views(seed, places)
+        assert found.used
+        assert np.degrees(angle_between(found.R_ba, R_ba)) < 8
+        assert np.degrees(direction_angle(found.t_ba, t_ba)) < 5
+        assert len(found.people) == len(places)
+        assert not any(person.mirrored for person in found.people)
+
+
+def test_left_and_right_exchanged_in_one_camera_are_told():
+    found, R_ba, _ = two_views(0, ONE, exchanged=True)
+    assert found.used
+    assert [person.mirrored for person in found.people] == [True]
+    assert np.degrees(angle_between(found.R_ba, R_ba)) < 8
+
+
+def test_strangers_are_never_joined():
+    cases = [(seed, ONE, moving) for seed in range(7) for moving in (0.0, 0.3, 1.0)] + [(7, THREE, 0.3), (8, THREE, 1.0)]
+    joined = [case for case in cases if two_views(case[0], case[1], strangers=True, moving=case[2], seconds=2.0)[0].used]
+    assert not joined
+
+
+def test_who_stands_still_proves_nothing():
+    """His joints fit well, but a moment later just as well; so would those of anybody who stands alike."""
+    for places in (ONE, THREE):
+        found, _, _ = two_views(0, places, moving=0.0)
+        assert not found.used
+        assert found.gain < 0.2
+
+
+def test_clocks_that_differ_are_not_taken_to_agree():
+    found, _, _ = two_views(0, ONE, late_frames=20)
+    assert not found.used
+
+
+def test_the_same_seed_gives_the_same_bits():
+    (one, _, _), (two, _, _) = two_views(1, ONE), two_views(1, ONE)
+    np.testing.assert_array_equal(one.R_ba, two.R_ba)
+    assert (one.score, one.gain, one.runner_up) == (two.score, two.gain, two.runner_up)
