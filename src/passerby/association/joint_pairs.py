@@ -38,8 +38,8 @@ TRIED = 6
 DELAYS = (0.25, -0.25, 0.45, -0.45)
 """Shares of the common time by which a hypothesis is delayed, to learn how well strangers would fit."""
 MIN_SCORE, MIN_GAIN = 0.65, 0.5
-"""Two people gained at most 0.33 in 144 simulated cases (still or moving, one or three in view, for 1.5 and 6 s); one person who
-waves and bends 0.6 and more, and 0.59 to 0.85 in four real cameras."""
+"""Two people gained at most 0.33 in 144 simulated cases (still or moving, one or three in view, for 1.5 and 6 s); one who waves
+and bends 0.6 and more, and 0.59 to 0.85 in four real cameras."""
 MAX_RUNNER_UP = 0.6
 """A hypothesis that contradicts the best one must gain less than this share of what that gains."""
 ALSO_SCORE = 0.5
