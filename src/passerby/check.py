@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,9 @@ from passerby.errors import EvidenceError, InputError
 from passerby.inputs import observations_of, read_cameras, scene_faults, scene_findings
 from passerby.interchange.faults import faults_of
 from passerby.observations import UNKNOWN, CameraObservations, Ints, Observations
-from passerby.reading import CameraReading
+from passerby.perception.plan import foresee
+from passerby.perception.video import VideoInfo
+from passerby.reading import CameraReading, wants_joints, wants_looks
 from passerby.scene import Scene
 from passerby.sharing import Shared, missing_overlap, shared_people
 
@@ -42,6 +45,9 @@ class CameraCheck:
     shared: dict[str, Shared]
     """What it shares with every other camera; empty where identities are not given."""
     faults: tuple[str, ...]
+    video: VideoInfo | None = None
+    awaiting: bool = False
+    """Whether people are still to be found in the video."""
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for JSON."""
@@ -59,6 +65,20 @@ class CameraCheck:
             "fps": self.fps,
             "shared": {name: {"people": shared.people, "sightings": shared.sightings} for name, shared in self.shared.items()},
             "faults": list(self.faults),
+            **({} if self.video is None else {"video": self._video(self.video)}),
+        }
+
+    def _video(self, video: VideoInfo) -> dict[str, Any]:
+        """What is known of the video before it is watched."""
+        return {
+            "file": str(video.path),
+            "size": list(video.size),
+            "codec": video.codec,
+            "fps": video.average_fps,
+            "variable": video.variable,
+            "pictures": video.frames,
+            "seconds": video.seconds,
+            "watched": self.awaiting,
         }
 
 
@@ -76,6 +96,8 @@ class SceneCheck:
     """What a calibration will want: the input is sound, but ties not all cameras together."""
     findings: tuple[str, ...]
     """What is odd, but stops nothing."""
+    perception: dict[str, Any] = field(default_factory=dict)
+    """What the videos would be watched with, JSON-ready; empty where none would be."""
 
     @property
     def exit_status(self) -> int:
@@ -94,6 +116,7 @@ class SceneCheck:
             "faults": list(self.faults),
             "lacks": list(self.lacks),
             "findings": list(self.findings),
+            **({"perception": self.perception} if self.perception else {}),
         }
 
 
@@ -108,6 +131,8 @@ def check_scene(path: str | Path) -> SceneCheck:
     shared = shared_people(_counted_alike(observations_of(scene, readings))) if given else {}
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
+    perception, faults_of_networks, notes = _foreseen(scene, readings)
+    faults, findings = faults + faults_of_networks, findings + notes
     return SceneCheck(
         name=scene.name,
         mode=scene.association.mode,
@@ -115,7 +140,25 @@ def check_scene(path: str | Path) -> SceneCheck:
         faults=tuple(dict.fromkeys(faults)),
         lacks=tuple(missing_overlap(shared)) if given and not faults else (),
         findings=tuple(findings),
+        perception=perception,
     )
+
+
+def _foreseen(scene: Scene, readings: list[CameraReading]) -> tuple[dict[str, Any], list[str], list[str]]:
+    """What the videos would be watched with, what is wrong with that, and what is to be fetched."""
+    wanted, usable = scene.perception, [reading for reading in readings if reading.video is not None]
+
+    def of(wants: Callable[[Scene, CameraReading], bool], choice: str) -> str:
+        return choice if any(wants(scene, reading) for reading in usable) else ""
+
+    models = None if wanted.models is None else scene.resolve(wanted.models)
+    detector = of(lambda _, reading: reading.awaiting, wanted.detector)
+    looks, joints = of(wants_looks, wanted.embedder), of(wants_joints, wanted.keypoints)
+    try:
+        choices, notes = foresee(detector, looks, joints, models=models, base=scene.resolve(Path()))
+    except InputError as error:
+        return {}, [f"{scene.place}: {error}"], []
+    return choices, [], notes
 
 
 def _counted_alike(observations: Observations) -> Observations:
@@ -156,4 +199,6 @@ def _camera_check(reading: CameraReading, shared: dict[str, Shared]) -> CameraCh
         fps=reading.fps,
         shared=shared,
         faults=tuple(reading.faults),
+        video=reading.video,
+        awaiting=reading.awaiting,
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -101,6 +102,7 @@ def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
         *_length_faults(scene, readings),
         *_joint_faults(scene, readings),
         *_embedding_faults(scene, readings),
+        *_same_video_faults(scene, readings),
         *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
     ]
@@ -183,6 +185,22 @@ def _short_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str
         for reading in readings
         if reading.video is not None and seconds.get(reading.name, np.inf) < SHORT_VIDEO * seconds[longest]
     ]
+
+
+def _same_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Cameras that name one and the same file: a slip of the pen, as a rule."""
+    first: dict[Path, str] = {}
+    faults = []
+    for reading in readings:
+        if reading.video is None:
+            continue
+        other = first.setdefault(reading.video.path.resolve(), reading.name)
+        if other != reading.name:
+            faults.append(
+                f"{scene.place}: [cameras.{reading.name}] video {reading.video.path.name} is camera {other}'s too: give each "
+                "camera its own"
+            )
+    return faults
 
 
 def _emptiness_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:

@@ -99,7 +99,7 @@ def read_camera(scene: Scene, name: str) -> CameraReading:
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
     reading.keypoints = _attempt(read_keypoints, reading.keypoints_path, reading.faults) or reading.keypoints
-    reading.video = _attempt(probe, path_of(table.video), reading.faults)
+    reading.video = _attempt(lambda path: _probed(path, name), path_of(table.video), reading.faults)
     if reading.video is not None:
         _check_video(scene, reading, reading.video)
     reading.awaiting = table.watched
@@ -178,6 +178,19 @@ def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) ->
     except InputError as error:
         faults += faults_of(error)
         return None
+
+
+def _probed(path: Path, name: str) -> VideoInfo:
+    """What a video tells of itself; an `InputError` names its camera."""
+    try:
+        return probe(path)
+    except InputError as error:
+        raise of_video(error, name) from None
+
+
+def of_video(error: InputError, name: str) -> InputError:
+    """An error with a video, with its camera."""
+    return InputError(f"{error} (the video of camera {name})")
 
 
 def _with_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:

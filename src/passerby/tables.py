@@ -124,30 +124,59 @@ def show_comparison(comparison: Comparison) -> None:
 def show_check(report: SceneCheck) -> None:
     """What a scene holds, camera by camera; the faults are not among it."""
     if report.cameras:
-        given = report.mode == "given"
+        given, filmed = report.mode == "given", any(camera.video for camera in report.cameras)
         last = ("people", "people shared with") if given else ("tracklets", "embeddings", "fps")
-        columns = ("camera", "picture", "span", "frames", "boxes", "joints", *last, "faults")
-        show_table(report.name, columns, [_check_row(camera, given) for camera in report.cameras])
+        video = ("video", "length") if filmed else ()
+        columns = ("camera", "picture", *video, "span", "frames", "boxes", "joints", *last, "faults")
+        show_table(report.name, columns, [_check_row(camera, given, filmed) for camera in report.cameras])
+    if report.perception:
+        told = (f"{WATCHED_FOR[role]} by {_choice(choice)}" for role, choice in report.perception.items())
+        print("from the videos: " + ", ".join(told))
     for finding in report.findings:
         print(f"note: {finding}")
     if report.exit_status == 0:
         print("all well")
 
 
-def _check_row(camera: CameraCheck, given: bool) -> list[str]:
+WATCHED_FOR = {"detector": "people", "embedder": "looks", "keypoints": "joints"}
+
+
+def _choice(choice: Mapping[str, Any] | str) -> str:
+    """What does the work of a role, in words."""
+    return choice if isinstance(choice, str) else str(choice["network"])
+
+
+def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:
     """One line of `show_check`; ids that are a camera's own are shared with nobody."""
+    tracklets = str(camera.identities) if camera.identities or not camera.frames else "detections"
+    # Nobody has looked into the video yet: that is not the same as nobody in it.
+    span, *counts = [MISSING] * 4 if camera.awaiting else _seen(camera)
     if given:
         last = [str(camera.identities), " ".join(f"{name}:{shared.people}" for name, shared in camera.shared.items())]
     else:
-        tracklets = str(camera.identities) if camera.identities or not camera.frames else "detections"
+        tracklets = "video" if camera.awaiting else tracklets
         last = [tracklets, str(camera.embedding_dimensions or MISSING), MISSING if camera.fps is None else f"{camera.fps:g}"]
     return [
         camera.name,
         MISSING if camera.size is None else f"{camera.size[0]}x{camera.size[1]}",
-        MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}",
-        str(camera.frames),
-        str(camera.boxes),
-        str(camera.keypoints),
+        *(_of_video(camera) if filmed else ()),
+        span,
+        *counts,
         *last,
         str(len(camera.faults)) if camera.faults else "ok",
     ]
+
+
+def _seen(camera: CameraCheck) -> tuple[str, ...]:
+    """Frames, boxes and joints."""
+    span = MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}"
+    return span, str(camera.frames), str(camera.boxes), str(camera.keypoints)
+
+
+def _of_video(camera: CameraCheck) -> tuple[str, str]:
+    """A video's codec and rate, and its length."""
+    video = camera.video
+    if video is None:
+        return MISSING, MISSING
+    rate = f"about {video.average_fps:.3g}" if video.variable else f"{video.average_fps:.4g}"
+    return f"{video.codec} {video.size[0]}x{video.size[1]} {rate} fps", number(video.seconds, 1, " s")

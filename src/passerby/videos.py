@@ -19,7 +19,7 @@ from passerby.perception.plan import Plan, make_plan
 from passerby.perception.video import VideoInfo, expected_count
 from passerby.perception.watching import CameraJob, Watched, watch_camera
 from passerby.progress import Progress
-from passerby.reading import CameraReading, fill, wants_joints, wants_looks, wants_video
+from passerby.reading import CameraReading, fill, of_video, wants_joints, wants_looks, wants_video
 from passerby.scene import WATCHED_FPS, Scene
 
 KEPT_FOLDER = "perception"
@@ -88,7 +88,10 @@ def plan_of(scene: Scene, tell: Progress) -> Plan:
     wanted = scene.perception
     models = None if wanted.models is None else scene.resolve(wanted.models)
     base = scene.resolve(Path())
-    plan = make_plan(wanted.detector, wanted.embedder, wanted.keypoints, models=models, base=base, tell=tell)
+    try:
+        plan = make_plan(wanted.detector, wanted.embedder, wanted.keypoints, models=models, base=base, tell=tell)
+    except InputError as error:
+        raise InputError(f"{scene.place}: {error}") from None
     return replace(plan, min_score=wanted.min_score, tiles=wanted.tiles)
 
 
@@ -175,7 +178,7 @@ def _result(job: CameraJob, tell: _Teller | None) -> Watched | InputError:
         with threadpool_limits(limits=1, user_api="blas"):
             return watch_camera(job, tell or noted or _Noted(_note(job)))
     except InputError as error:
-        return InputError(str(error))
+        return of_video(error, job.name) if str(error).startswith(f"{job.info.path}:") else InputError(str(error))
     finally:
         if noted is not None:
             _note(job).unlink(missing_ok=True)

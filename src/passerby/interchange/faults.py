@@ -12,11 +12,11 @@ LISTED_FAULTS = 20
 
 
 class FileFaults(InputError):
-    """A file that cannot be used. The message tells the first fault, `faults` all of them (up to `LISTED_FAULTS`)."""
+    """A file, or a scene, that cannot be used. The message tells the first fault, `faults` all (up to `LISTED_FAULTS`)."""
 
     def __init__(self, faults: Sequence[str]) -> None:
         more = len(faults) - 1
-        super().__init__(faults[0] + (f" (and {more} more fault{'s' if more > 1 else ''} in this file)" if more else ""))
+        super().__init__(faults[0] + (f" (and {more} more fault{'s' if more > 1 else ''})" if more else ""))
         listed = tuple(faults[:LISTED_FAULTS])
         if len(faults) > LISTED_FAULTS:
             listed += (f"... and {len(faults) - LISTED_FAULTS} more faults",)

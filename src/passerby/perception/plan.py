@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from passerby.errors import InputError
+from passerby.perception.catalogue import default_of
 from passerby.perception.model_files import AUTO, Found, find_model
 from passerby.perception.networks import Network, Role
 from passerby.perception.tiles import Tiling
@@ -37,7 +38,7 @@ class Plan:
 
         def told(choice: Network | str | None, without: str) -> dict[str, Any] | str:
             if isinstance(choice, Network):
-                return {"network": choice.name, "sha256": choice.sha256, "licence": choice.licence}
+                return _told(choice)
             return choice or without
 
         return {
@@ -74,13 +75,53 @@ def make_plan(
         notes += [f"{reason}: people are told apart by the colours of stripes, without a network"] if looks is None else []
         described = looks or STRIPES
     if keypoints != NONE:
-        joints, _ = _found(keypoints, "keypoints", models, base, tell)
+        joints, reason = _found(keypoints, "keypoints", models, base, tell)
+        if joints is None:
+            raise InputError(f"[perception] keypoints = {keypoints!r}: {reason}")
     return Plan(boxes, described, joints, notes=tuple(notes))
+
+
+def foresee(
+    detector: str, embedder: str, keypoints: str, *, models: Path | None, base: Path | None
+) -> tuple[dict[str, Any], list[str]]:
+    """What `make_plan` would choose, with nothing fetched: choices as plain values for JSON, and what is to be fetched.
+
+    Arguments and errors as of `make_plan`; an empty choice is left out.
+    """
+    choices: dict[str, Any] = {}
+    notes = []
+    roles: tuple[tuple[Role, str], ...] = (("detector", detector), ("embedder", embedder), ("keypoints", keypoints))
+    for role, wanted in roles:
+        if wanted in ("", BACKGROUND, STRIPES, NONE):
+            choices |= {role: wanted} if wanted else {}
+            continue
+        network, reason = _asked(wanted, role, models, base, silent, download=False)
+        entry = default_of(role) if wanted == AUTO else None
+        if network is None and wanted == AUTO and entry is None:
+            raise InputError(f"[perception] {role} = {wanted!r}: {reason}")
+        choices[role] = _told(network) if network else {"network": entry.name if entry else wanted}
+        if network is None:
+            without = f"{BACKGROUND if role == 'detector' else STRIPES} takes its place where it cannot be had"
+            notes.append(f"{reason}, and so does calibrating" + (f"; {without}" if wanted == AUTO else ""))
+    return choices, notes
 
 
 def _found(wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress) -> Found:
     """The network, or why there is none; `InputError` where that was not left to us."""
-    found = find_model(wanted, role, models, base=base, tell=tell)
+    found = _asked(wanted, role, models, base, tell)
     if found.network is None and wanted != AUTO:
         raise InputError(f"[perception] {role} = {wanted!r}: {found.reason}")
     return found
+
+
+def _asked(wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress, *, download: bool = True) -> Found:
+    """As `find_model`; errors name the key."""
+    try:
+        return find_model(wanted, role, models, base=base, download=download, tell=tell)
+    except InputError as error:
+        raise InputError(f"[perception] {role} = {wanted!r}: {error}") from None
+
+
+def _told(network: Network) -> dict[str, Any]:
+    """A network as plain values for JSON."""
+    return {"network": network.name, "sha256": network.sha256, "licence": network.licence}
