@@ -179,13 +179,13 @@ def at_least(value: float | None, acceptable: float, aim: float) -> str:
 
 
 def long_row(label: str, short: Mapping[str, float], long: Mapping[str, float]) -> list[str]:
-    """A minute and ten of the same video."""
+    """A minute and ten of the same video; without a network the share is told only."""
     growth, learning = long["peak_mb"] / short["peak_mb"], long.get("background", 0.0)
     share = long["detection"] / (long["watching"] + learning)
     return [
         label, f"{short['peak_mb']:.0f} MB", f"{long['peak_mb']:.0f} MB", f"{growth:.2f}", yes(growth <= MOST_GROWTH),
         f"{long['watching']:.0f} s", f"{long['detection']:.0f} s", f"{learning:.0f} s", f"{100 * share:.0f} %",
-        yes(share > LEAST_SHARE), f"{long['pictures']:.0f}", f"{long['boxes']:.0f}",
+        "" if learning else yes(share > LEAST_SHARE), f"{long['pictures']:.0f}", f"{long['boxes']:.0f}",
     ]  # fmt: skip
 
 
