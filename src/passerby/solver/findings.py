@@ -127,7 +127,8 @@ def figures_of(
             for h, agreement in zip(start.hypotheses, support, strict=True)
         ],
         "trees": choice.candidates, "tree": choice.tree, "rounds": fit.rounds,
-        "noise": {"floor_px": noise.floor_px, "centre": noise.centre, "height": noise.height, "joint": noise.joint},
+        "noise": {"floor_px": noise.floor_px, "centre": noise.centre, "height": noise.height, "joint": noise.joint,
+                  "broken_edges": noise.broken},
         "people": {
             "identities": len(np.unique(model.problem.person)), "instants": len(model.problem.person),
             "standing": float(np.mean(fit.stance[model.blocks])) if len(model.blocks) else None,

@@ -61,6 +61,8 @@ class Noise:
     """(C, K) factor on the noise of each joint of the body in each camera; 1 when None."""
     loss: float = 5.0
     """Scale of the Cauchy loss in sigmas; large values make it nearly quadratic for a first descent."""
+    broken: float = 0.0
+    """Share of the boxes' edges that are not the person's, beyond what clean boxes feign."""
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,8 @@ class PeopleProblem:
     noise: Noise = field(default_factory=Noise)
     priors: Priors = field(default_factory=Priors)
     cues: CueRows | None = None
+    whole: Floats | None = None
+    """(M,) probability that each sighting shows a whole person; all 1 when None."""
 
     @property
     def timed(self) -> bool:
@@ -85,13 +87,17 @@ class PeopleProblem:
         return Layout(self.n_cameras, self.camera_size, n_globals, len(self.height_mean), families)
 
     def centre_sigma(self) -> Floats:
-        """(M,) standard deviation of the sightings' centres in each direction, pixels."""
+        """(M,) standard deviation of the sightings' centres in each direction, pixels; large where the person is not whole."""
         share = np.where(self.sightings.has_foot > 0, self.noise.centre, max(self.noise.lean, self.noise.centre))
-        return np.asarray(np.hypot(self.noise.floor_px, share * self.sightings.extent_px))
+        return self._where_whole(np.hypot(self.noise.floor_px, share * self.sightings.extent_px))
 
     def height_sigma(self) -> Floats:
-        """(M,) standard deviation of the logarithm of the sightings' extents."""
-        return np.asarray(np.hypot(self.noise.floor_px / self.sightings.extent_px, self.noise.height))
+        """(M,) standard deviation of the logarithm of the sightings' extents, likewise."""
+        return self._where_whole(np.hypot(self.noise.floor_px / self.sightings.extent_px, self.noise.height))
+
+    def _where_whole(self, sigma: Floats) -> Floats:
+        """Standard deviations (M,) that let go of sightings which show a part of the person."""
+        return np.asarray(sigma if self.whole is None else sigma / np.sqrt(self.whole))
 
     def terms(self, state: PeopleState, *, jacobians: bool) -> list[Term]:
         """Residuals at a state: sightings, joints, stance, heights, slack, foot shift and scale cues."""

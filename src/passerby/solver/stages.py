@@ -21,7 +21,17 @@ from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.least_squares import Result, Stopping
 from passerby.solver.pairs import PairHypothesis, judged_guesses, pair_hypotheses
 from passerby.solver.people_state import Noise, PeopleState, Priors
-from passerby.solver.refinement import AGREE_SIGMAS, Knowledge, Model, RigState, adjust, build_model, learn_noise, rig_of
+from passerby.solver.refinement import (
+    AGREE_SIGMAS,
+    Knowledge,
+    Model,
+    RigState,
+    adjust,
+    build_model,
+    learn_noise,
+    rig_of,
+    wholeness,
+)
 from passerby.solver.scale import ScaleCues
 from passerby.solver.standing import standing_instants
 
@@ -182,6 +192,7 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
     """Rounds on all of the evidence: who agrees, where is the optimum, how noisy is it, who stands."""
     evidence = start.evidence
     noise, stance, share = Noise(), np.ones(len(evidence.person)), 0.15
+    whole: Floats | None = None
     rounds: list[dict[str, Any]] = []
     for number in range(options.rounds):
         last = number == options.rounds - 1
@@ -189,8 +200,9 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
         blocks = np.sort(rng.permutation(len(evidence.person))[: options.learning_people]) if part else None
         joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
         model = build_model(
-            evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance, rename=number > 0
-        )
+            evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance, whole=whole,
+            rename=number > 0,
+        )  # fmt: skip
         stopping = Stopping(options.max_iterations, options.tolerance) if last else Stopping(12, 1e-4)
         result = adjust(model, stopping)
         state = rig_of(result.state)
@@ -203,7 +215,9 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
         )  # fmt: skip
         if last:
             break
-        noise = learn_noise(model, result)
+        judged = wholeness(model, result.state, len(evidence.sightings))
+        whole = judged.weight
+        noise = learn_noise(model, result, judged.broken)
         stance = _stance(model, result.state, len(evidence.person))
         share = AGREE_SIGMAS * max(noise.centre if len(model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
     return Fit(model, result, noise, stance, rounds)
