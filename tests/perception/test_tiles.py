@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from passerby.perception.pictures import Frame
-from passerby.perception.tiles import ENOUGH_SCALE, hinted, merge, tile_windows, uncut
+from passerby.perception.tiles import ENOUGH_SCALE, MOST_MAGNIFICATION, hinted, merge, tile_windows, uncut
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
 from yolox_files import bright_file, network
 
@@ -24,7 +24,8 @@ def boxes(*rows):
 
 
 @pytest.mark.parametrize(
-    ("picture", "count"), [((480, 640), 0), ((576, 768), 0), ((720, 1280), 2), ((1080, 1920), 6), ((1920, 1080), 6)]
+    ("picture", "count"),
+    [((416, 520), 0), ((480, 640), 2), ((576, 768), 4), ((720, 1280), 6), ((1080, 1920), 6), ((1920, 1080), 6)],
 )
 def test_number_of_tiles_by_the_size_of_the_picture(picture, count):
     assert len(tile_windows(picture, NETWORK)) == count
@@ -60,7 +61,7 @@ def test_whoever_is_small_is_whole_in_a_tile(left, top, height, picture):
     whole = 0
     for tile in tile_windows(picture, NETWORK):
         scale = min(416 / tile[2], 416 / tile[3])
-        assert scale >= ENOUGH_SCALE
+        assert scale >= min(ENOUGH_SCALE, MOST_MAGNIFICATION * 416 / 1920)
         inside = (person[0, :2] >= tile[:2]).all() and (person[0, 2:] <= np.add(tile[:2], tile[2:])).all()
         whole += int(inside and uncut(person, tile, picture, (scale, scale))[0])
     assert whole >= 1

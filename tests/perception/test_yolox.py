@@ -31,7 +31,7 @@ def with_person(rows, cell=(16, 1, 1), box=(0.25, 0.5, 0.1, 0.3), scores=(0.9, 0
 
 
 def detect(path, frame=GREY, **options):
-    return YoloxDetector(network(path), YoloxOptions(**options))(frame)
+    return YoloxDetector(network(path), YoloxOptions(**{"tiles": "none", **options}))(frame)
 
 
 @pytest.mark.parametrize("form", ["raw", "decoded"])

@@ -19,10 +19,12 @@ Tiling = Literal["auto", "none"] | tuple[int, int]
 """auto: as the size of the picture asks for, and only where the whole picture hints at small people; or the numbers of columns
 and rows, which are all looked at."""
 
-ENOUGH_SCALE = 0.5
-"""Input pixels per picture pixel from which a picture needs no tiles, and that tiles aim at."""
+ENOUGH_SCALE = 0.8
+"""Input pixels per picture pixel from which a picture needs no tiles, and that tiles aim at. Edges are read finer in tiles: on
+a rendered basketball court of 720 x 576 pixels, people 60 to 90 pixels tall, 22 to 28 % of the boxes have an edge off by more
+than 10 % of the height instead of 34 to 44 %, recall is 0.82 instead of 0.64, and the rig is off by 13 mm instead of 28."""
 
-MOST_MAGNIFICATION = 2.5
+MOST_MAGNIFICATION = 2.3
 """Of a tile over the whole picture: bounds the cost, as pictures of more pixels seldom show people farther away."""
 
 SEEN_HEIGHT = 50.0
