@@ -1,6 +1,13 @@
 """A calibration from videos that is stopped at any moment, and goes on to the same bits."""
 
+import os
+import shutil
 import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -66,6 +73,107 @@ def test_interrupted_it_says_so_and_goes_on(scene, whole, tmp_path, moment):
     assert not halves(tmp_path)
     assert calibrate(scene, tmp_path).status == 0
     assert content(tmp_path) == whole[1]
+
+
+@pytest.mark.parametrize(
+    ("changed", "looks_anew"),
+    [
+        ("[association]\nmax_offset_s = 1\n[solver.options]\nmax_sightings = 500\n[scale]\nperson_height_m = 1.8", False),
+        ("[perception]\ndetector = 'background'\nembedder = 'none'", False),
+        ("[perception]\ndetector = 'background'\nembedder = 'stripes'\nfps = 1.5", True),
+    ],
+)
+def test_an_option_makes_again_what_depends_on_it(scene, whole, tmp_path, changed, looks_anew):
+    shutil.copytree(scene.parent / "whole", tmp_path, dirs_exist_ok=True)
+    text = scene.read_text()
+    head = text[: text.index("[perception]" if "[perception]" in changed else "[association]")]
+    tail = "\n[association]\nmax_offset_s = 0" if "[perception]" in changed else ""
+    other = scene.parent / "other.toml"
+    other.write_text(head + changed + tail)
+    again = calibrate(other, tmp_path)
+    assert again.status in (0, 3), again.errors
+    assert again.seen["detection"] == again.seen["embedding"] == (whole[0].seen["detection"] / 2 if looks_anew else 0)
+    # The background is learnt from pictures of its own, whatever is looked at afterwards.
+    assert again.seen["background"] == (2 if looks_anew else 0)
+    for camera in ("C1", "C2"):
+        kept = sorted(path.name.split("-")[0] for path in (tmp_path / "perception" / camera).iterdir())
+        assert kept == ["background", "people"] + ["looks"] * ("none" not in changed) or kept == [
+            "background",
+            "looks",
+            "people",
+        ]
+
+
+def test_two_runs_in_one_folder(scene, whole, tmp_path):
+    """One with looks and one without: each forgets what the other has kept, and neither is harmed."""
+    plain = scene.parent / "plain.toml"
+    plain.write_text(scene.read_text().replace("stripes", "none"))
+    with ThreadPoolExecutor(3) as threads:
+        runs = [threads.submit(calibrate, which, tmp_path) for which in (scene, plain, scene)]
+    for ended in runs:
+        assert ended.result().status in (0, 3), ended.result().errors
+    assert calibrate(scene, tmp_path).status == 0
+    assert content(tmp_path) == whole[1]
+
+
+def processes_of(session):
+    """The processes that belong to a session: a command and all that it started."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(int(path.parent.name))
+    return found
+
+
+def stopped_after(scene, out, files, sign, group=False):
+    """Run the program with its processes, until it has kept so many files; all of it has ended then."""
+    arguments = [sys.executable, "-m", "passerby", "calibrate", str(scene), "-o", str(out)]
+    with subprocess.Popen(
+        arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as run:
+        try:
+            while run.poll() is None and sum(1 for path in out.rglob("*") if path.suffix in (".npz", ".txt")) < files:
+                time.sleep(0.01)
+            if run.poll() is None:
+                (os.killpg if group else os.kill)(run.pid, sign)
+            # Until all who hold it have ended.
+            errors = run.stderr.read()
+            until = time.monotonic() + 60
+            while processes_of(run.pid) and time.monotonic() < until:
+                time.sleep(0.05)
+            assert not processes_of(run.pid), "orphans"
+        finally:
+            if processes_of(run.pid):
+                os.killpg(run.pid, signal.SIGKILL)
+    return run.returncode, errors
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are found in /proc")
+@pytest.mark.parametrize(
+    ("files", "sign", "group"),
+    [
+        (1, signal.SIGKILL, False),
+        (5, signal.SIGINT, True),
+        *(pytest.param(n, *how, marks=pytest.mark.slow)
+          for n in (0, 2, 3, 6, 7) for how in ((signal.SIGKILL, False), (signal.SIGINT, True), (signal.SIGINT, False))),
+    ],
+)  # fmt: skip
+def test_no_process_is_left_behind(scene, whole, tmp_path, files, sign, group):
+    out = tmp_path / "out"
+    status, errors = stopped_after(scene, out, files, sign, group)
+    if sign == signal.SIGKILL:
+        assert status == -signal.SIGKILL
+    elif files:
+        assert status == 130
+        assert errors == "error: interrupted\n"
+    assert not content(out)
+    status, errors = stopped_after(scene, out, 999, signal.SIGKILL)
+    assert (status, errors) == (0, "")
+    assert content(out) == whole[1]
 
 
 EVENTS = ("picture", "detection", "embedding", "file", "name", "people of each camera", "looks", "pairs of cameras", "solving",
