@@ -1,0 +1,96 @@
+"""What people are found with: what was asked for, or what takes its place."""
+
+import pytest
+
+from crop_models import stripe_means
+from model_server import entry, keep_to, know_only
+from passerby.errors import InputError
+from passerby.perception.networks import Network
+from passerby.perception.plan import STRIPES, Plan, foresee, make_plan
+from yolox_files import constant_file, raw_rows
+
+
+@pytest.fixture
+def nowhere(tmp_path, monkeypatch):
+    """Models that are known, but cannot be had; returns a folder."""
+    keep_to(tmp_path / "kept", monkeypatch)
+    url = "http://127.0.0.1:9/tiny.onnx"
+    know_only([entry("tiny", url=url), entry("looks", "embedder", url=url, default=True)], monkeypatch)
+    monkeypatch.setattr("passerby.perception.plan.default_of", lambda role: {"detector": entry("tiny", url=url)}.get(role))
+    return tmp_path
+
+
+@pytest.fixture
+def files(tmp_path):
+    constant_file(tmp_path / "people.onnx", raw_rows())
+    stripe_means(tmp_path / "looks.onnx")
+    return tmp_path
+
+
+def planned(detector="background", embedder="none", keypoints="none", base=None):
+    return make_plan(detector, embedder, keypoints, models=None, base=base)
+
+
+def test_without_weights():
+    plan = planned("background", "stripes")
+    assert plan == Plan(None, STRIPES, None)
+    assert plan.figures == {"detector": "background", "embedder": "stripes", "keypoints": "none"}
+    assert planned().figures["embedder"] == "none"
+
+
+def test_what_cannot_be_had_is_done_without_and_told(nowhere):
+    plan = planned("auto", "auto")
+    assert (plan.detector, plan.embedder, plan.keypoints) == (None, STRIPES, None)
+    people, looks = plan.notes
+    assert people.startswith("tiny is not on this computer and cannot be fetched")
+    assert people.endswith(": people are found by background subtraction, without a network")
+    assert looks.endswith(": people are told apart by the colours of stripes, without a network")
+
+
+@pytest.mark.parametrize("role", ["detector", "embedder"])
+def test_what_was_named_is_not_done_without(nowhere, role):
+    name = {"detector": "tiny", "embedder": "looks"}[role]
+    with pytest.raises(InputError, match=rf"\[perception\] {role} = '{name}': {name} is not on this computer and cannot be"):
+        planned(**{role: name})
+
+
+def test_networks_by_path(files):
+    plan = planned("people.onnx", "looks.onnx", base=files)
+    assert isinstance(plan.detector, Network)
+    assert isinstance(plan.embedder, Network)
+    assert plan.notes == ()
+    told = plan.figures["detector"]
+    assert told["network"] == "people.onnx"
+    assert told["licence"] == "unknown"
+    assert len(told["sha256"]) == 64
+
+
+def test_joints_are_never_left_out_silently():
+    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': no network for keypoints is taken by itself"):
+        planned(keypoints="auto")
+    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': no network for keypoints is taken by itself"):
+        foresee("", "", "auto", models=None, base=None)
+
+
+def test_a_fault_names_the_key(files):
+    with pytest.raises(InputError, match=r"\[perception\] embedder = 'none.onnx': .*none.onnx: no such file"):
+        planned(embedder="none.onnx", base=files)
+
+
+def test_what_is_foreseen_is_what_is_planned(files):
+    choices, notes = foresee("people.onnx", "looks.onnx", "none", models=None, base=files)
+    assert choices == planned("people.onnx", "looks.onnx", base=files).figures
+    assert notes == []
+    assert foresee("background", "stripes", "", models=None, base=None)[0] == {"detector": "background", "embedder": "stripes"}
+
+
+def test_nothing_is_fetched_to_foresee(nowhere):
+    choices, (note,) = foresee("auto", "", "", models=None, base=None)
+    assert choices == {"detector": {"network": "tiny"}}
+    assert note == (
+        "tiny is not on this computer: `passerby models fetch` gets it, and so does calibrating; background takes its place "
+        "where it cannot be had"
+    )
+    choices, (note,) = foresee("tiny", "", "", models=None, base=None)
+    assert choices == {"detector": {"network": "tiny"}}
+    assert note.endswith("and so does calibrating")
