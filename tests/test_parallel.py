@@ -13,6 +13,7 @@ import pytest
 from passerby import parallel
 from passerby.association.preparing import prepare_cameras
 from passerby.cameras import Rig
+from passerby.errors import InputError
 from passerby.observations import Clock
 from passerby.parallel import local_processes, pays, side_by_side
 from passerby.simulation import SimulationOptions, simulate
@@ -63,6 +64,15 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
         np.testing.assert_array_equal(one.seen.boxes.identity, other.seen.boxes.identity)
         assert one.level.height == other.level.height
         np.testing.assert_array_equal(one.tracks.position, other.tracks.position)
+
+
+def test_a_process_that_is_killed_from_outside_is_told(monkeypatch):
+    monkeypatch.setattr(parallel, "pays", lambda *measure: True)
+    with (
+        pytest.raises(InputError, match="was killed from outside, as a rule for want of memory: close other programs"),
+        local_processes(0, 4) as executor,
+    ):
+        executor.submit(os._exit, 9).result()
 
 
 INTERRUPTED = """

@@ -8,13 +8,14 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from passerby.errors import InputError
 from passerby.progress import Progress
 
 Job = TypeVar("Job")
@@ -29,6 +30,10 @@ cameras, a minute long. Rough figures do: near the threshold nothing is gained o
 VIDEO_S = 5.0
 """What a video takes at the least; mostly it is far more."""
 ORPHANED_EVERY_S = 1.0
+BROKEN = (
+    "a process that worked on a camera was killed from outside, as a rule for want of memory: close other programs and run the "
+    "same command again; what was seen in videos so far is kept"
+)
 
 
 def side_by_side(
@@ -88,6 +93,7 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
     """A pool of local processes, one a core; None where it would not pay (see `pays`).
 
     Any `concurrent.futures.Executor` can take its place, that of a cluster too. Results do not depend on it.
+    Raises `InputError` where one of its processes was killed from outside.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     n_processes = min(cores, MAX_PROCESSES)
@@ -100,10 +106,12 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
     pool = ProcessPoolExecutor(n_processes, context, _begin_process, (os.getpid(),))
     try:
         yield pool
-    except BaseException:
+    except BaseException as error:
         # Interrupted: nobody waits for what is not wanted any more.
         pool.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - before:
             process.kill()
+        if isinstance(error, BrokenExecutor):
+            raise InputError(BROKEN) from error
         raise
     pool.shutdown()
