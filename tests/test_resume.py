@@ -64,7 +64,7 @@ def test_no_more_than_a_segment_is_made_twice(scene, whole, tmp_path):
     assert not halves(tmp_path)
 
 
-@pytest.mark.parametrize("moment", [("detection", 100), ("solving", 1)], ids=lambda moment: moment[0])
+@pytest.mark.parametrize("moment", [("detection", 100), pytest.param(("solving", 1), marks=pytest.mark.slow)], ids=str)
 def test_interrupted_it_says_so_and_goes_on(scene, whole, tmp_path, moment):
     stopped = calibrate(scene, tmp_path, moment, signal.SIGINT)
     assert stopped.status == 130
