@@ -16,11 +16,11 @@ import numpy as np
 from passerby.association.ground_tracks import GroundTracks, Ints
 from passerby.association.sampling import STEP_S
 
-CLEAR_OF_CHANCE, CLEAR_SCORE, CLEAR_SHARE = 1.8, 20.0, 0.2
+CLEAR_OF_CHANCE, CLEAR_SCORE, CLEAR_SHARE = 1.8, 20.0, 0.15
 """A registration is right that scores so much better than chance, with so many samples that agree, and so much of what both
 cameras should see. Over the three simulated presets, 0 to 60 % of the boxes missing and tracklets cut every 2 to 4 s, no two
-cameras that see different people reach all three (616 pairs with 1 to 20 people: up to 2.6 times chance with 14 samples, 1.4 times
-with 29). Two that see the same score at least 2.0 times chance in 40 s, and 1.1 to 4.7 times in 20 s."""
+cameras that see different people reach all three (616 pairs with 1 to 20 people: up to 2.6 times chance with 14 samples, 1.4
+times with 29). Two that see the same score at least 2.0 times chance in 40 s, and 1.1 to 4.7 times in 20 s."""
 MOST_AMBIGUOUS = 0.6
 """Of the score: a runner-up of more says enough. Strangers' runner-ups have 0.4 and more."""
 
