@@ -38,13 +38,13 @@ class Detections:
     """The people found in one picture."""
 
     ltwh: Floats
-    """(N, 4) left, top, width, height, pixels; within the picture, which reaches from (0, 0) to its (width, height)."""
+    """(N, 4) left, top, width, height, pixels; within the picture, from (0, 0) to (width, height)."""
     score: Floats
     """(N,) confidence, 0 to 1."""
 
     @property
     def centred(self) -> Floats:
-        """(N, 4) the boxes as cameras project to them: (0, 0) is the middle of the first pixel, half a pixel from its corner."""
+        """(N, 4) the boxes as cameras project: (0, 0) is the middle of the first pixel, half a pixel from its corner."""
         return np.asarray(self.ltwh - np.array([0.5, 0.5, 0.0, 0.0]))
 
     @classmethod
