@@ -5,6 +5,7 @@ Every part tells its table as far as it is, so that a benchmark that is stopped 
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -73,6 +74,8 @@ class Wanted:
     seeds: int = 3
     parts: Sequence[str] = ()
     """Names of `PARTS`; all unless given."""
+    earlier: str = ""
+    """The page of an earlier run, from which the parts are taken that are not run."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +93,17 @@ class Page:
 
     parts: dict[str, str]
     took: dict[str, float] = field(default_factory=dict)
+    kept: Sequence[str] = ()
+    """Parts of an earlier run."""
 
     @property
     def section(self) -> Section:
         """With a note on the time."""
         took = ", ".join(f"{name} {seconds / 60:.1f}" for name, seconds in self.took.items())
         note = f"Minutes: {took}; together {sum(self.took.values()) / 60:.0f}. Mean load at the end: {load():.1f}."
-        texts = [_TEXTS[name].format(**_FIGURES) + "\n\n" + part for name, part in self.parts.items()]
+        if self.kept:
+            note += f" From an earlier run, as they were: {', '.join(self.kept)}."
+        texts = [_intro(name) + "\n\n" + part for name, part in self.parts.items()]
         return Section("perception", "\n\n".join([_HEAD, *texts, note]) + "\n")
 
 
@@ -104,12 +111,26 @@ def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Se
     """Three seeds of each rendered scene, or one in a quick run; the page again and again as it grows."""
     wanted = wanted or Wanted()
     place = Place(scratch, wanted.scenes or scratch / "scenes", range(1 if quick else wanted.seeds))
-    page = Page(dict.fromkeys(PARTS, NOT_RUN))
-    for name in wanted.parts or PARTS:
+    chosen = wanted.parts or tuple(PARTS)
+    kept = {name: text for name in PARTS if name not in chosen and (text := _part_of(wanted.earlier, name))}
+    page = Page(dict.fromkeys(PARTS, NOT_RUN) | kept, kept=tuple(kept))
+    for name in chosen:
         began = time.perf_counter()
         for text in PARTS[name](place):
             page.parts[name], page.took[name] = text, time.perf_counter() - began
             yield page.section
+
+
+def _intro(name: str) -> str:
+    """The heading of a part, and what its tables are."""
+    return _TEXTS[name].format(**_FIGURES)
+
+
+def _part_of(page: str, name: str) -> str:
+    """A part's tables in a page; nothing where the page lacks them, or says of them what is not said any more."""
+    _, found, rest = page.partition(_intro(name) + "\n\n")
+    part = re.split(r"\n\n(?=## |Minutes: )", rest)[0] if found else ""
+    return "" if part == NOT_RUN else part
 
 
 def _demo(place: Place) -> Iterator[str]:

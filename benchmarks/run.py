@@ -48,12 +48,14 @@ def main() -> None:
         choices=perception.PARTS,
         metavar="PART",
         default=(),
-        help=f"parts to run: {', '.join(perception.PARTS)}; all",
+        help=f"parts to run: {', '.join(perception.PARTS)}; all. The others stay as they are on the page",
     )
     arguments = parser.parse_args()
-    wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts)
-    sections = SECTIONS | {"perception": partial(perception.run, wanted=wanted)}
     out = arguments.out or (None if arguments.quick else RESULTS)
+    page = None if out is None else out / "perception.md"
+    earlier = page.read_text() if arguments.parts and page is not None and page.is_file() else ""
+    wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier)
+    sections = SECTIONS | {"perception": partial(perception.run, wanted=wanted)}
     for name in arguments.only or SECTIONS:
         with tempfile.TemporaryDirectory(prefix="passerby-bench-") as scratch:
             made = sections[name](Path(scratch), arguments.quick)
