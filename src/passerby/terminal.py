@@ -78,6 +78,7 @@ class _Counted(BarColumn):
     """A bar where there is something to count."""
 
     def render(self, task: Task) -> Any:
+        """The bar, or nothing where the total is unknown."""
         return "" if task.total is None else super().render(task)
 
 
@@ -85,6 +86,7 @@ class _Count(ProgressColumn):
     """5 of 21."""
 
     def render(self, task: Task) -> Text:
+        """Done and total, or nothing where the total is unknown."""
         return Text("" if task.total is None else f"{int(task.completed)} of {int(task.total)}")
 
 

@@ -45,6 +45,7 @@ class _Spot:
     cell: int
 
     def is_near(self, other: _Spot) -> bool:
+        """Whether both are one motion: their lags, turns and shifts lie closer than the votes spread."""
         if abs(self.lag - other.lag) * STEP_S > SAME_LAG_S:
             return False
         turned = _around(self.turn - other.turn, _TURNS) * 2 * np.pi / _TURNS

@@ -82,9 +82,11 @@ class _Reader:
         self.faults: list[str] = []
 
     def fault(self, place: str, what: str) -> None:
+        """Note what is wrong and where."""
         self.faults.append(f"{self.path}: {place}: {what}")
 
     def read(self) -> Keypoints | None:
+        """The keypoints of the file; None where something is wrong, which `faults` tell then."""
         if not isinstance(self.content, dict):
             self.fault("top level", "an object with images, categories and annotations is needed")
             return None

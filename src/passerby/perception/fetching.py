@@ -206,6 +206,7 @@ class _SafeRedirects(urllib.request.HTTPRedirectHandler):
     """Follows a redirection only to where a download may begin, too."""
 
     def redirect_request(self, req: Any, fp: Any, code: int, msg: str, headers: Any, newurl: str) -> Any:
+        """The request that follows. Raises `InputError` for an address that is not to be trusted."""
         _check_scheme(newurl)
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 

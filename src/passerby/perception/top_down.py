@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,7 +24,7 @@ JOINT_COUNTS = (17, 26, 133)
 Answers = list[NDArray[Any]]
 
 
-class TopDownKeypoints:
+class TopDownKeypoints(ABC):
     """Crops about boxes in, joints as fractions of the crops out, and back to pixels of the whole picture."""
 
     kind: ClassVar[str]
@@ -45,13 +46,13 @@ class TopDownKeypoints:
             raise InputError(f"{network.path}: gives {found}: {self.kind} needs {self.outputs_needed}")
 
     @staticmethod
+    @abstractmethod
     def fits(shapes: list[tuple[int, ...]]) -> bool:
         """Whether outputs of these shapes, without their first dimension, are of this kind."""
-        raise NotImplementedError
 
+    @abstractmethod
     def decoded(self, answers: Answers) -> tuple[Floats, Floats]:
         """(N, 17, 2) joints x, y as fractions of the crop's width and height, 0 at its outer edge, and (N, 17) scores."""
-        raise NotImplementedError
 
     @property
     def identity(self) -> Identity:

@@ -162,6 +162,7 @@ class _PointProblem:
         return [Term(r.T, self.loss, camera=o.camera, by_camera=by_camera, block=o.point, by_block=by_block)]
 
     def retract(self, state: _PointState, step: Step) -> _PointState:
+        """The state after a step: rotations turned, centres and points moved, metres."""
         R, centre = retract_poses(state.R, state.centre, step.shared.reshape(-1, POSE_SIZE))
         return _PointState(R, centre, state.points + step.blocks[0])
 
