@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from passerby.errors import InputError
 
@@ -46,3 +48,11 @@ def read_text(path: str | Path, kind: str) -> str:
         ) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}): {kind} is needed") from None
+
+
+def read_toml(path: str | Path, kind: str = "a configuration (TOML)") -> dict[str, Any]:
+    """The tables of a TOML file. Raises `InputError` as `read_text` does, and for text that is not TOML."""
+    try:
+        return tomllib.loads(read_text(path, kind))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not TOML: {error}") from None
