@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,6 @@ from typing import Any, cast
 import torch
 from torch import Tensor, nn
 from transformers import AutoConfig, AutoModel, PretrainedConfig, ResNetConfig
-from transformers.models.auto.configuration_auto import CONFIG_MAPPING_NAMES
 
 from passerby.errors import InputError
 
@@ -48,8 +46,8 @@ def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_
     """A backbone by its name.
 
     Args:
-        name: one of `RESNETS`; or a model of `transformers`: its type (convnextv2), its name on the hub (owner/name) or a folder
-            that holds one.
+        name: one of `RESNETS`; or a model of `transformers`: its type (convnextv2), its name on the hub (owner/name) or a
+            folder that holds one.
         size: height and width of the pictures, pixels.
         weights: auto, published or random. `auto` takes the published ones where they lie on this computer or can be fetched.
         last_stride: of a ResNet's last stage; 1 instead of 2 doubles the resolution.
@@ -78,8 +76,8 @@ def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
         raise InputError(f"backbone {name}: no published weights exist: give weights = random, or another backbone")
     why = "" if weights == "random" else ": none are published" if source is None else f": those of {source} cannot be had"
     with _quiet():
-        network = AutoModel.from_config(_configuration(name))
-    return cast(nn.Module, network), False, f"{name}: begins with random weights{why}"
+        network: nn.Module = AutoModel.from_config(_configuration(name))  # type: ignore[no-untyped-call]
+    return network, False, f"{name}: begins with random weights{why}"
 
 
 def _source(name: str) -> str | None:
@@ -97,11 +95,9 @@ def _configuration(name: str) -> PretrainedConfig:
         layer, depths, stem, first = RESNETS[name]
         return ResNetConfig(embedding_size=stem, hidden_sizes=[first * 2**k for k in range(4)], depths=list(depths),
                             layer_type=layer)  # fmt: skip
-    if name in CONFIG_MAPPING_NAMES:
-        return cast(PretrainedConfig, AutoConfig.for_model(name))
     try:
         with _quiet():
-            return cast(PretrainedConfig, AutoConfig.from_pretrained(name))
+            return cast(PretrainedConfig, AutoConfig.from_pretrained(name) if _source(name) else AutoConfig.for_model(name))
     except (OSError, ValueError) as error:
         raise InputError(
             f"backbone {name}: is none of {', '.join(RESNETS)}, and transformers knows or finds no model of this name "
@@ -144,26 +140,13 @@ def feature_map(answer: Any) -> Tensor:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Without the library's own progress bars, and without its waits where there is no network."""
-    import huggingface_hub.utils as hub
-    import transformers
-
+    """Without the libraries' warnings: what matters is told in words of our own."""
     loggers = [logging.getLogger(name) for name in ("huggingface_hub", "transformers")]
     levels = [logger.level for logger in loggers]
-    shown = transformers.utils.logging.is_progress_bar_enabled()
     for logger in loggers:
         logger.setLevel(logging.CRITICAL)
-    transformers.utils.logging.disable_progress_bar()
-    offline, os.environ["HF_HUB_DISABLE_PROGRESS_BARS"] = os.environ.get("HF_HUB_DISABLE_PROGRESS_BARS"), "1"
-    hub.disable_progress_bars()
     try:
         yield
     finally:
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
-        if shown:
-            transformers.utils.logging.enable_progress_bar()
-        if offline is None:
-            del os.environ["HF_HUB_DISABLE_PROGRESS_BARS"]
-        else:
-            os.environ["HF_HUB_DISABLE_PROGRESS_BARS"] = offline

@@ -1,0 +1,38 @@
+"""From a picture file to what the network sees: the same in training, in evaluation and, after export, in use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from passerby.errors import InputError
+from passerby.perception.crops import stretched
+from passerby.perception.own_networks import IMAGENET
+from passerby.perception.pictures import Picture
+
+
+def load_picture(path: Path, size: tuple[int, int]) -> Picture:
+    """(H, W, 3) BGR, a picture file stretched to `size`, its width and height. Raises `InputError` where it cannot be read."""
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise InputError(f"{path}: is no picture that can be read: delete it, or copy it again")
+    height, width = picture.shape[:2]
+    return stretched(np.asarray(picture, dtype=np.uint8), np.array([0.0, 0.0, width, height]), size)
+
+
+def as_batch(pictures: Sequence[Picture]) -> Tensor:
+    """(N, H, W, 3) of uint8."""
+    return torch.from_numpy(np.stack(pictures))
+
+
+def normalised(batch: Tensor) -> Tensor:
+    """(N, 3, H, W) of float, RGB, normalised as ImageNet's pictures, from (N, H, W, 3) of uint8, BGR."""
+    mean = torch.tensor(IMAGENET.mean, device=batch.device)
+    std = torch.tensor(IMAGENET.std, device=batch.device)
+    values: Tensor = (batch.flip(-1).float() * IMAGENET.scale - mean) / std
+    return values.permute(0, 3, 1, 2).contiguous(memory_format=torch.channels_last)
