@@ -161,7 +161,7 @@ def _cut(job: _Job, tell: Callable[[int, int], None] | None = None) -> tuple[lis
         lost = np.unique(job.wanted.frame[[name not in index for name in job.names]])
         notes.append(
             f"{job.wanted.source}: camera {job.wanted.camera}: {missing} of {len(job.names)} boxes are of pictures that it "
-            f"does not have or that cannot be decoded (frames {lost[0]} to {lost[-1]}; the first picture's number is 1): left out"
+            f"does not have or that cannot be decoded (frames {lost[0]} to {lost[-1]}; its first picture is number 1): left out"
         )
     return [folder / name if name in index else None for name in job.names], notes
 

@@ -1,0 +1,152 @@
+"""How well people are found again by their looks: CMC rank-k and mean average precision, by the protocol of Market-1501.
+
+Source: Zheng, Shen, Tian, Wang, Wang, Tian, "Scalable Person Re-identification: A Benchmark", ICCV 2015. For each query the
+pictures of the gallery are sorted by their distance from it. Pictures of the same person by the same camera, and junk, are
+passed over as if they were not there; distractors are wrong. Rank-k is the share of the queries with a right picture among the
+first k. The average precision (AP) of a query is the mean, over the ranks of its right pictures, of the share of right pictures
+up to that rank: the convention of today's papers and of torchreid and fast-reid. Market-1501's first MATLAB code takes the area
+under the curve of precision over recall by trapezoids between those ranks instead, which gives other figures: for right
+pictures at ranks 1 and 3, (1/1 + 2/3) / 2 = 0.833 here and (1 + (1/2 + 2/3) / 2) / 2 = 0.792 there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.errors import InputError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Distances = NDArray[np.floating[Any]]
+DistanceRows = Callable[[int, int], Distances]
+"""The rows from one number up to another of a table of distances (queries, gallery)."""
+
+RANKS = (1, 5, 10)
+JUNK = -1
+"""A picture of the gallery that counts neither as right nor as wrong."""
+AT_ONCE = 2_000_000
+"""Distances that are sorted at once; at some 40 bytes each, 80 MB."""
+
+
+@dataclass(frozen=True)
+class RetrievalScore:
+    """How well people were found."""
+
+    cmc: dict[int, float]
+    """k -> rank-k, the share of the queries with a right picture among the first k, 0 to 1."""
+    mean_average_precision: float
+    """mAP, 0 to 1."""
+    queries: int
+    """Queries that count."""
+    left_out: int
+    """Queries without any right picture in the gallery; they count for nothing."""
+    gallery: int
+    """Pictures in the gallery, junk and distractors too."""
+
+    @property
+    def rank_1(self) -> float:
+        """Share of the queries whose nearest picture is right."""
+        return self.cmc[1]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for JSON."""
+        ranks = {f"rank_{k}": share for k, share in self.cmc.items()}
+        return ranks | {"map": self.mean_average_precision, "queries": self.queries, "left_out": self.left_out,
+                        "gallery": self.gallery}  # fmt: skip
+
+
+def retrieval_score(
+    distance: Distances | DistanceRows,
+    query_person: Ints,
+    query_camera: Ints,
+    gallery_person: Ints,
+    gallery_camera: Ints,
+    ranks: Sequence[int] = RANKS,
+    *,
+    across: bool = False,
+    apart: Flags | None = None,
+) -> RetrievalScore:
+    """CMC and mAP; see the module.
+
+    Args:
+        distance: (Q, G), any numbers of which smaller means more alike; or a function that gives rows of them, so that they
+            never lie in memory all at once. Of equal ones the picture that comes first in the gallery comes first.
+        query_person: (Q,) numbers from 0 on.
+        query_camera: (Q,) numbers.
+        gallery_person: (G,) numbers as in `query_person`; `JUNK`; anything else below 0 is a distractor.
+        gallery_camera: (G,) numbers as in `query_camera`.
+        ranks: the k of rank-k; 1 is added.
+        across: all pictures of the query's camera are passed over, not only the same person's.
+        apart: (P, P) by people's numbers who are surely two; others than the query's person who may be that very person are
+            passed over. None: all are.
+
+    Raises `InputError` for columns that do not fit together, a query of nobody, a rank below 1, a distance that is not a
+    number, and queries of which none has a right picture.
+    """
+    columns = [np.asarray(column, dtype=np.int64) for column in (query_person, query_camera, gallery_person, gallery_camera)]
+    who, where, whom, by = columns
+    ks = sorted({1, *ranks})
+    _check(distance, columns, ks)
+    rows_of = distance if callable(distance) else lambda low, high: distance[low:high]
+    step = max(1, AT_ONCE // max(1, len(whom)))
+    precisions, firsts = [np.zeros(0)], [np.zeros(0, np.int64)]
+    for low in range(0, len(who), step):
+        high = min(low + step, len(who))
+        right = whom == who[low:high, None]
+        same_camera = by == where[low:high, None]
+        passed = (whom == JUNK) | (same_camera if across else same_camera & right)
+        if apart is not None:
+            unsure = ~apart[who[low:high, None], np.maximum(whom, 0)] & (whom >= 0)
+            passed |= unsure & ~right
+        precision, first = _ranked(np.asarray(rows_of(low, high)), right & ~passed, passed)
+        precisions.append(precision)
+        firsts.append(first)
+    precision, first = np.concatenate(precisions), np.concatenate(firsts)
+    n = len(precision)
+    if not n:
+        raise InputError(
+            f"none of {len(who)} queries has a picture of the same person by another camera among the {len(whom)} of the "
+            "gallery: give a gallery with the people that are searched for"
+        )
+    cmc = {k: float((first <= k).sum() / n) for k in ks}
+    return RetrievalScore(cmc, float(precision.mean()), n, len(who) - n, len(whom))
+
+
+def _ranked(distance: Distances, right: Flags, passed: Flags) -> tuple[Floats, Ints]:
+    """Average precision and rank of the first right picture (from 1), of the queries (N, G) that have one."""
+    if distance.shape != right.shape:
+        raise InputError(f"the distances have the shape {distance.shape}: {right.shape} is needed")
+    if np.isnan(distance).any():
+        raise InputError("a distance is not a number (NaN): check the embeddings")
+    having = right.any(axis=1)
+    order = np.argsort(distance[having], axis=1, kind="stable")
+    right = np.take_along_axis(right[having], order, axis=1)
+    kept = ~np.take_along_axis(passed[having], order, axis=1)
+    rank = np.cumsum(kept, axis=1, dtype=np.int32)
+    query, place = np.nonzero(right)
+    found = np.cumsum(right, axis=1, dtype=np.int32)[query, place]
+    shares = np.bincount(query, found / rank[query, place], minlength=len(right))
+    first = np.take_along_axis(rank, right.argmax(axis=1)[:, None], axis=1)[:, 0]
+    return shares / right.sum(axis=1), first.astype(np.int64)
+
+
+def _check(distance: Distances | DistanceRows, columns: Sequence[Ints], ranks: Sequence[int]) -> None:
+    """Raise `InputError` where the arguments do not fit together."""
+    who, where, whom, by = columns
+    if any(column.ndim != 1 for column in columns) or len(who) != len(where) or len(whom) != len(by):
+        shapes = ", ".join(str(column.shape) for column in columns)
+        raise InputError(
+            f"people and cameras of queries and gallery have the shapes {shapes}: (Q,), (Q,), (G,), (G,) are needed"
+        )
+    if not callable(distance) and np.shape(distance) != (len(who), len(whom)):
+        raise InputError(f"the distances have the shape {np.shape(distance)}: {(len(who), len(whom))} is needed")
+    if len(who) and who.min() < 0:
+        raise InputError(f"query {int(who.argmin())} is of nobody (person {who.min()}): leave junk and distractors out of them")
+    if ranks[0] < 1:
+        raise InputError(f"rank {ranks[0]} does not exist: the first rank is 1")
