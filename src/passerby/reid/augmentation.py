@@ -33,7 +33,7 @@ def varied(picture: Picture, options: TrainOptions, rng: np.random.Generator) ->
 
 
 def _recoloured(picture: Picture, most: float, rng: np.random.Generator) -> Picture:
-    """Brightness and contrast of the whole picture, and the gain of each channel by half as much: exposure and white balance."""
+    """Brightness and contrast of the whole picture, and half as much of each channel's gain: exposure and white balance."""
     brightness, contrast = rng.uniform(-most, most, 2)
     gain = 1.0 + rng.uniform(-most / 2, most / 2, 3)
     middle = float(picture.mean())

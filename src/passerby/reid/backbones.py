@@ -61,6 +61,17 @@ def open_backbone(name: str, size: tuple[int, int], weights: str = "auto", last_
     return Backbone(network, _channels(network, name, size), published, note)
 
 
+def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int], last_stride: int) -> Backbone:
+    """The backbone of a checkpoint, which knows its architecture: its weights are yet to be loaded."""
+    known = dict(configuration)
+    with _quiet():
+        config = AutoConfig.for_model(known.pop("model_type"), **known)
+        network: nn.Module = AutoModel.from_config(config)  # type: ignore[no-untyped-call]
+    if last_stride == 1:
+        _keep_resolution(network, name)
+    return Backbone(network, _channels(network, name, size), False, f"{name}: as in the checkpoint")
+
+
 def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     """The network, whether its weights are published ones, and what to tell of them."""
     source = _source(name)

@@ -1,4 +1,4 @@
-"""The re-identification network: backbone, pooling, the neck between its two losses, and a classifier of those it learns from."""
+"""The re-identification network: backbone, pooling, the neck between its losses, and a classifier of those it learns from."""
 
 from __future__ import annotations
 

@@ -9,11 +9,16 @@ import cv2
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from passerby.errors import InputError
+from passerby.observations import Vectors
 from passerby.perception.crops import stretched
 from passerby.perception.own_networks import IMAGENET
 from passerby.perception.pictures import Picture
+from passerby.reid.crops import CropSet
+from passerby.reid.network import ReidNetwork
+from passerby.reid.options import TrainOptions
 
 
 def load_picture(path: Path, size: tuple[int, int]) -> Picture:
@@ -36,3 +41,16 @@ def normalised(batch: Tensor) -> Tensor:
     std = torch.tensor(IMAGENET.std, device=batch.device)
     values: Tensor = (batch.flip(-1).float() * IMAGENET.scale - mean) / std
     return values.permute(0, 3, 1, 2).contiguous(memory_format=torch.channels_last)
+
+
+def embed_all(network: ReidNetwork, crops: CropSet, options: TrainOptions, batch: int = 64) -> Vectors:
+    """(N, C) unit vectors of a set's pictures, by the network as it stands."""
+    device = next(network.parameters()).device
+    network.eval()
+    found = [np.zeros((0, network.channels), np.float32)]
+    with torch.no_grad():
+        for start in range(0, len(crops), batch):
+            pictures = [load_picture(path, (options.width, options.height)) for path in crops.paths[start : start + batch]]
+            vectors = network.embed(normalised(as_batch(pictures).to(device)))
+            found.append(functional.normalize(vectors.float(), dim=1).cpu().numpy())
+    return np.concatenate(found)

@@ -1,7 +1,7 @@
 """Which pictures make up a batch: P people, K pictures of each.
 
-What an epoch draws depends on the seed and the epoch's number alone, so that a training that was stopped between two epochs goes
-on as if nothing had happened.
+What an epoch draws depends on the seed and the epoch's number alone, so that a training that was stopped between two epochs
+goes on as if nothing had happened.
 """
 
 from __future__ import annotations
