@@ -19,6 +19,7 @@ from passerby import __version__
 from passerby.commands.demo import demo
 from passerby.commands.init import init
 from passerby.commands.models import models_app
+from passerby.commands.reid import reid_app
 from passerby.commands.simulate import simulate
 from passerby.errors import InputError, PasserbyError
 
@@ -190,3 +191,4 @@ app.command()(init)
 app.command()(simulate)
 app.command()(demo)
 app.add_typer(models_app, name="models")
+app.add_typer(reid_app, name="reid")

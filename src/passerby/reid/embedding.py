@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from passerby.errors import InputError
 from passerby.evaluation.retrieval import RANKS, RetrievalScore, retrieval_score
@@ -122,7 +123,7 @@ def score_data(data: DataSet, embed: Embed, centred: bool = False, ranks: Sequen
     return leave_one_out(data.train, embed(data.train), centred, ranks)
 
 
-def _common(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, np.ndarray[tuple[int, ...], np.dtype[np.bool_]]]:
+def _common(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, NDArray[np.bool_]]:
     """Of query and then gallery (Q + G,): people and cameras, numbered alike, and whether the camera is known."""
     people = {name: row for row, name in enumerate(dict.fromkeys((*query.people, *gallery.people)))}
     cameras = {name: row for row, name in enumerate(dict.fromkeys((*query.cameras, *gallery.cameras)))}
@@ -136,7 +137,7 @@ def _common(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, np.ndarray[tu
     return np.concatenate(person), every, known[every]
 
 
-def _apart(query: CropSet, gallery: CropSet) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]] | None:
+def _apart(query: CropSet, gallery: CropSet) -> NDArray[np.bool_] | None:
     """(P, P) who are surely two, numbered as by `_common`; None where all are."""
     if query.apart is None and gallery.apart is None:
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -108,14 +108,18 @@ class TrainOptions:
 RECIPES = {"strong": TrainOptions, "paper": TrainOptions.paper, "small": TrainOptions.small}
 
 
-def train_options(recipe: str = "strong", config: Path | None = None, **chosen: Any) -> TrainOptions:
+def train_options(
+    recipe: str = "strong", config: Path | None = None, *, start: TrainOptions | None = None, **chosen: Any
+) -> TrainOptions:
     """A recipe's options, over them those of a TOML file, over them those that are chosen one by one (None: not chosen).
+
+    With `start` these take the place of the recipe's.
 
     Raises `InputError` for a recipe, key or value that does not exist.
     """
     if recipe not in RECIPES:
         raise InputError(f"recipe {recipe!r} does not exist: choose one of {', '.join(RECIPES)}")
-    options: TrainOptions = RECIPES[recipe]()
+    options: TrainOptions = start or RECIPES[recipe]()
     tables: list[tuple[str, dict[str, Any]]] = [] if config is None else [(str(config), read_toml(config))]
     tables.append(("options", {key: value for key, value in chosen.items() if value is not None}))
     for place, table in tables:
@@ -130,4 +134,4 @@ def train_options(recipe: str = "strong", config: Path | None = None, **chosen: 
             raise InputError(f"{place}: {'.'.join(map(str, fault['loc']))} is {fault['input']!r}: {fault['msg']}") from None
         except InputError as error:
             raise InputError(f"{place}: {error}") from None
-    return replace(options)
+    return options

@@ -5,29 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from passerby.errors import InputError
 from passerby.observations import Vectors
 from passerby.perception.crops import stretched
 from passerby.perception.own_networks import IMAGENET
 from passerby.perception.pictures import Picture
 from passerby.reid.crops import CropSet
+from passerby.reid.data.pictures import read_picture
 from passerby.reid.network import ReidNetwork
 from passerby.reid.options import TrainOptions
 
 
 def load_picture(path: Path, size: tuple[int, int]) -> Picture:
     """(H, W, 3) BGR, a picture file stretched to `size`, its width and height. Raises `InputError` where it cannot be read."""
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if picture is None:
-        raise InputError(f"{path}: is no picture that can be read: delete it, or copy it again")
+    picture = read_picture(path)
     height, width = picture.shape[:2]
-    return stretched(np.asarray(picture, dtype=np.uint8), np.array([0.0, 0.0, width, height]), size)
+    return stretched(picture, np.array([0.0, 0.0, width, height]), size)
 
 
 def as_batch(pictures: Sequence[Picture]) -> Tensor:
@@ -54,3 +51,8 @@ def embed_all(network: ReidNetwork, crops: CropSet, options: TrainOptions, batch
             vectors = network.embed(normalised(as_batch(pictures).to(device)))
             found.append(functional.normalize(vectors.float(), dim=1).cpu().numpy())
     return np.concatenate(found)
+
+
+def decoded_pictures(crops: CropSet) -> list[Picture]:
+    """The pictures of a set as they lie on disk, BGR, of any sizes. Raises `InputError` where one cannot be read."""
+    return [read_picture(path) for path in crops.paths]

@@ -29,6 +29,7 @@ from passerby.reid.augmentation import varied
 from passerby.reid.backbones import open_backbone
 from passerby.reid.checkpoints import CHECKPOINT, Checkpoint, load_checkpoint, save_checkpoint
 from passerby.reid.crops import CropSet
+from passerby.reid.curves import LogRow
 from passerby.reid.losses import Loss, ReidLoss
 from passerby.reid.network import ReidNetwork
 from passerby.reid.options import TrainOptions
@@ -44,20 +45,6 @@ Validate = Callable[[ReidNetwork], tuple[float, float]]
 """Scores a network: rank-1 and mAP."""
 
 
-@dataclass(frozen=True)
-class EpochRecord:
-    """Means over an epoch; shares from the validation after it, where there was one."""
-
-    epoch: int
-    step: int
-    learning_rate: float
-    loss: float
-    identity_loss: float
-    triplet_loss: float
-    rank_1: float | None = None
-    map: float | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Trained:
     """A finished training."""
@@ -70,6 +57,9 @@ class Trained:
     """What it began with."""
     resumed_after: int
     """Epochs that an earlier run had done."""
+    validated_on: str = "nobody"
+    last: LogRow | None = None
+    """Of the last epoch."""
 
 
 class _Pictures(Dataset[tuple[Tensor, int]]):
@@ -94,7 +84,7 @@ def train(
     validate: Validate | None = None,
     device: str = "auto",
     tell: Progress = silent,
-    record: Callable[[EpochRecord], None] | None = None,
+    record: Callable[[LogRow], None] | None = None,
     resumed: Callable[[int], None] | None = None,
 ) -> Trained:
     """Train a network, or go on with a training that was stopped.
@@ -192,7 +182,7 @@ class _Training:
         self._accelerator = Accelerator(cpu=device == "cpu", mixed_precision=options.precision)
         self.leads = self._accelerator.is_main_process
         network = network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        optimizer = AdamW(_parameters(network, options), lr=options.learning_rate)
+        optimizer = AdamW(_parameters(network, options), lr=options.learning_rate, fused=True)
         self._sampler = BatchSampler(crops, options.people_per_batch, options.pictures_per_person, options.seed)
         loader = DataLoader(_Pictures(crops, options), batch_sampler=self._sampler, num_workers=options.workers)
         self._model, self._optimizer, self._loader = self._accelerator.prepare(network, optimizer, loader)
@@ -209,7 +199,7 @@ class _Training:
         unwrapped: ReidNetwork = self._accelerator.unwrap_model(self._model)
         return unwrapped
 
-    def epoch(self, epoch: int, tell: Progress) -> EpochRecord:
+    def epoch(self, epoch: int, tell: Progress) -> LogRow:
         """One pass over the pictures. Raises `InputError` where the loss is not a number."""
         self._sampler.epoch = epoch
         torch.manual_seed(int(np.random.SeedSequence((self._options.seed, epoch)).generate_state(1)[0]))
@@ -233,7 +223,7 @@ class _Training:
             sums += values
             tell("training", step + 1, batches * self._options.epochs)
         mean = (sums / batches).tolist()
-        return EpochRecord(epoch + 1, (epoch + 1) * batches, rate, *mean)
+        return LogRow(epoch + 1, (epoch + 1) * batches, rate, *mean)
 
     def keep(self, epoch: int) -> None:
         """Keep the state after an epoch, unless the last step broke it."""
