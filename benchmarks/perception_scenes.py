@@ -26,7 +26,7 @@ LARGE, LARGE_FPS, LARGE_SECONDS = (1920, 1080), 25.0, 20.0
 def rendered(scenes: Path, preset: str, seed: int) -> Path:
     """Folder of a rendered scene, made unless it is there from the same renderer and the same options."""
     options = ["--preset", preset, "--seed", str(seed), "--seconds", f"{SECONDS:g}", "--fps", f"{FPS:g}", "--video"]
-    folder = scenes / f"{preset}-{seed}-{_key(*options)}"
+    folder = scenes / f"{preset}-{seed}-{render_key(*options)}"
     if not (folder / "scene.toml").is_file():
         passerby("simulate", *options, "-o", str(folder))
     return folder
@@ -34,7 +34,7 @@ def rendered(scenes: Path, preset: str, seed: int) -> Path:
 
 def large_video(scenes: Path) -> Path:
     """A video of 1920 x 1080 pixels of the construction site."""
-    path = scenes / f"large-{_key(str(LARGE), str(LARGE_FPS), str(LARGE_SECONDS))}.mp4"
+    path = scenes / f"large-{render_key(str(LARGE), str(LARGE_FPS), str(LARGE_SECONDS))}.mp4"
     if not path.is_file():
         scene = simulate(SimulationOptions(preset="construction", fps=LARGE_FPS, seconds=LARGE_SECONDS))
         scene = replace(scene, rig=Rig(tuple(_enlarged(camera) for camera in scene.rig)))
@@ -71,7 +71,7 @@ def _enlarged(camera: Camera) -> Camera:
     return replace(camera, lens=replace(lens, size=LARGE, matrix=matrix))
 
 
-def _key(*options: str) -> str:
+def render_key(*options: str) -> str:
     """Of the options and of all that makes the pictures, down to the renderer's source."""
     home = Path(package.__file__).parent
     sources = [*sorted((home / "simulation").rglob("*.py")), home / "interchange" / "video_writer.py"]

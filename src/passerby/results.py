@@ -36,7 +36,17 @@ def write_calibration(calibration: Calibration, folder: Path) -> None:
         if len(boxes):
             write_boxes(folder / TRACKS_FOLDER / f"{camera.name}.txt", boxes)
     write_rig(folder / RIG_FILE, calibration.rig)
-    write_text(folder / CALIBRATION_FILE, to_json(calibration_dict(calibration)))
+    content = {"scene_file": scene_file(calibration.scene.path)} | calibration_dict(calibration)
+    write_text(folder / CALIBRATION_FILE, to_json(content))
+
+
+def scene_file(scene: Path | None) -> str | None:
+    """Where the scene file lies, for those who need its videos again; None for a scene that came from no file.
+
+    The path is absolute, so that the output folder's own place changes no byte of what is written into it. Paths in a scene
+    file count from the folder that it is named in: a link in place of the file itself stays one.
+    """
+    return None if scene is None else (scene.parent.resolve() / scene.name).as_posix()
 
 
 def calibration_dict(calibration: Calibration) -> dict[str, Any]:

@@ -76,14 +76,14 @@ def score_boxes(cameras: Iterable[tuple[Boxes, Boxes]], iou: float = 0.5) -> Box
     errors = [np.zeros((0, 4))]
     for found, truth in cameras:
         found, truth = (boxes.take(np.argsort(boxes.frame, kind="stable")) for boxes in (found, truth))
-        rows, columns = _pairs(truth, found, iou)
+        rows, columns = paired(truth, found, iou)
         n_true, n_found = n_true + len(truth), n_found + len(found)
         errors.append((_edges(found.ltwh[columns]) - _edges(truth.ltwh[rows])) / truth.ltwh[rows, 3:])
     all_errors = np.concatenate(errors)
     return BoxScore(n_true, n_found, len(all_errors), all_errors)
 
 
-def _pairs(truth: Boxes, found: Boxes, iou: float) -> tuple[Ints, Ints]:
+def paired(truth: Boxes, found: Boxes, iou: float) -> tuple[Ints, Ints]:
     """(K,) rows of the true and of the found boxes, both sorted by frame, that stand for each other."""
     rows, columns, overlap = overlapping(truth, found, iou)
     mine, theirs = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]

@@ -20,7 +20,7 @@ from passerby.pipeline import Calibration, calibrate
 from passerby.progress import Progress, silent
 from passerby.reid.checkpoints import load_checkpoint
 from passerby.reid.crops import DataSet
-from passerby.reid.curves import LogRow
+from passerby.reid.curves import EpochRecord
 from passerby.reid.export import ExportReport
 from passerby.reid.options import TrainOptions, train_options
 from passerby.reid.runs import export_run, fine_tuning, train_run
@@ -73,7 +73,7 @@ def finetune_scene(
     seed: int = 0,
     device: str = "auto",
     tell: Progress = silent,
-    record: Callable[[LogRow], None] | None = None,
+    record: Callable[[EpochRecord], None] | None = None,
 ) -> FineTuned:
     """Adapt a network to a calibrated scene, then associate and solve again.
 

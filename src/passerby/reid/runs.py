@@ -16,7 +16,7 @@ from passerby.observations import Vectors
 from passerby.progress import Progress, silent
 from passerby.reid.checkpoints import Checkpoint, load_checkpoint
 from passerby.reid.crops import CropSet, DataSet, mixed
-from passerby.reid.curves import LogRow, TrainingLog, write_curves
+from passerby.reid.curves import EpochRecord, TrainingLog, write_curves
 from passerby.reid.embedding import leave_one_out, score_crops
 from passerby.reid.export import ExportReport, export_network
 from passerby.reid.network import ReidNetwork
@@ -69,7 +69,7 @@ def train_run(
     *,
     device: str = "auto",
     tell: Progress = silent,
-    record: Callable[[LogRow], None] | None = None,
+    record: Callable[[EpochRecord], None] | None = None,
 ) -> Trained:
     """Train on data sets into a folder: `run.toml`, `checkpoint.pt`, `log.csv`, `curves.html`. Stopped, it goes on there.
 
@@ -78,7 +78,7 @@ def train_run(
     split = course(sets, options)
     log = TrainingLog(folder)
 
-    def keep(row: LogRow) -> None:
+    def keep(row: EpochRecord) -> None:
         log.append(row)
         if row.rank_1 is not None or row.epoch == options.epochs:
             write_curves(log, folder / CURVES)

@@ -29,7 +29,7 @@ from passerby.reid.augmentation import varied
 from passerby.reid.backbones import open_backbone
 from passerby.reid.checkpoints import CHECKPOINT, Checkpoint, load_checkpoint, save_checkpoint
 from passerby.reid.crops import CropSet
-from passerby.reid.curves import LogRow
+from passerby.reid.curves import EpochRecord
 from passerby.reid.losses import Loss, ReidLoss
 from passerby.reid.network import ReidNetwork
 from passerby.reid.options import TrainOptions
@@ -58,7 +58,7 @@ class Trained:
     resumed_after: int
     """Epochs that an earlier run had done."""
     validated_on: str = "nobody"
-    last: LogRow | None = None
+    last: EpochRecord | None = None
     """Of the last epoch."""
 
 
@@ -84,7 +84,7 @@ def train(
     validate: Validate | None = None,
     device: str = "auto",
     tell: Progress = silent,
-    record: Callable[[LogRow], None] | None = None,
+    record: Callable[[EpochRecord], None] | None = None,
     resumed: Callable[[int], None] | None = None,
 ) -> Trained:
     """Train a network, or go on with a training that was stopped.
@@ -199,7 +199,7 @@ class _Training:
         unwrapped: ReidNetwork = self._accelerator.unwrap_model(self._model)
         return unwrapped
 
-    def epoch(self, epoch: int, tell: Progress) -> LogRow:
+    def epoch(self, epoch: int, tell: Progress) -> EpochRecord:
         """One pass over the pictures. Raises `InputError` where the loss is not a number."""
         self._sampler.epoch = epoch
         torch.manual_seed(int(np.random.SeedSequence((self._options.seed, epoch)).generate_state(1)[0]))
@@ -223,7 +223,7 @@ class _Training:
             sums += values
             tell("training", step + 1, batches * self._options.epochs)
         mean = (sums / batches).tolist()
-        return LogRow(epoch + 1, (epoch + 1) * batches, rate, *mean)
+        return EpochRecord(epoch + 1, (epoch + 1) * batches, rate, *mean)
 
     def keep(self, epoch: int) -> None:
         """Keep the state after an epoch, unless the last step broke it."""

@@ -92,7 +92,7 @@ def cut_crops(
     """
     jobs = [_Job(one, tuple(people), cache / name / _safe(one.camera)) for one in wanted]
     for one in wanted:
-        _check(one, len(people))
+        _check(one, people)
     if executor is None:
         cut = [_cut(job, partial(tell, STAGE, part=job.wanted.camera)) for job in jobs]
     else:
@@ -259,19 +259,21 @@ def _cropped(picture: Picture, box: Floats) -> Picture:
     return picture[y0:y1, x0:x1]
 
 
-def _check(wanted: WantedCrops, n_people: int) -> None:
+def _check(wanted: WantedCrops, people: Sequence[str]) -> None:
     """Raise `InputError` where the columns do not fit, or a person is in a frame twice."""
-    n = len(wanted.frame)
+    n, place = len(wanted.frame), f"camera {wanted.camera}"
     if np.shape(wanted.ltwh) != (n, 4) or len(wanted.person) != n:
         raise InputError(
-            f"camera {wanted.camera}: {n} frames, boxes {np.shape(wanted.ltwh)}, {len(wanted.person)} people: a row each"
+            f"{place}: {n} frames, boxes {np.shape(wanted.ltwh)}, {len(wanted.person)} people: a row each is needed"
         )
-    if n and not (wanted.person.min() >= 0 and wanted.person.max() < n_people):
-        raise InputError(f"camera {wanted.camera}: a person's row is outside of the {n_people} people")
+    if n and not (wanted.person.min() >= 0 and wanted.person.max() < len(people)):
+        raise InputError(
+            f"{place}: rows {wanted.person.min()} to {wanted.person.max()} are outside of the {len(people)} people"
+        )
     pairs, count = np.unique(np.stack([wanted.frame, wanted.person], axis=1), axis=0, return_counts=True)
     if (count > 1).any():
         frame, person = pairs[count.argmax()].tolist()
-        raise InputError(f"camera {wanted.camera}: person {person} is in frame {frame} twice: one box a person and frame")
+        raise InputError(f"{place}: {people[person]} is in frame {frame} twice: give one box for a person in a frame")
 
 
 def _safe(text: str) -> str:
