@@ -1,0 +1,154 @@
+"""Spans of time in which one identity is surely one person, and which of these people are surely two.
+
+Wherever labels may have changed hands, an identity's time is cut: where somebody else is near, where it jumps, and where for
+too long no two cameras are sure of it. Each span becomes a person of its own. A doubt in one camera cuts nothing while two
+others carry the person through.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.sampling import first_of
+from passerby.cameras import Floats
+from passerby.observations import Ints
+from passerby.reid.agreement import NEAR_M, SURE, Agreement, pairs_within
+from passerby.reid.places import Places
+
+LONGEST_GAP_S = 1.0
+"""For longer nobody is taken to have kept a label unseen."""
+JUMP_M, JUMP_M_S = 0.5, 2.5
+"""Between two instants a person moves less than that: a position's own error, and a brisk run."""
+SHORTEST_S = 1.5
+"""A run of chance agreement is shorter, as a rule: two people pass each other's rays within a second."""
+FEWEST_INSTANTS = 5
+FEWEST_IN_CAMERA = 3
+"""Fewer sure instants of a span in one camera are a passing coincidence there."""
+FEWEST_TOGETHER = 3
+"""So many common instants show that two spans are two people."""
+
+
+@dataclass(frozen=True, eq=False)
+class SureSpans:
+    """S people, each a span of one identity; N boxes."""
+
+    span: Ints
+    """(N,) rows of the spans for boxes that are sure, -1 for all others."""
+    identity: Ints
+    """(S,)"""
+    number: Ints
+    """(S,) counts the spans of an identity, from 1."""
+    seconds: Floats
+    """(S, 2) first and last, since the first instant."""
+    apart: NDArray[np.bool_]
+    """(S, S) who were seen at one time in two places: surely two people."""
+    n_cameras: Ints
+    """(S,)"""
+
+
+def sure_spans(places: Places, agreed: Agreement) -> SureSpans:
+    """Cut the agreed boxes into spans."""
+    span_of_group = _spans(places.step_s, agreed)
+    span = np.where((agreed.reason == SURE) & (agreed.group >= 0), span_of_group[np.maximum(agreed.group, 0)], -1)
+    span = _without_passing(span, places, agreed)
+    kept, index = np.unique(span[span >= 0], return_inverse=True)
+    renamed = np.full(int(span_of_group.max(initial=-1)) + 1, -1)
+    renamed[kept] = np.arange(len(kept))
+    span[span >= 0] = index.ravel()
+    group_span = np.where(span_of_group >= 0, renamed[span_of_group] if len(renamed) else -1, -1)
+    # Only instants at which boxes are left count for what follows.
+    left = np.zeros(len(agreed.step), dtype=np.bool_)
+    left[agreed.group[span >= 0]] = True
+    group_span = np.where(left, group_span, -1)
+    identity = np.zeros(len(kept), np.int64)
+    identity[group_span[group_span >= 0]] = agreed.identity[group_span >= 0]
+    ends = np.column_stack([np.full(len(kept), np.inf), np.full(len(kept), -np.inf)])
+    seconds = agreed.step * places.step_s
+    np.minimum.at(ends[:, 0], group_span[group_span >= 0], seconds[group_span >= 0])
+    np.maximum.at(ends[:, 1], group_span[group_span >= 0], seconds[group_span >= 0])
+    number = np.array([1 + np.count_nonzero(identity[:k] == who) for k, who in enumerate(identity)], dtype=np.int64)
+    seen = np.unique(np.column_stack([span, places.camera])[span >= 0], axis=0)
+    n_cameras = np.bincount(seen[:, 0], minlength=len(kept)).astype(np.int64)
+    return SureSpans(span, identity, number, ends, _apart(agreed, group_span, len(kept)), n_cameras)
+
+
+def _spans(step_s: float, agreed: Agreement) -> Ints:
+    """(G,) a number for each run of sure instants of one identity between which nothing can have happened; else -1."""
+    sure = np.flatnonzero(agreed.sure & ~agreed.near)
+    if not len(sure):
+        return np.full(len(agreed.step), -1)
+    first, second = sure[:-1], sure[1:]
+    gap = (agreed.step[second] - agreed.step[first]) * step_s
+    jump = np.linalg.norm(agreed.place[second] - agreed.place[first], axis=1)
+    cut = agreed.identity[second] != agreed.identity[first]
+    cut |= (gap > LONGEST_GAP_S + 1e-9) | (jump > JUMP_M + JUMP_M_S * gap)
+    near_before = np.concatenate([[0], np.cumsum(agreed.near)])
+    cut |= near_before[second] > near_before[first]
+    cut[~cut] = _met_unseen(agreed, first[~cut], second[~cut])
+    number = np.concatenate([[0], np.cumsum(cut)])
+    spans = np.full(len(agreed.step), -1)
+    spans[sure] = number
+    return spans
+
+
+def _met_unseen(agreed: Agreement, first: Ints, second: Ints) -> NDArray[np.bool_]:
+    """(K,) whether somebody else is near the straight way of a person from one sure instant to the next, unsure in between."""
+    missing = agreed.step[second] - agreed.step[first] - 1
+    gap = np.repeat(np.arange(len(first)), missing)
+    met = np.zeros(len(first), dtype=np.bool_)
+    if not len(gap):
+        return met
+    nth = np.arange(len(gap)) - np.repeat(np.cumsum(missing) - missing, missing) + 1
+    share = (nth / (missing[gap] + 1))[:, None]
+    way = (1 - share) * agreed.place[first[gap]] + share * agreed.place[second[gap]]
+    at = agreed.step[first[gap]] + nth
+    order = np.argsort(agreed.step, kind="stable")
+    step = agreed.step[order]
+    low, high = np.searchsorted(step, at), np.searchsorted(step, at, side="right")
+    count = high - low
+    k = np.repeat(np.arange(len(gap)), count)
+    other = order[np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(k))]
+    with np.errstate(invalid="ignore"):
+        near = np.linalg.norm(agreed.place[other] - way[k], axis=1) < NEAR_M
+    near &= agreed.identity[other] != agreed.identity[first[gap[k]]]
+    met[gap[k[near]]] = True
+    return met
+
+
+def _without_passing(span: Ints, places: Places, agreed: Agreement) -> Ints:
+    """The spans without cameras that saw them for a moment only, and without those that are short or are left with one camera."""
+    span = span.copy()
+    key = np.where(span >= 0, span * (int(places.camera.max(initial=0)) + 1) + places.camera, -1)
+    span[(key >= 0) & (np.bincount(key[key >= 0], minlength=key.max(initial=0) + 1)[key] < FEWEST_IN_CAMERA)] = -1
+    rows = np.flatnonzero(span >= 0)
+    # An instant that is left with one camera is no longer one.
+    number = np.bincount(agreed.group[rows], minlength=len(agreed.step))
+    rows = rows[number[agreed.group[rows]] > 1]
+    alone = np.ones(len(span), dtype=np.bool_)
+    alone[rows] = False
+    span[alone] = -1
+    instants = first_of(agreed.group[rows], np.zeros(len(rows)))
+    count = np.bincount(span[rows][instants], minlength=span.max(initial=-1) + 1)
+    low, high = np.full(len(count), np.inf), np.full(len(count), -np.inf)
+    np.minimum.at(low, span[rows], places.step[rows])
+    np.maximum.at(high, span[rows], places.step[rows])
+    with np.errstate(invalid="ignore"):
+        good = (count >= FEWEST_INSTANTS) & ((high - low + 1) * places.step_s >= SHORTEST_S - 1e-9)
+    span[(span >= 0) & ~good[span]] = -1
+    return span
+
+
+def _apart(agreed: Agreement, group_span: Ints, n_spans: int) -> NDArray[np.bool_]:
+    """(S, S) spans with common instants at most of which they are far from each other."""
+    rows = np.flatnonzero(group_span >= 0)
+    rows = rows[np.argsort(agreed.step[rows], kind="stable")]
+    i, j = pairs_within(agreed.step[rows])
+    a, b = group_span[rows[i]], group_span[rows[j]]
+    far = np.linalg.norm(agreed.place[rows[i]] - agreed.place[rows[j]], axis=1) > NEAR_M
+    together, distant = np.zeros((n_spans, n_spans)), np.zeros((n_spans, n_spans))
+    np.add.at(together, (a, b), 1)
+    np.add.at(distant, (a, b), far)
+    return np.asarray((together >= FEWEST_TOGETHER) & (distant >= 0.9 * together))
