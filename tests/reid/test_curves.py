@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from passerby.errors import InputError
-from passerby.reid.curves import COLUMNS, LogRow, TrainingLog, write_curves
+from passerby.reid.curves import COLUMNS, EpochRecord, TrainingLog, write_curves
 
 
 def row(epoch, scored=False):
-    return LogRow(
+    return EpochRecord(
         epoch,
         10 * epoch,
         3.5e-4 / epoch,

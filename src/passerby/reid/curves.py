@@ -18,7 +18,7 @@ CURVES_FILE = "curves.html"
 
 
 @dataclass(frozen=True)
-class LogRow:
+class EpochRecord:
     """What is known after an epoch: a row of the log."""
 
     epoch: int
@@ -39,7 +39,7 @@ class LogRow:
     """Mean average precision, 0 to 1; None likewise."""
 
 
-COLUMNS = tuple(field.name for field in fields(LogRow))
+COLUMNS = tuple(field.name for field in fields(EpochRecord))
 WHOLE = ("epoch", "step")
 MAY_BE_EMPTY = ("rank_1", "map")
 
@@ -51,7 +51,7 @@ class TrainingLog:
         """Of the run in `folder`; the file need not exist yet."""
         self.path = folder / LOG_FILE
 
-    def rows(self) -> tuple[LogRow, ...]:
+    def rows(self) -> tuple[EpochRecord, ...]:
         """All rows, the first epoch first; none where there is no file.
 
         Raises `InputError` for a file that is no such log.
@@ -61,7 +61,7 @@ class TrainingLog:
         reader = csv.reader(io.StringIO(read_text(self.path, "the log of a training"), newline=""))
         if tuple(next(reader, ())) != COLUMNS:
             raise InputError(f"{self.path}: line 1 is not {','.join(COLUMNS)}: this is no log of a training; delete or move it")
-        rows: list[LogRow] = []
+        rows: list[EpochRecord] = []
         for texts in reader:
             if texts:
                 rows.append(self._row(texts, reader.line_num))
@@ -69,7 +69,7 @@ class TrainingLog:
                     raise self._fault(reader.line_num, f"epoch {rows[-1].epoch} comes after epoch {rows[-2].epoch}")
         return tuple(rows)
 
-    def append(self, row: LogRow) -> None:
+    def append(self, row: EpochRecord) -> None:
         """Add the row of an epoch. The file is replaced as a whole.
 
         Raises `InputError` where the epoch is not after the last one, the file is no such log, or it cannot be written.
@@ -91,7 +91,7 @@ class TrainingLog:
         if len(kept) < len(rows):
             self._write(kept)
 
-    def _write(self, rows: Iterable[LogRow]) -> None:
+    def _write(self, rows: Iterable[EpochRecord]) -> None:
         """All rows; a number is written with the digits that it takes to read the same one back."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -100,7 +100,7 @@ class TrainingLog:
             writer.writerow([_text(name, getattr(row, name)) for name in COLUMNS])
         write_text(self.path, text.getvalue())
 
-    def _row(self, texts: Sequence[str], line: int) -> LogRow:
+    def _row(self, texts: Sequence[str], line: int) -> EpochRecord:
         """The row of a line's texts. Raises `InputError` where they are none."""
         if len(texts) != len(COLUMNS):
             raise self._fault(line, f"{len(texts)} values instead of {len(COLUMNS)}")
@@ -112,7 +112,7 @@ class TrainingLog:
                 values[name] = int(text) if name in WHOLE else float(text)
             except ValueError:
                 raise self._fault(line, f"{name} is {text!r}, not a number") from None
-        return LogRow(**values)
+        return EpochRecord(**values)
 
     def _fault(self, line: int, what: str) -> InputError:
         return InputError(
@@ -202,7 +202,7 @@ def write_curves(log: TrainingLog, path: Path) -> None:
     write_text(path, _PAGE.format(summary=_summary(rows), panels="\n".join(panels)))
 
 
-def _summary(rows: Sequence[LogRow]) -> str:
+def _summary(rows: Sequence[EpochRecord]) -> str:
     """Where the training stands, in a sentence or two."""
     if not rows:
         return "No epoch is done yet."
@@ -214,7 +214,7 @@ def _summary(rows: Sequence[LogRow]) -> str:
     return f"{told} Best rank-1 {best:.3f} after epoch {epoch}, {scored[-1][0]:.3f} at the last validation."
 
 
-def _drawn(rows: Sequence[LogRow], number: int, unit: str, curves: Sequence[_Curve]) -> str:
+def _drawn(rows: Sequence[EpochRecord], number: int, unit: str, curves: Sequence[_Curve]) -> str:
     """One panel as HTML; the first brings plotly's script with it, 5 MB."""
     from plotly import graph_objects
     from plotly.io import to_html

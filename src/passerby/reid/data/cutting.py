@@ -263,13 +263,9 @@ def _check(wanted: WantedCrops, people: Sequence[str]) -> None:
     """Raise `InputError` where the columns do not fit, or a person is in a frame twice."""
     n, place = len(wanted.frame), f"camera {wanted.camera}"
     if np.shape(wanted.ltwh) != (n, 4) or len(wanted.person) != n:
-        raise InputError(
-            f"{place}: {n} frames, boxes {np.shape(wanted.ltwh)}, {len(wanted.person)} people: a row each is needed"
-        )
+        raise InputError(f"{place}: {n} frames, boxes {np.shape(wanted.ltwh)}, {len(wanted.person)} people: a row each")
     if n and not (wanted.person.min() >= 0 and wanted.person.max() < len(people)):
-        raise InputError(
-            f"{place}: rows {wanted.person.min()} to {wanted.person.max()} are outside of the {len(people)} people"
-        )
+        raise InputError(f"{place}: rows {wanted.person.min()} to {wanted.person.max()} are not of {len(people)} people")
     pairs, count = np.unique(np.stack([wanted.frame, wanted.person], axis=1), axis=0, return_counts=True)
     if (count > 1).any():
         frame, person = pairs[count.argmax()].tolist()
