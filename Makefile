@@ -2,20 +2,23 @@
 PYTHON ?= python3
 VENV := .venv
 INSTALLED := $(VENV)/.installed
+TRAINING_INSTALLED := $(VENV)/.training-installed
+# The version the tests are made with; left to itself pip takes the newest, which brings gigabytes for graphics cards.
+TORCH := torch==2.13.0
 BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
 # Two test processes of one BLAS thread each are faster than threads that fight for the same cores.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test test-slow lint types bench bench-association bench-perception format clean
+.PHONY: demo test test-slow lint types bench bench-association bench-perception bench-reid format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo -o demo
 
-test: $(INSTALLED)
+test: $(TRAINING_INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python -m pytest -n 2 -m "not slow"
 
-test-slow: $(INSTALLED)
+test-slow: $(TRAINING_INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python -m pytest -n 2 -m slow
 
 lint: $(INSTALLED)
@@ -26,7 +29,7 @@ format: $(INSTALLED)
 	$(VENV)/bin/ruff check --fix .
 	$(VENV)/bin/ruff format .
 
-types: $(INSTALLED)
+types: $(TRAINING_INSTALLED)
 	$(VENV)/bin/mypy
 
 bench: $(BENCH_INSTALLED)
@@ -38,6 +41,9 @@ bench-association: $(INSTALLED)
 bench-perception: $(INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only perception --scenes build/scenes
 
+bench-reid: $(TRAINING_INSTALLED)
+	$(VENV)/bin/python benchmarks/run.py --only reid --scenes build/scenes
+
 clean:
 	rm -rf $(VENV) $(BENCH_VENV)
 
@@ -47,7 +53,11 @@ $(INSTALLED): pyproject.toml
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
 	touch $@
 
+$(TRAINING_INSTALLED): $(INSTALLED)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' -e '.[dev,reid]'
+	touch $@
+
 $(BENCH_INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(BENCH_VENV)
-	$(BENCH_VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
+	$(BENCH_VENV)/bin/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' -e '.[bench,reid]'
 	touch $@
