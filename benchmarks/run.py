@@ -21,6 +21,7 @@ from tables import Section, machine_note
 
 import association
 import perception
+import reid
 
 # What is timed comes first, before the runs that fill both cores.
 SECTIONS: dict[str, Callable[[Path, bool], Section | Iterable[Section]]] = {
@@ -30,6 +31,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Section | Iterable[Section]]] = {
     "simulated": simulated.run,
     "swaps": swaps.run,
     "perception": perception.run,
+    "reid": reid.run,
 }
 RESULTS = ROOT / "docs" / "results"
 
@@ -39,7 +41,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few seeds and repeats; the tables are printed, not written")
     parser.add_argument("--only", nargs="+", choices=SECTIONS, metavar="NAME", help=f"sections: {', '.join(SECTIONS)}")
     parser.add_argument("-o", "--out", type=Path, help="folder for the tables; docs/results")
-    pixels = parser.add_argument_group("perception")
+    pixels = parser.add_argument_group("perception and reid")
     pixels.add_argument("--scenes", type=Path, help="folder that keeps rendered videos for the next time")
     pixels.add_argument("--seeds", type=int, default=3, help="seeds of each rendered scene; 3")
     pixels.add_argument(
@@ -48,14 +50,17 @@ def main() -> None:
         choices=perception.PARTS,
         metavar="PART",
         default=(),
-        help=f"parts to run: {', '.join(perception.PARTS)}; all. The others stay as they are on the page",
+        help=f"parts of perception to run: {', '.join(perception.PARTS)}; all. The others stay as they are on the page",
     )
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
     page = None if out is None else out / "perception.md"
     earlier = page.read_text() if arguments.parts and page is not None and page.is_file() else ""
     wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier)
-    sections = SECTIONS | {"perception": partial(perception.run, wanted=wanted)}
+    sections = SECTIONS | {
+        "perception": partial(perception.run, wanted=wanted),
+        "reid": partial(reid.run, scenes=arguments.scenes, seeds=arguments.seeds),
+    }
     for name in arguments.only or SECTIONS:
         with tempfile.TemporaryDirectory(prefix="passerby-bench-") as scratch:
             made = sections[name](Path(scratch), arguments.quick)

@@ -1,0 +1,168 @@
+"""The rows of the tables about networks that tell people apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from command import Calibrated
+from perception_tables import in_rig
+from reid_runs import Half, Team, Trained
+from reid_scenes import HALVES
+from tables import errors, number, table, yes
+
+Scores = Mapping[str, Mapping[str, float]]
+"""plain and centred -> `rank_1` and so on."""
+
+RANK_1_GOAL, MINUTES_GOAL, CROP_MS_GOAL = 0.80, 20.0, 5.0
+BEFORE, AFTER = "start", "adapted"
+
+
+def percent(share: float | None, digits: int = 1) -> str:
+    """A share in per cent, or a dash."""
+    return "-" if share is None else number(100 * share, digits)
+
+
+TRAINED_HEAD = ("network", "people", "pictures", "epochs", "wall time", "pictures a second", "loss at the end")
+
+
+def trained_row(label: str, run: Trained) -> list[str]:
+    """What a training took."""
+    return [
+        label, str(run.people), str(run.pictures), str(run.epochs), f"{run.seconds:.0f} s", number(run.per_second, 0),
+        number(run.loss, 3),
+    ]  # fmt: skip
+
+
+RETRIEVAL_HEAD = ("embedder", "rank-1, %", "rank-5, %", "mAP, %", "camera-centred: rank-1, %", "mAP, %")
+
+
+def retrieval_row(label: str, scores: Scores) -> list[str]:
+    """One embedder on one set."""
+    plain, centred = scores["plain"], scores["centred"]
+    shares = plain["rank_1"], plain["rank_5"], plain["map"], centred["rank_1"], centred["map"]
+    return [label, *map(percent, shares)]
+
+
+def crops_tables(trained: Trained, scores: Mapping[str, Scores], speed: Mapping[str, float]) -> str:
+    """Real crops: retrieval, the training, the export; the last of the scores is the trained network's."""
+    rank_1 = scores[list(scores)[-1]]["plain"]["rank_1"]
+    real = trained.exported["real"]
+    goals = [
+        ["rank-1 within 20 minutes on 2 cores", f"{percent(rank_1)} % in {trained.seconds / 60:.1f} min",
+         f"{100 * RANK_1_GOAL:.0f} %", yes(rank_1 >= RANK_1_GOAL and trained.seconds <= 60 * MINUTES_GOAL)],
+        ["ONNX file: a crop on one core", f"{speed['network_ms']:.2f} ms", f"{CROP_MS_GOAL:g} ms",
+         yes(speed["network_ms"] <= CROP_MS_GOAL)],
+        ["with cutting and normalising", f"{speed['embedder_ms']:.2f} ms", "", ""],
+        [f"ONNX file: ranking of {real['pictures']} crops as PyTorch's",
+         f"{'same' if real['same_ranking'] else 'differs'}; largest difference {real['largest_difference']:.1e}", "same",
+         yes(real["same_ranking"])],
+    ]  # fmt: skip
+    return "\n\n".join([
+        table(RETRIEVAL_HEAD, [retrieval_row(label, found) for label, found in scores.items()]),
+        table(TRAINED_HEAD, [trained_row("small", trained)]),
+        table(("what", "measured", "goal", "reached"), goals),
+    ])  # fmt: skip
+
+
+def crowd_tables(scores: Mapping[str, Mapping[str, Scores]]) -> str:
+    """Embedder -> test set -> scores: rank-1 and mAP, plain and camera-centred."""
+    sets = list(next(iter(scores.values())))
+    texts = []
+    for kind, told in (("plain", "As they are"), ("centred", "Camera-centred")):
+        rows = [
+            [label, *(f"{percent(found[one][kind]['rank_1'])} ({percent(found[one][kind]['map'])})" for one in sets)]
+            for label, found in scores.items()
+        ]
+        texts += [f"{told}: rank-1 (mAP), %.", table(("embedder", *sets), rows)]
+    return "\n\n".join(texts)
+
+
+LOOKS_HEAD = (
+    "recording", "network", "rank-1, %", "camera-centred, %", "looks alone: precision, %", "camera pairs in which they tell",
+    "mode appearance", "registered", "precision, %", "recall, %", "position, orientation",
+)  # fmt: skip
+COMBINED_HEAD = ("recording", "network", "mode combined", "registered", "precision, %", "recall, %", "position, orientation")
+
+
+def team_tables(teams: Sequence[Team]) -> str:
+    """The means first, then seed by seed."""
+    looks_rows, combined_rows, label_rows = [], [], []
+    for team in teams:
+        for part in HALVES:
+            for network, halves in ((BEFORE, team.before), (AFTER, team.after)):
+                label = [f"{part} half, seed {team.seed}", network]
+                half = halves[part]
+                looks_rows.append([*label, *_looks_cells(half), *_mode_cells(half, "appearance")])
+                combined_rows.append([*label, *_mode_cells(half, "combined")])
+        tuned = team.tuned
+        label_rows.append([str(team.seed), *(_plain(tuned.labels.get(key)) for key in LABEL_KEYS), f"{tuned.seconds:.0f} s"])
+    return "\n\n".join([
+        table(MEAN_HEAD, mean_rows(teams)), _LOOKS, table(LOOKS_HEAD, looks_rows), _COMBINED,
+        table(COMBINED_HEAD, combined_rows), _LABELS, table(("seed", *LABEL_KEYS, "wall time"), label_rows),
+    ])  # fmt: skip
+
+
+LABEL_KEYS = ("people", "crops")
+
+_LOOKS = "Seed by seed: looks, and mode appearance, which goes by nothing else."
+_COMBINED = "Seed by seed: mode combined, by tracks on the ground and looks."
+_LABELS = "The pictures that the calibration of the first half is sure of, and what `passerby reid finetune` took."
+
+MEAN_HEAD = ("means over the seeds", BEFORE, AFTER, "seeds in which it rises")
+
+
+def mean_rows(teams: Sequence[Team]) -> list[list[str]]:
+    """Before against after, half by half. What was refused has found no pair: it counts as no precision, and as recall 0."""
+    rows = []
+    for part in HALVES:
+        for told, of in _MEASURES.items():
+            pairs = [(of(team.before[part]), of(team.after[part])) for team in teams]
+            rise = sum(after is not None and (before is None or after > before) for before, after in pairs)
+            cells = [_mean([pair[k] for pair in pairs]) for k in (0, 1)]
+            rows.append([f"{part} half: {told}", *cells, f"{rise} of {len(teams)}"])
+    return rows
+
+
+def _mean(shares: Sequence[float | None]) -> str:
+    """Of those that are defined, with their number where some are not."""
+    known = [share for share in shares if share is not None]
+    if not known:
+        return "none found"
+    return f"{percent(float(np.mean(known)))} %" + (f" (in {len(known)})" if len(known) < len(shares) else "")
+
+
+_MEASURES: dict[str, Callable[[Half], float | None]] = {
+    "rank-1 on true crops": lambda half: half.retrieval["plain"]["rank_1"],
+    "precision of the looks alone": lambda half: half.looks.precision if half.looks else None,
+    "precision in mode appearance": lambda half: half.agreement["appearance"].precision,
+    "recall in mode appearance": lambda half: half.agreement["appearance"].recall,
+    "precision in mode combined": lambda half: half.agreement["combined"].precision,
+    "recall in mode combined": lambda half: half.agreement["combined"].recall,
+}
+
+
+def _looks_cells(half: Half) -> list[str]:
+    """Retrieval, and the Hungarian algorithm on tracklets' looks."""
+    ranks = [percent(half.retrieval[kind]["rank_1"]) for kind in ("plain", "centred")]
+    looks = half.looks
+    return [*ranks, *(("-", "-") if looks is None else (percent(looks.precision), f"{looks.useful_pairs} of {looks.pairs}"))]
+
+
+def _mode_cells(half: Half, mode: str) -> list[str]:
+    """Verdict, cameras, identities and errors."""
+    run, found = half.calibrated[mode], half.agreement[mode]
+    return [run.verdict, in_rig(run), percent(found.precision), percent(found.recall), _errors(run)]
+
+
+def _errors(run: Calibrated) -> str:
+    similarity = (run.errors or {}).get("similarity") or {}
+    return errors(similarity.get("mean_position_mm"), similarity.get("mean_orientation_deg"))
+
+
+def _plain(value: object) -> str:
+    """A number, without digits that say nothing."""
+    if isinstance(value, float):
+        return number(value, 3) if math.isfinite(value) else "-"
+    return "-" if value is None else str(value)
