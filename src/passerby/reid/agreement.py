@@ -29,12 +29,22 @@ USUAL_MEDIAN = 1.386
 """Median of squared sigmas on a plane (chi-square with two degrees of freedom)."""
 NEAR_M = 1.0
 """People nearer to each other on the ground may exchange their labels."""
+CROWDED = 6.0
+"""Squared sigmas within which somebody may be at the very place where another is."""
 BLOCK_ROWS = 50_000
 """Boxes that are compared at once, so that memory stays flat."""
 
-SURE, CUT, ALONE, MISFIT, AMBIGUOUS, NEAR, DISPUTED, UNIDENTIFIED = range(8)
+BODY_M = 1.72
+HALF_WIDTH_M = 0.3
+"""Of a body with its arms, and of what a place on the ground is off by."""
+BEHIND_M = 0.5
+"""Somebody who is farther away by more than that covers nobody."""
+COVERED = 0.2
+"""Share of a body, from the feet up, that somebody nearer may cover."""
+
+SURE, CUT, ALONE, MISFIT, AMBIGUOUS, BEHIND, NEAR, DISPUTED, UNIDENTIFIED = range(9)
 REASONS = ("sure", "cut off by the border", "in one camera only", "does not meet", "another fits as well",
-           "near somebody", "cameras disagree", "without identity")  # fmt: skip
+           "behind somebody", "near somebody", "cameras disagree", "without identity")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +168,22 @@ def _judged(places: Places) -> Agreement:
     groups, step, identity = _Groups.of(places)
     reason = np.where(groups.group < 0, UNIDENTIFIED, np.where(places.whole, SURE, CUT))
     mine, theirs = _rivals(places)
+    _leave_out(groups, step, reason, mine, theirs)
+    # Whether somebody is hidden is known once it is known where everybody is.
+    hidden = _hidden(groups, step, reason)
+    reason[(reason == SURE) & hidden] = BEHIND
+    _leave_out(groups, step, reason, mine, theirs)
+    _mark_disputed(groups, reason)
+    place, near = _positions(groups, step, reason, 2)
+    crowded = _crowded(groups, reason, mine, theirs)
+    reason[(reason == SURE) & crowded[np.maximum(groups.group, 0)]] = NEAR
+    reason[(reason == SURE) & near[np.maximum(groups.group, 0)]] = NEAR
+    sure = np.bincount(groups.group[reason == SURE], minlength=groups.count) > 1
+    return Agreement(reason, groups.group, step, identity, place, np.asarray(sure), near, 1.0)
+
+
+def _leave_out(groups: _Groups, step: Ints, reason: Ints, mine: Ints, theirs: Ints) -> None:
+    """Write into `reason` (N,) why rows fail, the worst of each group first, until all that are left agree."""
     while True:
         active = np.flatnonzero(reason == SURE)
         alone = np.setdiff1d(active, _shared(groups, active), assume_unique=True)
@@ -169,14 +195,36 @@ def _judged(places: Places) -> Agreement:
             break
         rows = active[failed]
         worst = rows[first_of(groups.group[rows], -worse[failed])]
-        why_of = np.full(len(places), SURE)
+        why_of = np.full(len(reason), SURE)
         why_of[active] = why
         reason[worst] = why_of[worst]
-    _mark_disputed(groups, reason)
-    place, near = _positions(groups, step, reason)
-    reason[(reason == SURE) & near[np.maximum(groups.group, 0)]] = NEAR
-    sure = np.bincount(groups.group[reason == SURE], minlength=groups.count) > 1
-    return Agreement(reason, groups.group, step, identity, place, np.asarray(sure), near, 1.0)
+
+
+def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
+    """(N,) rows of people before whom somebody else stands, seen from the row's camera.
+
+    The one in front need not have a box there: a detector finds one person of two, and it is not told which.
+    """
+    places = groups.places
+    where, _ = _positions(groups, step, reason, 1)
+    rows = np.flatnonzero(reason == SURE)
+    low, high = np.searchsorted(step, places.step[rows]), np.searchsorted(step, places.step[rows], side="right")
+    count = high - low
+    row = np.repeat(rows, count)
+    other = np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(row))
+    row, other = row[groups.group[row] != other], other[groups.group[row] != other]
+    centre = places.centre[places.camera[row]]
+    to_own, to_other = where[groups.group[row]] - centre[:, :2], where[other] - centre[:, :2]
+    reach = np.linalg.norm(to_own, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.einsum("ni,ni->n", to_own, to_other) / reach
+        across = np.sqrt(np.maximum((to_other**2).sum(axis=1) - depth**2, 0.0))
+        shaded_m = centre[:, 2] - (centre[:, 2] - BODY_M) * reach / depth
+        before = (depth > 0) & (depth < reach + BEHIND_M) & (across < HALF_WIDTH_M * (1 + depth / reach))
+        before &= shaded_m > COVERED * BODY_M
+    hidden = np.zeros(len(places), dtype=np.bool_)
+    hidden[row[before]] = True
+    return hidden
 
 
 def _rivals(places: Places) -> tuple[Ints, Ints]:
@@ -243,18 +291,36 @@ def _mark_disputed(groups: _Groups, reason: Ints) -> None:
     reason[(reason == SURE) & disputed] = DISPUTED
 
 
-def _positions(groups: _Groups, step: Ints, reason: Ints) -> tuple[Floats, NDArray[np.bool_]]:
-    """(G, 2) where everybody is whom two cameras see, sure or not; (G,) whether somebody else is near."""
+def _positions(groups: _Groups, step: Ints, reason: Ints, fewest: int) -> tuple[Floats, NDArray[np.bool_]]:
+    """(G, 2) where everybody is whom so many cameras see, sure or not; (G,) whether somebody else is near."""
     place = np.full((groups.count, 2), np.nan)
     for rows in (np.flatnonzero((groups.group >= 0) & groups.places.whole), np.flatnonzero(reason == SURE)):
         number, information, pull = groups.sums(rows)
-        two = number > 1
+        two = number >= fewest
         place[two] = np.einsum("nij,nj->ni", _inverse(information[two]), pull[two])
     near = np.zeros(groups.count, dtype=np.bool_)
     i, j = pairs_within(step)
     with np.errstate(invalid="ignore"):
         near[i[np.linalg.norm(place[i] - place[j], axis=1) < NEAR_M]] = True
     return place, near
+
+
+def _crowded(groups: _Groups, reason: Ints, mine: Ints, theirs: Ints) -> NDArray[np.bool_]:
+    """(G,) people of whom a camera that has their box has another's too that may stand where they do.
+
+    That is so where cameras look from one side: they tell the way to a person no better than one of them does.
+    """
+    places = groups.places
+    number, information, pull = groups.sums(np.flatnonzero(reason == SURE))
+    told = number[groups.group[mine]] > 1
+    mine, theirs = mine[told], theirs[told]
+    group = groups.group[mine]
+    covariance = _inverse(information[group])
+    place = np.einsum("nij,nj->ni", covariance, pull[group])
+    close = _squared(places.place[theirs] - place, covariance + places.covariance[theirs]) < CROWDED
+    crowded = np.zeros(groups.count, dtype=np.bool_)
+    crowded[group[close]] = True
+    return crowded
 
 
 def _squared(difference: Floats, covariance: Floats) -> Floats:

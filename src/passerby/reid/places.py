@@ -54,14 +54,18 @@ class Places:
     ltwh: Floats
     """(N, 4) the boxes, pixels."""
     step_s: float
+    centre: Floats
+    """(C, 3) the cameras' centres, metres."""
 
     def __len__(self) -> int:
         return len(self.step)
 
     def take(self, rows: NDArray[np.generic]) -> Places:
         """The boxes of the given rows (indices or a mask)."""
-        columns = {name: getattr(self, name)[rows] for name in self.__dataclass_fields__ if name != "step_s"}
-        return Places(**columns, step_s=self.step_s)
+        return Places(**{name: getattr(self, name)[rows] for name in COLUMNS}, step_s=self.step_s, centre=self.centre)
+
+
+COLUMNS = ("step", "camera", "row", "identity", "place", "covariance", "whole", "ltwh")
 
 
 def places_of(rig: Rig, boxes: Mapping[str, Boxes], clocks: Mapping[str, Clock], body_m: float = 1.72) -> Places:
@@ -79,10 +83,9 @@ def places_of(rig: Rig, boxes: Mapping[str, Boxes], clocks: Mapping[str, Clock],
         _camera_places(camera, number, boxes[camera.name], clocks[camera.name], start_s, step_s, body_m)
         for number, camera in enumerate(rig)
     ]
-    joined = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in Places.__dataclass_fields__ if name != "step_s"
-    }
-    found = Places(**joined, step_s=step_s)
+    centres = np.array([camera.centre for camera in rig])
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
+    found = Places(**joined, step_s=step_s, centre=centres)
     return found.take(np.lexsort((found.row, found.camera, found.step)))
 
 
@@ -116,7 +119,7 @@ def _camera_places(
     use = np.flatnonzero(is_chosen[picture] & np.isfinite(place).all(axis=1))
     return Places(
         nearest[picture][use], np.full(len(use), number), use, boxes.identity[use], place[use], covariance[use], whole[use],
-        boxes.ltwh[use], step_s,
+        boxes.ltwh[use], step_s, np.array([camera.centre]),
     )  # fmt: skip
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from passerby.association.sampling import first_of
 from passerby.cameras import Floats
-from passerby.observations import Ints
-from passerby.reid.agreement import NEAR_M, SURE, Agreement, pairs_within
+from passerby.observations import UNKNOWN, Ints
+from passerby.reid.agreement import AMBIGUOUS, BEHIND, DISPUTED, MISFIT, NEAR, NEAR_M, SURE, Agreement, pairs_within
 from passerby.reid.places import Places
 
 LONGEST_GAP_S = 1.0
@@ -24,6 +24,8 @@ JUMP_M, JUMP_M_S = 0.5, 2.5
 """Between two instants a person moves less than that: a position's own error, and a brisk run."""
 SHORTEST_S = 1.5
 """A run of chance agreement is shorter, as a rule: two people pass each other's rays within a second."""
+DOUBT_S = 0.2
+DOUBTS = (MISFIT, AMBIGUOUS, BEHIND, NEAR, DISPUTED)
 FEWEST_INSTANTS = 5
 FEWEST_IN_CAMERA = 3
 """Fewer sure instants of a span in one camera are a passing coincidence there."""
@@ -54,6 +56,8 @@ def sure_spans(places: Places, agreed: Agreement) -> SureSpans:
     span_of_group = _spans(places.step_s, agreed)
     span = np.where((agreed.reason == SURE) & (agreed.group >= 0), span_of_group[np.maximum(agreed.group, 0)], -1)
     span = _without_passing(span, places, agreed)
+    span[_beside_doubt(places, agreed)] = -1
+    span = _in_two_cameras(span, places)
     kept, index = np.unique(span[span >= 0], return_inverse=True)
     renamed = np.full(int(span_of_group.max(initial=-1)) + 1, -1)
     renamed[kept] = np.arange(len(kept))
@@ -118,6 +122,23 @@ def _met_unseen(agreed: Agreement, first: Ints, second: Ints) -> NDArray[np.bool
     return met
 
 
+def _beside_doubt(places: Places, agreed: Agreement) -> NDArray[np.bool_]:
+    """(N,) boxes of an identity within `DOUBT_S` of a doubtful one of the same camera: labels slip before it is noticed."""
+    order = np.lexsort((places.step, places.camera, places.identity))
+    order = order[places.identity[order] != UNKNOWN]
+    reach = round(DOUBT_S / places.step_s)
+    beside = np.zeros(len(places), dtype=np.bool_)
+    doubtful = np.isin(agreed.reason, DOUBTS)
+    for shift in range(1, reach + 1):
+        a, b = order[:-shift], order[shift:]
+        own = (places.identity[a] == places.identity[b]) & (places.camera[a] == places.camera[b])
+        own &= places.step[b] - places.step[a] <= reach
+        a, b = a[own], b[own]
+        beside[a[doubtful[b]]] = True
+        beside[b[doubtful[a]]] = True
+    return beside
+
+
 def _without_passing(span: Ints, places: Places, agreed: Agreement) -> Ints:
     """The spans without cameras that saw them for a moment only, and without those that are short or are left with one camera."""
     span = span.copy()
@@ -139,6 +160,17 @@ def _without_passing(span: Ints, places: Places, agreed: Agreement) -> Ints:
         good = (count >= FEWEST_INSTANTS) & ((high - low + 1) * places.step_s >= SHORTEST_S - 1e-9)
     span[(span >= 0) & ~good[span]] = -1
     return span
+
+
+def _in_two_cameras(span: Ints, places: Places) -> Ints:
+    """The spans without those that are left with one camera, and without cameras that saw them for a moment only."""
+    n_cameras = int(places.camera.max(initial=0)) + 1
+    count = np.zeros((int(span.max(initial=-1)) + 1, n_cameras), dtype=np.int64)
+    rows = np.flatnonzero(span >= 0)
+    np.add.at(count, (span[rows], places.camera[rows]), 1)
+    enough = count >= FEWEST_IN_CAMERA
+    enough &= np.count_nonzero(enough, axis=1, keepdims=True) > 1
+    return np.where((span >= 0) & (enough[span, places.camera] if len(enough) else False), span, -1)
 
 
 def _apart(agreed: Agreement, group_span: Ints, n_spans: int) -> NDArray[np.bool_]:
