@@ -8,6 +8,7 @@ others are seen. Boxes that fail are left out, the worst first, as long as two r
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,13 +97,13 @@ def pairs_within(key: Ints) -> tuple[Ints, Ints]:
     return i[i != j], j[i != j]
 
 
-def _blocks(step: Ints) -> list[NDArray[np.bool_]]:
-    """Masks of rows, whole instants each, about `BLOCK_ROWS` of them."""
+def _blocks(step: Ints) -> list[Ints]:
+    """Rows in parts, whole instants each, about `BLOCK_ROWS` of them."""
     edges = [0]
     while edges[-1] < len(step):
         end = min(edges[-1] + BLOCK_ROWS, len(step)) - 1
         edges.append(int(np.searchsorted(step, step[end], side="right")))
-    return [np.arange(low, high) for low, high in zip(edges, edges[1:], strict=False)]
+    return [np.arange(low, high, dtype=np.int64) for low, high in pairwise(edges)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,10 +112,10 @@ def _camera_places(
     place, covariance, whole = ground_places(camera, boxes.ltwh, body_m)
     velocity = _velocity(boxes, clock, place)
     late = (nearest * step_s + start_s - seconds)[picture]  # from the picture to the instant
-    known = np.isfinite(velocity).all(axis=1)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=1))
     drift = np.abs(late) * np.where(known, 0.5 * UNKNOWN_SPEED_M_S, UNKNOWN_SPEED_M_S)
     place = place + np.where(known[:, None], velocity, 0.0) * late[:, None]
-    covariance = covariance + (drift**2)[:, None, None] * np.eye(2)
+    covariance = covariance + np.multiply.outer(drift**2, np.eye(2))
     use = np.flatnonzero(is_chosen[picture] & np.isfinite(place).all(axis=1))
     return Places(
         nearest[picture][use], np.full(len(use), number), use, boxes.identity[use], place[use], covariance[use], whole[use],

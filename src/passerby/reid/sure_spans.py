@@ -140,7 +140,7 @@ def _beside_doubt(places: Places, agreed: Agreement) -> NDArray[np.bool_]:
 
 
 def _without_passing(span: Ints, places: Places, agreed: Agreement) -> Ints:
-    """The spans without cameras that saw them for a moment only, and without those that are short or are left with one camera."""
+    """The spans without cameras that saw them for a moment only, without instants in one camera, and without short ones."""
     span = span.copy()
     key = np.where(span >= 0, span * (int(places.camera.max(initial=0)) + 1) + places.camera, -1)
     span[(key >= 0) & (np.bincount(key[key >= 0], minlength=key.max(initial=0) + 1)[key] < FEWEST_IN_CAMERA)] = -1
