@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import torch
+from huggingface_hub import get_hf_file_metadata, hf_hub_url
 from torch import Tensor, nn
 from transformers import AutoConfig, AutoModel, PretrainedConfig, ResNetConfig
 
 from passerby.errors import InputError
+from passerby.perception.fetching import offline
 
 BASIC, BOTTLENECK = "basic", "bottleneck"
 RESNETS: dict[str, tuple[str, tuple[int, ...], int, int]] = {
@@ -28,6 +30,7 @@ RESNETS: dict[str, tuple[str, tuple[int, ...], int, int]] = {
 """Layers, their numbers in the four stages, channels of the stem and of the first stage, which each further stage doubles."""
 UNPUBLISHED = ("small",)
 PUBLISHER = "microsoft"
+HUB_TIMEOUT_S = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,20 +78,43 @@ def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int
 def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     """The network, whether its weights are published ones, and what to tell of them."""
     source = _source(name)
+    title = Path(name).name if Path(name).is_dir() else name
     if weights != "random" and source is not None:
         try:
-            with _quiet():
-                return cast(nn.Module, AutoModel.from_pretrained(source)), True, f"{name}: begins with the weights of {source}"
-        except (OSError, ValueError) as error:
+            network = cast(nn.Module, _had(AutoModel.from_pretrained, source))
+            return network, True, f"{title}: begins with the weights of {title if source == name else source}"
+        except _UNAVAILABLE as error:
             if weights == "published":
                 reason = " ".join(str(error).split())[:200]
                 raise InputError(f"backbone {name}: the weights of {source} cannot be had: {reason}") from None
     if weights == "published" and source is None:
-        raise InputError(f"backbone {name}: no published weights exist: give weights = random, or another backbone")
+        raise InputError(f"backbone {name}: no published weights are known by this name: give weights = random, or another one")
     why = "" if weights == "random" else ": none are published" if source is None else f": those of {source} cannot be had"
     with _quiet():
-        network: nn.Module = AutoModel.from_config(_configuration(name))  # type: ignore[no-untyped-call]
-    return network, False, f"{name}: begins with random weights{why}"
+        made: nn.Module = AutoModel.from_config(_configuration(name))  # type: ignore[no-untyped-call]
+    return made, False, f"{title}: begins with random weights{why}"
+
+
+_UNAVAILABLE = (OSError, ValueError, ImportError)
+"""What the library raises where something is not there, is not known, or needs a package that is not installed."""
+
+
+def _had(load: Callable[..., Any], source: str) -> Any:
+    """What lies on this computer, else what the hub has. Raises one of `_UNAVAILABLE`.
+
+    The library tries five times in 23 s where there is no network; one question beforehand is answered at once.
+    """
+    with _quiet():
+        try:
+            return load(source, local_files_only=True)
+        except _UNAVAILABLE:
+            if Path(source).is_dir() or offline():
+                raise
+        try:
+            get_hf_file_metadata(hf_hub_url(source, "config.json"), timeout=HUB_TIMEOUT_S)
+        except Exception as error:  # an HTTP library's own, which differs between its versions
+            raise OSError(f"the hub cannot be asked for {source}: {error}") from error
+        return load(source)
 
 
 def _source(name: str) -> str | None:
@@ -107,9 +133,10 @@ def _configuration(name: str) -> PretrainedConfig:
         return ResNetConfig(embedding_size=stem, hidden_sizes=[first * 2**k for k in range(4)], depths=list(depths),
                             layer_type=layer)  # fmt: skip
     try:
-        with _quiet():
-            return cast(PretrainedConfig, AutoConfig.from_pretrained(name) if _source(name) else AutoConfig.for_model(name))
-    except (OSError, ValueError) as error:
+        if _source(name):
+            return cast(PretrainedConfig, _had(AutoConfig.from_pretrained, name))
+        return AutoConfig.for_model(name)
+    except _UNAVAILABLE as error:
         raise InputError(
             f"backbone {name}: is none of {', '.join(RESNETS)}, and transformers knows or finds no model of this name "
             f"({' '.join(str(error).split())[:120]})"

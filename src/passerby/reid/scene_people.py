@@ -42,13 +42,14 @@ MENDS = {
 class ScenePeople:
     """Pictures of people whose labels are sure."""
 
+    scene: Scene
+    """That was calibrated."""
     crops: CropSet
     """People are spans of identities, named SCENE/IDENTITY@SPAN; `apart` tells which of them are surely two."""
     figures: dict[str, Any] = field(default_factory=dict)
     """JSON-ready."""
     notes: tuple[str, ...] = ()
     """What is to be told, one sentence each."""
-    scene: Scene | None = None
 
 
 def scene_people(
@@ -102,7 +103,7 @@ def scene_people(
         ),
         "surely_two": float(_share_apart(crops)),
     }
-    return ScenePeople(crops, figures, (*_notes(out, calibrated), *cut.notes), calibrated.scene)
+    return ScenePeople(calibrated.scene, crops, figures, (*_notes(out, calibrated), *cut.notes))
 
 
 def _wanted(calibrated: CalibratedScene, number: int, name: str, places: Places, spans: SureSpans) -> WantedCrops:
