@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -20,10 +20,10 @@ from tables import Section, load, table
 
 NOT_RUN, NO_TORCH = "not run", "not run: the extra `passerby[reid]` is not installed"
 CLOTHES = ("individual", "alike")
-TRAINING = [(preset, seed) for seed in (100, 101, 102) for preset in ("terrace", "construction")]
+TRAINING = [(preset, seed) for seed in (100, 101) for preset in ("terrace", "construction")]
 TESTED = [(preset, 300) for preset in PRESETS]
-CROWD_EPOCHS = 12
-"""What four minutes on a core allow; not chosen by any result on the people who are tested."""
+CROWD_EPOCHS = 8
+"""What three minutes on a core allow; not chosen by any result on the people who are tested."""
 
 
 @dataclass
@@ -38,23 +38,33 @@ class Place:
     """The network trained on individual clothes."""
 
 
-def run(scratch: Path, quick: bool, scenes: Path | None = None, seeds: int = 3) -> Iterator[Section]:
-    """The page again and again as it grows; a quick run trains for an epoch or two, to see that all of it works."""
+def run(
+    scratch: Path, quick: bool, scenes: Path | None = None, seeds: int = 3, only: Sequence[str] = (), page: Path | None = None
+) -> Iterator[Section]:
+    """The page again and again as it grows; a quick run trains for an epoch or two, to see that all of it works.
+
+    Of `only` some parts the others stay as they are on the `page`.
+    """
     place = Place(scratch, scenes or scratch / "scenes", range(1 if quick else seeds), quick)
-    parts = dict.fromkeys(PARTS, NOT_RUN)
-    took: dict[str, float] = {}
     for name, part in PARTS.items():
+        if only and name not in only:
+            continue
         began = time.perf_counter()
         for text in part(place) if find_spec("torch") else iter([NO_TORCH]):
-            parts[name], took[name] = text, time.perf_counter() - began
-            yield _page(parts, took)
+            minutes = (time.perf_counter() - began) / 60
+            yield _page(name, f"{text}\n\n{minutes:.1f} minutes; mean load at the end {load():.1f}.", page)
 
 
-def _page(parts: Mapping[str, str], took: Mapping[str, float]) -> Section:
-    """With a note on the time."""
-    minutes = ", ".join(f"{name} {seconds / 60:.1f}" for name, seconds in took.items())
-    note = f"Minutes: {minutes}; together {sum(took.values()) / 60:.0f}. Mean load at the end: {load():.1f}."
-    return Section("reid", "\n\n".join([_HEAD, *(f"{_TEXTS[name]}\n\n{text}" for name, text in parts.items()), note]) + "\n")
+def _page(name: str, text: str, page: Path | None) -> Section:
+    """The page with the text of one part, the others as they stand on it now."""
+    earlier = page.read_text(encoding="utf-8") if page is not None and page.is_file() else ""
+    parts = dict.fromkeys(PARTS, NOT_RUN)
+    for section in f"\n{earlier}".split("\n## ")[1:]:
+        for other, head in _TEXTS.items():
+            if head.startswith(f"## {section.splitlines()[0]}\n"):
+                parts[other] = section.split("\n\n", 2)[2].strip()
+    parts[name] = text
+    return Section("reid", "\n\n".join([_HEAD, *(f"{_TEXTS[name]}\n\n{text}" for name, text in parts.items())]) + "\n")
 
 
 def _crops(place: Place) -> Iterator[str]:

@@ -52,6 +52,9 @@ def main() -> None:
         default=(),
         help=f"parts of perception to run: {', '.join(perception.PARTS)}; all. The others stay as they are on the page",
     )
+    pixels.add_argument(
+        "--reid-parts", nargs="+", choices=reid.PARTS, metavar="PART", default=(), help=f"of reid: {', '.join(reid.PARTS)}; all"
+    )
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
     page = None if out is None else out / "perception.md"
@@ -59,7 +62,13 @@ def main() -> None:
     wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier)
     sections = SECTIONS | {
         "perception": partial(perception.run, wanted=wanted),
-        "reid": partial(reid.run, scenes=arguments.scenes, seeds=arguments.seeds),
+        "reid": partial(
+            reid.run,
+            scenes=arguments.scenes,
+            seeds=arguments.seeds,
+            only=arguments.reid_parts,
+            page=None if out is None else out / "reid.md",
+        ),
     }
     for name in arguments.only or SECTIONS:
         with tempfile.TemporaryDirectory(prefix="passerby-bench-") as scratch:
