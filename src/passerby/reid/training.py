@@ -200,7 +200,7 @@ class _Training:
         return unwrapped
 
     def epoch(self, epoch: int, tell: Progress) -> EpochRecord:
-        """One pass over the pictures. Raises `InputError` where the loss is not a number."""
+        """One pass over the pictures. Raises `InputError` where the loss is not a number, or a weight after the last step."""
         self._sampler.epoch = epoch
         torch.manual_seed(int(np.random.SeedSequence((self._options.seed, epoch)).generate_state(1)[0]))
         self._model.train()
@@ -222,18 +222,17 @@ class _Training:
             self._optimizer.step()
             sums += values
             tell("training", step + 1, batches * self._options.epochs)
+        if not all(bool(value.isfinite().all()) for value in self.network.state_dict().values()):
+            raise self._broken(epoch, batches - 1, "the weights are not numbers")
         mean = (sums / batches).tolist()
         return EpochRecord(epoch + 1, (epoch + 1) * batches, rate, *mean)
 
     def keep(self, epoch: int) -> None:
-        """Keep the state after an epoch, unless the last step broke it."""
-        network = self.network
-        if not all(bool(value.isfinite().all()) for value in network.state_dict().values()):
-            raise self._broken(epoch - 1, len(self._loader) - 1, "the weights are not numbers")
+        """Keep the state after an epoch."""
         if self.leads:
             optimizer: Any = self._optimizer
             kept: Optimizer = getattr(optimizer, "optimizer", optimizer)
-            save_checkpoint(self._folder / CHECKPOINT, network, kept, epoch, self._options, self._data, self.origin)
+            save_checkpoint(self._folder / CHECKPOINT, self.network, kept, epoch, self._options, self._data, self.origin)
 
     def _broken(self, epoch: int, batch: int, what: str) -> InputError:
         good = f"{CHECKPOINT} has the network after epoch {epoch}" if epoch else "nothing was kept, it was the first epoch"
