@@ -40,6 +40,8 @@ HALF_WIDTH_M = 0.3
 """Of a body with its arms, and of what a place on the ground is off by."""
 BEHIND_M = 0.5
 """Somebody who is farther away by more than that covers nobody."""
+FAR_BEHIND = 2.0
+"""Who is so many times farther away is too small to matter."""
 COVERED = 0.2
 """Share of a body, from the feet up, that somebody nearer may cover."""
 
@@ -214,6 +216,9 @@ def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
     row = np.repeat(rows, count)
     other = np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(row))
     row, other = row[groups.group[row] != other], other[groups.group[row] != other]
+    has_box = np.zeros((groups.count, len(places.centre)), dtype=np.bool_)
+    known = np.flatnonzero(groups.group >= 0)
+    has_box[groups.group[known], places.camera[known]] = True
     centre = places.centre[places.camera[row]]
     to_own, to_other = where[groups.group[row]] - centre[:, :2], where[other] - centre[:, :2]
     reach = np.linalg.norm(to_own, axis=1)
@@ -221,8 +226,10 @@ def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
         depth = np.einsum("ni,ni->n", to_own, to_other) / reach
         across = np.sqrt(np.maximum((to_other**2).sum(axis=1) - depth**2, 0.0))
         shaded_m = centre[:, 2] - (centre[:, 2] - BODY_M) * reach / depth
-        before = (depth > 0) & (depth < reach + BEHIND_M) & (across < HALF_WIDTH_M * (1 + depth / reach))
-        before &= shaded_m > COVERED * BODY_M
+        # Of two on one line the farther one is hidden, and a box that is the only one there may hold both.
+        two_boxes = has_box[other, places.camera[row]]
+        before = (depth > 0) & (depth < np.where(two_boxes, reach + BEHIND_M, FAR_BEHIND * reach))
+        before &= (across < HALF_WIDTH_M * (1 + depth / reach)) & (shaded_m > COVERED * BODY_M)
     hidden = np.zeros(len(places), dtype=np.bool_)
     hidden[row[before]] = True
     return hidden

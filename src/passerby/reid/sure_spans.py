@@ -63,16 +63,12 @@ def sure_spans(places: Places, agreed: Agreement) -> SureSpans:
     renamed[kept] = np.arange(len(kept))
     span[span >= 0] = index.ravel()
     group_span = np.where(span_of_group >= 0, renamed[span_of_group] if len(renamed) else -1, -1)
-    # Only instants at which boxes are left count for what follows.
-    left = np.zeros(len(agreed.step), dtype=np.bool_)
-    left[agreed.group[span >= 0]] = True
-    group_span = np.where(left, group_span, -1)
     identity = np.zeros(len(kept), np.int64)
-    identity[group_span[group_span >= 0]] = agreed.identity[group_span >= 0]
     ends = np.column_stack([np.full(len(kept), np.inf), np.full(len(kept), -np.inf)])
-    seconds = agreed.step * places.step_s
-    np.minimum.at(ends[:, 0], group_span[group_span >= 0], seconds[group_span >= 0])
-    np.maximum.at(ends[:, 1], group_span[group_span >= 0], seconds[group_span >= 0])
+    rows = np.flatnonzero(span >= 0)
+    identity[span[rows]] = places.identity[rows]
+    np.minimum.at(ends[:, 0], span[rows], places.step[rows] * places.step_s)
+    np.maximum.at(ends[:, 1], span[rows], places.step[rows] * places.step_s)
     number = np.array([1 + np.count_nonzero(identity[:k] == who) for k, who in enumerate(identity)], dtype=np.int64)
     seen = np.unique(np.column_stack([span, places.camera])[span >= 0], axis=0)
     n_cameras = np.bincount(seen[:, 0], minlength=len(kept)).astype(np.int64)
