@@ -78,7 +78,7 @@ def kept_backbone(name: str, configuration: dict[str, Any], size: tuple[int, int
 def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     """The network, whether its weights are published ones, and what to tell of them."""
     source = _source(name)
-    title = Path(name).name if Path(name).is_dir() else name
+    title = Path(name).name if source == name and Path(name).is_dir() else name
     if weights != "random" and source is not None:
         try:
             network = cast(nn.Module, _had(AutoModel.from_pretrained, source))
@@ -119,10 +119,10 @@ def _had(load: Callable[..., Any], source: str) -> Any:
 
 def _source(name: str) -> str | None:
     """Where published weights of a backbone lie: a folder, or a name on the hub; None: nowhere that is known."""
+    if name in RESNETS:  # also where a folder, such as that of a run, is called so
+        return None if name in UNPUBLISHED else f"{PUBLISHER}/{name}"
     if Path(name).is_dir():
         return name
-    if name in RESNETS:
-        return None if name in UNPUBLISHED else f"{PUBLISHER}/{name}"
     return name if name.count("/") == 1 else None
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import pickle
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -23,6 +22,8 @@ from passerby.reid.options import TrainOptions
 
 CHECKPOINT = "checkpoint.pt"
 FORMAT = "passerby-reid-1"
+PARTS = ("epoch", "options", "architecture", "people", "data", "origin", "network", "optimizer")
+"""Of what is kept beside the format."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,21 +128,30 @@ def load_checkpoint(path: Path) -> Checkpoint:
     file = path / CHECKPOINT if path.is_dir() else path
     if not file.is_file():
         raise InputError(f"{file}: no such file: the folder of a training, or its {CHECKPOINT}, is needed here")
-    try:
-        state = torch.load(file, map_location="cpu", weights_only=True)
-    except (OSError, RuntimeError, EOFError, pickle.UnpicklingError, zipfile.BadZipFile, ValueError, KeyError) as error:
-        raise InputError(
-            f"{file}: is no checkpoint that can be read ({' '.join(str(error).split())[:120]}): train again, or give another"
-        ) from None
+    state = _read(file)
     if not isinstance(state, dict) or state.get("format") != FORMAT:
         raise InputError(f"{file}: is not a checkpoint of passerby reid train ({FORMAT}): give one that is")
+    lacking = [part for part in PARTS if part not in state]
+    if lacking:
+        raise InputError(f"{file}: lacks {', '.join(lacking)}: is it damaged? Train again, or give another")
     try:
         options = TypeAdapter(TrainOptions).validate_python(state["options"])
     except (ValidationError, InputError) as error:
         raise InputError(
             f"{file}: its options are not understood ({' '.join(str(error).split())[:120]}): train again"
         ) from None
-    return Checkpoint(
-        file, state["epoch"], options, state["architecture"], state["people"], state["data"], state["origin"],
-        state["network"], state["optimizer"],
-    )  # fmt: skip
+    return Checkpoint(file, **{**{part: state[part] for part in PARTS}, "options": options})
+
+
+def _read(file: Path) -> Any:
+    """What torch kept in a file. Raises `InputError` where it is damaged, or torch kept nothing there."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            damaged = archive.testzip()  # torch writes the sums of what it keeps, but does not look at them when it reads
+        if damaged is not None:
+            raise zipfile.BadZipFile(f"{damaged} is damaged")
+        return torch.load(file, map_location="cpu", weights_only=True)
+    except Exception as error:  # what unpickling raises for bytes that mean something else has no end
+        raise InputError(
+            f"{file}: is no checkpoint that can be read ({' '.join(str(error).split())[:120]}): train again, or give another"
+        ) from None
