@@ -37,6 +37,8 @@ Epochs = Annotated[int | None, typer.Option(min=1, help="Passes over the picture
 Seed = Annotated[int | None, typer.Option(min=0, help="Of all random numbers; the same seed gives the same network.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="A line for every epoch, also where there is no terminal.")]
 TOLD_NOTES = 12
+EXTRA = ("torch", "transformers", "pytorch_metric_learning", "accelerate", "onnx", "onnxscript", "plotly")
+"""What the extra passerby[reid] installs."""
 
 
 @reid_app.command("train")
@@ -106,8 +108,8 @@ def evaluate(
     from passerby.terminal import number, show_table, stages
 
     with tempfile.TemporaryDirectory(prefix="passerby-reid-") as temporary, stages() as tell:
+        embed = _embed_by(network, tell)  # first: a network that cannot be had is told of before videos are cut into crops
         sets = _read(data, cache or Path(temporary), tell)
-        embed = _embed_by(network, tell)
         found = {
             one.name: {kind: score_data(one, embed, centred=kind == "centred") for kind in ("plain", "centred")} for one in sets
         }
@@ -269,7 +271,7 @@ def _need_torch(command: str) -> None:
     """Raises `InputError` where the extra is not installed."""
     from importlib.util import find_spec
 
-    missing = [name for name in ("torch", "transformers", "pytorch_metric_learning", "accelerate") if find_spec(name) is None]
+    missing = [name for name in EXTRA if find_spec(name) is None]
     if missing:
         raise InputError(f"passerby reid {command} needs {', '.join(missing)}: pip install 'passerby[reid]'")
 
