@@ -179,8 +179,8 @@ def _judged(places: Places) -> Agreement:
     _mark_disputed(groups, reason)
     place, near = _positions(groups, step, reason, 2)
     crowded = _crowded(groups, reason, mine, theirs)
-    reason[(reason == SURE) & crowded[np.maximum(groups.group, 0)]] = NEAR
-    reason[(reason == SURE) & near[np.maximum(groups.group, 0)]] = NEAR
+    _overrule(groups, reason, crowded, NEAR)
+    _overrule(groups, reason, near, NEAR)
     sure = np.bincount(groups.group[reason == SURE], minlength=groups.count) > 1
     return Agreement(reason, groups.group, step, identity, place, np.asarray(sure), near, 1.0)
 
@@ -295,8 +295,13 @@ def _mark_disputed(groups: _Groups, reason: Ints) -> None:
     """People of whom as many cameras see something else as agree: which of them is right?"""
     agree = np.bincount(groups.group[reason == SURE], minlength=groups.count)
     against = np.bincount(groups.group[reason == MISFIT], minlength=groups.count)
-    disputed = (agree <= against)[np.maximum(groups.group, 0)]
-    reason[(reason == SURE) & disputed] = DISPUTED
+    _overrule(groups, reason, np.asarray(agree <= against), DISPUTED)
+
+
+def _overrule(groups: _Groups, reason: Ints, doubtful: NDArray[np.bool_], why: int) -> None:
+    """Boxes (N,) that are sure of people (G,) who are doubtful get a reason."""
+    sure = np.flatnonzero(reason == SURE)
+    reason[sure[doubtful[groups.group[sure]]]] = why
 
 
 def _positions(groups: _Groups, step: Ints, reason: Ints, fewest: int) -> tuple[Floats, NDArray[np.bool_]]:
@@ -320,7 +325,8 @@ def _crowded(groups: _Groups, reason: Ints, mine: Ints, theirs: Ints) -> NDArray
     """
     places = groups.places
     number, information, pull = groups.sums(np.flatnonzero(reason == SURE))
-    told = number[groups.group[mine]] > 1
+    # Where a camera's label went to somebody else, the other's box is the person's own.
+    told = (number[groups.group[mine]] > 1) & (reason[mine] != MISFIT)
     mine, theirs = mine[told], theirs[told]
     group = groups.group[mine]
     covariance = _inverse(information[group])
