@@ -155,7 +155,7 @@ def test_the_learning_rate_rises_then_falls():
     assert learning_rate(replace(chosen, warm_up_epochs=0), 0, 5) == pytest.approx(1e-3)
 
 
-def test_weights_without_decay(data, tmp_path):
+def test_weights_without_decay():
     """Biases and the normalisations' scales are not drawn to nothing."""
     network = training.ReidNetwork(open_backbone("small", (32, 16), "random", 1), 5, options(pooling="gem"))
     decayed, exempt = training._parameters(network, options())
@@ -165,6 +165,16 @@ def test_weights_without_decay(data, tmp_path):
     assert any(value is network.power for value in exempt["params"])
     learnt = sum(value.numel() for value in network.parameters() if value.requires_grad)
     assert sum(value.numel() for group in (decayed, exempt) for value in group["params"]) == learnt
+
+
+def test_a_picture_is_varied_anew_each_time(data, tmp_path):
+    """By seed, epoch and place in it, and by nothing else."""
+    crops = read_all([data], tmp_path)[0].train
+    draws = [(3, 0, 5), (3, 1, 5), (3, 0, 6)]
+    shown = [training._Pictures(crops, options(seed=seed))[draw][0].numpy() for seed in (0, 1) for draw in draws]
+    again = [training._Pictures(crops, options(seed=seed))[draw][0].numpy() for seed in (0, 1) for draw in draws]
+    assert len({one.tobytes() for one in shown}) == 6
+    assert [one.tobytes() for one in again] == [one.tobytes() for one in shown]
 
 
 def test_people_who_may_be_the_same(data, tmp_path):
