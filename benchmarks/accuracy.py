@@ -6,12 +6,13 @@ from pathlib import Path
 
 from command import Calibrated, calibrate
 from datasets import DATA_SETS, DataSet, folder_of, write_scene
-from tables import Section, errors, number, reached, table
+
+from passerby.benchmark.page import Page, errors, number, reached, table
 
 NOT_HERE = "not run: data not here"
 
 
-def run(scratch: Path, quick: bool) -> Section:
+def run(scratch: Path, quick: bool) -> Page:
     """Calibrate every data set once, one after the other, in the user's environment."""
     del quick  # it takes seconds
     rows, more = [], []
@@ -29,7 +30,7 @@ def run(scratch: Path, quick: bool) -> Section:
         ("data", "scale ratio", "stated sigma", "vertical", "ground", "verdict", "wall time", "peak memory"),
         more,
     )
-    return Section("accuracy", f"{_HEAD}\n\n{first}\n\n{_WORLD}\n\n{second}\n")
+    return Page("accuracy", f"{_HEAD}\n\n{first}\n\n{_WORLD}\n\n{second}\n")
 
 
 _HEAD = """# Real data, identities given

@@ -37,7 +37,8 @@ from association_tables import (
 from command import DOUBTFUL, run_program
 from datasets import data_set, folder_of
 from simulations import PRESETS, WORKERS
-from tables import Section, load, number, table, yes
+
+from passerby.benchmark.page import Page, load, number, table, yes
 
 Result = TypeVar("Result")
 Simulated = dict[str, dict[str, list[Found]]]
@@ -53,7 +54,7 @@ LARGEST_SECONDS, LARGEST_DOUBLING = 20.0, 2.0
 MODES = ("given", "trajectory", "combined", "appearance")
 
 
-def run(scratch: Path, quick: bool) -> Section:
+def run(scratch: Path, quick: bool) -> Page:
     """Ten seeds of each simulated scene, three shifts of each real one's clocks; two and one in a quick run."""
     speed = _speed(scratch / "speed", 1 if quick else 3)
     real = {name: _real(name, scratch / name, range(1 if quick else SHIFTS)) for name in REAL}
@@ -65,7 +66,7 @@ def run(scratch: Path, quick: bool) -> Section:
         _HEAD, _real_table(real), _CLOCKS, _clock_table(real), _OWN_CLOCKS, clocks, faults, _ratios(simulated),
         _IDENTITIES, _identities(real, simulated), _APART, groups, _ALIKE, _refusals(simulated), _SPEED, speed,
     ]  # fmt: skip
-    return Section("association", "\n\n".join(parts) + "\n")
+    return Page("association", "\n\n".join(parts) + "\n")
 
 
 _HEAD = """# Identities found

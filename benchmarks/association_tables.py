@@ -10,7 +10,8 @@ from association_runs import Found, RealCase
 from command import Calibrated
 from numpy.typing import NDArray
 from simulations import complete, figures
-from tables import errors, number, reached, table
+
+from passerby.benchmark.page import errors, number, reached, table
 
 Floats = NDArray[np.float64]
 Bounds = tuple[float, float]

@@ -52,8 +52,8 @@ from perception_tables import (
     tracklet_rows,
 )
 from simulations import PRESETS, WORKERS
-from tables import Section, load, table
 
+from passerby.benchmark.page import Page, load, table
 from passerby.scene import WATCHED_FPS
 
 Result = TypeVar("Result")
@@ -88,7 +88,7 @@ class Place:
 
 
 @dataclass
-class Page:
+class Growing:
     """The page as far as it is."""
 
     parts: dict[str, str]
@@ -97,28 +97,28 @@ class Page:
     """Parts of an earlier run."""
 
     @property
-    def section(self) -> Section:
+    def so_far(self) -> Page:
         """With a note on the time."""
         took = ", ".join(f"{name} {seconds / 60:.1f}" for name, seconds in self.took.items())
         note = f"Minutes: {took}; together {sum(self.took.values()) / 60:.0f}. Mean load at the end: {load():.1f}."
         if self.kept:
             note += f" From an earlier run, as they were: {', '.join(self.kept)}."
         texts = [_intro(name) + "\n\n" + part for name, part in self.parts.items()]
-        return Section("perception", "\n\n".join([_HEAD, *texts, note]) + "\n")
+        return Page("perception", "\n\n".join([_HEAD, *texts, note]) + "\n")
 
 
-def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Section]:
+def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
     """Three seeds of each rendered scene, or one in a quick run; the page again and again as it grows."""
     wanted = wanted or Wanted()
     place = Place(scratch, wanted.scenes or scratch / "scenes", range(1 if quick else wanted.seeds))
     chosen = wanted.parts or tuple(PARTS)
     kept = {name: text for name in PARTS if name not in chosen and (text := _part_of(wanted.earlier, name))}
-    page = Page(dict.fromkeys(PARTS, NOT_RUN) | kept, kept=tuple(kept))
+    page = Growing(dict.fromkeys(PARTS, NOT_RUN) | kept, kept=tuple(kept))
     for name in chosen:
         began = time.perf_counter()
         for text in PARTS[name](place):
             page.parts[name], page.took[name] = text, time.perf_counter() - began
-            yield page.section
+            yield page.so_far
 
 
 def _intro(name: str) -> str:

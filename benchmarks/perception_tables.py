@@ -9,8 +9,8 @@ from association_tables import KEYS
 from command import Calibrated, Run
 from perception_runs import CRASHED, PETS_CAMERA, Demo, Watched
 from simulations import complete, figures
-from tables import errors, number, reached, table, yes
 
+from passerby.benchmark.page import errors, number, reached, table, yes
 from passerby.evaluation.detections import BoxScore
 from passerby.evaluation.tracklets import TrackletScore
 

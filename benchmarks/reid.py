@@ -16,7 +16,8 @@ from reid_runs import RETAIL, STRIPES, Team, Trained, adapted, evaluate, real_cr
 from reid_scenes import CROWD, CROWD_FPS, CROWD_SECONDS, HALF_SECONDS, TEAM, TEAM_FPS, crowd
 from reid_tables import TRAINED_HEAD, crops_tables, crowd_tables, team_tables, trained_row
 from simulations import PRESETS, WORKERS
-from tables import Section, load, table
+
+from passerby.benchmark.page import Page, load, table
 
 NOT_RUN, NO_TORCH = "not run", "not run: the extra `passerby[reid]` is not installed"
 CLOTHES = ("individual", "alike")
@@ -40,7 +41,7 @@ class Place:
 
 def run(
     scratch: Path, quick: bool, scenes: Path | None = None, seeds: int = 3, only: Sequence[str] = (), page: Path | None = None
-) -> Iterator[Section]:
+) -> Iterator[Page]:
     """The page again and again as it grows; a quick run trains for an epoch or two, to see that all of it works.
 
     Of `only` some parts the others stay as they are on the `page`.
@@ -55,7 +56,7 @@ def run(
             yield _page(name, f"{text}\n\n{minutes:.1f} minutes; mean load at the end {load():.1f}.", page)
 
 
-def _page(name: str, text: str, page: Path | None) -> Section:
+def _page(name: str, text: str, page: Path | None) -> Page:
     """The page with the text of one part, the others as they stand on it now."""
     earlier = page.read_text(encoding="utf-8") if page is not None and page.is_file() else ""
     parts = dict.fromkeys(PARTS, NOT_RUN)
@@ -64,7 +65,7 @@ def _page(name: str, text: str, page: Path | None) -> Section:
             if head.startswith(f"## {section.splitlines()[0]}\n"):
                 parts[other] = section.split("\n\n", 2)[2].strip()
     parts[name] = text
-    return Section("reid", "\n\n".join([_HEAD, *(f"{_TEXTS[name]}\n\n{text}" for name, text in parts.items())]) + "\n")
+    return Page("reid", "\n\n".join([_HEAD, *(f"{_TEXTS[name]}\n\n{text}" for name, text in parts.items())]) + "\n")
 
 
 def _crops(place: Place) -> Iterator[str]:

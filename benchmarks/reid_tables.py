@@ -10,7 +10,8 @@ from command import Calibrated
 from perception_tables import in_rig
 from reid_runs import Half, Team, Trained
 from reid_scenes import HALVES
-from tables import errors, number, table, yes
+
+from passerby.benchmark.page import errors, number, table, yes
 
 Scores = Mapping[str, Mapping[str, float]]
 """plain and centred -> `rank_1` and so on."""

@@ -17,14 +17,14 @@ import simulated
 import speed
 import swaps
 from datasets import ROOT
-from tables import Section, machine_note
 
 import association
 import perception
 import reid
+from passerby.benchmark.page import Page, signed, write_page
 
 # What is timed comes first, before the runs that fill both cores.
-SECTIONS: dict[str, Callable[[Path, bool], Section | Iterable[Section]]] = {
+SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "speed": speed.run,
     "association": association.run,
     "accuracy": accuracy.run,
@@ -73,18 +73,17 @@ def main() -> None:
     for name in arguments.only or SECTIONS:
         with tempfile.TemporaryDirectory(prefix="passerby-bench-") as scratch:
             made = sections[name](Path(scratch), arguments.quick)
-            _publish([made] if isinstance(made, Section) else made, out, arguments.quick)
+            _publish([made] if isinstance(made, Page) else made, out, arguments.quick)
 
 
-def _publish(growing: Iterable[Section], out: Path | None, quick: bool) -> None:
-    """Write a section whenever there is more of it, and print it when it is whole."""
+def _publish(growing: Iterable[Page], out: Path | None, quick: bool) -> None:
+    """Write a page whenever there is more of it, and print it when it is whole."""
     text = ""
-    for section in growing:
-        command = f"python benchmarks/run.py --only {section.name}{' --quick' if quick else ''}"
-        text = f"{section.text}\nWritten by `{command}` on: {machine_note()}\n"
+    for page in growing:
+        command = f"python benchmarks/run.py --only {page.name}{' --quick' if quick else ''}"
+        text = signed(page, command)
         if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
-            (out / f"{section.name}.md").write_text(text)
+            write_page(page, out, command)
     print(text, flush=True)
 
 

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 from command import Calibrated
 from simulations import GRAVITY_GOAL_DEG, GROUND_GOAL_MM, PRESETS, SCALE_GOAL, Case, complete, figures, mean, run_cases
-from tables import Section, errors, reached, table, yes
+
+from passerby.benchmark.page import Page, errors, reached, table, yes
 
 PAPER = {"terrace": (308.0, 0.52), "basketball": (410.0, 0.88), "construction": (493.0, 1.85), "mean": (404.0, 1.08)}
 """Metric errors of the paper's own run on the real scenes that these presets stand for: boxes, re-identified."""
 SEEDS = 10
 
 
-def run(scratch: Path, quick: bool) -> Section:
+def run(scratch: Path, quick: bool) -> Page:
     """Ten seeds a preset and method; two in a quick run."""
     seeds = range(2 if quick else SEEDS)
     cases = [Case(preset, seed) for preset in PRESETS for seed in seeds]
@@ -29,9 +30,7 @@ def run(scratch: Path, quick: bool) -> Section:
         preset: [results[case] for case in cases if (case.preset, case.method) == (preset, "geopose")] for preset in PRESETS
     }
     head = _HEAD.format(seeds=len(seeds))
-    return Section(
-        "simulated", f"{head}\n\n{_people(people)}\n\n{_world(people)}\n\n{_GEOPOSE}\n\n{_geopose(geopose, people)}\n"
-    )
+    return Page("simulated", f"{head}\n\n{_people(people)}\n\n{_world(people)}\n\n{_GEOPOSE}\n\n{_geopose(geopose, people)}\n")
 
 
 _HEAD = """# Simulated scenes

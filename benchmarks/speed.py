@@ -9,19 +9,20 @@ import numpy as np
 from accuracy import NOT_HERE
 from command import ONE_THREAD, Calibrated, calibrate, run_program
 from datasets import data_set, every_second_frame, folder_of, write_scene
-from tables import Section, load, number, table, yes
+
+from passerby.benchmark.page import Page, load, number, table, yes
 
 LARGEST_SECONDS, LARGEST_MB, LARGEST_DOUBLING = 5.0, 500.0, 2.0
 
 
-def run(scratch: Path, quick: bool) -> Section:
+def run(scratch: Path, quick: bool) -> Page:
     """The race, then PETS 2009 with all and with half of its frames, in turn."""
     before = load()
     repeats = 3 if quick else 15
     race = _race(repeats)
     pets = _pets(scratch, 1 if quick else 3)
     note = f"Load of the machine (mean of a minute): {before:.1f} before, {load():.1f} after, this run included."
-    return Section("speed", f"{_HEAD.format(repeats=repeats)}\n\n{note}\n\n{race}\n\n{_PETS}\n\n{pets}\n")
+    return Page("speed", f"{_HEAD.format(repeats=repeats)}\n\n{note}\n\n{race}\n\n{_PETS}\n\n{pets}\n")
 
 
 _HEAD = """# Speed and memory

@@ -11,7 +11,8 @@ from accuracy import NOT_HERE
 from command import ONE_THREAD, Calibrated, calibrate
 from datasets import DataSet, data_set, folder_of, swap_identities, write_scene
 from simulations import PRESETS, WORKERS, Case, figures, run_cases
-from tables import Section, errors, table, yes
+
+from passerby.benchmark.page import Page, errors, table, yes
 
 SHARE = 0.3
 LARGEST_RATIO = 1.3
@@ -19,7 +20,7 @@ SIMULATED_SEEDS, REAL_SEEDS = 10, 3
 REAL = ("wildtrack", "pets2009")
 
 
-def run(scratch: Path, quick: bool) -> Section:
+def run(scratch: Path, quick: bool) -> Page:
     """Ten seeds of each simulated scene, three of each real one; two and one in a quick run."""
     rows = _simulated_rows(range(2 if quick else SIMULATED_SEEDS), scratch)
     for name in REAL:
@@ -30,7 +31,7 @@ def run(scratch: Path, quick: bool) -> Section:
         else:
             rows.append(_real_row(data, folder, range(1 if quick else REAL_SEEDS), scratch))
     head = ("data", "seeds", "clean", "swapped", "ratio, mm", "ratio, degrees", "worst seed, mm", f"at most {LARGEST_RATIO}")
-    return Section("swaps", f"{_HEAD}\n\n{table(head, rows)}\n")
+    return Page("swaps", f"{_HEAD}\n\n{table(head, rows)}\n")
 
 
 _HEAD = """# Swapped identities

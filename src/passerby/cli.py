@@ -16,6 +16,7 @@ from typing import Annotated
 import typer
 
 from passerby import __version__
+from passerby.commands.benchmark import benchmark
 from passerby.commands.demo import demo
 from passerby.commands.init import init
 from passerby.commands.models import models_app
@@ -188,6 +189,7 @@ def _print_json(value: object) -> None:
 
 
 app.command()(init)
+app.command()(benchmark)
 app.command()(simulate)
 app.command()(demo)
 app.add_typer(models_app, name="models")

@@ -1,23 +1,70 @@
-"""Markdown tables and the note on the machine that stands above them."""
+"""A page of results: Markdown, its plots, and the note on the machine that stands below."""
 
 from __future__ import annotations
 
 import math
 import os
 import platform
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
+from passerby.interchange.atomic import write_bytes, write_text
+
+PACKAGES = ("passerby", "numpy", "scipy", "poselib")
+"""Whose versions decide over the last digits."""
+
 
 @dataclass(frozen=True)
-class Section:
+class Wanted:
+    """What the user asks of the parts of the benchmark."""
+
+    quick: bool = False
+    """Few seeds and few levels: to see that all works, not to judge."""
+    seeds: int | None = None
+    """Seeds of each condition; None: as many as the part takes for its claims."""
+    data: Path | None = None
+    """Folder of the real data sets; None where there is none."""
+    scenes: Path | None = None
+    """Folder that keeps rendered videos for the next time; None: they are rendered anew."""
+    kept: Path | None = None
+    """Folder in which finished conditions are kept while the command runs, so that a stopped one goes on; None: nowhere."""
+
+
+@dataclass(frozen=True)
+class Page:
     """One page of results."""
 
     name: str
     """File name without ending."""
     text: str
+    """Markdown; its links to the plots are relative."""
+    plots: Mapping[str, str | bytes] = field(default_factory=dict)
+    """File name -> SVG text, or the bytes of another picture. Names begin with the page's own."""
+
+
+def write_page(page: Page, folder: Path, command: str) -> Path:
+    """Write a page and its plots, the plots first, and return the page's path.
+
+    Args:
+        page: what to write.
+        folder: made where it is missing.
+        command: what was typed; it stands at the foot of the page, with the machine and the versions.
+
+    Raises:
+        InputError: the folder is not writable.
+    """
+    for name, plot in page.plots.items():
+        write_bytes(folder / name, plot if isinstance(plot, bytes) else plot.encode("utf-8"))
+    path = folder / f"{page.name}.md"
+    write_text(path, signed(page, command))
+    return path
+
+
+def signed(page: Page, command: str) -> str:
+    """The page's text with the command that wrote it, the machine and the versions at its foot."""
+    return f"{page.text.rstrip()}\n\nWritten by `{command}` on: {machine_note()}\n"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -60,7 +107,7 @@ def load() -> float:
 
 def machine_note() -> str:
     """What the figures were made on."""
-    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("passerby", "numpy", "scipy"))
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
     return f"{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}, {versions}."
 
 

@@ -1,0 +1,55 @@
+"""The parts of the benchmark by name; a part's module is imported when it is run."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Protocol
+
+from passerby.benchmark.page import Page, Wanted
+from passerby.errors import InputError
+from passerby.progress import Progress
+
+
+class Run(Protocol):
+    """Measures a part and makes its page."""
+
+    def __call__(self, wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+        """What the user wants; None for the executor: one thing after the other."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One page of the benchmark."""
+
+    module: str
+    """Module of `passerby.benchmark` whose `run` it is."""
+    says: str
+    """One line for `passerby benchmark --list`."""
+
+    def load(self) -> Run:
+        """The function that measures it."""
+        run: Run = importlib.import_module(f"passerby.benchmark.{self.module}").run
+        return run
+
+
+PARTS: Mapping[str, Part] = MappingProxyType(
+    {
+        "noise": Part("noise", "Table 3 of the paper: errors under uniform noise of the boxes' corners"),
+    }
+)
+"""In the order in which they are run."""
+
+
+def chosen_parts(names: Sequence[str]) -> dict[str, Part]:
+    """The named parts in the order given, each once; all of them where none is named. Raises `InputError` for another name."""
+    for name in names:
+        if name not in PARTS:
+            close = difflib.get_close_matches(name, PARTS, n=1, cutoff=0.5)
+            mend = f"did you mean '{close[0]}'?" if close else f"choose of {', '.join(PARTS)}"
+            raise InputError(f"part '{name}' of the benchmark does not exist: {mend}")
+    return {name: PARTS[name] for name in names or PARTS}
