@@ -1,0 +1,77 @@
+"""Readers of published data sets, in the layouts in which they are published; one module a set, loaded when it is used.
+
+Every module of `READERS` has `read(folder: Path) -> Published`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from passerby.errors import InputError
+
+if TYPE_CHECKING:
+    from passerby.datasets.published import Published
+
+__all__ = ["READERS", "Reader", "read_published"]
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Where a reader lives, and what it reads."""
+
+    module: str
+    """Module of this package with a function `read(folder)`."""
+    what: str
+    """The set in one line."""
+    where: str
+    """Where it is published."""
+
+    def read(self, folder: Path) -> Published:
+        """Read a folder of the set. Raises `InputError` for what is missing or broken."""
+        published: Published = import_module(f"passerby.datasets.{self.module}").read(folder)
+        return published
+
+
+READERS: Mapping[str, Reader] = {
+    "epfl": Reader(
+        "epfl",
+        "EPFL multi-camera pedestrians (Terrace, Basketball, Laboratory, Campus, Passageway): 3 or 4 cameras, videos",
+        "https://www.epfl.ch/labs/cvlab/data/data-pom-index-php/",
+    ),
+    "pets2009": Reader("pets", "PETS 2009: up to 8 cameras, pictures at 7 fps", "https://cs.binghamton.edu/~mrldata/pets2009"),
+    "wildtrack": Reader(
+        "wildtrack",
+        "WILDTRACK: 7 cameras, 400 annotated instants, pictures at 2 fps",
+        "https://www.epfl.ch/labs/cvlab/data/data-wildtrack/",
+    ),
+    "multiviewx": Reader(
+        "multiviewx", "MultiviewX: 6 synthetic cameras, 400 annotated instants", "https://github.com/hou-yz/MVDet"
+    ),
+    "panoptic": Reader("panoptic", "CMU Panoptic: HD cameras, 3D joints of 19", "http://domedb.perception.cs.cmu.edu"),
+    "shelf": Reader("tum", "TUM Shelf: 5 cameras, 3D joints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
+    "campus": Reader("tum", "TUM Campus: 3 cameras, 3D joints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
+    "cmc": Reader("cmc", "CMC: 4 synthetic cameras, boxes and positions", "https://github.com/jonathon-luiten/TrackEval"),
+}
+
+
+def read_published(name: str, folder: Path) -> Published:
+    """Read a published data set.
+
+    Args:
+        name: one of `READERS`.
+        folder: where its files lie, as published.
+
+    Raises:
+        InputError: for an unknown name, a missing folder, and everything in it that is missing or broken.
+    """
+    from passerby.scene_errors import nearest
+
+    if name not in READERS:
+        raise InputError(f"no data set is called '{name}': {nearest(name, list(READERS))}")
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder: give the folder of the files of {name}")
+    return READERS[name].read(folder)
