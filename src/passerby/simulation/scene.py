@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Rig
+from passerby.errors import InputError
 from passerby.observations import BODY_17, UNKNOWN, Boxes, Clock, Observations
 from passerby.simulation.appearance import box_embeddings, people_looks
 from passerby.simulation.areas import Areas, move_groups, place_groups
@@ -70,14 +71,84 @@ class SimulatedScene:
         return {name: Clock(fps, self.clock_offsets[name]) for name, fps in rates.items()}
 
 
-def simulate(options: SimulationOptions) -> SimulatedScene:
+@dataclass(frozen=True, eq=False)
+class Filmed:
+    """People in front of cameras, before any detector: what scenes have in common that differ in the detector's faults only."""
+
+    options: SimulationOptions
+    rig: Rig
+    heights: Floats
+    """(P,) metres."""
+    motion: Motion
+    clock_offsets: Floats
+    """(cameras,) seconds."""
+    views: tuple[View, ...]
+    """Of each camera, at its own instants."""
+
+    def serves(self, options: SimulationOptions) -> bool:
+        """Whether a scene of these options is filmed alike."""
+        return _without_faults(options) == _without_faults(self.options)
+
+
+FAULTS = (
+    "box_noise", "corner_noise_px", "box_slack", "missing", "false_boxes", "identity_swaps", "joint_noise_px", "unrelated_ids",
+    "tracklet_seconds", "embeddings",
+)  # fmt: skip
+"""Options that say what a detector makes of the views, and nothing about the views themselves."""
+
+
+def _without_faults(options: SimulationOptions) -> SimulationOptions:
+    """The options with the faults' defaults."""
+    return replace(options, **{item.name: item.default for item in fields(options) if item.name in FAULTS})
+
+
+def simulate(options: SimulationOptions, filmed: Filmed | None = None) -> SimulatedScene:
     """Simulate a scene; the same options give the same scene, bit for bit.
 
     Cameras, heights, motion, clocks, every fault of the detector, tracklets and appearance draw from generators of their own:
     a fault changes neither the motion nor the cameras nor another fault.
+
+    Args:
+        options: of the scene.
+        filmed: what `film` makes of the same options, or of others that differ in `FAULTS` only: to save most of the time.
+
+    Raises:
+        InputError: `filmed` shows another scene.
     """
-    seeds = np.random.SeedSequence((options.seed, list(PRESETS).index(options.preset))).spawn(8)
-    placing, growing, moving, clocks, detecting, elsewhere, cutting, looking = (np.random.default_rng(seed) for seed in seeds)
+    filmed = filmed or film(options)
+    if not filmed.serves(options):
+        raise InputError("the views are those of another scene: film it with the same preset, seed, people, cameras and clocks")
+    *_, detecting, _, cutting, looking = _generators(options)
+    rig, motion = filmed.rig, filmed.motion
+    frames = np.arange(1, options.n_frames + 1)
+    identities = np.arange(1, options.n_people + 1)
+    found = {}
+    for camera, seen, rng in zip(rig, filmed.views, detecting.spawn(len(rig)), strict=True):
+        found[camera.name] = detect(seen, np.arange(1, len(seen.hidden) + 1), identities, camera.lens.size, options, rng)
+
+    state, present = motion.at((frames - 1) / options.fps)
+    absent = ~present[..., None]
+    reaching = np.maximum(state.raised_left, state.raised_right) > 0.5
+    bent = (state.crouch > 0.05) | (state.lean > 0.15) | (state.seat > 0.05) | (state.jump > 0.02) | reaching
+    return SimulatedScene(
+        options=options,
+        rig=rig,
+        observations=_observations(options, found, cutting, looking),
+        heights=dict(zip(identities.tolist(), filmed.heights.tolist(), strict=True)),
+        frames=frames,
+        identities=identities,
+        ground_positions=np.where(absent, np.nan, state.xy),
+        joints3d=np.where(absent[..., None], np.nan, pose_joints(state, filmed.heights)[:, :, : len(BODY_17)]),
+        upright=present & ~bent,
+        clock_offsets=dict(zip(rig.names, filmed.clock_offsets.tolist(), strict=True)),
+        motion=motion,
+        true_identities={name: detected.true_identity for name, detected in found.items()},
+    )
+
+
+def film(options: SimulationOptions) -> Filmed:
+    """Cameras, people, their motion and the views of them: most of the time of `simulate`, and no fault in it."""
+    placing, growing, moving, clocks, _, elsewhere, *_ = _generators(options)
     areas = Areas.of(options)
     others = [generator.spawn(2) for generator in elsewhere.spawn(len(options.group_sizes) - 1)]
     rig = place_groups(options, areas, [placing, *(other[0] for other in others)])
@@ -88,36 +159,19 @@ def simulate(options: SimulationOptions) -> SimulatedScene:
     counts = [max(1, round(options.seconds * fps)) for fps in rates]
     seconds = max(options.n_frames / options.fps, *(count / fps for count, fps in zip(counts, rates, strict=True)))
     motion = move_groups(options, areas, heights, seconds, [moving, *(other[1] for other in others)])
-    frames = np.arange(1, options.n_frames + 1)
-    identities = np.arange(1, options.n_people + 1)
-    times = (frames - 1) / options.fps
     offsets = _clock_offsets(options, clocks)
-
-    found = {}
-    for index, (camera, rng) in enumerate(zip(rig, detecting.spawn(len(rig)), strict=True)):
-        own = np.arange(1, counts[index] + 1)
+    views = []
+    for index, camera in enumerate(rig):
+        times = np.arange(counts[index]) / rates[index] + offsets[index]
         here = areas.of_person == areas.of_camera[index]
-        seen = _view(camera, motion, (own - 1) / rates[index] + offsets[index], heights, here, options.occlusion)
-        found[camera.name] = detect(seen, own, identities, camera.lens.size, options, rng)
+        views.append(_view(camera, motion, times, heights, here, options.occlusion))
+    return Filmed(options, rig, heights, motion, offsets, tuple(views))
 
-    state, present = motion.at(times)
-    absent = ~present[..., None]
-    reaching = np.maximum(state.raised_left, state.raised_right) > 0.5
-    bent = (state.crouch > 0.05) | (state.lean > 0.15) | (state.seat > 0.05) | (state.jump > 0.02) | reaching
-    return SimulatedScene(
-        options=options,
-        rig=rig,
-        observations=_observations(options, found, cutting, looking),
-        heights=dict(zip(identities.tolist(), heights.tolist(), strict=True)),
-        frames=frames,
-        identities=identities,
-        ground_positions=np.where(absent, np.nan, state.xy),
-        joints3d=np.where(absent[..., None], np.nan, pose_joints(state, heights)[:, :, : len(BODY_17)]),
-        upright=present & ~bent,
-        clock_offsets=dict(zip(rig.names, offsets.tolist(), strict=True)),
-        motion=motion,
-        true_identities={name: detected.true_identity for name, detected in found.items()},
-    )
+
+def _generators(options: SimulationOptions) -> list[np.random.Generator]:
+    """Placing, growing, moving, clocks, detecting, elsewhere, cutting and looking: a generator each."""
+    seeds = np.random.SeedSequence((options.seed, list(PRESETS).index(options.preset))).spawn(8)
+    return [np.random.default_rng(seed) for seed in seeds]
 
 
 def _observations(
