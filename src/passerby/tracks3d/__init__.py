@@ -1,0 +1,1 @@
+"""Everybody's way over the ground, from a calibrated rig and boxes with identities."""

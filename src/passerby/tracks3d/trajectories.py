@@ -1,0 +1,280 @@
+"""From a calibrated rig and boxes with identities to everybody's way over the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.instants import common_clock, common_instants
+from passerby.cameras import Camera, Floats, Rig
+from passerby.errors import EvidenceError, InputError
+from passerby.observations import UNKNOWN, Boxes, Clock, Observations
+from passerby.progress import Progress, silent
+from passerby.tracks3d.bodies import Rays, rays_of
+from passerby.tracks3d.pairwise import pairwise_points
+from passerby.tracks3d.way import Seen, Way, follow
+
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Method = Literal["smoothed", "pairwise"]
+
+METHODS: tuple[Method, ...] = ("smoothed", "pairwise")
+STAGE = "following people"
+
+
+@dataclass(frozen=True)
+class TrackOptions:
+    """How people are followed. Raises `InputError` for a value that cannot be."""
+
+    method: Method = "smoothed"
+    """smoothed: bodies of upright people from all cameras that agree, one camera too, smoothed over time; pairwise: the paper's
+    mean of the pairwise triangulations of box centres, instant by instant."""
+    max_gap_s: float = 2.0
+    """So long an instant without an agreeing box is bridged and marked; after longer ones a new part begins. A person who walks
+    steadily strays 0.7 m from a straight line in the middle of it."""
+    person_height_m: float = 1.72
+    """Typical standing height, in the rig's metres."""
+    foot_shift: float = 0.08
+    """How much nearer to the camera the lowest visible point of a body is than its axis, as a share of its height."""
+    min_instants: int = 3
+    """Instants with a box below which a part is left out: so few tell of no way."""
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"method {self.method!r} does not exist: choose one of {', '.join(METHODS)}")
+        for name, value, low, high in (
+            ("max_gap_s", self.max_gap_s, 0.0, 60.0), ("person_height_m", self.person_height_m, 0.5, 2.5),
+            ("foot_shift", self.foot_shift, 0.0, 0.3), ("min_instants", self.min_instants, 1, 10**6),
+        ):  # fmt: skip
+            if not low <= value <= high:
+                raise InputError(f"{name} = {value:g} is out of range: give a number from {low:g} to {high:g}")
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """N places, sorted by identity, then by time. World of the rig: z up, ground at z = 0, metres."""
+
+    identity: Ints
+    """(N,)"""
+    frame: Ints
+    """(N,) frames of `clock`."""
+    time_s: Floats
+    """(N,) the rig's time, seconds."""
+    xyz: Floats
+    """(N, 3) x, y on the ground below the body; z: height of the body's middle."""
+    sigma_m: Floats
+    """(N,) root of the trace of the covariance of (x, y), in the rig's world: the errors that the whole world shares (its place,
+    its turn, its scale) are not in it. NaN where unknown (pairwise with one pair)."""
+    cameras: Ints
+    """(N,) cameras that agree; 0: nobody saw the person, the place lies between others."""
+    part: Ints
+    """(N,) number of the stretch without long gaps, from 1 for each identity."""
+    clock: Clock
+    """Of the frames."""
+    figures: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready: options, people, boxes used and voted down and disagreement by camera."""
+
+    def __len__(self) -> int:
+        return len(self.identity)
+
+    @property
+    def people(self) -> Ints:
+        """(P,) identities, ascending."""
+        return np.unique(self.identity)
+
+
+COLUMNS = ("identity", "frame", "time_s", "xyz", "sigma_m", "cameras", "part")
+
+
+def trajectories(
+    rig: Rig, observations: Observations, clocks: Mapping[str, Clock], options: TrackOptions | None = None, *,
+    tell: Progress = silent,
+) -> Trajectories:  # fmt: skip
+    """Everybody's way over the ground.
+
+    Cameras whose clocks differ are brought to common instants first (`common_instants`). Then each identity by itself: the boxes
+    of an instant and of its neighbours vote where the person is, those that disagree (another person's, a half hidden one's) are
+    left out; the rest is solved for a body on the ground, and the places are smoothed.
+
+    Args:
+        rig: cameras without a pose are left out.
+        observations: boxes with identities that hold across cameras; those of nobody (-1) are left out.
+        clocks: of every camera of the rig that has a pose.
+        options: see `TrackOptions`.
+        tell: told of each person that is done.
+
+    Raises:
+        EvidenceError: no camera has a pose, or no box in a posed camera has an identity.
+        InputError: a camera without a clock, an identity twice in one frame.
+    """
+    options = options or TrackOptions()
+    posed = rig.posed()
+    names = [name for name in posed.names if name in observations.cameras]
+    if not names:
+        raise EvidenceError("no camera with a pose has boxes: there is nothing to follow people by")
+    sizes = {name: posed[name].lens.size for name in names}
+    watched = Observations({name: observations[name] for name in names}, observations.fps)
+    clock = common_clock(watched, clocks)
+    common = common_instants(watched, clocks, sizes=sizes)
+    boxes = [_identified(common[name].boxes) for name in names]
+    frames = np.unique(np.concatenate([seen.frame for seen in boxes]))
+    if not len(frames):
+        raise EvidenceError("no box in a camera with a pose has an identity: nobody can be followed")
+    cameras = [posed[name] for name in names]
+    people = np.unique(np.concatenate([seen.identity for seen in boxes]))
+    order = [np.lexsort((seen.frame, seen.identity)) for seen in boxes]
+    boxes = [seen.take(rows) for seen, rows in zip(boxes, order, strict=True)]
+    found = []
+    tell(STAGE, 0, len(people))
+    for number, identity in enumerate(people):
+        own = [_of_person(seen, int(identity)) for seen in boxes]
+        one = _followed if options.method == "smoothed" else _paired
+        found.append(one(int(identity), cameras, own, frames, clock, options))
+        tell(STAGE, number + 1, len(people))
+    columns = {name: np.concatenate([person.columns[name] for person in found]) for name in COLUMNS}
+    joined = Trajectories(**columns, clock=clock)
+    return replace(joined, figures=_figures(joined, names, found, options))
+
+
+def _identified(boxes: Boxes) -> Boxes:
+    """The boxes with an identity, without embeddings."""
+    rows = np.flatnonzero(boxes.identity != UNKNOWN)
+    return Boxes(boxes.frame[rows], boxes.identity[rows], boxes.ltwh[rows], boxes.score[rows])
+
+
+def _of_person(boxes: Boxes, identity: int) -> tuple[Ints, Floats]:
+    """Frames (K,) and boxes (K, 4) of one identity; `boxes` are sorted by identity, then by frame."""
+    low, high = np.searchsorted(boxes.identity, [identity, identity + 1])
+    return boxes.frame[low:high], boxes.ltwh[low:high]
+
+
+@dataclass(frozen=True, eq=False)
+class _Person:
+    """One identity's part of the result."""
+
+    columns: dict[str, NDArray[Any]]
+    boxes: Ints
+    """(C,) its boxes in each camera,"""
+    used: Ints
+    """(C,) and those that it rests on."""
+    misses: list[Floats]
+    """Of each camera: distances of the rays of used boxes from the body's middle, metres, where two cameras or more agree."""
+    fleeting: int
+    """Parts left out for want of instants."""
+
+
+def _followed(
+    identity: int, cameras: Sequence[Camera], own: Sequence[tuple[Ints, Floats]], frames: Ints, clock: Clock,
+    options: TrackOptions,
+) -> _Person:  # fmt: skip
+    """One identity by the smoothed method."""
+    rays = [rays_of(camera, ltwh) for camera, (_, ltwh) in zip(cameras, own, strict=True)]
+    number = np.repeat(np.arange(len(cameras)), [len(frame) for frame, _ in own])
+    frame, joined = np.concatenate([frame for frame, _ in own]), Rays.joined(rays)
+    rows = np.lexsort((number, frame))
+    rows = rows[joined.known[rows]]
+    present, instant = np.unique(frame[rows], return_inverse=True)
+    seen = Seen(instant.ravel(), number[rows], joined.take(rows), clock.seconds(present))
+    way = follow(seen, clock.seconds(frames), options.max_gap_s, options.person_height_m, options.foot_shift)
+    agreeing = np.bincount(seen.instant[way.accepted], minlength=len(present))[seen.instant]
+    n = len(cameras)
+    columns = _columns(
+        identity, frames[way.row], clock, np.column_stack([way.xy, way.middle]), way.sigma, way.cameras, way.part
+    )
+    columns, fleeting = _without_fleeting(columns, options.min_instants)
+    misses = [way.miss_m[(seen.camera == c) & (agreeing > 1) & way.accepted] for c in range(n)]
+    return _Person(
+        columns, np.bincount(number, minlength=n), np.bincount(seen.camera[way.accepted], minlength=n), misses, fleeting
+    )
+
+
+def _paired(
+    identity: int, cameras: Sequence[Camera], own: Sequence[tuple[Ints, Floats]], frames: Ints, clock: Clock,
+    options: TrackOptions,
+) -> _Person:  # fmt: skip
+    """One identity by the pairwise method."""
+    present = np.unique(np.concatenate([frame for frame, _ in own]))
+    ltwh = np.full((len(present), len(cameras), 4), np.nan)
+    for c, (frame, boxes) in enumerate(own):
+        ltwh[np.searchsorted(present, frame), c] = boxes
+    point, spread = pairwise_points(cameras, ltwh)
+    rows = np.flatnonzero(np.isfinite(point[:, 0]))
+    seconds = clock.seconds(present[rows])
+    part = np.cumsum(np.diff(seconds, prepend=seconds[:1]) > options.max_gap_s + 1e-9)
+    count = np.isfinite(ltwh[:, :, 0])
+    columns = _columns(identity, present[rows], clock, point[rows], spread[rows], count[rows].sum(axis=1), part)
+    columns, fleeting = _without_fleeting(columns, options.min_instants)
+    nothing: list[Floats] = [np.zeros(0) for _ in cameras]
+    return _Person(columns, count.sum(axis=0), count[rows].sum(axis=0), nothing, fleeting)
+
+
+def _columns(
+    identity: int, frame: Ints, clock: Clock, xyz: Floats, sigma: Floats, cameras: Ints, part: Ints
+) -> dict[str, NDArray[Any]]:
+    """The columns of one identity."""
+    return {
+        "identity": np.full(len(frame), identity, dtype=np.int64), "frame": frame, "time_s": clock.seconds(frame), "xyz": xyz,
+        "sigma_m": sigma, "cameras": cameras, "part": part,
+    }  # fmt: skip
+
+
+def _without_fleeting(columns: dict[str, NDArray[Any]], least: int) -> tuple[dict[str, NDArray[Any]], int]:
+    """The columns without parts that were seen at too few instants, the others numbered from 1, and how many were left out."""
+    part = columns["part"]
+    seen = np.bincount(part, columns["cameras"] > 0, minlength=int(part.max(initial=-1)) + 1)
+    long = seen >= least
+    kept = {name: values[long[part]] for name, values in columns.items()}
+    kept["part"] = np.cumsum(long)[kept["part"]] if len(long) else kept["part"]
+    return kept, int(np.count_nonzero(~long))
+
+
+def _figures(found: Trajectories, names: Sequence[str], people: Sequence[_Person], options: TrackOptions) -> dict[str, Any]:
+    """What there is to tell without a truth."""
+    boxes = np.sum([person.boxes for person in people], axis=0)
+    used = np.sum([person.used for person in people], axis=0)
+    misses = [np.concatenate([person.misses[c] for person in people]) for c in range(len(names))]
+    return {
+        "options": asdict(options),
+        "people": len(found.people),
+        "places": len(found),
+        "filled": int(np.count_nonzero(found.cameras == 0)),
+        "by_one_camera": int(np.count_nonzero(found.cameras == 1)),
+        "fleeting_parts_left_out": sum(person.fleeting for person in people),
+        "seconds": float(np.ptp(found.time_s)) if len(found) else 0.0,
+        "median_sigma_m": _median(found.sigma_m[np.isfinite(found.sigma_m)]),
+        "disagreement_m": _median(np.concatenate(misses)),
+        "cameras": [
+            {"name": name, "boxes": int(boxes[c]), "used": int(used[c]), "disagreement_m": _median(misses[c])}
+            for c, name in enumerate(names)
+        ],
+        "ways": ways(found),
+    }
+
+
+def ways(found: Trajectories) -> list[dict[str, Any]]:
+    """Of each person: when, how long and how far; a way is as long as its places a second apart are from each other."""
+    out = []
+    for identity in found.people:
+        rows = np.flatnonzero(found.identity == identity)
+        seconds, part = found.time_s[rows], found.part[rows]
+        # Steps of less than a second would add up the trembling of the places.
+        kept = np.flatnonzero(np.diff(np.floor(seconds) + 1e6 * part, prepend=-1.0, append=np.inf)[:-1] != 0)
+        kept = np.unique(np.append(kept, len(rows) - 1))
+        step = np.linalg.norm(np.diff(found.xyz[rows[kept], :2], axis=0), axis=1)
+        together = np.diff(part[kept]) == 0
+        out.append({
+            "id": int(identity), "from_s": float(seconds[0]), "to_s": float(seconds[-1]), "parts": int(part[-1]),
+            "places": len(rows), "filled": int(np.count_nonzero(found.cameras[rows] == 0)),
+            "length_m": float(step[together].sum()), "median_sigma_m": _median(found.sigma_m[rows]),
+        })  # fmt: skip
+    return out
+
+
+def _median(values: Floats) -> float | None:
+    """The median of what is finite; None where there is nothing."""
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else None
