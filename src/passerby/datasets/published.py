@@ -79,13 +79,15 @@ class Published:
     @property
     def identities_known(self) -> bool:
         """Whether the boxes and joints tell who is who, in at least two cameras."""
-        seen = (*self.boxes.items(), *self.keypoints.items())
-        return len({camera for camera, people in seen if (people.identity > UNKNOWN).any()}) >= 2
+        known = {camera for camera, boxes in self.boxes.items() if (boxes.identity > UNKNOWN).any()}
+        known |= {camera for camera, joints in self.keypoints.items() if (joints.identity > UNKNOWN).any()}
+        return len(known) >= 2
 
     @property
     def people(self) -> int:
         """How many people are told apart."""
-        columns = [people.identity for people in (*self.boxes.values(), *self.keypoints.values())]
+        columns = [boxes.identity for boxes in self.boxes.values()]
+        columns += [joints.identity for joints in self.keypoints.values()]
         columns += [self.ground.identity] if self.ground is not None else []
         known = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *columns]))
         return int((known > UNKNOWN).sum())
