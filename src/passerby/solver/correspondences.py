@@ -7,7 +7,7 @@ in two cameras is one correspondence.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -139,6 +139,33 @@ def joint_points(rig: Rig, observations: Observations, *, min_score: float = MIN
         return _stacked([table], lens)
 
     return _all_cameras(rig, observations, of_camera)
+
+
+def numbered_points(rig: Rig, sightings: Mapping[str, tuple[Ints, Floats]], sigma_px: float = 1.0) -> ImagePoints:
+    """Points of any origin, such as matches between pictures: the same number is the same point in space.
+
+    Args:
+        rig: gives the order of the cameras and their lenses; cameras without sightings give no points.
+        sightings: camera -> numbers (N,) of the points, each once, and their pixels (N, 2), distorted as the picture has them.
+        sigma_px: standard deviation of every pixel.
+
+    Raises:
+        InputError: a camera that the rig lacks, or a camera sees one point twice.
+    """
+    unknown = sorted(set(sightings) - set(rig.names))
+    if unknown:
+        raise InputError(f"points are marked in camera {unknown[0]}: the rig has {', '.join(rig.names)}")
+    tables = []
+    for index, camera in enumerate(rig):
+        number, pixel = sightings.get(camera.name, (np.zeros(0, dtype=np.int64), np.zeros((0, 2))))
+        number, pixel = np.asarray(number, dtype=np.int64), np.asarray(pixel, dtype=np.float64).reshape(-1, 2)
+        if len(np.unique(number)) < len(number):
+            twice, count = np.unique(number, return_counts=True)
+            raise InputError(f"camera {camera.name} sees point {twice[np.argmax(count)]} twice: give each place its own number")
+        none = np.zeros(len(number), dtype=np.int64)
+        sigma = np.full(len(number), float(sigma_px))
+        tables.append(_stacked([_table(index, number, none, none, pixel, sigma)], camera.lens))
+    return _concatenated(tables)
 
 
 def whole_boxes(boxes: Boxes, lens: Lens) -> NDArray[np.bool_]:
