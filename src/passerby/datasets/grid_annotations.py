@@ -1,0 +1,221 @@
+"""Sets annotated as WILDTRACK is: people in the cells of a grid on the ground, and their boxes in every camera.
+
+`annotations_positions/NUMBER.json` is a list of people: `personID`, `positionID` (the cell, counted along x first) and `views`,
+one a camera with `viewNum` from 0 on, `xmin`, `ymin`, `xmax` and `ymax` in pixels, all -1 where the camera does not see them.
+`Image_subsets/C1/NUMBER.png`, C2 and so on hold the pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from passerby.cameras import Floats
+from passerby.datasets.parsing import check_size, entry, numbered, read_json, whole
+from passerby.datasets.published import GroundTruth, Published
+from passerby.datasets.worlds import LEFT_HANDED, PublishedCamera, right_handed
+from passerby.errors import InputError
+from passerby.observations import UNKNOWN, Boxes, Ints
+
+ANNOTATIONS = "annotations_positions"
+CALIBRATIONS = "calibrations"
+PICTURES = "Image_subsets"
+CORNERS = ("xmin", "ymin", "xmax", "ymax")
+UNSEEN = (-1, -1, -1, -1)
+
+
+@dataclass(frozen=True)
+class GridLayout:
+    """What differs between the sets."""
+
+    name: str
+    labels: tuple[str, ...]
+    """The cameras in the names of the calibration files, in the order of `viewNum`; camera i is C(i + 1)."""
+    cells: tuple[int, int]
+    """Cells along x and y."""
+    cell_m: float
+    origin_m: tuple[float, float]
+    """World position of cell 0, as published."""
+    numbers_per_frame: int
+    """By how much the number of a file grows from one annotated instant to the next."""
+    fps: float
+    size: tuple[int, int]
+
+
+@dataclass
+class _Rows:
+    """What the annotations hold, gathered file by file."""
+
+    frames: list[int] = field(default_factory=list)
+    people: list[int] = field(default_factory=list)
+    cells: list[int] = field(default_factory=list)
+    corners: list[list[tuple[int, int, int, int]]] = field(default_factory=list)
+    """Per person, one a camera."""
+    repeated: list[str] = field(default_factory=list)
+
+
+def read_grid(
+    folder: Path, layout: GridLayout, read_camera: Callable[[Path, str, str], PublishedCamera], notes: tuple[str, ...]
+) -> Published:
+    """Read a set of a layout.
+
+    Args:
+        folder: of the set, as published.
+        layout: what the set is like.
+        read_camera: from the folder of the calibrations, the label in its file names and the camera's name.
+        notes: what to tell of the set in any case.
+
+    Raises:
+        InputError: for what is missing, broken or contradicts itself.
+    """
+    cameras = [read_camera(folder / CALIBRATIONS, label, f"C{number}") for number, label in enumerate(layout.labels, start=1)]
+    files = numbered(folder / ANNOTATIONS, (".json",))
+    if not files:
+        raise InputError(
+            f"{folder / ANNOTATIONS}: no annotations (00000000.json, ...): give the folder that holds {ANNOTATIONS}"
+        )
+    pictures = {camera.name: numbered(folder / PICTURES / camera.name) for camera in cameras}
+    first, shifted = _first_number(layout, list(files), pictures)
+    rows = _read_annotations(files, layout, first)
+    ground = _ground(rows.cells, layout)
+    corners = np.array(rows.corners, dtype=np.int64).reshape(-1, len(cameras), 4)
+    seen = (corners != UNSEEN).any(axis=2)
+    points = np.column_stack([ground, np.zeros(len(ground))])
+    rig, mirror = right_handed(
+        str(folder / CALIBRATIONS), cameras, {camera.name: points[seen[:, i]] for i, camera in enumerate(cameras)}
+    )
+    frame, identity = np.array(rows.frames, dtype=np.int64), np.array(rows.people, dtype=np.int64)
+    boxes, told = {}, list(notes)
+    if mirror[0] < 0:
+        told.append(LEFT_HANDED)
+    cut = 0
+    for i, name in enumerate(rig.names):
+        boxes[name], cut_here = _boxes(frame[seen[:, i]], identity[seen[:, i]], corners[seen[:, i], i], layout.size)
+        cut += cut_here
+    if cut:
+        told.append(
+            f"{cut} boxes reach beyond the picture as published and were cut at its border, or left out where wholly outside."
+        )
+    if rows.repeated:
+        told.append(f"Identities that stand twice in one instant were made unknown (-1): {'; '.join(rows.repeated[:5])}.")
+    known = identity != UNKNOWN
+    paths, counted = _pictures(pictures, layout)
+    if shifted:
+        told.append("Annotations are numbered from 1 and pictures from 0: annotation 1 was taken to be of picture 0.")
+    if not paths:
+        told.append(f"No pictures were found in {PICTURES}.")
+    return Published(
+        layout.name, rig, layout.fps, boxes, pictures=paths, picture_frames=counted,
+        ground=GroundTruth(frame[known], identity[known], (ground * mirror[:2])[known]), notes=tuple(told),
+    )  # fmt: skip
+
+
+def _first_number(layout: GridLayout, annotated: list[int], pictures: Mapping[str, Mapping[int, Path]]) -> tuple[int, bool]:
+    """The number of the annotation of frame 1, and whether pictures count from another number.
+
+    Numbers are those of the pictures, from 0 on. But the scripts of MultiviewX write annotations 1 to N of pictures 0 to N - 1.
+    """
+    if layout.numbers_per_frame != 1 or min(annotated) != 1:
+        return 0, False
+    numbers = [number for found in pictures.values() for number in found]
+    shifted = bool(numbers) and min(numbers) == 0 and max(numbers) == max(annotated) - 1
+    return int(shifted or not numbers), shifted
+
+
+def _frame(number: int, first: int, layout: GridLayout, path: Path) -> int:
+    """The frame, from 1 on, of a file's number. Raises `InputError` for a number between two instants."""
+    if (number - first) % layout.numbers_per_frame:
+        raise InputError(
+            f"{path}: the number {number} is no multiple of {layout.numbers_per_frame}: files of {layout.name} are numbered in "
+            f"steps of {layout.numbers_per_frame}; give them as published"
+        )
+    return (number - first) // layout.numbers_per_frame + 1
+
+
+def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int) -> _Rows:
+    """All people of all files. Raises `InputError` for what cannot be right."""
+    rows = _Rows()
+    for number, path in files.items():
+        frame = _frame(number, first, layout, path)
+        content = read_json(path, "an annotation (JSON)")
+        if not isinstance(content, list):
+            raise InputError(f"{path}: is no list of people: take the file from the set again")
+        start = len(rows.people)
+        places: dict[int, int] = {}
+        for index, person in enumerate(content):
+            place = f"{path}: person {index + 1}"
+            who = whole(entry(person, "personID", place), f"{place}: personID")
+            cell = whole(entry(person, "positionID", place), f"{place}: positionID")
+            if cell >= layout.cells[0] * layout.cells[1]:
+                raise InputError(
+                    f"{place}: positionID is {cell}, but the grid of {layout.name} has {layout.cells[0]} x {layout.cells[1]} "
+                    "cells, counted from 0: is this another set?"
+                )
+            rows.corners.append(_views(entry(person, "views", place), len(layout.labels), place))
+            if who in places:
+                rows.repeated.append(f"{who} in {path.name}")
+                rows.people[places[who]], who = UNKNOWN, UNKNOWN
+            else:
+                places[who] = start + index
+            rows.frames.append(frame)
+            rows.people.append(who)
+            rows.cells.append(cell)
+    if not rows.people:
+        raise InputError(f"{next(iter(files.values())).parent}: nobody is annotated: take the files from the set again")
+    return rows
+
+
+def _views(views: object, cameras: int, place: str) -> list[tuple[int, int, int, int]]:
+    """The corners in every camera; a camera that is not listed does not see the person."""
+    if not isinstance(views, list):
+        raise InputError(f"{place}: views is {views!r}: a list with one entry a camera is needed")
+    found: list[tuple[int, int, int, int] | None] = [None] * cameras
+    for view in views:
+        number = whole(entry(view, "viewNum", f"{place}: views"), f"{place}: viewNum")
+        if number >= cameras:
+            raise InputError(
+                f"{place}: viewNum is {number}, but there are {cameras} cameras, counted from 0: is this another set?"
+            )
+        here = f"{place}: viewNum {number}"
+        if found[number] is not None:
+            raise InputError(f"{here}: stands twice: delete one of the two")
+        left, top, right, bottom = (whole(entry(view, key, here), f"{here}: {key}", -(10**6)) for key in CORNERS)
+        if right < left or bottom < top:
+            raise InputError(
+                f"{here}: the box from ({left}, {top}) to ({right}, {bottom}) ends before it begins: take the file from the "
+                "set again"
+            )
+        found[number] = (left, top, right, bottom)
+    return [UNSEEN if corners is None else corners for corners in found]
+
+
+def _ground(cells: list[int], layout: GridLayout) -> Floats:
+    """(N, 2) metres in the published world."""
+    cell = np.array(cells, dtype=np.int64)
+    steps = np.column_stack([cell % layout.cells[0], cell // layout.cells[0]])
+    return np.asarray(np.array(layout.origin_m) + layout.cell_m * steps)
+
+
+def _boxes(frame: Ints, identity: Ints, corners: Ints, size: tuple[int, int]) -> tuple[Boxes, int]:
+    """The boxes within the picture, and how many had to be cut or left out."""
+    low, high = np.maximum(corners[:, :2], 0), np.minimum(corners[:, 2:], size)
+    inside = (high > low).all(axis=1)
+    changed = int(np.count_nonzero(~inside | (np.hstack([low, high]) != corners).any(axis=1)))
+    ltwh = np.hstack([low, high - low])[inside].astype(np.float64)
+    return Boxes(frame[inside], identity[inside], ltwh, np.ones(len(ltwh))), changed
+
+
+def _pictures(
+    pictures: Mapping[str, Mapping[int, Path]], layout: GridLayout
+) -> tuple[dict[str, tuple[Path, ...]], dict[str, tuple[int, ...]]]:
+    """The pictures of every camera that has some, and their frames. One picture a camera is looked at for its size."""
+    paths, counted = {}, {}
+    for name, found in pictures.items():
+        if found:
+            check_size(next(iter(found.values())), layout.size)
+            paths[name] = tuple(found.values())
+            counted[name] = tuple(_frame(number, 0, layout, path) for number, path in found.items())
+    return paths, counted

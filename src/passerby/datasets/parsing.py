@@ -1,0 +1,132 @@
+"""Reading the files of published sets, with errors that name file, place, value and mend."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import cv2
+import numpy as np
+
+from passerby.cameras import Floats
+from passerby.errors import InputError
+from passerby.interchange.faults import read_text
+
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
+
+
+def read_json(path: Path, kind: str) -> Any:
+    """The content of a JSON file. Raises `InputError` where there is none; `kind` says what was expected."""
+    text = read_text(path, kind)
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON ({error}): {kind} is needed; was the download cut short?") from None
+
+
+def numbers(value: Any, shape: tuple[int, ...], place: str, meaning: str) -> Floats:
+    """The finite numbers of nested lists, reshaped to `shape` where the count is right; (-1,) takes any count.
+
+    `place` is file and key, `meaning` what belongs there. Raises `InputError` for anything else.
+    """
+    flat = list(_flat(value))
+    wanted = len(flat) if shape == (-1,) else math.prod(shape)
+    if any(type(number) not in (int, float) for number in flat) or len(flat) != wanted:
+        raise InputError(f"{place} is {_short(value)}: {meaning} are needed")
+    array = np.array(flat, dtype=np.float64).reshape(shape)
+    if not np.isfinite(array).all():
+        raise InputError(f"{place} is {_short(value)}: its numbers must be finite")
+    return array
+
+
+def whole(value: Any, place: str, least: int = 0) -> int:
+    """A whole number from `least` on. Raises `InputError` for anything else."""
+    if type(value) is not int or value < least:
+        raise InputError(f"{place} is {_short(value)}: a whole number from {least} on is needed")
+    return value
+
+
+def entry(table: Any, key: str, place: str) -> Any:
+    """`table[key]`. Raises `InputError` where `table` is no object or lacks the key."""
+    if not isinstance(table, dict) or key not in table:
+        raise InputError(f"{place}: '{key}' is missing: was the file changed? Take it from the set again")
+    return table[key]
+
+
+def xml_numbers(path: Path, key: str, shape: tuple[int, ...], needed: bool = True) -> Floats:
+    """The numbers of one entry of an OpenCV storage (XML): a matrix with `<data>`, or the bare text of the entry.
+
+    An entry that is not `needed` has no numbers where it is missing. Raises `InputError` for a file that is missing or no XML,
+    and for an entry that is missing, of another size or not finite.
+    """
+    try:
+        root = ElementTree.fromstring(read_text(path, "an OpenCV storage (XML)"))
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: is not XML ({error}): take the file from the set again") from None
+    node = root.find(key)
+    if node is None and not needed:
+        return np.zeros(0)
+    if node is None:
+        raise InputError(f"{path}: <{key}> is missing: take the file from the set again")
+    data = node.find("data")
+    text = ((node if data is None else data).text or "").split()
+    try:
+        values: list[Any] = [float(word) for word in text]
+    except ValueError:
+        values = text
+    return numbers(values, shape, f"{path}: <{key}>", "numbers" if shape == (-1,) else f"{math.prod(shape)} numbers")
+
+
+def numbered(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> dict[int, Path]:
+    """The files of a folder by the last number in their names, ascending; none where there is no such folder.
+
+    Raises `InputError` for two files of one number.
+    """
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        digits = re.findall(r"\d+", path.stem)
+        if path.suffix.lower() not in suffixes or not digits or path.name.startswith("."):
+            continue
+        number = int(digits[-1])
+        if number in found:
+            raise InputError(f"{path}: has the number {number} of {found[number].name}: keep one of the two")
+        found[number] = path
+    return dict(sorted(found.items()))
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) of a picture. Raises `InputError` where it cannot be read."""
+    picture = cv2.imread(str(path))
+    if picture is None:
+        raise InputError(f"{path}: cannot be read as a picture: was the download cut short?")
+    return picture.shape[1], picture.shape[0]
+
+
+def check_size(path: Path, size: tuple[int, int]) -> None:
+    """That a picture has the size its calibration is of. Raises `InputError` where it has not."""
+    found = picture_size(path)
+    if found != size:
+        raise InputError(
+            f"{path}: is a picture of {found[0]} x {found[1]}, but the set's calibration is of {size[0]} x {size[1]}: "
+            "give the pictures as published, not resized"
+        )
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    """The leaves of nested lists."""
+    if isinstance(value, list):
+        for item in value:
+            yield from _flat(item)
+    else:
+        yield value
+
+
+def _short(value: Any) -> str:
+    """A value as text that fits into a message."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
