@@ -1,0 +1,146 @@
+"""Annotated boxes in the formats of several data sets: VATIC's text, CVML (CAVIAR's XML) and MOTChallenge's ground truth.
+
+All of them count frames from 0 or 1; here the first picture is frame 1. Identities are those of the annotation.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from passerby.datasets.published import GroundTruth
+from passerby.errors import InputError
+from passerby.interchange.faults import read_text
+from passerby.observations import Boxes
+
+VATIC_COLUMNS = "track_id xmin ymin xmax ymax frame lost occluded generated label"
+
+Row = tuple[int, int, float, float, float, float]
+"""frame, identity, left, top, width, height."""
+
+
+def read_vatic(path: Path, first_frame: int = 0) -> Boxes:
+    """Read VATIC's text: `track_id xmin ymin xmax ymax frame lost occluded generated "label"`.
+
+    Boxes that are lost (outside the view) are left out, those that are partly hidden are kept.
+
+    Args:
+        path: the file of one camera.
+        first_frame: the number that the first picture has in the file.
+
+    Raises:
+        InputError: the file is missing, or a row is no such row.
+    """
+    rows: list[Row] = []
+    for number, line in enumerate(read_text(path, "boxes as VATIC writes them").splitlines(), start=1):
+        if not line.strip():
+            continue
+        place = f"{path}: line {number}"
+        fields = shlex.split(line)
+        if len(fields) < 9:
+            raise InputError(f"{place}: {len(fields)} columns: {VATIC_COLUMNS} are needed")
+        track, left, top, right, bottom, frame, lost = (_number(place, text) for text in fields[:7])
+        if lost:
+            continue
+        rows.append((round(frame) - first_frame + 1, round(track), left, top, right - left, bottom - top))
+        _check_row(place, rows[-1])
+    return _boxes(path, rows)
+
+
+def read_cvml(path: Path) -> Boxes:
+    """Read CVML: `<dataset><frame number><objectlist><object id><box xc yc w h/></object></objectlist></frame></dataset>`.
+
+    Frames count from 0; xc, yc is the box's centre. Raises `InputError` for a file that is missing, no XML, or of another kind.
+    """
+    try:
+        root = ElementTree.fromstring(read_text(path, "boxes in CVML (XML)"))
+    except ElementTree.ParseError as error:
+        raise InputError(f"{path}: is not XML: {error}: fetch the file again") from None
+    frames = root.findall(".//frame")
+    if not frames:
+        raise InputError(f"{path}: holds no <frame>: annotated boxes in CVML are needed here")
+    rows: list[Row] = []
+    for frame in frames:
+        place = f'{path}: <frame number="{frame.get("number")}">'
+        number = round(_number(place, frame.get("number")))
+        for person in frame.iterfind("objectlist/object"):
+            box = person.find("box")
+            if box is None:
+                raise InputError(f'{place}: <object id="{person.get("id")}"> has no <box>')
+            x, y, width, height = (_number(f"{place} <box> {key}", box.get(key)) for key in ("xc", "yc", "w", "h"))
+            identity = round(_number(f"{place} <object> id", person.get("id")))
+            rows.append((number + 1, identity, x - width / 2, y - height / 2, width, height))
+            _check_row(place, rows[-1])
+    return _boxes(path, rows)
+
+
+def read_mot_truth(path: Path) -> tuple[Boxes, GroundTruth | None]:
+    """Read MOTChallenge's `gt.txt`: `frame, id, left, top, width, height, flag[, x, y, z]`, in any order of rows.
+
+    Returns:
+        The boxes, without those flagged 0, and where columns 8 and 9 hold positions on the ground (metres, as in the 3D
+        benchmark of 2015), these.
+
+    Raises:
+        InputError: the file is missing, or a row is no such row.
+    """
+    rows: list[Row] = []
+    places: list[tuple[float, float]] = []
+    for number, line in enumerate(read_text(path, "MOTChallenge's ground truth").splitlines(), start=1):
+        if not line.strip():
+            continue
+        place = f"{path}: line {number}"
+        fields = line.split(",")
+        if len(fields) < 7:
+            raise InputError(f"{place}: {len(fields)} columns: frame, id, left, top, width, height, flag are needed")
+        values = [_number(place, text) for text in fields[:10]]
+        if values[6] == 0:
+            continue
+        rows.append((round(values[0]), round(values[1]), values[2], values[3], values[4], values[5]))
+        places.append((values[7], values[8]) if len(values) >= 9 else (-1.0, -1.0))
+    positions = np.array(places).reshape(-1, 2)
+    known = (positions != -1).any(axis=1)
+    who = np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2)
+    ground = GroundTruth(who[known, 0], who[known, 1], positions[known]) if known.any() else None
+    drawn = [row for row in rows if row[2:] != (-1.0, -1.0, -1.0, -1.0)]  # the 3D benchmark hides some boxes
+    for row in drawn:
+        _check_row(f"{path}: frame {row[0]}", row)
+    return _boxes(path, drawn), ground
+
+
+def _number(place: str, text: str | None) -> float:
+    """A finite number."""
+    try:
+        number = float("nan" if text is None else text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{place}: '{text}' is not a finite number: is the file whole, and of this kind?")
+    return number
+
+
+def _check_row(place: str, row: Row) -> None:
+    frame, identity, _, _, width, height = row
+    if frame < 1:
+        raise InputError(f"{place}: its frame would be number {frame}: frames before the first picture cannot be used")
+    if identity < 0:
+        raise InputError(f"{place}: identity {identity}: a number from 0 on is needed")
+    if min(width, height) <= 0:
+        raise InputError(f"{place}: a box {width:g} wide and {height:g} high: both must be above 0; delete the row")
+
+
+def _boxes(path: Path, rows: list[Row]) -> Boxes:
+    """The boxes by frame and identity. Raises `InputError` for an identity twice in a frame."""
+    if not rows:
+        return Boxes.empty()
+    rows = sorted(rows)
+    for one, other in pairwise(rows):
+        if one[:2] == other[:2]:
+            raise InputError(f"{path}: identity {one[1]} has two boxes in frame {one[0]} (the first picture is 1): delete one")
+    table = np.array(rows)
+    return Boxes(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:6], np.ones(len(table)))

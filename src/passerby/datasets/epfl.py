@@ -1,0 +1,221 @@
+"""EPFL's multi-camera pedestrian videos (CVLAB): Terrace, Basketball, Laboratory, Campus, Passageway.
+
+One sequence a folder, its files as published, in it or in folders below:
+
+- `SEQUENCE-cN.avi` (terrace1-c0.avi, match5-c0.avi, 6p-c0.avi, campus4-c0.avi, ...): 25 frames per second, 360 x 288
+- `*-cN.xml`: Tsai's calibration, of pictures of 720 x 576; Terrace has it. Other sequences publish homographies of the ground
+  and of head height alone (calibration-*.txt). These tell neither a lens nor a pose: such a sequence needs the lenses from
+  elsewhere, as `intrinsics.toml` in the folder, and has no true poses.
+- `gt_SEQUENCE.txt`: "1"; then `frames people columns rows step first last`; then one row a frame, a number for each person:
+  the cell of a grid on the ground, counted row by row; -1 where nobody looked; -2 where the person is outside. Every `step`th
+  frame was annotated.
+- `SEQUENCE-cN.txt`: boxes in each view as VATIC writes them, with the same identities in all views, as Xu et al. annotated
+  them ("Multi-view People Tracking via Hierarchical Trajectory Composition", CVPR 2016).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from passerby.cameras import Camera, Rig
+from passerby.datasets.annotations import read_vatic
+from passerby.datasets.published import GroundTruth, Published
+from passerby.datasets.tsai import is_tsai, read_tsai
+from passerby.errors import InputError
+from passerby.interchange.faults import read_text
+from passerby.interchange.rig_toml import read_lens
+from passerby.observations import Boxes
+from passerby.perception.video_probe import VideoInfo, probe
+
+VIDEO_ENDINGS = (".avi", ".mp4", ".mkv", ".mov", ".mpg")
+OWN_LENSES = "intrinsics.toml"
+
+_VIDEO = re.compile(r"(?P<sequence>.+)-c(?P<number>\d+)")
+_NUMBER = re.compile(r"c(\d+)$")
+
+
+@dataclass(frozen=True)
+class Area:
+    """The rectangle that a sequence's grid covers, in the world of its Tsai calibration, metres."""
+
+    x: float
+    y: float
+    width: float
+    depth: float
+
+
+AREAS = {"terrace": Area(-0.5, -1.5, 7.5, 11.0)}
+"""By the beginning of the sequence's name; for the others nobody tells the grid's size in metres."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """The second line of a file of ground truth."""
+
+    frames: int
+    people: int
+    columns: int
+    rows: int
+    step: int
+    first: int
+    last: int
+
+
+def read(folder: Path) -> Published:
+    """Read one sequence.
+
+    Raises:
+        InputError: no videos or those of several sequences, no calibration with lenses, or a file that is broken.
+    """
+    sequence, videos = _videos(folder)
+    infos = {number: probe(path) for number, path in videos.items()}
+    cameras, notes = _cameras(folder, sequence, infos)
+    ground, more = _ground(folder, sequence)
+    boxes = _boxes(folder, sequence, videos)
+    if not boxes:
+        more.append(f"No boxes are given in the views ({sequence}-cN.txt): people have to be found in the videos.")
+    rates = {round(info.average_fps, 3) for info in infos.values()}
+    if len(rates) > 1:
+        more.append(
+            f"The videos say they have {', '.join(map(str, sorted(rates)))} frames per second; the first one's is taken."
+        )
+    return Published(
+        name=sequence,
+        rig=Rig(tuple(cameras)),
+        fps=next(iter(infos.values())).average_fps,
+        boxes=boxes,
+        videos={f"c{number}": path for number, path in videos.items()},
+        ground=ground,
+        notes=(*notes, *more),
+    )
+
+
+def _videos(folder: Path) -> tuple[str, dict[int, Path]]:
+    """The sequence's name, and its videos by camera number."""
+    found: dict[str, dict[int, Path]] = {}
+    for path in sorted(folder.rglob("*")):
+        match = _VIDEO.fullmatch(path.stem)
+        if match and path.suffix.lower() in VIDEO_ENDINGS and path.is_file():
+            cameras = found.setdefault(match["sequence"], {})
+            number = int(match["number"])
+            if number in cameras:
+                raise InputError(f"{path}: a second video of camera c{number} beside {cameras[number]}: take one of them away")
+            cameras[number] = path
+    if not found:
+        raise InputError(f"{folder}: holds no videos SEQUENCE-cN.avi (as terrace1-c0.avi): put those of one sequence there")
+    if len(found) > 1:
+        raise InputError(f"{folder}: holds the sequences {', '.join(sorted(found))}: give each a folder of its own")
+    sequence, cameras = next(iter(found.items()))
+    if len(cameras) < 2:
+        raise InputError(f"{folder}: holds one video of {sequence}: a calibration needs two cameras or more")
+    return sequence, dict(sorted(cameras.items()))
+
+
+def _cameras(folder: Path, sequence: str, infos: dict[int, VideoInfo]) -> tuple[list[Camera], list[str]]:
+    """Cameras with poses from Tsai's files, or with lenses of the user's own and without poses; and what to note."""
+    tsai: dict[int, Path] = {}
+    for path in sorted(folder.rglob("*.xml")):
+        match = _NUMBER.search(path.stem)
+        if match and is_tsai(path):
+            number = int(match[1])
+            if number in tsai:
+                raise InputError(f"{path}: a second calibration of camera c{number} beside {tsai[number]}: take one away")
+            tsai[number] = path
+    if tsai:
+        missing = [f"c{number}" for number in infos if number not in tsai]
+        if missing:
+            raise InputError(
+                f"{folder}: no calibration *-{missing[0]}.xml for the video {infos[int(missing[0][1:])].path.name}: put it "
+                "there, or take the video away"
+            )
+        return [read_tsai(tsai[number]).camera(f"c{number}", info.size) for number, info in infos.items()], []
+    own = folder / OWN_LENSES
+    if own.is_file():
+        lenses = [Camera(f"c{number}", read_lens(own, f"c{number}")) for number in infos]
+        return lenses, [
+            f"The lenses are those of {own}; the sequence gives no true poses, so there is no truth to compare with."
+        ]
+    plain = sorted(folder.rglob("calibration*.txt"))
+    told = (
+        f"{plain[0]} has homographies of planes, which tell no lens" if plain else "there is no *-cN.xml of Tsai's calibration"
+    )
+    raise InputError(
+        f"{folder}: {told}: Terrace publishes terrace-tsai-cN.xml; for {sequence}, calibrate the lenses yourself and put them "
+        f"there as {OWN_LENSES} with the tables {', '.join(f'[c{number}]' for number in infos)}"
+    )
+
+
+def _boxes(folder: Path, sequence: str, videos: dict[int, Path]) -> dict[str, Boxes]:
+    """Boxes by camera, from VATIC's files; a camera that has none is left out."""
+    boxes: dict[str, Boxes] = {}
+    for number in videos:
+        files = sorted(folder.rglob(f"{sequence}-c{number}.txt"))
+        if len(files) > 1:
+            raise InputError(f"{files[1]}: a second file of boxes beside {files[0]}: take one of them away")
+        if files:
+            boxes[f"c{number}"] = read_vatic(files[0])
+    return boxes
+
+
+def _ground(folder: Path, sequence: str) -> tuple[GroundTruth | None, list[str]]:
+    """Where people stood, in metres, as far as that is known; and what to note."""
+    files = [path for path in sorted(folder.rglob("gt_*.txt")) if sequence in path.stem.split("_")]
+    if not files:
+        return None, [f"No positions are given (gt_{sequence}.txt): people's paths cannot be compared."]
+    if len(files) > 1:
+        raise InputError(f"{files[1]}: a second file of positions beside {files[0]}: take one of them away")
+    header, cells = read_grid(files[0])
+    area = next((area for name, area in AREAS.items() if sequence.startswith(name)), None)
+    if area is None:
+        return None, [f"Nobody tells the size of the grid of {files[0].name} in metres: its positions are left out."]
+    wide, deep = area.width / header.columns, area.depth / header.rows
+    annotated = np.zeros(len(cells), dtype=bool)
+    annotated[header.first : header.last + 1 : header.step] = True
+    frame, identity = np.nonzero((cells >= 0) & annotated[:, None])
+    cell = cells[frame, identity]
+    xy = np.column_stack(
+        [area.x + (cell % header.columns + 0.5) * wide, area.y + (cell // header.columns + 0.5) * deep],
+    )
+    note = f"Positions are given for every {header.step}th frame, as cells of {100 * wide:.0f} x {100 * deep:.0f} cm."
+    return GroundTruth(frame + 1, identity, xy), [note]
+
+
+def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]:
+    """Read a file of positions.
+
+    Returns:
+        Its header, and (frames, people) numbers of cells; -1 where unknown, -2 outside.
+
+    Raises:
+        InputError: another kind of file, another number of frames or people than its header says, a cell outside the grid.
+    """
+    lines = [(n, line.split()) for n, line in enumerate(read_text(path, "positions on a grid").splitlines(), 1) if line.strip()]
+    if len(lines) < 2 or len(lines[1][1]) != 7:
+        raise InputError(f"{path}: line 2 must be `frames people columns rows step first last`: is it EPFL's ground truth?")
+    header = Header(*_whole(path, *lines[1]))
+    if min(header.frames, header.people, header.columns, header.rows, header.step) < 1 or not 0 <= header.first <= header.last:
+        raise InputError(f"{path}: line 2 is {' '.join(lines[1][1])}: frames, people, columns, rows and step must be above 0")
+    if len(lines) - 2 != header.frames:
+        raise InputError(f"{path}: {len(lines) - 2} rows of positions, but line 2 says {header.frames}: fetch the file again")
+    cells = np.zeros((header.frames, header.people), dtype=np.int64)
+    for row, (number, fields) in enumerate(lines[2:]):
+        if len(fields) != header.people:
+            raise InputError(f"{path}: line {number}: {len(fields)} numbers, but line 2 says {header.people} people")
+        cells[row] = _whole(path, number, fields)
+        if not ((cells[row] >= -2) & (cells[row] < header.columns * header.rows)).all():
+            raise InputError(
+                f"{path}: line {number}: {' '.join(fields)}: cells are 0 to {header.columns * header.rows - 1}, or -1 or -2"
+            )
+    return header, cells
+
+
+def _whole(path: Path, number: int, fields: list[str]) -> list[int]:
+    """The whole numbers of a line."""
+    try:
+        return [int(field) for field in fields]
+    except ValueError:
+        raise InputError(f"{path}: line {number}: '{' '.join(fields)}': whole numbers are needed") from None

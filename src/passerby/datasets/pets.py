@@ -1,0 +1,147 @@
+"""PETS 2009: up to eight cameras, pictures at about 7 frames per second, Tsai's calibration.
+
+The files as published, in one folder or in folders below it:
+
+- `View_001/frame_0000.jpg` ... (one recording: one `Time_...` folder), or `View_001.avi`
+- `View_001.xml` ...: Tsai's calibration
+- annotated boxes, any of: `PETS2009-S2L1.xml` (CVML, of View_001; of another view where its name has View_00N), `View_00N.txt`
+  (VATIC, the same identities in all views, by Xu et al., CVPR 2016), `gt/gt.txt` (MOTChallenge, of View_001; the 3D benchmark's
+  has positions on the ground too)
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+
+from passerby.cameras import Camera, Rig
+from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic
+from passerby.datasets.published import GroundTruth, Published
+from passerby.datasets.tsai import TsaiCamera, is_tsai, read_tsai
+from passerby.errors import InputError
+from passerby.observations import Boxes
+from passerby.perception.video_probe import probe
+
+FPS = 7.0
+"""As the set's page has it; the pictures carry no times."""
+ANNOTATED_VIEW = "View_001"
+"""What annotations that name no view belong to."""
+PICTURE_ENDINGS = (".jpg", ".jpeg", ".png")
+VIDEO_ENDINGS = (".avi", ".mp4", ".mkv", ".mov", ".mpg")
+
+_VIEW = re.compile(r"View_\d+")
+_FRAME = re.compile(r"frame_(\d+)")
+
+
+def read(folder: Path) -> Published:
+    """Read one recording.
+
+    Raises:
+        InputError: no calibration, neither pictures nor videos nor boxes, several recordings, or a file that is broken.
+    """
+    tsai = _calibrations(folder)
+    pictures = {view: files for view, files in _pictures(folder).items() if view in tsai}
+    videos = {view: path for view, path in _videos(folder).items() if view in tsai and view not in pictures}
+    boxes, ground = _annotations(folder, tsai)
+    if not pictures and not videos and not boxes:
+        raise InputError(f"{folder}: holds no View_00N/frame_NNNN.jpg, View_00N.avi or boxes of the cameras {', '.join(tsai)}")
+    sizes = {view: _size_of(files[min(files)]) for view, files in pictures.items()}
+    sizes |= {view: probe(path).size for view, path in videos.items()}
+    cameras = [Camera(view, camera.lens(sizes.get(view)), camera.pose) for view, camera in tsai.items()]
+    notes = [f"{view} has a calibration alone." for view in tsai if view not in sizes and view not in boxes]
+    if len(boxes) == 1:
+        notes.append(
+            f"Boxes are annotated in {next(iter(boxes))} alone: people in the other views have to be found in pictures."
+        )
+    if ground is None:
+        notes.append("No positions on the ground are given (MOTChallenge's 3D gt.txt): people's paths cannot be compared.")
+    return Published(
+        name="pets2009",
+        rig=Rig(tuple(cameras)),
+        fps=FPS,
+        boxes=boxes,
+        videos=videos,
+        pictures={view: tuple(files[number] for number in sorted(files)) for view, files in pictures.items()},
+        picture_frames={view: tuple(number + 1 for number in sorted(files)) for view, files in pictures.items()},
+        ground=ground,
+        notes=tuple(notes),
+    )
+
+
+def _only(paths: Iterable[Path], what: str) -> dict[str, Path]:
+    """Paths by view, the view's name being the path's. Raises `InputError` for two of one view."""
+    found: dict[str, Path] = {}
+    for path in sorted(paths):
+        if not _VIEW.fullmatch(path.stem):
+            continue
+        if path.stem in found:
+            raise InputError(
+                f"{path}: a second {what} of {path.stem} beside {found[path.stem]}: give the folder of one recording alone"
+            )
+        found[path.stem] = path
+    return found
+
+
+def _calibrations(folder: Path) -> dict[str, TsaiCamera]:
+    files = _only((path for path in folder.rglob("*.xml") if is_tsai(path)), "calibration")
+    if len(files) < 2:
+        raise InputError(
+            f"{folder}: holds {len(files) or 'no'} calibration{'' if len(files) == 1 else 's'} View_00N.xml: put those of two "
+            "cameras or more there"
+        )
+    return {view: read_tsai(path) for view, path in files.items()}
+
+
+def _pictures(folder: Path) -> dict[str, dict[int, Path]]:
+    """Pictures by view and by their number."""
+    found: dict[str, dict[int, Path]] = {}
+    for view, place in _only((path for path in folder.rglob("View_*") if path.is_dir()), "folder of pictures").items():
+        for path in sorted(place.iterdir()):
+            match = _FRAME.fullmatch(path.stem)
+            if match and path.suffix.lower() in PICTURE_ENDINGS:
+                found.setdefault(view, {})[int(match[1])] = path
+    return found
+
+
+def _videos(folder: Path) -> dict[str, Path]:
+    return _only((path for path in folder.rglob("View_*") if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()), "video")
+
+
+def _size_of(picture: Path) -> tuple[int, int]:
+    """(width, height) of a picture."""
+    read = cv2.imread(str(picture))
+    if read is None:
+        raise InputError(f"{picture}: is not a picture that can be read: fetch it again")
+    return int(read.shape[1]), int(read.shape[0])
+
+
+def _annotations(folder: Path, views: Iterable[str]) -> tuple[dict[str, Boxes], GroundTruth | None]:
+    """Boxes by view, and positions on the ground where a file has them."""
+    boxes: dict[str, Boxes] = {}
+    known = set(views)
+    for view, path in _only(folder.rglob("View_*.txt"), "file of boxes").items():
+        if view in known:
+            boxes[view] = read_vatic(path)
+    for path in sorted(folder.rglob("*.xml")):
+        if is_tsai(path) or "<frame" not in path.read_text(encoding="utf-8", errors="replace")[:4000]:
+            continue
+        named = _VIEW.search(path.stem)
+        _add(boxes, known, named[0] if named else ANNOTATED_VIEW, read_cvml(path), path)
+    ground = None
+    for path in sorted(folder.rglob("gt.txt")):
+        seen, ground = read_mot_truth(path)
+        if len(seen):
+            _add(boxes, known, ANNOTATED_VIEW, seen, path)
+    return boxes, ground
+
+
+def _add(boxes: dict[str, Boxes], known: set[str], view: str, seen: Boxes, path: Path) -> None:
+    """One more view's boxes. Raises `InputError` for a view without calibration, or with boxes already."""
+    if view not in known:
+        raise InputError(f"{path}: boxes of {view}, which has no calibration {view}.xml: put it there, or take the boxes away")
+    if view in boxes:
+        raise InputError(f"{path}: a second annotation of {view}: identities of two annotations differ; take one of them away")
+    boxes[view] = seen
