@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,12 +9,10 @@ from typing import Any
 
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError, InputError
-from passerby.interchange.faults import read_text
-from passerby.interchange.motchallenge import read_boxes
-from passerby.interchange.rig_toml import read_rig
 from passerby.observations import Boxes, Clock
+from passerby.output_folder import read_output
 from passerby.perception.video import probe
-from passerby.results import CALIBRATION_FILE, RIG_FILE, TRACKS_FOLDER
+from passerby.results import CALIBRATION_FILE, RIG_FILE
 from passerby.scene import Scene
 
 
@@ -45,21 +42,13 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
         InputError: something is missing or broken, with its name and its mend.
         EvidenceError: the calibration was refused, or registered fewer than two cameras.
     """
-    report = _report(out)
-    verdict = report.get("verdict")
-    if verdict not in ("accepted", "doubtful", "refused"):
-        raise _unlike(out, f"verdict is {verdict!r}")
-    if verdict == "refused":
-        reasons = report.get("reasons")
-        told = tuple(map(str, reasons)) if isinstance(reasons, list) else ()
-        raise EvidenceError(f"{out}: the calibration was refused: {'; '.join(told) or 'it tells no reason'}", told)
-    rig = read_rig(out / RIG_FILE)
-    posed = rig.posed()
+    found = read_output(out)
+    posed = found.rig
     if len(posed) < 2:
         raise EvidenceError(
-            f"{out / RIG_FILE}: {len(posed)} of {len(rig)} cameras have a pose: who is who is told by two cameras or more"
+            f"{out / RIG_FILE}: {len(posed)} of {found.all_cameras} cameras have a pose: who is who is told by two cameras or more"
         )
-    loaded = Scene.load(_scene_path(out, report, scene))
+    loaded = Scene.load(_scene_path(out, found.report, scene))
     for camera in posed:
         if camera.name not in loaded.cameras:
             raise InputError(
@@ -71,30 +60,8 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
     }
     if not videos:
         raise InputError(f"{loaded.place}: no calibrated camera has a video: crops of people are cut out of videos")
-    cameras = _cameras(out, report)
-    missing = [name for name in posed.names if name not in cameras]
-    if missing:
-        raise _unlike(out, f"it has no camera {missing[0]}, which {RIG_FILE} has")
-    boxes = {name: _boxes(out, name, cameras[name]) for name in posed.names}
-    return CalibratedScene(loaded, posed, boxes, _clocks(out, cameras, loaded, posed, videos), verdict, videos)
-
-
-def _report(out: Path) -> dict[str, Any]:
-    """What `calibration.json` holds."""
-    path = out / CALIBRATION_FILE
-    if not path.is_file():
-        raise InputError(f"{path}: no such file: name the folder that `passerby calibrate SCENE -o FOLDER` wrote")
-    try:
-        report = json.loads(read_text(path, "what a calibration tells (JSON)"))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: is not JSON ({error}): calibrate again") from None
-    if not isinstance(report, dict):
-        raise _unlike(out, "it is no table")
-    return report
-
-
-def _unlike(out: Path, why: str) -> InputError:
-    return InputError(f"{out / CALIBRATION_FILE}: is not what `passerby calibrate` writes: {why}: calibrate again")
+    clocks = found.clocks or _alike(loaded, posed, videos)
+    return CalibratedScene(loaded, posed, found.boxes, clocks, found.verdict, videos)
 
 
 def _scene_path(out: Path, report: Mapping[str, Any], given: Path | None) -> Path:
@@ -110,41 +77,8 @@ def _scene_path(out: Path, report: Mapping[str, Any], given: Path | None) -> Pat
     return path
 
 
-def _cameras(out: Path, report: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The cameras' tables by name."""
-    cameras = report.get("cameras")
-    if not isinstance(cameras, list) or not all(isinstance(one, dict) and "name" in one for one in cameras):
-        raise _unlike(out, "cameras is not a list of tables with names")
-    return {str(one["name"]): one for one in cameras}
-
-
-def _boxes(out: Path, name: str, camera: Mapping[str, Any]) -> Boxes:
-    """A camera's tracks; without any, a camera that saw nobody has no file."""
-    path = out / TRACKS_FOLDER / f"{name}.txt"
-    if not path.is_file() and camera.get("boxes") == 0:
-        return Boxes.empty()
-    if not path.is_file():
-        raise InputError(f"{path}: no such file: the tracks of camera {name} are needed: calibrate again")
-    return read_boxes(path)
-
-
-def _clocks(
-    out: Path, cameras: Mapping[str, Mapping[str, Any]], scene: Scene, rig: Rig, videos: Mapping[str, Path]
-) -> dict[str, Clock]:
-    """Each camera's clock. Where none was told the frames are counted alike, at the rate of the scene or of a video."""
-    found = {}
-    for name in rig.names:
-        fps, offset = cameras[name].get("fps"), cameras[name].get("time_offset_s")
-        if fps is None:
-            continue
-        if not (isinstance(fps, int | float) and fps > 0 and isinstance(offset or 0.0, int | float)):
-            raise _unlike(out, f"camera {name} has fps {fps!r} and time_offset_s {offset!r}")
-        found[name] = Clock(float(fps), float(offset or 0.0))
-    if found and len(found) < len(rig):
-        without = next(name for name in rig.names if name not in found)
-        raise _unlike(out, f"camera {without} has no fps, though others have")
-    if found:
-        return found
+def _alike(scene: Scene, rig: Rig, videos: Mapping[str, Path]) -> dict[str, Clock]:
+    """Clocks of frames that are counted alike, at the rate of the scene or of a video."""
     rates = [scene.fps_of(name) for name in rig.names]
     rate = next((rate for rate in rates if rate), None) or probe(next(iter(videos.values()))).clock_fps
     return {name: Clock(rate) for name in rig.names}

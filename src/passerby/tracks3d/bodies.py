@@ -117,7 +117,12 @@ def measure(rays: Rays, body: Floats, foot_shift: float) -> Measurements:
     nothing = np.zeros((len(body), 1))
     ends = (
         (rays.top, np.zeros((len(body), 3)), np.concatenate([body[:, :2], body[:, 2:]], axis=1), 1.0),
-        (rays.bottom, np.concatenate([foot_shift * toward, nothing], axis=1), np.concatenate([body[:, :2], nothing], axis=1), 0.0),
+        (
+            rays.bottom,
+            np.concatenate([foot_shift * toward, nothing], axis=1),
+            np.concatenate([body[:, :2], nothing], axis=1),
+            0.0,
+        ),
     )
     by_end, value_end, reach = [], [], []
     for ray, shift, point, is_top in ends:

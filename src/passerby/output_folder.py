@@ -1,0 +1,140 @@
+"""What `passerby calibrate` left in its output folder, read again."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from passerby.cameras import Rig
+from passerby.errors import EvidenceError, InputError
+from passerby.interchange.faults import read_text
+from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.rig_toml import read_rig
+from passerby.observations import Boxes, Clock
+from passerby.results import CALIBRATION_FILE, RIG_FILE, TRACKS_FOLDER
+
+
+@dataclass(frozen=True, eq=False)
+class OutputFolder:
+    """A calibration that was not refused: the cameras that have poses, and what they saw."""
+
+    path: Path
+    report: Mapping[str, Any]
+    """What `calibration.json` holds."""
+    verdict: str
+    """accepted or doubtful."""
+    reasons: tuple[str, ...]
+    rig: Rig
+    """The cameras with poses, one or more."""
+    all_cameras: int
+    """Those without a pose too."""
+    boxes: Mapping[str, Boxes]
+    """Of each camera with a pose, with identities that are the same in all cameras."""
+    clocks: Mapping[str, Clock]
+    """Of each camera with a pose; empty where frames are counted alike and no frame rate was needed."""
+
+    @property
+    def fps(self) -> float | None:
+        """The frame rate that the scene file tells of; None where it tells none."""
+        scene = self.report.get("scene")
+        table = scene.get("scene") if isinstance(scene, dict) else None
+        fps = table.get("fps") if isinstance(table, dict) else None
+        return float(fps) if isinstance(fps, int | float) and fps > 0 else None
+
+    @property
+    def identities_given(self) -> bool:
+        """Whether somebody said who is who, so that the identities are those of the input."""
+        found = self.report.get("association")
+        return isinstance(found, dict) and found.get("mode") == "given"
+
+    @property
+    def person_height_m(self) -> float | None:
+        """Mean standing height that the calibration assumed."""
+        scene = self.report.get("scene")
+        scale = scene.get("scale") if isinstance(scene, dict) else None
+        height = scale.get("person_height_m") if isinstance(scale, dict) else None
+        return float(height) if isinstance(height, int | float) and 0.5 <= height <= 2.5 else None
+
+
+def read_output(out: Path) -> OutputFolder:
+    """Read an output folder.
+
+    Raises:
+        InputError: something is missing or broken, with its name and its mend.
+        EvidenceError: the calibration was refused, or no camera has a pose.
+    """
+    report = read_report(out)
+    verdict, reasons = report.get("verdict"), report.get("reasons")
+    told = tuple(map(str, reasons)) if isinstance(reasons, list) else ()
+    if verdict not in ("accepted", "doubtful", "refused"):
+        raise unlike(out, f"verdict is {verdict!r}")
+    if verdict == "refused":
+        raise EvidenceError(f"{out}: the calibration was refused: {'; '.join(told) or 'it tells no reason'}", told)
+    rig = read_rig(out / RIG_FILE)
+    posed = rig.posed()
+    if not len(posed):
+        raise EvidenceError(f"{out / RIG_FILE}: none of its {len(rig)} cameras has a pose")
+    cameras = camera_tables(out, report)
+    missing = [name for name in posed.names if name not in cameras]
+    if missing:
+        raise unlike(out, f"it has no camera {missing[0]}, which {RIG_FILE} has")
+    boxes = {name: _boxes(out, name, cameras[name]) for name in posed.names}
+    return OutputFolder(out, report, verdict, told, posed, len(rig), boxes, _clocks(out, cameras, posed))
+
+
+def read_report(out: Path) -> dict[str, Any]:
+    """What `calibration.json` holds. Raises `InputError` where it is missing or no table."""
+    path = out / CALIBRATION_FILE
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: name the folder that `passerby calibrate SCENE -o FOLDER` wrote")
+    try:
+        report = json.loads(read_text(path, "what a calibration tells (JSON)"))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: is not JSON ({error}): calibrate again") from None
+    if not isinstance(report, dict):
+        raise unlike(out, "it is no table")
+    return report
+
+
+def unlike(out: Path, why: str) -> InputError:
+    """The error of a `calibration.json` that no calibration wrote."""
+    return InputError(f"{out / CALIBRATION_FILE}: is not what `passerby calibrate` writes: {why}: calibrate again")
+
+
+def camera_tables(out: Path, report: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The cameras' tables by name."""
+    cameras = report.get("cameras")
+    if not isinstance(cameras, list) or not all(isinstance(one, dict) and "name" in one for one in cameras):
+        raise unlike(out, "cameras is not a list of tables with names")
+    return {str(one["name"]): one for one in cameras}
+
+
+def _boxes(out: Path, name: str, camera: Mapping[str, Any]) -> Boxes:
+    """A camera's tracks; without any, a camera that saw nobody has no file."""
+    path = out / TRACKS_FOLDER / f"{name}.txt"
+    if not path.is_file() and camera.get("boxes") == 0:
+        return Boxes.empty()
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: the tracks of camera {name} are needed: calibrate again")
+    return read_boxes(path)
+
+
+def _clocks(out: Path, cameras: Mapping[str, Mapping[str, Any]], rig: Rig) -> dict[str, Clock]:
+    """Each camera's clock; none where none was told."""
+    found = {}
+    for name in rig.names:
+        fps, offset = cameras[name].get("fps"), cameras[name].get("time_offset_s")
+        if fps is None:
+            continue
+        sound = isinstance(fps, int | float) and math.isfinite(fps) and fps > 0
+        if not (sound and isinstance(offset or 0.0, int | float) and math.isfinite(offset or 0.0)):
+            raise unlike(out, f"camera {name} has fps {fps!r} and time_offset_s {offset!r}")
+        found[name] = Clock(float(fps), float(offset or 0.0))
+    if found and len(found) < len(rig):
+        without = next(name for name in rig.names if name not in found)
+        raise unlike(out, f"camera {without} has no fps, though others have")
+    return found
