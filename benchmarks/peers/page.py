@@ -1,0 +1,92 @@
+"""The section `peers`: every engine on every case, two cases side by side, and the page that comes of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from passerby.benchmark.page import Page
+from peers.cases import BOX_NOISE, CONDITIONS, INSTANTS, JOINT_NOISE, Case, all_cases, observed, quick_cases, write_scene
+from peers.judging import LARGEST_DEG, LARGEST_MM, judge
+from peers.observations import points_of
+from peers.runners import PASSERBY, PEERS, Engine, run_engine
+from peers.table import Row, costs_table, errors_table, goal_lines, summary_table
+
+LANES = 2
+"""Cases side by side, a core each; the engines of one case run in turn."""
+LIMIT_S = 60.0
+"""A run of more seconds is a failure, for all engines alike."""
+NOT_MADE = "not run: environment not made, `make bench-peers`"
+
+
+def run(scratch: Path, quick: bool) -> Iterator[Page]:
+    """All cases; two in a quick run. The page grows with every case."""
+    cases = quick_cases() if quick else all_cases()
+    rows: list[Row] = []
+    missing: list[str] = []
+    with ThreadPoolExecutor(LANES) as pool:
+        for case, found in zip(cases, pool.map(lambda case: run_case(case, scratch, PEERS), cases), strict=True):
+            rows += found
+            if not found:
+                missing.append(case.name)
+            yield page(rows, missing)
+
+
+def run_case(case: Case, scratch: Path, peers: Sequence[Engine]) -> list[Row]:
+    """Passerby once, then each peer on each kind of points; empty where the data are not at hand."""
+    seen = observed(case)
+    if seen is None:
+        return []
+    folder = scratch / re.sub(r"\W+", "-", case.name)
+    ours = judge(run_engine(PASSERBY, write_scene(seen, folder), folder / "passerby.json", LIMIT_S), seen.rig)
+    rows = []
+    for kind in case.data.kinds:
+        source = folder / f"{kind}.npz"
+        points_of(seen.rig, seen.cameras, kind).write(source)
+        results = {PASSERBY.name: ours}
+        for peer in peers:
+            if peer.interpreter() is None or (peer.one_person_only and not case.data.one_person):
+                continue
+            target = folder / f"{kind}-{peer.name}.json"
+            results[peer.name] = judge(run_engine(peer, source, target, LIMIT_S), seen.rig)
+        rows.append(Row(case.data.name, case.condition, kind, results))
+    return rows
+
+
+def page(rows: Sequence[Row], missing: Sequence[str] = (), peers: Sequence[Engine] = PEERS) -> Page:
+    """The page of the rows so far; `missing` names the cases whose data are not at hand."""
+    engines = [peer.name for peer in peers if any(peer.name in row.results for row in rows)]
+    absent = [f"- {peer.name}: {NOT_MADE}" for peer in peers if peer.interpreter() is None]
+    absent += [f"- {name}: not run: data not here" for name in missing]
+    versions = sorted({result.version for row in rows for result in row.results.values() if result.version})
+    parts = [_HEAD, "\n".join(absent), errors_table(rows, engines) if rows else "", _SUMMARY if engines else ""]
+    if engines:
+        parts += [summary_table(rows, engines), goal_lines(rows, engines), _COSTS, costs_table(rows, engines)]
+    parts.append(f"Engines: {', '.join(versions)}." if versions else "")
+    return Page("peers", "\n\n".join(part for part in parts if part) + "\n")
+
+
+_HEAD = f"""# Beside today's peers
+
+Identities are given to all engines: the peers cannot find them. All get the same observations, at most {INSTANTS} instants of
+each set: Passerby as boxes or joints (`passerby calibrate`, default options), its peers as points that two cameras or more
+saw, the *centre* of each whole box, or its *top+bottom*, or *joints*. Similarity errors, means over all cameras. *fails*: a
+camera is missing, the error is above {LARGEST_MM / 1000:g} m or {LARGEST_DEG:g}°, the engine breaks, or it needs more than {LIMIT_S:g} s.
+
+*clean*: as they are (simulated boxes have 2 % noise, simulated joints 2 px; one seed). *noisy*: each edge of a box moved by
+{100 * BOX_NOISE:g} % of its height, each joint by {100 * JOINT_NOISE:g} % of its person's. *swaps*: the identities of
+{" or ".join(f"{100 * share:g} %" for share in CONDITIONS.values() if share)} of the people of each camera and instant are
+exchanged among each other. PETS2009's and Shelf's true cameras are themselves no better than some 200 mm and 36 mm.
+
+The peers' settings. caliscope: `calibrate_extrinsics`, people as objects, lenses held. COLMAP and GLOMAP (pycolmap): a static
+camera is one picture with all its points, pairs verified by COLMAP itself, lenses held, undistorted pixels, one thread, seed 0,
+@COLMAP@ humancalib: its bundle adjustment with the settings of its command line on the joints of one person, from a start by an
+essential matrix and PnP, since its own needs a network that lifts skeletons; it takes one person, so elsewhere it is `-`."""
+
+_SUMMARY = """The peers in one line each. Ratios are Passerby's figure by the peer's, medians over the cases; those of the error
+over the cases where neither fails. A peer that was stopped counts with the time limit in *whole*, and not at all in *solve*."""
+
+_COSTS = """Seconds of the solver alone (files read, modules imported) and of the whole process, and peak memory. One thread
+each, the engines of a case in turn, two cases side by side on two cores."""
