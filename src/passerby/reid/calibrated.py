@@ -46,7 +46,8 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
     posed = found.rig
     if len(posed) < 2:
         raise EvidenceError(
-            f"{out / RIG_FILE}: {len(posed)} of {found.all_cameras} cameras have a pose: who is who is told by two cameras or more"
+            f"{out / RIG_FILE}: {len(posed)} of {found.all_cameras} cameras have a pose: who is who is told by two cameras or "
+            "more"
         )
     loaded = Scene.load(_scene_path(out, found.report, scene))
     for camera in posed:

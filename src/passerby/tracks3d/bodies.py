@@ -1,9 +1,9 @@
 """One person's boxes as linear measurements of where the body stands on the ground and how tall it is.
 
-An upright body stands at (x, y) on the ground z = 0 and is `top` metres high. The rays of a box's upper and lower edge give three
-equations that are linear in (x, y, top), once the distances along the rays are known: the box's *centre* across and up the
-picture, tight, and its *size*, loose, since a detector's slack moves both edges apart and leaves the centre where it is. This is
-the person model of the solver (`passerby.solver.person_model`) with the cameras held.
+An upright body stands at (x, y) on the ground z = 0 and is `top` metres high. The rays of a box's upper and lower edge give
+three equations that are linear in (x, y, top), once the distances along the rays are known: the box's *centre* across and up
+the picture, tight, and its *size*, loose, since a detector's slack moves both edges apart and leaves the centre where it is.
+This is the person model of the solver (`passerby.solver.person_model`) with the cameras held.
 """
 
 from __future__ import annotations
@@ -114,15 +114,9 @@ def measure(rays: Rays, body: Floats, foot_shift: float) -> Measurements:
     """
     away = body[:, :2] - rays.centre[:, :2]
     toward = -away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), NEAREST_M)
-    nothing = np.zeros((len(body), 1))
     ends = (
-        (rays.top, np.zeros((len(body), 3)), np.concatenate([body[:, :2], body[:, 2:]], axis=1), 1.0),
-        (
-            rays.bottom,
-            np.concatenate([foot_shift * toward, nothing], axis=1),
-            np.concatenate([body[:, :2], nothing], axis=1),
-            0.0,
-        ),
+        (rays.top, np.zeros_like(body), body, 1.0),
+        (rays.bottom, np.column_stack([foot_shift * toward, np.zeros(len(body))]), body * (1.0, 1.0, 0.0), 0.0),
     )
     by_end, value_end, reach = [], [], []
     for ray, shift, point, is_top in ends:
@@ -163,7 +157,7 @@ def stand(information: Floats, pull: Floats, height: Floats, height_sd: Floats) 
     normal[:, 2, 2] += weight
     right[:, 2] += weight * height
     covariance = np.linalg.inv(normal + 1e-9 * np.eye(3))
-    return (covariance @ right[:, :, None])[:, :, 0], covariance
+    return (covariance @ right[:, :, None])[:, :, 0], np.asarray(covariance, dtype=np.float64)
 
 
 def stand_alone(rays: Rays, height_m: float, foot_shift: float) -> tuple[Floats, Floats, Measurements]:

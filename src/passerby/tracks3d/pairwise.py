@@ -26,7 +26,7 @@ def pairwise_points(cameras: Sequence[Camera], ltwh: Floats) -> tuple[Floats, Fl
         of the pairs' points from it on the ground plane, NaN with a single pair.
     """
     middle = ltwh[:, :, :2] + ltwh[:, :, 2:] / 2
-    seen = np.isfinite(middle).all(axis=2)
+    seen: NDArray[np.bool_] = np.asarray(np.isfinite(middle).all(axis=2))
     rays = np.full((*seen.shape, 3), np.nan)
     for c, camera in enumerate(cameras):
         rays[seen[:, c], c] = camera.lens.bearings(middle[seen[:, c], c])

@@ -7,6 +7,8 @@ Long ways are smoothed in blocks side by side: what lies some seconds outside a 
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +22,7 @@ START_SPEED = 1.5
 UNSEEN = 1e8
 """Variance of a measurement that is not there, m^2."""
 BLOCK, MARGIN_S = 400, 6.0
-"""Instants of a block, and what is added before and after it: with steps of 0.2 s a margin of 6 s changes nothing by a micrometre."""
+"""Instants of a block, and what is added before and after it: what is 6 s away moves a place by less than a micrometre."""
 
 
 def smooth(
@@ -46,7 +48,7 @@ def smooth(
     rows = np.minimum(blocks[:, :1] + np.arange(length), blocks[:, 3:] - 1)
     real = blocks[:, :1] + np.arange(length) < blocks[:, 3:]
     step = np.diff(seconds[rows], axis=1, prepend=seconds[rows[:, :1]])
-    seen = real & np.isfinite(place[rows]).all(axis=2)
+    seen: NDArray[np.bool_] = real & np.asarray(np.isfinite(place[rows]).all(axis=2))
     measured = np.where(seen[:, :, None], place[rows], 0.0)
     noise = np.where(seen[:, :, None, None], covariance[rows], UNSEEN * np.eye(2))
     state, spread = _run(step, measured, noise, _start(place, rows, seen), acceleration)
@@ -61,7 +63,7 @@ def _blocks(seconds: Floats, part: Ints) -> Ints:
     """(B, 4) rows: begin of the margin, begin and end of the core, end of the margin."""
     blocks = []
     edges = np.flatnonzero(np.diff(part, prepend=part[:1] - 1, append=part[-1:] + 1)) if len(part) else np.zeros(0, np.int64)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         for first in range(int(low), int(high), BLOCK):
             last = min(first + BLOCK, int(high))
             before = low + np.searchsorted(seconds[low:high], seconds[first] - MARGIN_S)

@@ -16,7 +16,7 @@ from passerby.observations import UNKNOWN, Boxes, Clock, Observations
 from passerby.progress import Progress, silent
 from passerby.tracks3d.bodies import Rays, rays_of
 from passerby.tracks3d.pairwise import pairwise_points
-from passerby.tracks3d.way import Seen, Way, follow
+from passerby.tracks3d.way import Seen, follow
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -67,8 +67,8 @@ class Trajectories:
     xyz: Floats
     """(N, 3) x, y on the ground below the body; z: height of the body's middle."""
     sigma_m: Floats
-    """(N,) root of the trace of the covariance of (x, y), in the rig's world: the errors that the whole world shares (its place,
-    its turn, its scale) are not in it. NaN where unknown (pairwise with one pair)."""
+    """(N,) root of the trace of the covariance of (x, y), in the rig's world: the errors that the whole world shares (its
+    place, its turn, its scale) are not in it. NaN where unknown (pairwise with one pair)."""
     cameras: Ints
     """(N,) cameras that agree; 0: nobody saw the person, the place lies between others."""
     part: Ints
@@ -96,9 +96,9 @@ def trajectories(
 ) -> Trajectories:  # fmt: skip
     """Everybody's way over the ground.
 
-    Cameras whose clocks differ are brought to common instants first (`common_instants`). Then each identity by itself: the boxes
-    of an instant and of its neighbours vote where the person is, those that disagree (another person's, a half hidden one's) are
-    left out; the rest is solved for a body on the ground, and the places are smoothed.
+    Cameras whose clocks differ are brought to common instants first (`common_instants`). Then each identity by itself: the
+    boxes of an instant and of its neighbours vote where the person is, those that disagree (another person's, a half hidden
+    one's) are left out; the rest is solved for a body on the ground, and the places are smoothed.
 
     Args:
         rig: cameras without a pose are left out.
@@ -135,7 +135,7 @@ def trajectories(
         one = _followed if options.method == "smoothed" else _paired
         found.append(one(int(identity), cameras, own, frames, clock, options))
         tell(STAGE, number + 1, len(people))
-    columns = {name: np.concatenate([person.columns[name] for person in found]) for name in COLUMNS}
+    columns: dict[str, Any] = {name: np.concatenate([person.columns[name] for person in found]) for name in COLUMNS}
     joined = Trajectories(**columns, clock=clock)
     return replace(joined, figures=_figures(joined, names, found, options))
 
@@ -205,7 +205,7 @@ def _paired(
     rows = np.flatnonzero(np.isfinite(point[:, 0]))
     seconds = clock.seconds(present[rows])
     part = np.cumsum(np.diff(seconds, prepend=seconds[:1]) > options.max_gap_s + 1e-9)
-    count = np.isfinite(ltwh[:, :, 0])
+    count = np.isfinite(ltwh[:, :, 0]).astype(np.int64)
     columns = _columns(identity, present[rows], clock, point[rows], spread[rows], count[rows].sum(axis=1), part)
     columns, fleeting = _without_fleeting(columns, options.min_instants)
     nothing: list[Floats] = [np.zeros(0) for _ in cameras]

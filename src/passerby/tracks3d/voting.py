@@ -16,8 +16,8 @@ SOFT = 6.0
 NEIGHBOURS_S = (0.2, 0.5, 1.0)
 """Instants about so long before and after vote too."""
 NEIGHBOUR_VOTE = 0.25
-"""All six of them together count a little more than one other camera at the instant itself: two wrong cameras are rarer than one
-that is wrong for a moment."""
+"""All six of them together count a little more than one other camera at the instant itself: two wrong cameras are rarer than
+one that is wrong for a moment."""
 MOVES_M_S = 1.0
 """One sigma of how far a person goes meanwhile."""
 CELLS_AT_ONCE = 200_000

@@ -1,4 +1,4 @@
-"""The way of one identity: its boxes vote, those that agree are solved for a body at each instant, and the places are smoothed."""
+"""The way of one identity: its boxes vote, those that agree are solved for a body at each instant, the places are smoothed."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ LASTING = 0.35
 """Share of an instant's own sigma that smoothing does not lessen: the errors of neighbouring boxes are alike, since a person's
 height, stance and what hides him last."""
 MODEL_SD = 0.05
-"""Metres, in each of two directions: a body's middle is not above the middle between its feet, for arms, stride and load. Without
-any noise upright people are placed to 0.05 to 0.09 m (root mean square) in simulated scenes,"""
+"""Metres, in each of two directions: a body's middle is not above the middle between its feet, for arms, stride and load.
+Without any noise upright people are placed to 0.05 to 0.09 m (root mean square) in simulated scenes,"""
 BENT_SD, BENT = 0.11, 0.12
 """and those whose highest point is this share below where it is when they stand, who crouch, bend or sit, to 0.15 to 0.2 m."""
 
@@ -102,6 +102,7 @@ def follow(seen: Seen, instants: Floats, max_gap_s: float, body_m: float, foot_s
         with np.errstate(invalid="ignore"):
             off2 = apart2(alone[:, :2] - xy[seen.instant], alone_covariance * spread + covariance[seen.instant])
             accepted = off2 < FITS
+            assert state.covariance is not None
             missed2 = apart2(state.body[:, :2] - xy, state.covariance)
         trust = np.where(np.isfinite(missed2), 1 / (1 + missed2 / FITS), 1.0)
     return _result(seen, state, smoothed, accepted, instants, row, part)
