@@ -17,6 +17,7 @@ import typer
 
 from passerby import __version__
 from passerby.commands.benchmark import benchmark
+from passerby.commands.dataset import dataset
 from passerby.commands.demo import demo
 from passerby.commands.init import init
 from passerby.commands.models import models_app
@@ -192,5 +193,6 @@ app.command()(init)
 app.command()(benchmark)
 app.command()(simulate)
 app.command()(demo)
+app.command()(dataset)
 app.add_typer(models_app, name="models")
 app.add_typer(reid_app, name="reid")

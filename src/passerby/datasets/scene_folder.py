@@ -1,0 +1,276 @@
+"""A published data set as a scene folder: a scene file ready to calibrate, and the truth beside it."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import tomli_w
+
+from passerby.cameras import Rig
+from passerby.datasets.published import Published
+from passerby.errors import InputError
+from passerby.interchange.atomic import write_text
+from passerby.interchange.coco import write_keypoints
+from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.video_writer import VideoWriter
+from passerby.interchange.whole_folder import whole_folder
+from passerby.observations import UNKNOWN, Boxes, Keypoints
+from passerby.parallel import side_by_side
+from passerby.progress import Progress, silent
+
+SCENE_FILE = "scene.toml"
+VIDEOS_FILE = "videos.toml"
+"""Beside a scene file of boxes or joints: the same scene from videos alone."""
+TRUTH_FILE = "truth.toml"
+MARKER = "dataset.toml"
+"""Tells where the scene came from, and by it the folder is known again."""
+
+
+@dataclass(frozen=True)
+class SceneFolder:
+    """What was written."""
+
+    scene: Path
+    """`scene.toml`."""
+    mode: str
+    """How identities are found by it."""
+    truth: Path | None
+    """`truth.toml`; None where the set knows no poses."""
+    videos: Path | None
+    """`videos.toml`; None where `scene.toml` itself is of videos, or there are none."""
+    notes: tuple[str, ...]
+    """What was left out, and why: whole sentences."""
+
+
+def write_scene_folder(
+    published: Published,
+    directory: str | Path,
+    source: Path,
+    film: bool = False,
+    executor: Executor | None = None,
+    tell: Progress = silent,
+) -> SceneFolder:
+    """Write a scene folder, whole or not at all.
+
+    The folder holds `scene.toml`, `intrinsics.toml` (lenses, no poses), `truth.toml` (the rig with its true poses),
+    `ground_positions.csv` (where people truly stood), `pictures.csv` (frame and path of every picture), `dataset.toml` (where
+    it came from), and
+
+    - where at least two cameras tell who is who: `tracks/CAMERA.txt` (MOTChallenge) and `keypoints/CAMERA.json` (COCO) with
+      true identities, and `scene.toml` in mode "given". Where there are videos too, `videos.toml` names them alone.
+    - else, where there are videos: `scene.toml` names them, identities are to be found. Boxes with identities, of one camera
+      at most, are in `truth/CAMERA.txt`.
+    - else `detections/CAMERA.txt` and `keypoints/CAMERA.json` without identities, which are to be found.
+
+    Videos are named by their absolute paths, for a scene folder is moved more often than a data set. Pictures are made into
+    `videos/CAMERA.mp4` where a scene cannot do without, or with `film`.
+
+    Args:
+        published: the set.
+        directory: the folder to write; one that was written by an earlier call is replaced as a whole.
+        source: the folder that the set was read from, where `directory` must not lie.
+        film: make videos of the pictures in any case.
+        executor: makes videos side by side; one after the other where it is None.
+        tell: told of each video that is made.
+
+    Raises:
+        InputError: the set tells of people in fewer than two cameras; `directory` holds something else, lies in `source`, or
+            cannot be written; a picture cannot be read.
+    """
+    directory = Path(directory)
+    if directory.resolve() == source.resolve() or source.resolve() in directory.resolve().parents:
+        raise InputError(f"{directory}: lies in the folder of the data set, {source}: give one outside of it")
+    given = published.identities_known
+    filmed = _to_film(published) if film or not given else {}
+    named = {camera: path.resolve().as_posix() for camera, path in published.videos.items()}
+    named |= {camera: _video(camera) for camera in filmed}
+    tables, mode = _cameras(published, given, named)
+    notes = [*published.notes, *_left_out(published, tables, filmed, film)]
+    if len(tables) < 2:
+        raise InputError(
+            f"{source}: tells of people in {len(tables) or 'no'} camera{'' if len(tables) == 1 else 's'} of "
+            f"{len(published.rig)}: two are needed with boxes, joints, a video or pictures; fetch more of the set's files"
+        )
+    posed = published.rig.posed()
+    both = given and len(named) >= 2
+    with whole_folder(directory, MARKER, "a scene made from a data set") as folder:
+        write_rig(folder / "intrinsics.toml", Rig(tuple(replace(camera, pose=None, sigma=None) for camera in published.rig)))
+        if len(posed):
+            write_rig(folder / TRUTH_FILE, posed)
+        _write_people(published, folder, tables)
+        _write_lists(published, folder)
+        jobs = [(folder / _video(camera), pictures, published.fps or 0.0) for camera, pictures in filmed.items()]
+        side_by_side(_film, jobs, executor, tell, "videos")
+        fps = {} if published.fps is None else {"fps": float(published.fps)}
+        write_text(folder / SCENE_FILE, _scene(published, tables, mode, fps if _counts(tables) else {}))
+        if both:
+            write_text(folder / VIDEOS_FILE, _scene(published, _watched(named), "combined", {}))
+        made = {"name": published.name, "from": source.resolve().as_posix(), "notes": notes}
+        write_text(folder / MARKER, tomli_w.dumps(made))
+    return SceneFolder(
+        scene=directory / SCENE_FILE,
+        mode=mode,
+        truth=directory / TRUTH_FILE if len(posed) else None,
+        videos=directory / VIDEOS_FILE if both else None,
+        notes=tuple(notes),
+    )
+
+
+def _cameras(published: Published, given: bool, named: dict[str, str]) -> tuple[dict[str, dict[str, str]], str]:
+    """The tables of the cameras that tell of people, and the mode."""
+    if not given and len(named) >= 2:
+        return _watched(named), "combined"
+    tables: dict[str, dict[str, str]] = {}
+    for camera in published.rig.names:
+        boxes, joints = published.boxes.get(camera), published.keypoints.get(camera)
+        table = {} if boxes is None else {"tracks" if given else "detections": _boxes(camera, given)}
+        if joints is not None:
+            table["keypoints"] = _keypoints(camera)
+        if table:
+            tables[camera] = {"intrinsics": "intrinsics.toml", **table}
+    return tables, "given" if given else "combined"
+
+
+def _watched(named: dict[str, str]) -> dict[str, dict[str, str]]:
+    return {camera: {"intrinsics": "intrinsics.toml", "video": video} for camera, video in named.items()}
+
+
+def _counts(tables: dict[str, dict[str, str]]) -> bool:
+    """Whether the scene has frame numbers of its own; those of videos have the videos' rate."""
+    return all("video" not in table for table in tables.values())
+
+
+def _to_film(published: Published) -> dict[str, tuple[Path, ...]]:
+    """The pictures of the cameras that have no video and can have one: frames from 1 on without a gap, and a known rate."""
+    if published.fps is None:
+        return {}
+    return {
+        camera: pictures
+        for camera, pictures in published.pictures.items()
+        if camera not in published.videos
+        and pictures
+        and published.frames_of_pictures(camera) == tuple(range(1, len(pictures) + 1))
+    }
+
+
+def _left_out(
+    published: Published, tables: dict[str, dict[str, str]], filmed: dict[str, tuple[Path, ...]], film: bool
+) -> list[str]:
+    """What the scene does without, and why."""
+    notes = [
+        f"{camera} is not in {SCENE_FILE}: nothing in it tells of people in its view."
+        for camera in published.rig.names
+        if camera not in tables
+    ]
+    if film or not published.identities_known:
+        why = "the set tells no frame rate" if published.fps is None else "they do not go from frame 1 on without a gap"
+        notes += [
+            f"No video is made of the pictures of {camera}: {why}."
+            for camera in published.pictures
+            if camera not in filmed and camera not in published.videos
+        ]
+    return notes
+
+
+def _scene(published: Published, tables: dict[str, dict[str, str]], mode: str, fps: dict[str, float]) -> str:
+    content: dict[str, Any] = {
+        "scene": {"name": published.name, **fps},
+        "cameras": tables,
+        "association": {"mode": mode},
+        "solver": {"reference": next(iter(tables))},
+    }
+    return tomli_w.dumps(content)
+
+
+def _write_people(published: Published, folder: Path, tables: dict[str, dict[str, str]]) -> None:
+    """Boxes and joints: where the tables name them, and as truth where they tell who is who, but are not named."""
+    for camera, boxes in published.boxes.items():
+        table = tables.get(camera, {})
+        if "tracks" in table:
+            write_boxes(folder / table["tracks"], boxes)
+        elif "detections" in table:
+            write_boxes(folder / table["detections"], _nameless(boxes))
+        if "tracks" not in table and (boxes.identity > UNKNOWN).any():
+            write_boxes(folder / "truth" / f"{camera}.txt", boxes)
+    for camera, joints in published.keypoints.items():
+        table = tables.get(camera, {})
+        if "keypoints" in table:
+            known = published.identities_known
+            write_keypoints(folder / table["keypoints"], joints if known else _nameless_joints(joints))
+
+
+def _nameless(boxes: Boxes) -> Boxes:
+    return replace(boxes, identity=boxes.identity * 0 + UNKNOWN)
+
+
+def _nameless_joints(joints: Keypoints) -> Keypoints:
+    return replace(joints, identity=joints.identity * 0 + UNKNOWN)
+
+
+def _write_lists(published: Published, folder: Path) -> None:
+    """Positions on the ground, and the pictures."""
+    ground = published.ground
+    if ground is not None:
+        places = (
+            (frame, identity, f"{x:.4f}", f"{y:.4f}")
+            for frame, identity, (x, y) in sorted(
+                zip(ground.frame.tolist(), ground.identity.tolist(), ground.xy.tolist(), strict=True)
+            )
+        )
+        write_text(folder / "ground_positions.csv", _csv(("frame", "id", "x_m", "y_m"), places))
+    if published.pictures:
+        pictures = (
+            (camera, frame, path.resolve().as_posix())
+            for camera, paths in published.pictures.items()
+            for frame, path in zip(published.frames_of_pictures(camera), paths, strict=True)
+        )
+        write_text(folder / "pictures.csv", _csv(("camera", "frame", "path"), pictures))
+
+
+def _film(job: tuple[Path, tuple[Path, ...], float]) -> None:
+    """Make a video of pictures; one more row or column than H.264 can take is left out."""
+    path, pictures, fps = job
+    first = _picture(pictures[0])
+    size = (first.shape[1] // 2 * 2, first.shape[0] // 2 * 2)
+    with VideoWriter(path, size, fps, crf=18) as video:
+        for picture in pictures:
+            read = _picture(picture)
+            if read.shape != first.shape:
+                raise InputError(f"{picture}: has another size than {pictures[0]}: pictures of one camera must be alike")
+            video.write(read[: size[1], : size[0]])
+
+
+def _picture(path: Path) -> Any:
+    """(H, W, 3) BGR. Raises `InputError` where it cannot be read."""
+    read = cv2.imread(str(path))
+    if read is None:
+        raise InputError(f"{path}: is not a picture that can be read: fetch it again")
+    return read
+
+
+def _boxes(camera: str, given: bool) -> str:
+    return f"{'tracks' if given else 'detections'}/{camera}.txt"
+
+
+def _keypoints(camera: str) -> str:
+    return f"keypoints/{camera}.json"
+
+
+def _video(camera: str) -> str:
+    return f"videos/{camera}.mp4"
+
+
+def _csv(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
