@@ -75,11 +75,16 @@ def xml_numbers(path: Path, key: str, shape: tuple[int, ...], needed: bool = Tru
         raise InputError(f"{path}: <{key}> is missing: take the file from the set again")
     data = node.find("data")
     text = ((node if data is None else data).text or "").split()
-    try:
-        values: list[Any] = [float(word) for word in text]
-    except ValueError:
-        values = text
-    return numbers(values, shape, f"{path}: <{key}>", "numbers" if shape == (-1,) else f"{math.prod(shape)} numbers")
+    return numbers(_parsed(text), shape, f"{path}: <{key}>", "numbers" if shape == (-1,) else f"{math.prod(shape)} numbers")
+
+
+def text_matrix(path: Path) -> Floats:
+    """The (3, 4) projection matrix of a text file, its numbers parted by commas or spaces.
+
+    Raises `InputError` where the file is missing or holds anything else.
+    """
+    words = read_text(path, "a projection matrix (3 rows of 4 numbers)").replace(",", " ").split()
+    return numbers(_parsed(words), (3, 4), f"{path}: the matrix", "3 rows of 4 numbers")
 
 
 def numbered(folder: Path, suffixes: tuple[str, ...] = PICTURES) -> dict[int, Path]:
@@ -124,6 +129,14 @@ def _flat(value: Any) -> Iterator[Any]:
             yield from _flat(item)
     else:
         yield value
+
+
+def _parsed(words: list[str]) -> list[Any]:
+    """Words as numbers, or as they are where one is none."""
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return list(words)
 
 
 def _short(value: Any) -> str:

@@ -1,0 +1,56 @@
+"""Variables of MATLAB files, by SciPy; files of version 7.3, which are HDF5, by h5py where that is installed."""
+
+from __future__ import annotations
+
+import zlib
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.io import loadmat
+from scipy.io.matlab import MatReadError
+
+from passerby.cameras import Floats
+from passerby.errors import InputError
+
+
+def mat_variable(path: Path, key: str) -> Any:
+    """One variable: an array of numbers, or one of objects for cells. Raises `InputError` where there is none."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: a MATLAB file with the variable {key} is needed here")
+    try:
+        content: Any = loadmat(path)
+    except NotImplementedError:
+        content = {key: _hdf5_matrix(path, key)}
+    except (ValueError, TypeError, KeyError, IndexError, OSError, EOFError, zlib.error, MatReadError) as error:
+        raise InputError(f"{path}: cannot be read as a MATLAB file ({error}): take it from the set again") from None
+    if key not in content:
+        names = ", ".join(name for name in content if not name.startswith("__")) or "none"
+        raise InputError(f"{path}: has no variable {key} (it has {names}): take the file from the set again")
+    return content[key]
+
+
+def mat_matrix(path: Path, key: str, shape: tuple[int, ...]) -> Floats:
+    """A variable that is a matrix of finite numbers. Raises `InputError` where it is not."""
+    value = np.asarray(mat_variable(path, key))
+    if value.dtype.kind not in "fiu" or value.shape != shape:
+        raise InputError(
+            f"{path}: {key} has the shape {value.shape}: a matrix of {' x '.join(map(str, shape))} numbers is needed"
+        )
+    if not np.isfinite(value).all():
+        raise InputError(f"{path}: {key} is {value.tolist()}: its numbers must be finite")
+    return np.asarray(value, dtype=np.float64)
+
+
+def _hdf5_matrix(path: Path, key: str) -> Any:
+    """A matrix of a file of version 7.3, whose columns HDF5 has as rows. Raises `InputError` where h5py is not installed."""
+    try:
+        h5py: Any = import_module("h5py")
+    except ImportError:
+        raise InputError(
+            f"{path}: is a MATLAB file of version 7.3 (HDF5): install h5py, or save it as version 7 (save -v7), or as text "
+            f"beside it ({path.stem}.txt, one row a line)"
+        ) from None
+    with h5py.File(path, "r") as file:
+        return np.asarray(file[key]).T if key in file else None

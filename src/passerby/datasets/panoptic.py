@@ -1,0 +1,158 @@
+"""CMU Panoptic Studio: people in a dome of 31 HD cameras, with 3D joints (Joo et al., ICCV 2015 and TPAMI 2017).
+
+Layout as the toolbox writes it (https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox): `calibration_SEQUENCE.json`
+with `cameras` (`name`, `type`, `resolution`, `K`, `distCoef` in OpenCV's order, `R`, `t` with `x_c = R X + t`, centimetres),
+`hdPose3d_stage1_coco19/body3DScene_00000000.json` (`bodies` with `id` and `joints19`: x, y, z, confidence of 19 joints),
+`hdVideos/hd_00_03.mp4`, `hdImgs/00_03/00_03_00000000.jpg`. Also read is the demo of MMPose: `camera_parameters.json`, of the
+same content, with folders of pictures beside it. HD frames come at 29.97 per second; number n is frame n + 1 here.
+
+The world has y down, y = 0 the floor: the published cameras all have y < 0, and the toolbox's example of a person has the nose
+at -163 cm and the ankles at -8. Turned so that z is up: (x, y, z) becomes (x, z, -y) / 100.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.datasets.parsing import check_size, entry, numbered, numbers, read_json, whole
+from passerby.datasets.published import Published
+from passerby.datasets.skeletons import BETWEEN_ANKLES, PROJECTED, Skeletons, check_upright, ground_under, projected
+from passerby.datasets.worlds import rotation
+from passerby.errors import InputError
+from passerby.observations import BODY_17, UNKNOWN
+
+FPS = 29.97
+POSES = "hdPose3d_stage1_coco19"
+TO_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+METRES_PER_UNIT = 0.01
+COCO19 = (
+    "neck", "nose", "body_centre", "left_shoulder", "left_elbow", "left_wrist", "left_hip", "left_knee", "left_ankle",
+    "right_shoulder", "right_elbow", "right_wrist", "right_hip", "right_knee", "right_ankle", "left_eye", "left_ear",
+    "right_eye", "right_ear",
+)  # fmt: skip
+"""As the toolbox's README lists them."""
+KEPT = [COCO19.index(name) for name in BODY_17]
+"""All but the neck and the middle of the hips are joints of COCO."""
+
+
+def read(folder: Path) -> Published:
+    """Read one sequence; its cameras are those with a video or pictures, or all HD ones where there are neither.
+
+    Raises `InputError` for what is missing, broken or contradicts itself.
+    """
+    path = _calibration(folder)
+    rig = _rig(path)
+    videos, pictures, counted = _media(folder, rig)
+    with_media = {*videos, *pictures}
+    notes = []
+    if with_media:
+        rig = Rig(tuple(camera for camera in rig if camera.name in with_media))
+    else:
+        notes.append("There are neither videos (hdVideos) nor pictures (hdImgs): all HD cameras of the calibration were taken.")
+    poses = folder / POSES
+    files = numbered(poses, (".json",)) or numbered(poses / "hd", (".json",))
+    if not files and not with_media:
+        tar = " (unpack the .tar first: tar -xf)" if (folder / f"{POSES}.tar").exists() else ""
+        raise InputError(
+            f"{poses}: no joints (body3DScene_00000000.json, ...){tar}, and {folder} has no videos or pictures either"
+        )
+    keypoints, ground = {}, None
+    if files:
+        skeletons = _skeletons(files)
+        check_upright(skeletons, str(poses))
+        keypoints, ground = projected(rig, skeletons, str(poses)), ground_under(skeletons)
+        notes += [PROJECTED, BETWEEN_ANKLES, "A person who left and came back can have several identities."]
+    else:
+        notes.append(f"There are no 3D joints ({POSES}), so nothing tells where the people are.")
+    name = path.stem.removeprefix("calibration_") if path.stem.startswith("calibration_") else "panoptic"
+    return Published(
+        name, rig, FPS, keypoints=keypoints, videos=videos, pictures=pictures, picture_frames=counted, ground=ground,
+        notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _calibration(folder: Path) -> Path:
+    """The one calibration of the folder."""
+    found = [*sorted(folder.glob("calibration_*.json")), *sorted(folder.glob("camera_parameters.json"))]
+    if not found:
+        raise InputError(f"{folder}: no calibration_SEQUENCE.json: give the folder of one sequence")
+    if len(found) > 1:
+        raise InputError(f"{folder}: has {found[0].name} and {found[1].name}: give a folder with the files of one sequence")
+    return found[0]
+
+
+def _rig(path: Path) -> Rig:
+    """All HD cameras, z up, metres."""
+    tables = entry(read_json(path, "a calibration (JSON)"), "cameras", str(path))
+    if not isinstance(tables, list):
+        raise InputError(f"{path}: cameras is no list: take the file from the set again")
+    cameras = [
+        _camera(table, f"{path}: cameras[{index}]")
+        for index, table in enumerate(tables)
+        if isinstance(table, dict) and table.get("type") == "hd"
+    ]
+    if not cameras:
+        raise InputError(f"{path}: no camera is of the type 'hd', which the joints are of: take the file from the set again")
+    try:
+        return Rig(tuple(cameras))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _camera(table: dict[str, Any], place: str) -> Camera:
+    name = entry(table, "name", place)
+    place = f"{place} ({name})"
+    width, height = numbers(entry(table, "resolution", place), (2,), f"{place}: resolution", "width and height")
+    matrix = numbers(entry(table, "K", place), (3, 3), f"{place}: K", "3 x 3 numbers")
+    distortions = numbers(entry(table, "distCoef", place), (5,), f"{place}: distCoef", "5 numbers")
+    R = rotation(numbers(entry(table, "R", place), (3, 3), f"{place}: R", "3 x 3 numbers"), f"{place}: R")
+    t = numbers(entry(table, "t", place), (3,), f"{place}: t", "3 numbers")
+    try:
+        lens = Lens((int(width), int(height)), matrix, distortions)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+    return Camera(str(name), lens, Pose(R @ TO_Z_UP.T, METRES_PER_UNIT * t))
+
+
+def _media(folder: Path, rig: Rig) -> tuple[dict[str, Path], dict[str, tuple[Path, ...]], dict[str, tuple[int, ...]]]:
+    """Videos, pictures and the pictures' frames, by camera; a camera with a video needs no pictures."""
+    videos, pictures, counted = {}, {}, {}
+    for camera in rig:
+        video = folder / "hdVideos" / f"hd_{camera.name}.mp4"
+        found = numbered(folder / "hdImgs" / camera.name) or numbered(folder / camera.name)
+        if video.is_file():
+            videos[camera.name] = video
+        elif found:
+            check_size(next(iter(found.values())), camera.lens.size)
+            pictures[camera.name] = tuple(found.values())
+            counted[camera.name] = tuple(number + 1 for number in found)
+    return videos, pictures, counted
+
+
+def _skeletons(files: dict[int, Path]) -> Skeletons:
+    """The joints of COCO of all people of all files."""
+    frames, people, tables = [], [], []
+    for number, path in files.items():
+        bodies = entry(read_json(path, "the joints of an instant (JSON)"), "bodies", str(path))
+        if not isinstance(bodies, list):
+            raise InputError(f"{path}: bodies is no list: take the file from the set again")
+        here = []
+        for index, body in enumerate(bodies):
+            place = f"{path}: bodies[{index}]"
+            who = whole(entry(body, "id", place), f"{place}: id", UNKNOWN)
+            if who != UNKNOWN and who in here:
+                raise InputError(f"{place}: id {who} stands twice in one instant: delete one of the two")
+            here.append(who)
+            frames.append(number + 1)
+            tables.append(numbers(entry(body, "joints19", place), (19, 4), f"{place}: joints19", "19 x 4 numbers"))
+        people += here
+    if not tables:
+        raise InputError(f"{next(iter(files.values())).parent}: none of the {len(files)} files has a person: take others")
+    joints = np.stack(tables)[:, KEPT]
+    xyz = METRES_PER_UNIT * joints[..., :3] @ TO_Z_UP.T
+    score = np.clip(joints[..., 3], 0.0, 1.0)
+    return Skeletons(np.array(frames), np.array(people), xyz, score, BODY_17)
