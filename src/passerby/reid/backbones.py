@@ -81,9 +81,9 @@ def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     title = Path(name).name if source == name and Path(name).is_dir() else name
     if weights != "random" and source is not None:
         try:
-            network = cast(nn.Module, _had(AutoModel.from_pretrained, source))
+            network = cast(nn.Module, had(AutoModel.from_pretrained, source))
             return network, True, f"{title}: begins with the weights of {title if source == name else source}"
-        except _UNAVAILABLE as error:
+        except UNAVAILABLE as error:
             if weights == "published":
                 reason = " ".join(str(error).split())[:200]
                 raise InputError(f"backbone {name}: the weights of {source} cannot be had: {reason}") from None
@@ -95,19 +95,19 @@ def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     return made, False, f"{title}: begins with random weights{why}"
 
 
-_UNAVAILABLE = (OSError, ValueError, ImportError)
+UNAVAILABLE = (OSError, ValueError, ImportError)
 """What the library raises where something is not there, is not known, or needs a package that is not installed."""
 
 
-def _had(load: Callable[..., Any], source: str) -> Any:
-    """What lies on this computer, else what the hub has. Raises one of `_UNAVAILABLE`.
+def had(load: Callable[..., Any], source: str) -> Any:
+    """What lies on this computer, else what the hub has. Raises one of `UNAVAILABLE`.
 
     The library tries five times in 23 s where there is no network; one question beforehand is answered at once.
     """
     with _quiet():
         try:
             return load(source, local_files_only=True)
-        except _UNAVAILABLE:
+        except UNAVAILABLE:
             if Path(source).is_dir() or offline():
                 raise
         try:
@@ -134,9 +134,9 @@ def _configuration(name: str) -> PretrainedConfig:
                             layer_type=layer)  # fmt: skip
     try:
         if _source(name):
-            return cast(PretrainedConfig, _had(AutoConfig.from_pretrained, name))
+            return cast(PretrainedConfig, had(AutoConfig.from_pretrained, name))
         return AutoConfig.for_model(name)
-    except _UNAVAILABLE as error:
+    except UNAVAILABLE as error:
         raise InputError(
             f"backbone {name}: is none of {', '.join(RESNETS)}, and transformers knows or finds no model of this name "
             f"({' '.join(str(error).split())[:120]})"
