@@ -23,6 +23,7 @@ from passerby.commands.init import init
 from passerby.commands.models import models_app
 from passerby.commands.reid import reid_app
 from passerby.commands.simulate import simulate
+from passerby.commands.track import track
 from passerby.errors import InputError, PasserbyError
 
 INTERRUPTED = 130
@@ -193,6 +194,7 @@ app.command()(init)
 app.command()(benchmark)
 app.command()(simulate)
 app.command()(demo)
+app.command()(track)
 app.command()(dataset)
 app.add_typer(models_app, name="models")
 app.add_typer(reid_app, name="reid")

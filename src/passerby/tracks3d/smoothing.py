@@ -46,14 +46,15 @@ def smooth(
         return out, out_covariance
     length = int((blocks[:, 3] - blocks[:, 0]).max())
     rows = np.minimum(blocks[:, :1] + np.arange(length), blocks[:, 3:] - 1)
-    real = blocks[:, :1] + np.arange(length) < blocks[:, 3:]
+    real: NDArray[np.bool_] = blocks[:, :1] + np.arange(length) < blocks[:, 3:]
     step = np.diff(seconds[rows], axis=1, prepend=seconds[rows[:, :1]])
-    seen: NDArray[np.bool_] = real & np.asarray(np.isfinite(place[rows]).all(axis=2))
+    found: NDArray[np.bool_] = np.asarray(np.isfinite(place).all(axis=1))
+    seen = real & found[rows]
     measured = np.where(seen[:, :, None], place[rows], 0.0)
     noise = np.where(seen[:, :, None, None], covariance[rows], UNSEEN * np.eye(2))
     state, spread = _run(step, measured, noise, _start(place, rows, seen), acceleration)
     index = np.arange(length)[None, :]
-    core = (blocks[:, 1:2] - blocks[:, :1] <= index) & (index < blocks[:, 2:3] - blocks[:, :1])
+    core: NDArray[np.bool_] = (blocks[:, 1:2] - blocks[:, :1] <= index) & (index < blocks[:, 2:3] - blocks[:, :1])
     out[rows[core]] = state[core][:, :2]
     out_covariance[rows[core]] = spread[core][:, :2, :2]
     return out, out_covariance

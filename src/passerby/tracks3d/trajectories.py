@@ -204,9 +204,10 @@ def _paired(
     point, spread = pairwise_points(cameras, ltwh)
     rows = np.flatnonzero(np.isfinite(point[:, 0]))
     seconds = clock.seconds(present[rows])
-    part = np.cumsum(np.diff(seconds, prepend=seconds[:1]) > options.max_gap_s + 1e-9)
+    part = np.cumsum(np.diff(seconds, prepend=seconds[:1]) > options.max_gap_s + 1e-9).astype(np.int64)
     count = np.isfinite(ltwh[:, :, 0]).astype(np.int64)
-    columns = _columns(identity, present[rows], clock, point[rows], spread[rows], count[rows].sum(axis=1), part)
+    cameras_of = np.asarray(count[rows].sum(axis=1), dtype=np.int64)
+    columns = _columns(identity, present[rows], clock, point[rows], spread[rows], cameras_of, part)
     columns, fleeting = _without_fleeting(columns, options.min_instants)
     nothing: list[Floats] = [np.zeros(0) for _ in cameras]
     return _Person(columns, count.sum(axis=0), count[rows].sum(axis=0), nothing, fleeting)

@@ -228,10 +228,10 @@ def _result(
         seen.instant[accepted], minlength=len(seen.seconds)
     )[known]
     variance = np.trace(covariance, axis1=1, axis2=2)
-    lasting = (
-        np.interp(own, seen.seconds[known], np.trace(state.covariance[known], axis1=1, axis2=2)) if len(known) else variance
-    )
-    top = np.interp(own, seen.seconds[known], state.body[known, 2]) if len(known) else variance
+    if not len(known):
+        return Way(xy, variance, variance, count, part, row, accepted, np.full(len(accepted), np.nan), state.height)
+    lasting = np.interp(own, seen.seconds[known], np.trace(state.covariance[known], axis1=1, axis2=2))
+    top = np.interp(own, seen.seconds[known], state.body[known, 2])
     bent = BENT_SD * np.clip((1 - top / state.height) / BENT, 0.0, 1.0)
     sigma = np.sqrt(variance + LASTING**2 * lasting + 2 * (MODEL_SD**2 + bent**2))
     return Way(xy, top / 2, sigma, count, part, row, accepted, np.where(accepted, state.miss_m, np.nan), state.height)

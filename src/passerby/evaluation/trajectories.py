@@ -1,0 +1,243 @@
+"""How far people's ways over the ground lie from the true ones.
+
+The estimated world is placed upon the true one as cameras are when they are judged (`passerby.evaluation.metrics`): *metric*,
+the reference camera coincides, and *similarity*, which forgives the scale. Distances are measured on the ground plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from passerby.cameras import Floats, Rig
+from passerby.errors import InputError
+from passerby.evaluation.metrics import place
+from passerby.geometry.similarity import Similarity
+from passerby.tracks3d.trajectories import Trajectories
+
+Ints = NDArray[np.int64]
+
+REACH_M = 2.0
+"""Ways that are farther apart than that show different people: who matches whom is chosen by the instants they are nearer."""
+LONGEST_STEP_S = 1.0
+"""True places farther apart in time are not interpolated between, unless all are."""
+ROWS_AT_ONCE = 20_000
+WITHIN_M = (0.15, 0.26, 0.59)
+"""The goal of Passerby on simulated scenes, and the paper's best and worst mean distance on its three real ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTruth:
+    """M true places, sorted by identity, then by time. True world: z up, ground at z = 0, metres."""
+
+    identity: Ints
+    """(M,)"""
+    time_s: Floats
+    """(M,) on the time of the trajectories, seconds."""
+    xy: Floats
+    """(M, 2)"""
+
+    @classmethod
+    def of(cls, identity: Ints, time_s: Floats, xy: Floats) -> GroundTruth:
+        """Sort the places."""
+        order = np.lexsort((time_s, identity))
+        return cls(identity[order], time_s[order], xy[order])
+
+
+@dataclass(frozen=True)
+class Distances:
+    """How far places lie from the true ones, metres; None where there is nothing to compare."""
+
+    places: int
+    mean_m: float | None
+    median_m: float | None
+    p95_m: float | None
+    within: dict[str, float]
+    """Share of the places within so many metres."""
+    within_sigma: float | None
+    """Share of the places that are nearer than their own sigma."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for JSON."""
+        return {
+            "places": self.places, "mean_m": self.mean_m, "median_m": self.median_m, "p95_m": self.p95_m,
+            "within_m": self.within, "within_sigma": self.within_sigma,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Trajectories against the truth, in one placement."""
+
+    distances: Distances
+    by_cameras: dict[str, Distances]
+    """Places that several cameras saw, one camera, none."""
+    matched: dict[int, int]
+    """Identity -> true identity."""
+    unmatched: tuple[int, ...]
+    """Identities that nobody's way fits: a second identity of somebody, or nobody."""
+    missing: tuple[int, ...]
+    """True identities that no identity fits."""
+    covered: float | None
+    """Share of the true places, between the first and the last instant, at which the person has an estimate."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for JSON."""
+        return {
+            **self.distances.to_dict(), "by_cameras": {name: part.to_dict() for name, part in self.by_cameras.items()},
+            "matched": len(self.matched), "unmatched": list(self.unmatched), "missing": list(self.missing),
+            "covered": self.covered,
+        }  # fmt: skip
+
+
+def placements(estimate: Rig, truth: Rig, reference: str | None = None) -> dict[str, Similarity]:
+    """The motions that take the estimated world to the true one: `metric`, and `similarity` where it is defined.
+
+    Args:
+        estimate: cameras with poses.
+        truth: cameras with poses, of the same names.
+        reference: the camera that coincides in the metric placement; the truth's first that both have, unless given.
+
+    Raises:
+        InputError: no camera has a pose in both, or the reference has none.
+    """
+    names = [camera.name for camera in truth.posed() if camera.name in estimate.posed().names]
+    if not names:
+        raise InputError(
+            f"no camera has a pose in both rigs: the estimate has {', '.join(estimate.posed().names) or 'none'}, "
+            f"the truth {', '.join(truth.posed().names) or 'none'}; the names must be the same"
+        )
+    if reference is not None and reference not in names:
+        raise InputError(f"reference camera {reference} has no pose in both rigs: choose one of {', '.join(names)}")
+    own, true = estimate[reference or names[0]].pose, truth[reference or names[0]].pose
+    assert own is not None
+    assert true is not None
+    turn = true.R_cw.T @ own.R_cw
+    found = {"metric": Similarity(1.0, turn, true.centre - turn @ own.centre)}
+    pairs = [(estimate[name].pose, truth[name].pose) for name in names]
+    similarity = place([e for e, _ in pairs if e is not None], [t for _, t in pairs if t is not None])
+    return found if similarity is None else found | {"similarity": similarity}
+
+
+def judge(found: Trajectories, truth: GroundTruth, placement: Similarity | None = None, *, same_ids: bool = False) -> Judgement:
+    """Compare trajectories with the truth.
+
+    Args:
+        found: in their own world.
+        truth: in the true one, on the same time.
+        placement: from the one to the other; None: they are the same.
+        same_ids: identities are those of the truth. Else people are matched one to one so that as many places as possible are
+            within `REACH_M`, the nearer the better.
+    """
+    ground = np.column_stack([found.xyz[:, :2], np.zeros(len(found))])
+    own = (placement.apply(ground) if placement else ground)[:, :2]
+    scale = placement.scale if placement else 1.0
+    people, who = np.unique(found.identity, return_inverse=True)
+    true_people = np.unique(truth.identity)
+    matched = (
+        {int(one): int(one) for one in people if one in true_people}
+        if same_ids
+        else _matched(people, who.ravel(), true_people, own, found.time_s, truth)
+    )
+    distance = np.full(len(found), np.nan)
+    for identity, true in matched.items():
+        rows = np.flatnonzero(found.identity == identity)
+        distance[rows] = np.linalg.norm(own[rows] - _true_places(truth, true, found.time_s[rows]), axis=1)
+    sigma = scale * found.sigma_m
+    kinds = {"several": found.cameras > 1, "one": found.cameras == 1, "none": found.cameras == 0}
+    return Judgement(
+        _distances(distance, sigma),
+        {name: _distances(distance[rows], sigma[rows]) for name, rows in kinds.items()},
+        matched,
+        tuple(int(one) for one in people if int(one) not in matched),
+        tuple(int(one) for one in true_people if int(one) not in set(matched.values())),
+        _covered(found, truth, matched),
+    )
+
+
+def between(found: Trajectories, other: Trajectories, placement: Similarity) -> Distances:
+    """How far the same people's places by other cameras lie from these: what the difference of the cameras alone does.
+
+    Args:
+        found: in their own world.
+        other: by the same boxes in the other world.
+        placement: from the one to the other.
+    """
+    ground = np.column_stack([found.xyz[:, :2], np.zeros(len(found))])
+    own = placement.apply(ground)[:, :2]
+    key, other_key = (np.column_stack([one.identity, one.frame]) for one in (found, other))
+    _, index = np.unique(np.concatenate([other_key, key]), axis=0, return_inverse=True)
+    index = index.ravel()
+    row = np.full(int(index.max(initial=-1)) + 1, -1)
+    row[index[: len(other)]] = np.arange(len(other))
+    partner = row[index[len(other) :]]
+    distance = np.where(partner >= 0, np.linalg.norm(own - other.xyz[partner, :2], axis=1), np.nan)
+    return _distances(distance, placement.scale * found.sigma_m)
+
+
+def _distances(distance: Floats, sigma: Floats) -> Distances:
+    """Of (N,) distances, NaN where there is no truth."""
+    known = np.isfinite(distance)
+    distance, sigma = distance[known], sigma[known]
+    if not len(distance):
+        return Distances(0, None, None, None, {}, None)
+    sure = np.isfinite(sigma)
+    return Distances(
+        len(distance), float(distance.mean()), float(np.median(distance)), float(np.percentile(distance, 95)),
+        {f"{limit:g}": float((distance <= limit).mean()) for limit in WITHIN_M},
+        float((distance[sure] <= sigma[sure]).mean()) if sure.any() else None,
+    )  # fmt: skip
+
+
+def _true_places(truth: GroundTruth, identity: int, seconds: Floats) -> Floats:
+    """(N, 2) where a person truly is at the given times; NaN where the truth does not tell."""
+    low, high = np.searchsorted(truth.identity, [identity, identity + 1])
+    known, xy = truth.time_s[low:high], truth.xy[low:high]
+    after = np.clip(np.searchsorted(known, seconds - 1e-6), 0, len(known) - 1)
+    before = np.maximum(after - 1, 0)
+    longest = max(LONGEST_STEP_S, 1.01 * float(np.median(np.diff(known)))) if len(known) > 1 else 0.0
+    on = np.abs(known[after] - seconds) <= 1e-6
+    step = known[after] - known[before]
+    inside = on | ((known[before] <= seconds) & (seconds <= known[after]) & (step <= longest + 1e-6))
+    share = np.where(on, 1.0, np.divide(seconds - known[before], step, out=np.ones(len(seconds)), where=step > 0))
+    out = (1 - share)[:, None] * xy[before] + share[:, None] * xy[after]
+    return np.asarray(np.where(inside[:, None], out, np.nan))
+
+
+def _matched(people: Ints, who: Ints, true_people: Ints, own: Floats, seconds: Floats, truth: GroundTruth) -> dict[int, int]:
+    """People matched one to one."""
+    near = np.zeros((len(people), len(true_people)))
+    for column, true in enumerate(true_people):
+        for first in range(0, len(own), ROWS_AT_ONCE):
+            rows = slice(first, first + ROWS_AT_ONCE)
+            apart = np.linalg.norm(own[rows] - _true_places(truth, int(true), seconds[rows]), axis=1)
+            worth = np.where(np.isfinite(apart), np.maximum(0.0, 1 - apart / REACH_M), 0.0)
+            near[:, column] += np.bincount(who[rows], worth, minlength=len(people))
+    rows_, columns = linear_sum_assignment(-near)
+    return {
+        int(people[row]): int(true_people[column]) for row, column in zip(rows_, columns, strict=True) if near[row, column] > 0
+    }
+
+
+def _covered(found: Trajectories, truth: GroundTruth, matched: dict[int, int]) -> float | None:
+    """Share of the true places at which the matched person has a place within half a frame."""
+    if not len(found) or not len(truth.identity):
+        return None
+    first, last = found.time_s.min() - 1e-6, found.time_s.max() + 1e-6
+    asked, hit = 0, 0
+    back = {true: identity for identity, true in matched.items()}
+    for true in np.unique(truth.identity):
+        seconds = truth.time_s[truth.identity == true]
+        seconds = seconds[(first <= seconds) & (seconds <= last)]
+        asked += len(seconds)
+        if int(true) not in back:
+            continue
+        known = found.time_s[found.identity == back[int(true)]]
+        after = np.clip(np.searchsorted(known, seconds), 0, len(known) - 1)
+        nearest = np.minimum(np.abs(known[after] - seconds), np.abs(known[np.maximum(after - 1, 0)] - seconds))
+        hit += int(np.count_nonzero(nearest <= 0.5 / found.clock.fps + 1e-6))
+    return hit / asked if asked else None

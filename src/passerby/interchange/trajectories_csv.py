@@ -1,0 +1,116 @@
+"""People's ways over the ground as CSV, and true ground positions as data sets and `passerby simulate` write them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from passerby.errors import InputError
+from passerby.interchange.atomic import write_text
+from passerby.interchange.faults import FileFaults, read_text
+from passerby.observations import Floats, Ints
+from passerby.tracks3d.trajectories import Trajectories
+
+HEADER = ("time_s", "frame", "id", "x_m", "y_m", "z_m", "sigma_m", "cameras")
+IDENTITY_NAMES = ("id", "person", "identity")
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPositions:
+    """M true places. World: z up, ground at z = 0, metres."""
+
+    frame: Ints
+    """(M,)"""
+    identity: Ints
+    """(M,)"""
+    xy: Floats
+    """(M, 2)"""
+
+
+def write_trajectories(path: str | Path, found: Trajectories) -> None:
+    """Write one row a person and instant, sorted by time, then by identity; lengths to the millimetre.
+
+    x_m and y_m are the place on the ground, z_m is the height of the body's middle; sigma_m is empty where unknown; cameras is
+    0 where nobody saw the person. Raises `InputError` where `path` is not writable.
+    """
+    order = np.lexsort((found.identity, found.frame))
+    columns = zip(
+        found.time_s[order].tolist(), found.frame[order].tolist(), found.identity[order].tolist(), found.xyz[order].tolist(),
+        found.sigma_m[order].tolist(), found.cameras[order].tolist(), strict=True,
+    )  # fmt: skip
+    lines = [
+        f"{time:.4f},{frame},{identity},{_length(x)},{_length(y)},{_length(z)},{_length(sigma)},{cameras}\n"
+        for time, frame, identity, (x, y, z), sigma, cameras in columns
+    ]
+    write_text(path, ",".join(HEADER) + "\n" + "".join(lines))
+
+
+def _length(metres: float) -> str:
+    """Adding zero turns -0.0 into 0.0."""
+    return f"{round(metres, 3) + 0.0:.3f}" if math.isfinite(metres) else ""
+
+
+def read_ground_positions(path: str | Path) -> GroundPositions:
+    """Read true ground positions: a header with frame, id (or person), x_m and y_m; other columns are left alone.
+
+    Raises `FileFaults` (an `InputError`) that names file, line, value and mend for a missing column, a field that is no finite
+    number, a frame or an id that is not whole, and somebody who is twice in a frame.
+    """
+    text = read_text(path, "a table of true ground positions (CSV)")
+    rows = csv.reader(io.StringIO(text))
+    header = [name.strip() for name in next(rows, [])]
+    who = next((name for name in IDENTITY_NAMES if name in header), "id")
+    wanted = ("frame", who, "x_m", "y_m")
+    missing = [name for name in wanted if name not in header]
+    if missing:
+        raise InputError(
+            f"{path}: line 1: has no column {missing[0]}: give a header with frame, id, x_m and y_m "
+            f"(it has {', '.join(header) or 'nothing'})"
+        )
+    places = [header.index(name) for name in wanted]
+    values, faults = [], []
+    seen: dict[tuple[float, float], int] = {}
+    for number, row in enumerate(rows, start=2):
+        if not row:
+            continue
+        try:
+            values.append(_row(row, places, wanted))
+        except InputError as error:
+            faults.append(f"{path}: line {number}: {error}")
+            continue
+        key = values[-1][0], values[-1][1]
+        if key in seen:
+            faults.append(
+                f"{path}: line {number}: {who} {key[1]:.0f} stands a second time in frame {key[0]:.0f} (first on line "
+                f"{seen[key]}): delete one"
+            )
+        seen.setdefault(key, number)
+    if faults:
+        raise FileFaults(faults)
+    if not values:
+        raise InputError(f"{path}: has no row: true ground positions are needed")
+    table = np.array(values)
+    return GroundPositions(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
+
+
+def _row(row: list[str], places: list[int], names: tuple[str, ...]) -> tuple[float, float, float, float]:
+    """Frame, identity, x and y of a row. Raises `InputError` without the place."""
+    if len(row) <= max(places):
+        raise InputError(f"has {len(row)} columns, the header has more: complete the row")
+    numbers = []
+    for place, name in zip(places, names, strict=True):
+        try:
+            number = float(row[place])
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise InputError(f"{name} is '{row[place].strip()}': a finite number is needed")
+        if name not in ("x_m", "y_m") and number != math.floor(number):
+            raise InputError(f"{name} is {number:.12g}: a whole number is needed")
+        numbers.append(number)
+    return numbers[0], numbers[1], numbers[2], numbers[3]
