@@ -54,7 +54,11 @@ READERS: Mapping[str, Reader] = {
     "panoptic": Reader("panoptic", "CMU Panoptic: HD cameras, 3D joints of 19", "http://domedb.perception.cs.cmu.edu"),
     "shelf": Reader("tum", "TUM Shelf: 5 cameras, 3D joints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
     "campus": Reader("tum", "TUM Campus: 3 cameras, 3D joints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
-    "cmc": Reader("cmc", "CMC: 4 synthetic cameras, boxes and positions", "https://github.com/jonathon-luiten/TrackEval"),
+    "cmc": Reader(
+        "cmc",
+        "CMC: 4 cameras in a room, 5 sequences with boxes and 3D positions, 4 fps",
+        "https://github.com/researchwork888/Multi-view-3D-multi-object-tracking-dataset",
+    ),
 }
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from passerby.cameras import Camera, Rig
 from passerby.datasets.annotations import read_vatic
 from passerby.datasets.published import GroundTruth, Published
+from passerby.datasets.same_people import with_identities_of
 from passerby.datasets.tsai import is_tsai, read_tsai
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
@@ -78,6 +79,10 @@ def read(folder: Path) -> Published:
     boxes = _boxes(folder, sequence, videos)
     if not boxes:
         more.append(f"No boxes are given in the views ({sequence}-cN.txt): people have to be found in the videos.")
+    rig = Rig(tuple(cameras))
+    if ground is not None:
+        ground, who = with_identities_of(boxes, rig, ground)
+        more += who
     rates = {round(info.average_fps, 3) for info in infos.values()}
     if len(rates) > 1:
         more.append(
@@ -85,7 +90,7 @@ def read(folder: Path) -> Published:
         )
     return Published(
         name=sequence,
-        rig=Rig(tuple(cameras)),
+        rig=rig,
         fps=next(iter(infos.values())).average_fps,
         boxes=boxes,
         videos={f"c{number}": path for number, path in videos.items()},

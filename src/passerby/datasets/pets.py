@@ -17,9 +17,10 @@ from pathlib import Path
 
 import cv2
 
-from passerby.cameras import Camera, Rig
+from passerby.cameras import Rig
 from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic
 from passerby.datasets.published import GroundTruth, Published
+from passerby.datasets.same_people import with_identities_of
 from passerby.datasets.tsai import TsaiCamera, is_tsai, read_tsai
 from passerby.errors import InputError
 from passerby.observations import Boxes
@@ -50,7 +51,10 @@ def read(folder: Path) -> Published:
         raise InputError(f"{folder}: holds no View_00N/frame_NNNN.jpg, View_00N.avi or boxes of the cameras {', '.join(tsai)}")
     sizes = {view: _size_of(files[min(files)]) for view, files in pictures.items()}
     sizes |= {view: probe(path).size for view, path in videos.items()}
-    cameras = [Camera(view, camera.lens(sizes.get(view)), camera.pose) for view, camera in tsai.items()]
+    rig = Rig(tuple(camera.camera(view, sizes.get(view)) for view, camera in tsai.items()))
+    who: tuple[str, ...] = ()
+    if ground is not None:
+        ground, who = with_identities_of(boxes, rig, ground)
     notes = [f"{view} has a calibration alone." for view in tsai if view not in sizes and view not in boxes]
     if len(boxes) == 1:
         notes.append(
@@ -60,14 +64,14 @@ def read(folder: Path) -> Published:
         notes.append("No positions on the ground are given (MOTChallenge's 3D gt.txt): people's paths cannot be compared.")
     return Published(
         name="pets2009",
-        rig=Rig(tuple(cameras)),
+        rig=rig,
         fps=FPS,
         boxes=boxes,
         videos=videos,
         pictures={view: tuple(files[number] for number in sorted(files)) for view, files in pictures.items()},
         picture_frames={view: tuple(number + 1 for number in sorted(files)) for view, files in pictures.items()},
         ground=ground,
-        notes=tuple(notes),
+        notes=(*notes, *who),
     )
 
 
@@ -133,7 +137,7 @@ def _annotations(folder: Path, views: Iterable[str]) -> tuple[dict[str, Boxes], 
     ground = None
     for path in sorted(folder.rglob("gt.txt")):
         seen, ground = read_mot_truth(path)
-        if len(seen):
+        if len(seen) and ANNOTATED_VIEW not in boxes:  # where it is, the positions are what is wanted
             _add(boxes, known, ANNOTATED_VIEW, seen, path)
     return boxes, ground
 
