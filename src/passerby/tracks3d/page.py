@@ -51,7 +51,7 @@ def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "")
     figure.update_xaxes(**metres)
     figure.update_yaxes(title={"text": "y, m"}, scaleanchor="x", scaleratio=1, zeroline=False)
     figure.update_scenes(
-        aspectmode="data", xaxis={"title": {"text": "x, m"}}, yaxis={"title": {"text": "y, m"}},
+        aspectmode="data", camera={"eye": {"x": 1.1, "y": -2.0, "z": 1.5}}, xaxis={"title": {"text": "x, m"}}, yaxis={"title": {"text": "y, m"}},
         zaxis={"title": {"text": "z, m"}, "rangemode": "tozero"},
     )  # fmt: skip
     figure.update_layout(

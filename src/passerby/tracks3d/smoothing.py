@@ -76,7 +76,8 @@ def _blocks(seconds: Floats, part: Ints) -> Ints:
 def _start(place: Floats, rows: Ints, seen: NDArray[np.bool_]) -> Floats:
     """(B, 2) the first measured place of each block; 0 where there is none."""
     first = rows[np.arange(len(rows)), np.argmax(seen, axis=1)]
-    return np.where(seen.any(axis=1)[:, None], place[first], 0.0)
+    any_seen: NDArray[np.bool_] = np.asarray(seen.any(axis=1))
+    return np.where(any_seen[:, None], place[first], 0.0)
 
 
 def _run(step: Floats, place: Floats, noise: Floats, start: Floats, acceleration: float) -> tuple[Floats, Floats]:
