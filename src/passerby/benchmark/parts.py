@@ -40,6 +40,7 @@ class Part:
 PARTS: Mapping[str, Part] = MappingProxyType(
     {
         "noise": Part("noise", "Table 3 of the paper: errors under uniform noise of the boxes' corners"),
+        "correspondences": Part("correspondences", "errors against the number of correspondences of two cameras, 5 to 500"),
     }
 )
 """In the order in which they are run."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.benchmark.spread import quartiles
 from passerby.errors import InputError
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def error_plot(
 ) -> str:
     """Errors against a condition: a panel each for several scenes, one logarithmic axis of errors for all.
 
-    A line is the median over the seeds, its band the quartiles (nearest ranks). Where the median is a failure the line breaks.
+    A line is the median over the seeds, its band the quartiles. Where the median is a failure the line breaks.
     A cross on the upper border, with its count, stands for the seeds that failed at a level.
 
     Args:
@@ -96,17 +97,6 @@ def error_plot(
     handles = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels(), strict=True)}
     figure.legend([handles[name] for name in names], names, loc="outside lower center", ncols=len(names), frameon=False)
     return _svg(figure)
-
-
-def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
-    """Lower quartile, median and upper quartile of figures of which some may be infinite: nearest ranks for the quartiles.
-
-    The median of an even number is the mean of the middle two, infinite where one of them is.
-    """
-    order = sorted(values)
-    last = len(order) - 1
-    middle = (order[last // 2] + order[(last + 1) // 2]) / 2
-    return order[round(0.25 * last)], middle, order[math.ceil(0.75 * last - 0.5)]
 
 
 def _draw(axis: Axes, number: int, gid: str, line: Line, floor: float | None) -> None:

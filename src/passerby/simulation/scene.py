@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,7 @@ class Filmed:
 
     def serves(self, options: SimulationOptions) -> bool:
         """Whether a scene of these options is filmed alike."""
-        return _without_faults(options) == _without_faults(self.options)
+        return without_faults(options) == without_faults(self.options)
 
 
 FAULTS = (
@@ -97,9 +98,10 @@ FAULTS = (
 """Options that say what a detector makes of the views, and nothing about the views themselves."""
 
 
-def _without_faults(options: SimulationOptions) -> SimulationOptions:
-    """The options with the faults' defaults."""
-    return replace(options, **{item.name: item.default for item in fields(options) if item.name in FAULTS})
+def without_faults(options: SimulationOptions) -> SimulationOptions:
+    """The options with the defaults of all that is in `FAULTS`."""
+    defaults: dict[str, Any] = {item.name: item.default for item in fields(options) if item.name in FAULTS}
+    return replace(options, **defaults)
 
 
 def simulate(options: SimulationOptions, filmed: Filmed | None = None) -> SimulatedScene:

@@ -1,0 +1,49 @@
+"""What a stopped benchmark has worked out already: one small file an outcome, for the same code and the same libraries only."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cached_property
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import passerby
+from passerby.benchmark.page import PACKAGES
+from passerby.interchange.atomic import write_text
+
+
+class Kept:
+    """Outcomes by what they are the outcomes of. Processes may share a folder: each file is written whole or not at all."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+
+    def get(self, what: str) -> dict[str, Any] | None:
+        """The outcome of `what` as it was put; None where it was not, or by other code."""
+        if self._folder is None:
+            return None
+        try:
+            known: dict[str, Any] = json.loads(self._path(self._folder, what).read_text(encoding="utf-8"))
+        except OSError:
+            return None
+        return known
+
+    def put(self, what: str, outcome: dict[str, Any]) -> None:
+        """Keep an outcome of plain values. Raises `InputError` where the folder is not writable."""
+        if self._folder is not None:
+            write_text(self._path(self._folder, what), json.dumps(outcome))
+
+    def _path(self, folder: Path, what: str) -> Path:
+        return folder / f"{hashlib.sha256(f'{self._code} {what}'.encode()).hexdigest()[:32]}.json"
+
+    @cached_property
+    def _code(self) -> str:
+        """Stands for all code that an outcome depends on: a change of it makes every outcome unknown."""
+        versions = " ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
+        digest = hashlib.sha256(versions.encode())
+        root = Path(passerby.__file__).parent
+        for path in sorted(root.rglob("*.py")):
+            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+        return digest.hexdigest()

@@ -1,0 +1,105 @@
+"""One condition at several levels: scenes x methods x levels x seeds, as tables and as plots of the errors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+from passerby.benchmark.conditions import Condition, Outcome, run_conditions
+from passerby.benchmark.page import Wanted, table
+from passerby.benchmark.plots import Line, Panel, error_plot
+from passerby.benchmark.spread import HEAD, of, spread_cells
+from passerby.progress import Progress
+
+QUICK_SEEDS = 2
+
+Make = Callable[[str, str, float, int], Condition]
+"""The condition of a preset, a method, a level and a seed."""
+
+
+@dataclass(frozen=True)
+class Swept:
+    """All outcomes."""
+
+    presets: tuple[str, ...]
+    methods: tuple[str, ...]
+    levels: tuple[float, ...]
+    seeds: int
+    outcomes: Mapping[tuple[str, str, float], tuple[Outcome, ...]]
+    """(preset, method, level) -> outcome by seed."""
+
+    def tables(self, level_name: str, level_text: Callable[[float], str]) -> str:
+        """A section a preset: the spread of the errors by level and method.
+
+        Args:
+            level_name: head of the first column.
+            level_text: of a level.
+        """
+        return "\n\n".join(f"### {preset}\n\n{self._table(preset, level_name, level_text)}" for preset in self.presets)
+
+    def _table(self, preset: str, level_name: str, level_text: Callable[[float], str]) -> str:
+        rows = [
+            [level_text(level), method, *spread_cells(self.outcomes[preset, method, level])]
+            for level in self.levels
+            for method in self.methods
+        ]
+        return table((level_name, "method", *HEAD), rows)
+
+    def panels(self, figure: str, names: Mapping[str, str] | None = None) -> list[Panel]:
+        """A panel a preset, a line a method, of one figure of the outcomes."""
+        return [
+            Panel(
+                preset,
+                tuple(
+                    Line(
+                        (names or {}).get(method, method),
+                        self.levels,
+                        tuple(of(self.outcomes[preset, method, level], figure) for level in self.levels),
+                    )
+                    for method in self.methods
+                ),
+            )
+            for preset in self.presets
+        ]
+
+    def plot(self, figure: str, x_label: str, y_label: str, x_scale: str = "linear") -> str:
+        """`error_plot` of `panels`."""
+        return error_plot(self.panels(figure), x_label, y_label, x_scale=x_scale)
+
+
+def sweep(
+    make: Make,
+    presets: Sequence[str],
+    methods: Sequence[str],
+    levels: Sequence[float],
+    seeds: int,
+    wanted: Wanted,
+    executor: Executor | None,
+    tell: Progress,
+    stage: str,
+) -> Swept:
+    """Work out every condition.
+
+    Args:
+        make: gives the conditions; those that are equal are worked out once.
+        presets: scenes.
+        methods: names that `make` understands.
+        levels: of the condition, ascending.
+        seeds: how many; what the user wants comes before, and a quick run takes `QUICK_SEEDS`.
+        wanted: what the user asks for.
+        executor: works on scenes side by side.
+        tell: told of every scene that is done.
+        stage: its name.
+    """
+    seeds = seeds_of(wanted, seeds)
+    keys = [(preset, method, level) for preset in presets for method in methods for level in levels]
+    conditions = {key: [make(*key, seed) for seed in range(seeds)] for key in keys}
+    found = run_conditions([one for some in conditions.values() for one in some], executor, tell, stage, wanted.kept)
+    outcomes = {key: tuple(found[condition] for condition in some) for key, some in conditions.items()}
+    return Swept(tuple(presets), tuple(methods), tuple(levels), seeds, outcomes)
+
+
+def seeds_of(wanted: Wanted, seeds: int) -> int:
+    """How many seeds to take where the part itself takes `seeds`."""
+    return wanted.seeds or (QUICK_SEEDS if wanted.quick else seeds)
