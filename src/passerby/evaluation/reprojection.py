@@ -1,0 +1,76 @@
+"""Reprojection errors on annotated correspondences: RPE and ERR of Xu et al., CVPR 2021, section 5 (their Table 2).
+
+A correspondence is one point of the world, marked in two or more pictures by somebody who sees it there; its place in the
+world is not known, so the measure needs no true cameras. Each is triangulated from its marks with the estimated cameras (least
+squares over the angles of all its rays), projected into every picture in which it is marked, and compared with the mark there.
+RPE is the mean distance in pixels over all marks, ERR is RPE / min(height, width) of the pictures. A rig that is wrong in the
+same way for all cameras (scale, place) has none: this is about the shape alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.cameras import Floats, Rig
+from passerby.errors import InputError
+from passerby.geometry.triangulation import triangulate
+
+
+@dataclass(frozen=True)
+class Reprojection:
+    """How well annotated correspondences fit the cameras."""
+
+    rpe_px: float
+    """Mean distance of a mark from its point's projection. A projection that does not exist, because the point lies behind the
+    camera or the rays never meet, counts as the picture's diagonal."""
+    err: float
+    """RPE over the shortest side of any of the pictures; a fraction."""
+    correspondences: int
+    """Those that two or more cameras with a pose have marked."""
+    lost: int
+    """Those that could not be judged, because fewer cameras have a pose."""
+
+
+def reprojection_error(rig: Rig, marks: Mapping[str, Floats]) -> Reprojection | None:
+    """RPE and ERR of an estimated rig; None where two posed cameras have no correspondence in common.
+
+    Args:
+        rig: with poses; cameras without one are left out.
+        marks: camera -> (N, 2) pixels of the correspondences, distorted as the picture has them; NaN where not marked.
+
+    Raises:
+        InputError: cameras with different numbers of correspondences, or a camera that the rig lacks.
+    """
+    unknown = sorted(set(marks) - set(rig.names))
+    if unknown:
+        raise InputError(f"correspondences are marked in camera {unknown[0]}: the rig has {', '.join(rig.names)}")
+    if len({len(pixels) for pixels in marks.values()}) > 1:
+        raise InputError(
+            "the cameras have different numbers of marks: give NaN for a correspondence that a camera does not see"
+        )
+    cameras = [camera for camera in rig if camera.name in marks and camera.pose is not None]
+    if not cameras:
+        return None
+    pixels = np.stack([marks[camera.name] for camera in cameras])
+    marked = np.asarray(np.isfinite(pixels).all(axis=2))
+    judged = np.asarray(marked.sum(axis=0) >= 2)
+    total = np.asarray(np.sum([np.isfinite(seen).all(axis=1) for seen in marks.values()], axis=0) >= 2)
+    if not judged.any():
+        return None
+    index, point = np.nonzero(marked & judged)
+    ray = np.concatenate([camera.lens.bearings(pixels[k][marked[k] & judged]) for k, camera in enumerate(cameras)])
+    sound = np.isfinite(ray).all(axis=1)
+    poses = [camera.pose for camera in cameras if camera.pose is not None]
+    R, t = np.stack([pose.R_cw for pose in poses]), np.stack([pose.t_cw for pose in poses])
+    places = triangulate(index[sound], point[sound], ray[sound], R, t, pixels.shape[1])
+    errors = []
+    for k, camera in enumerate(cameras):
+        seen = marked[k] & judged
+        distance = np.linalg.norm(camera.project(places[seen]) - pixels[k][seen], axis=1)
+        errors.append(np.where(np.isfinite(distance), distance, np.hypot(*camera.lens.size)))
+    rpe = float(np.concatenate(errors).mean())
+    shortest = min(min(camera.lens.size) for camera in cameras)
+    return Reprojection(rpe, rpe / shortest, int(judged.sum()), int((total & ~judged).sum()))

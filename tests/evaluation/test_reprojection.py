@@ -1,0 +1,89 @@
+"""RPE and ERR of Table 2: nothing at the truth, the marks' own noise with it, and what it must not hide."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.errors import InputError
+from passerby.evaluation.reprojection import reprojection_error
+from passerby.simulation import SimulationOptions, simulate
+
+TRUTH = simulate(SimulationOptions(preset="terrace", seed=0, seconds=0.2)).rig
+PLACES = np.random.default_rng(0).uniform((-2, -3, 0), (2, 3, 2), (15, 3))
+
+
+def marks(noise_px: float = 0.0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(1)
+    return {camera.name: camera.project(PLACES) + noise_px * rng.standard_normal((15, 2)) for camera in TRUTH}
+
+
+def moved(camera: Camera, metres: tuple[float, float, float]) -> Camera:
+    assert camera.pose is not None
+    return replace(camera, pose=Pose.from_centre(camera.pose.R_cw, camera.centre + np.array(metres)))
+
+
+def test_nothing_at_the_truth() -> None:
+    found = reprojection_error(TRUTH, marks())
+    assert found is not None
+    assert found.rpe_px < 1e-6
+    assert (found.correspondences, found.lost) == (15, 0)
+
+
+def test_scale_and_place_of_the_rig_do_not_matter() -> None:
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    found = reprojection_error(TRUTH.moved(turn, np.array([3.0, 2.0, 1.0]), 2.5), marks())
+    assert found is not None
+    assert found.rpe_px < 1e-6
+
+
+def test_by_hand() -> None:
+    """Two cameras a metre apart look along z; marks 2 px apart in height are each 1 px from where their rays come nearest."""
+    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]), np.zeros(0))
+    rig = Rig(tuple(Camera(name, lens, Pose(np.eye(3), np.array([-x, 0.0, 0.0]))) for name, x in (("a", 0.0), ("b", 1.0))))
+    seen = {"a": np.array([[370.0, 241.0]]), "b": np.array([[270.0, 239.0]])}
+    found = reprojection_error(rig, seen)
+    assert found is not None
+    assert found.rpe_px == pytest.approx(1.0, rel=1e-3)
+    assert found.err == pytest.approx(1.0 / 480, rel=1e-3)
+
+
+def test_grows_with_the_error_of_a_camera() -> None:
+    values = []
+    for step in (0.0, 0.1, 0.5):
+        rig = Rig((*TRUTH.cameras[:3], moved(TRUTH.cameras[3], (step, -step, 0.0))))
+        found = reprojection_error(rig, marks(0.5))
+        assert found is not None
+        values.append(found.rpe_px)
+    assert 0.2 < values[0] < 0.7
+    assert values[0] < values[1] < values[2]
+
+
+def test_correspondences_that_cannot_be_judged_are_counted() -> None:
+    seen = marks()
+    seen["C3"][:5] = np.nan
+    seen["C4"][:5] = np.nan
+    rig = Rig((TRUTH.cameras[0], *(replace(camera, pose=None) for camera in TRUTH.cameras[1:2]), *TRUTH.cameras[2:]))
+    found = reprojection_error(rig, seen)
+    assert found is not None
+    assert (found.correspondences, found.lost) == (10, 5)
+    assert reprojection_error(Rig((TRUTH.cameras[0],)), {"C1": seen["C1"]}) is None
+
+
+def test_a_point_behind_a_camera_costs_the_whole_picture() -> None:
+    """A rig with two cameras turned round is no better than one whose points lie at the other end of the picture."""
+    back = np.diag([-1.0, 1.0, -1.0])
+    turned = tuple(replace(c, pose=Pose.from_centre(back @ c.pose.R_cw, c.centre)) for c in TRUTH if c.pose is not None)
+    found = reprojection_error(Rig(turned), marks())
+    assert found is not None
+    assert found.rpe_px > 100
+
+
+def test_marks_that_contradict_the_rig_are_told() -> None:
+    with pytest.raises(InputError, match="camera C9"):
+        reprojection_error(TRUTH, {"C9": np.zeros((3, 2))})
+    with pytest.raises(InputError, match="different numbers"):
+        reprojection_error(TRUTH, {"C1": np.zeros((3, 2)), "C2": np.zeros((4, 2))})
