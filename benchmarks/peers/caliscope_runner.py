@@ -36,9 +36,9 @@ def solve(source: Path, option: str) -> Poses:
             "img_loc_y": points.pixel[:, 1],
         }
     )
-    run_ = calibrate_extrinsics(ImagePoints(table), CameraArray(cameras), None, refine_intrinsics=False)
-    posed = run_.capture_volume.camera_array.posed_cameras
-    return {str(points.names[index]): (np.array(camera.rotation), np.array(camera.translation)) for index, camera in posed.items()}
+    made = calibrate_extrinsics(ImagePoints(table), CameraArray(cameras), None, refine_intrinsics=False)
+    posed = made.capture_volume.camera_array.posed_cameras
+    return {str(points.names[index]): (np.array(one.rotation), np.array(one.translation)) for index, one in posed.items()}
 
 
 if __name__ == "__main__":

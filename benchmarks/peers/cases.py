@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
-from datasets import data_set, folder_of, swap_identities
 
+from datasets import data_set, folder_of, swap_identities
 from passerby.cameras import Rig
 from passerby.interchange.coco import read_keypoints, write_keypoints
 from passerby.interchange.motchallenge import read_boxes, write_boxes
@@ -22,7 +22,7 @@ from peers.observations import Kind
 INSTANTS = 200
 """At most so many instants, evenly spread, for all engines alike: caliscope needs minutes for more."""
 BOX_NOISE, JOINT_NOISE = 0.03, 0.01
-"""Extra noise of the condition `noisy`: of each edge of a box as a share of its height, of each joint as a share of its person's."""
+"""Extra noise of the condition `noisy`: of a box's edges as a share of its height, of joints as a share of their person's."""
 SIMULATED_BOX_NOISE, SIMULATED_JOINT_NOISE_PX = 0.02, 2.0
 """Noise that simulated observations have in every condition; 2 % is that of the other pages."""
 CONDITIONS: Mapping[str, float] = {"clean": 0.0, "noisy": 0.0, "10 % swaps": 0.1, "30 % swaps": 0.3}

@@ -1,4 +1,4 @@
-"""COLMAP through pycolmap: incremental mapping, or global mapping (GLOMAP) with the option `global`.
+"""COLMAP through pycolmap: incremental mapping, with the option `wide` or without, or with `global` GLOMAP's.
 
 A static camera is one picture whose keypoints are all the points that it ever saw; the same point in two pictures is a match.
 COLMAP verifies the pairs itself, then maps; the lenses are known and held. It gets undistorted pixels and pinhole cameras.
@@ -15,6 +15,9 @@ import pycolmap
 from protocol import Points, Poses, run
 
 SEED = 0
+WIDE = 3.0
+"""Factor of the thresholds with the option `wide`. COLMAP's 4 px are meant for corners in pictures; points of people are off by
+more, in the order of 10 px where they are near."""
 MIN_MATCHES = 15
 """COLMAP's own default: pairs with fewer matches are left out."""
 
@@ -26,9 +29,9 @@ def solve(source: Path, option: str) -> Poses:
         folder = Path(scratch)
         database, pairs = folder / "database.db", folder / "pairs.txt"
         images = fill(points, database, pairs)
-        pycolmap.verify_matches(database, pairs, two_view_options())
-        mapping = global_mapping if option == "global" else incremental_mapping
-        models = mapping(database, folder)
+        factor = WIDE if option == "wide" else 1.0
+        pycolmap.verify_matches(database, pairs, two_view_options(factor))
+        models = global_mapping(database, folder) if option == "global" else incremental_mapping(database, folder, factor)
         if not models:
             return {}
         model = max(models.values(), key=lambda model: model.num_reg_images())
@@ -47,9 +50,8 @@ def fill(points: Points, database: Path, pairs: Path) -> dict[int, str]:
         images, seen = {}, {}
         for index, name in enumerate(points.names):
             K, size = points.matrix[index], points.size[index]
-            camera = pycolmap.Camera(
-                model="PINHOLE", width=int(size[0]), height=int(size[1]), params=[K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5]
-            )
+            lens = [K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5]
+            camera = pycolmap.Camera(model="PINHOLE", width=int(size[0]), height=int(size[1]), params=lens)
             camera.has_prior_focal_length = True
             camera.camera_id = db.write_camera(camera)
             rig = pycolmap.Rig()
@@ -75,33 +77,30 @@ def fill(points: Points, database: Path, pairs: Path) -> dict[int, str]:
     return images
 
 
-def two_view_options() -> pycolmap.TwoViewGeometryOptions:
+def two_view_options(factor: float) -> pycolmap.TwoViewGeometryOptions:
     """The defaults with a fixed seed; the filter of watermarks is meant for pictures."""
     options = pycolmap.TwoViewGeometryOptions()
     options.ransac.random_seed = SEED
-    options.ransac.max_error *= WIDER
+    options.ransac.max_error *= factor
     options.detect_watermark = False
     return options
 
 
-WIDER = float(__import__("os").environ.get("WIDER", "1"))
-
-
-def incremental_mapping(database: Path, folder: Path) -> dict[int, pycolmap.Reconstruction]:
-    """COLMAP's incremental mapping, the lenses held."""
+def incremental_mapping(database: Path, folder: Path, factor: float) -> dict[int, pycolmap.Reconstruction]:
+    """COLMAP's incremental mapping, the lenses held, every threshold of the image's error multiplied by `factor`."""
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed = 1, SEED
     options.extract_colors = False
     options.min_model_size = 3
     options.ba_refine_focal_length = options.ba_refine_principal_point = options.ba_refine_extra_params = False
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = False
-    options.mapper.init_max_error *= WIDER
-    options.mapper.abs_pose_max_error *= WIDER
-    options.mapper.filter_max_reproj_error *= WIDER
-    options.triangulation.create_max_angle_error *= WIDER
-    options.triangulation.continue_max_angle_error *= WIDER
-    options.triangulation.merge_max_reproj_error *= WIDER
-    options.triangulation.complete_max_reproj_error *= WIDER
+    options.mapper.init_max_error *= factor
+    options.mapper.abs_pose_max_error *= factor
+    options.mapper.filter_max_reproj_error *= factor
+    options.triangulation.create_max_angle_error *= factor
+    options.triangulation.continue_max_angle_error *= factor
+    options.triangulation.merge_max_reproj_error *= factor
+    options.triangulation.complete_max_reproj_error *= factor
     return dict(pycolmap.incremental_mapping(database, folder, folder, options))
 
 

@@ -8,7 +8,19 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from passerby.benchmark.page import Page
-from peers.cases import BOX_NOISE, CONDITIONS, INSTANTS, JOINT_NOISE, Case, all_cases, observed, quick_cases, write_scene
+from peers.cases import (
+    BOX_NOISE,
+    CONDITIONS,
+    INSTANTS,
+    JOINT_NOISE,
+    SIMULATED_BOX_NOISE,
+    SIMULATED_JOINT_NOISE_PX,
+    Case,
+    all_cases,
+    observed,
+    quick_cases,
+    write_scene,
+)
 from peers.judging import LARGEST_DEG, LARGEST_MM, judge
 from peers.observations import points_of
 from peers.runners import PASSERBY, PEERS, Engine, run_engine
@@ -68,25 +80,29 @@ def page(rows: Sequence[Row], missing: Sequence[str] = (), peers: Sequence[Engin
     return Page("peers", "\n\n".join(part for part in parts if part) + "\n")
 
 
+_SHARES = " or ".join(f"{100 * share:g} %" for share in CONDITIONS.values() if share)
+
 _HEAD = f"""# Beside today's peers
 
 Identities are given to all engines: the peers cannot find them. All get the same observations, at most {INSTANTS} instants of
-each set: Passerby as boxes or joints (`passerby calibrate`, default options), its peers as points that two cameras or more
-saw, the *centre* of each whole box, or its *top+bottom*, or *joints*. Similarity errors, means over all cameras. *fails*: a
-camera is missing, the error is above {LARGEST_MM / 1000:g} m or {LARGEST_DEG:g}°, the engine breaks, or it needs more than {LIMIT_S:g} s.
+each set: Passerby as boxes or joints (default options), its peers as points that two cameras or more saw: the *centre* of each
+whole box, its *top+bottom*, or *joints*. Similarity errors, means over all cameras. *fails*: a camera is missing, the error is
+above {LARGEST_MM / 1000:g} m or {LARGEST_DEG:g}°, the engine breaks, or it needs more than {LIMIT_S:g} s of processor time.
 
-*clean*: as they are (simulated boxes have 2 % noise, simulated joints 2 px; one seed). *noisy*: each edge of a box moved by
-{100 * BOX_NOISE:g} % of its height, each joint by {100 * JOINT_NOISE:g} % of its person's. *swaps*: the identities of
-{" or ".join(f"{100 * share:g} %" for share in CONDITIONS.values() if share)} of the people of each camera and instant are
-exchanged among each other. PETS2009's and Shelf's true cameras are themselves no better than some 200 mm and 36 mm.
+*clean*: as they are (simulated boxes have {100 * SIMULATED_BOX_NOISE:g} % noise, simulated joints {SIMULATED_JOINT_NOISE_PX:g} px; one seed).
+*noisy*: each edge of a box moved by {100 * BOX_NOISE:g} % of its height, each joint by {100 * JOINT_NOISE:g} % of its person's.
+*swaps*: the identities of {_SHARES} of the people of each camera and instant are exchanged among each other. The true
+cameras of PETS2009 and of Shelf are themselves no better than some 200 mm and 36 mm.
 
-The peers' settings. caliscope: `calibrate_extrinsics`, people as objects, lenses held. COLMAP and GLOMAP (pycolmap): a static
-camera is one picture with all its points, pairs verified by COLMAP itself, lenses held, undistorted pixels, one thread, seed 0,
-@COLMAP@ humancalib: its bundle adjustment with the settings of its command line on the joints of one person, from a start by an
-essential matrix and PnP, since its own needs a network that lifts skeletons; it takes one person, so elsewhere it is `-`."""
+The peers' settings. *caliscope*: `calibrate_extrinsics`, people as objects, lenses held. *COLMAP* and *GLOMAP* (pycolmap): a
+static camera is one picture with all its points, pairs verified by COLMAP itself, lenses held, undistorted pixels, seed 0,
+default thresholds; *COLMAP x3* has three times the thresholds of the image error, 12 px where the default has 4. *humancalib
+BA*: its bundle adjustment with the settings of its command line on the joints of one person, from a start by an essential
+matrix and PnP, since its own start needs a network that lifts skeletons; it takes one person, so elsewhere there is a dash."""
 
 _SUMMARY = """The peers in one line each. Ratios are Passerby's figure by the peer's, medians over the cases; those of the error
 over the cases where neither fails. A peer that was stopped counts with the time limit in *whole*, and not at all in *solve*."""
 
-_COSTS = """Seconds of the solver alone (files read, modules imported) and of the whole process, and peak memory. One thread
-each, the engines of a case in turn, two cases side by side on two cores."""
+_COSTS = """Processor seconds of the solver alone (its input read, its modules imported before) and of the whole process, with the
+start of Python, and peak memory. One thread each, the engines of a case in turn, two cases side by side on two cores. It is
+processor time because that depends little on what else the machine does; with one thread it is the time by the clock."""

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import resource
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from datasets import ROOT
 
+from datasets import ROOT
 from passerby.cameras import Pose
 
 HERE = Path(__file__).resolve().parent
-ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")}
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
+PATIENCE = 10
+"""A process that sleeps is stopped after this many times its limit by the clock."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,7 @@ CALISCOPE = Engine("caliscope", "caliscope_runner.py", "caliscope")
 PEERS = (
     CALISCOPE,
     Engine("COLMAP", "colmap_runner.py", "colmap"),
+    Engine("COLMAP x3", "colmap_runner.py", "colmap", option="wide"),
     Engine("GLOMAP", "colmap_runner.py", "colmap", option="global"),
     Engine("humancalib BA", "humancalib_runner.py", "humancalib", one_person_only=True),
 )
@@ -59,14 +65,16 @@ class Outcome:
     failure: str | None = None
     """Why there is no result: timed out, or what the engine said."""
     solve_seconds: float = float("nan")
+    """Processor seconds of the solver, its imports left out."""
     whole_seconds: float = float("nan")
-    """The whole process, start of Python and imports included."""
+    """Processor seconds of the whole process, start of Python and imports included."""
     peak_mb: float = float("nan")
     version: str = ""
 
 
 def run_engine(engine: Engine, source: Path, target: Path, limit_s: float) -> Outcome:
-    """Run an engine on a file. The result is a failure where it breaks, writes nothing or needs longer than `limit_s`.
+    """Run an engine on a file. The result is a failure where it breaks, writes nothing, or needs more than
+    `limit_s` seconds of processor time.
 
     Raises `FileNotFoundError` where the engine's environment was not made.
     """
@@ -74,27 +82,40 @@ def run_engine(engine: Engine, source: Path, target: Path, limit_s: float) -> Ou
     if python is None:
         raise FileNotFoundError(f".venv-peer-{engine.environment}")
     command = [str(python), str(HERE / engine.script), str(source), str(target), *([engine.option] if engine.option else [])]
-    began = time.perf_counter()
-    child = subprocess.Popen(
-        command,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        stdin=subprocess.DEVNULL,
-        env={**os.environ, **ONE_THREAD},
-        start_new_session=True,
-        text=True,
-    )
-    try:
-        _, said = child.communicate(timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        os.killpg(child.pid, signal.SIGKILL)
-        child.communicate()
-        return Outcome(failure=f"timed out ({limit_s:g} s)", whole_seconds=limit_s)
-    seconds = time.perf_counter() - began
-    if child.returncode != 0 or not target.is_file():
-        last = (said.strip().splitlines() or ["no word"])[-1]
-        return Outcome(failure=f"broke: exit status {child.returncode}: {last[:200]}", whole_seconds=seconds)
+    with tempfile.TemporaryFile("w+") as said:
+        child = subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+            stdin=subprocess.DEVNULL,
+            env={**os.environ, **ONE_THREAD},
+            start_new_session=True,
+        )
+        seconds = _wait(child, limit_s)
+        if seconds is None:
+            return Outcome(failure=f"timed out ({limit_s:g} s)", whole_seconds=limit_s)
+        if child.returncode != 0 or not target.is_file():
+            said.seek(0)
+            last = (said.read().strip().splitlines() or ["no word"])[-1]
+            return Outcome(failure=f"broke: exit status {child.returncode}: {last[:200]}", whole_seconds=seconds)
     return _outcome(target, seconds)
+
+
+def _wait(child: subprocess.Popen[bytes], limit_s: float) -> float | None:
+    """Processor seconds of a process until its end; None where it had to be stopped."""
+    resource.prlimit(child.pid, resource.RLIMIT_CPU, (math.ceil(limit_s), math.ceil(limit_s)))
+    patience = time.monotonic() + PATIENCE * limit_s
+    while True:
+        ended, status, usage = os.wait4(child.pid, os.WNOHANG)
+        if ended:
+            break
+        if time.monotonic() > patience:
+            os.killpg(child.pid, signal.SIGKILL)
+            patience = math.inf
+        time.sleep(0.02)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    stopped = child.returncode in (-signal.SIGKILL, -signal.SIGXCPU)
+    return None if stopped else usage.ru_utime + usage.ru_stime
 
 
 def _outcome(target: Path, seconds: float) -> Outcome:
