@@ -6,7 +6,6 @@ All of them count frames from 0 or 1; here the first picture is frame 1. Identit
 from __future__ import annotations
 
 import math
-import shlex
 from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
@@ -41,7 +40,7 @@ def read_vatic(path: Path, first_frame: int = 0) -> Boxes:
         if not line.strip():
             continue
         place = f"{path}: line {number}"
-        fields = shlex.split(line)
+        fields = line.split()
         if len(fields) < 9:
             raise InputError(f"{place}: {len(fields)} columns: {VATIC_COLUMNS} are needed")
         track, left, top, right, bottom, frame, lost = (_number(place, text) for text in fields[:7])

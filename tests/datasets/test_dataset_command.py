@@ -1,0 +1,151 @@
+"""`passerby dataset`: scene folders that calibrate, what is told, what is refused."""
+
+import csv
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+import tsai_sets
+from passerby.cameras import Camera, Lens, Rig
+from passerby.cli import run
+from passerby.datasets import READERS, published, scene_folder
+from passerby.errors import InputError
+from passerby.evaluation.metrics import compare
+from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.rig_toml import read_rig
+from passerby.observations import Boxes, Keypoints
+from passerby.perception.video import VideoReader
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    return tsai_sets.write_epfl(tmp_path_factory.mktemp("epfl"))
+
+
+def test_a_sequence_becomes_a_scene_that_calibrates(sequence, tmp_path, capsys):
+    scene, out = tmp_path / "scene", tmp_path / "rig"
+    assert run(["dataset", "epfl", str(sequence), "-o", str(scene)]) == 0
+    told = capsys.readouterr().out
+    assert "terrace1: 4 cameras, 7 people" in told
+    assert f"passerby check {scene}/scene.toml" in told
+    assert run(["check", str(scene / "scene.toml")]) == 0
+    assert run(["calibrate", str(scene / "scene.toml"), "-o", str(out)]) == 0
+    errors = compare(read_rig(out / "rig.toml"), read_rig(scene / "truth.toml"))
+    similarity = errors.similarity.position_mm
+    assert len(similarity) == 4
+    assert max(similarity.values()) < 60  # 30 mm measured: of a box, three points are redrawn through the other lens
+    assert abs(errors.scale_ratio - 1) < 0.05
+    assert all(camera.pose is None for camera in read_rig(scene / "intrinsics.toml"))
+
+
+def test_scene_of_boxes_and_scene_of_videos(sequence, tmp_path):
+    assert run(["dataset", "epfl", str(sequence), "-o", str(tmp_path / "scene")]) == 0
+    scene = tomllib.loads((tmp_path / "scene" / "scene.toml").read_text())
+    assert scene["association"]["mode"] == "given"
+    assert scene["scene"] == {"name": "terrace1", "fps": 5.0}
+    videos = tomllib.loads((tmp_path / "scene" / "videos.toml").read_text())
+    assert videos["association"]["mode"] == "combined"
+    assert videos["cameras"]["c1"]["video"] == str(sequence / "terrace1-c1.avi")
+    assert run(["check", str(tmp_path / "scene" / "videos.toml")]) == 0
+    with (tmp_path / "scene" / "ground_positions.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["frame", "id", "x_m", "y_m"]
+    assert len(rows) > 100
+
+
+def test_pictures_are_filmed_where_identities_are_to_be_found(tmp_path):
+    recording = tsai_sets.write_pets(tmp_path / "set", views=False, pictures=9)
+    scene = tmp_path / "scene"
+    assert run(["dataset", "pets2009", str(recording), "-o", str(scene)]) == 0
+    assert run(["check", str(scene / "scene.toml")]) == 0
+    reader = VideoReader(scene / "videos" / "View_003.mp4")
+    levels = [float(frame.picture.mean()) for frame in reader]
+    assert reader.info.average_fps == 7.0
+    assert np.allclose(levels, 90 + np.arange(9), atol=2.0)
+    assert len(read_boxes(scene / "truth" / "View_001.txt")) == len(tsai_sets.boxes(next(iter(tsai_sets.cameras()))))
+    assert len((scene / "pictures.csv").read_text().splitlines()) == 1 + 4 * 9
+
+
+def test_the_same_folder_gives_the_same_files_and_replaces_them(sequence, tmp_path):
+    def files(folder):
+        return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+    assert run(["dataset", "epfl", str(sequence), "-o", str(tmp_path / "scene")]) == 0
+    first = files(tmp_path / "scene")
+    (tmp_path / "scene" / "old.txt").write_text("of an earlier run")
+    assert run(["dataset", "epfl", str(sequence), "-o", str(tmp_path / "scene")]) == 0
+    assert files(tmp_path / "scene") == first
+
+
+def test_lists_the_sets(capsys):
+    assert run(["dataset"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed and reader.where in listed for name, reader in READERS.items())
+    assert run(["dataset", "--list"]) == 0
+    assert capsys.readouterr().out == listed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["wildtrac", "{set}", "-o", "{new}"], "no data set is called 'wildtrac': did you mean 'wildtrack'?"),
+        (["epfl", "{set}/none", "-o", "{new}"], "no such folder"),
+        (["epfl", "{set}"], "give the scene folder to write"),
+        (["epfl"], "give the folder of its files"),
+        (["epfl", "{set}", "-o", "{set}/scene"], "lies in the folder of the data set"),
+        (["epfl", "{set}", "-o", "{full}"], "holds something other than a scene made from a data set"),
+        (["pets2009", "{set}", "-o", "{new}"], "holds no calibrations View_00N.xml"),
+    ],
+)
+def test_what_cannot_be_is_one_line_and_status_2(sequence, tmp_path, capsys, arguments, told):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "letter.txt").write_text("mine")
+    places = {"set": sequence, "new": tmp_path / "new", "full": tmp_path / "full"}
+    assert run(["dataset", *(argument.format(**places) for argument in arguments)]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert error.count("\n") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["full"]
+    assert (tmp_path / "full" / "letter.txt").read_text() == "mine"
+
+
+def two_cameras(**parts):
+    lens = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(0))
+    return published.Published("two", Rig((Camera("a", lens), Camera("b", lens))), 5.0, **parts)
+
+
+def some_boxes(identity):
+    return Boxes(np.array([1, 2]), np.array([identity, identity]), np.array([[1.0, 2, 30, 80], [2, 2, 30, 80]]), np.ones(2))
+
+
+def test_boxes_without_identities_are_detections(tmp_path):
+    made = two_cameras(boxes={"a": some_boxes(-1), "b": some_boxes(4)})
+    written = scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")
+    assert (written.mode, written.truth, written.videos) == ("combined", None, None)
+    content = tomllib.loads(written.scene.read_text())
+    assert content["cameras"]["b"] == {"intrinsics": "intrinsics.toml", "detections": "detections/b.txt"}
+    assert read_boxes(tmp_path / "scene" / "detections" / "b.txt").identity.tolist() == [-1, -1]
+    assert read_boxes(tmp_path / "scene" / "truth" / "b.txt").identity.tolist() == [4, 4]
+
+
+def test_joints_alone_make_a_scene(tmp_path):
+    xy, score = np.full((2, 17, 2), 50.0), np.ones((2, 17))
+    joints = Keypoints(np.array([1, 2]), np.array([3, 3]), xy, score)
+    made = two_cameras(keypoints={"a": joints, "b": joints})
+    written = scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")
+    assert written.mode == "given"
+    content = json.loads((tmp_path / "scene" / "keypoints" / "a.json").read_text())
+    assert {one["track_id"] for one in content["annotations"]} == {3}
+
+
+def test_one_camera_with_people_is_too_few(tmp_path):
+    with pytest.raises(InputError, match="tells of people in 1 camera of 2"):
+        scene_folder.write_scene_folder(two_cameras(boxes={"a": some_boxes(1)}), tmp_path / "scene", tmp_path / "set")
+    assert not (tmp_path / "scene").exists()
+
+
+def test_published_refuses_strange_cameras():
+    with pytest.raises(ValueError, match="no cameras of the rig"):
+        two_cameras(boxes={"c": some_boxes(1)})
