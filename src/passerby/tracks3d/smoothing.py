@@ -24,6 +24,9 @@ UNSEEN = 1e8
 BLOCK, MARGIN_S = 400, 6.0
 """Instants of a block, and what is added before and after it: what is 6 s away moves a place by less than a micrometre."""
 
+CELLS = 60_000
+"""Instants of blocks that are smoothed side by side, about: memory stays at 40 MB however long a recording is."""
+
 
 def smooth(
     seconds: Floats, place: Floats, covariance: Floats, part: Ints, acceleration: float = ACCELERATION
@@ -44,20 +47,32 @@ def smooth(
     out, out_covariance = np.full_like(place, np.nan), np.full((len(place), 2, 2), np.nan)
     if not len(blocks):
         return out, out_covariance
+    length = blocks[:, 3] - blocks[:, 0]
+    order = np.argsort(-length, kind="stable")
+    while len(order):
+        side_by_side = max(1, CELLS // int(length[order[0]]))
+        chosen, order = blocks[order[:side_by_side]], order[side_by_side:]
+        rows, xy, spread = _smoothed_blocks(chosen, seconds, place, covariance, acceleration)
+        out[rows], out_covariance[rows] = xy, spread
+    return out, out_covariance
+
+
+def _smoothed_blocks(
+    blocks: Ints, seconds: Floats, place: Floats, covariance: Floats, acceleration: float
+) -> tuple[Ints, Floats, Floats]:
+    """(K,) rows of the blocks' cores, (K, 2) their places and (K, 2, 2) covariances."""
     length = int((blocks[:, 3] - blocks[:, 0]).max())
-    rows = np.minimum(blocks[:, :1] + np.arange(length), blocks[:, 3:] - 1)
-    real: NDArray[np.bool_] = blocks[:, :1] + np.arange(length) < blocks[:, 3:]
+    index = np.arange(length)
+    rows = np.minimum(blocks[:, :1] + index, blocks[:, 3:] - 1)
+    real: NDArray[np.bool_] = blocks[:, :1] + index < blocks[:, 3:]
     step = np.diff(seconds[rows], axis=1, prepend=seconds[rows[:, :1]])
     found: NDArray[np.bool_] = np.asarray(np.isfinite(place).all(axis=1))
     seen = real & found[rows]
     measured = np.where(seen[:, :, None], place[rows], 0.0)
     noise = np.where(seen[:, :, None, None], covariance[rows], UNSEEN * np.eye(2))
     state, spread = _run(step, measured, noise, _start(place, rows, seen), acceleration)
-    index = np.arange(length)[None, :]
     core: NDArray[np.bool_] = (blocks[:, 1:2] - blocks[:, :1] <= index) & (index < blocks[:, 2:3] - blocks[:, :1])
-    out[rows[core]] = state[core][:, :2]
-    out_covariance[rows[core]] = spread[core][:, :2, :2]
-    return out, out_covariance
+    return rows[core], state[core][:, :2], spread[core][:, :2, :2]
 
 
 def _blocks(seconds: Floats, part: Ints) -> Ints:

@@ -21,9 +21,13 @@ from passerby.tracks3d.way import Seen, follow
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Method = Literal["smoothed", "pairwise"]
+_Own = Sequence[tuple[Ints, Floats]]
+"""One identity's frames (K,) and boxes (K, 4) in each camera."""
 
 METHODS: tuple[Method, ...] = ("smoothed", "pairwise")
 STAGE = "following people"
+BOXES_AT_ONCE = 50_000
+"""Of people who are worked on together: smoothing many at once is quicker, and memory stays at some 100 MB."""
 
 
 @dataclass(frozen=True)
@@ -128,13 +132,13 @@ def trajectories(
     people = np.unique(np.concatenate([seen.identity for seen in boxes]))
     order = [np.lexsort((seen.frame, seen.identity)) for seen in boxes]
     boxes = [seen.take(rows) for seen, rows in zip(boxes, order, strict=True)]
-    found = []
+    found: list[_Person] = []
     tell(STAGE, 0, len(people))
-    for number, identity in enumerate(people):
-        own = [_of_person(seen, int(identity)) for seen in boxes]
-        one = _followed if options.method == "smoothed" else _paired
-        found.append(one(int(identity), cameras, own, frames, clock, options))
-        tell(STAGE, number + 1, len(people))
+    one = _followed if options.method == "smoothed" else _paired
+    for group in _groups(people, boxes):
+        own = [[_of_person(seen, int(identity)) for seen in boxes] for identity in group]
+        found += one(group, cameras, own, frames, clock, options)
+        tell(STAGE, len(found), len(people))
     columns: dict[str, Any] = {name: np.concatenate([person.columns[name] for person in found]) for name in COLUMNS}
     joined = Trajectories(**columns, clock=clock)
     return replace(joined, figures=_figures(joined, names, found, options))
@@ -167,50 +171,64 @@ class _Person:
     """Parts left out for want of instants."""
 
 
+def _groups(people: Ints, boxes: Sequence[Boxes]) -> list[Ints]:
+    """People who are worked on together: so many that they have about `BOXES_AT_ONCE` boxes, one at least."""
+    count = np.sum([np.diff(np.searchsorted(seen.identity, np.append(people, people[-1] + 1))) for seen in boxes], axis=0)
+    number = np.cumsum(count) // BOXES_AT_ONCE
+    return np.split(people, np.flatnonzero(np.diff(number)) + 1)
+
+
 def _followed(
-    identity: int, cameras: Sequence[Camera], own: Sequence[tuple[Ints, Floats]], frames: Ints, clock: Clock,
-    options: TrackOptions,
-) -> _Person:  # fmt: skip
-    """One identity by the smoothed method."""
-    rays = [rays_of(camera, ltwh) for camera, (_, ltwh) in zip(cameras, own, strict=True)]
+    people: Ints, cameras: Sequence[Camera], own: Sequence[_Own], frames: Ints, clock: Clock, options: TrackOptions
+) -> list[_Person]:
+    """Some identities by the smoothed method."""
+    seen = [_seen(cameras, boxes, clock) for boxes in own]
+    ways = follow(seen, clock.seconds(frames), options.max_gap_s, options.person_height_m, options.foot_shift)
+    found = []
+    for identity, boxes, one, way in zip(people.tolist(), own, seen, ways, strict=True):
+        xyz = np.column_stack([way.xy, way.middle])
+        columns = _columns(identity, frames[way.row], clock, xyz, way.sigma, way.cameras, way.part)
+        columns, fleeting = _without_fleeting(columns, options.min_instants)
+        agreeing = np.bincount(one.instant[way.accepted], minlength=len(one.seconds))[one.instant]
+        several = way.accepted & (agreeing > 1)
+        misses = [way.miss_m[several & (one.camera == c)] for c in range(len(cameras))]
+        used = np.bincount(one.camera[way.accepted], minlength=len(cameras))
+        found.append(_Person(columns, np.array([len(frame) for frame, _ in boxes]), used, misses, fleeting))
+    return found
+
+
+def _seen(cameras: Sequence[Camera], own: _Own, clock: Clock) -> Seen:
+    """One identity's boxes as rays; those of which the lens cannot tell the rays are left out."""
+    rays = Rays.joined([rays_of(camera, ltwh) for camera, (_, ltwh) in zip(cameras, own, strict=True)])
     number = np.repeat(np.arange(len(cameras)), [len(frame) for frame, _ in own])
-    frame, joined = np.concatenate([frame for frame, _ in own]), Rays.joined(rays)
+    frame = np.concatenate([frame for frame, _ in own])
     rows = np.lexsort((number, frame))
-    rows = rows[joined.known[rows]]
+    rows = rows[rays.known[rows]]
     present, instant = np.unique(frame[rows], return_inverse=True)
-    seen = Seen(instant.ravel(), number[rows], joined.take(rows), clock.seconds(present))
-    way = follow(seen, clock.seconds(frames), options.max_gap_s, options.person_height_m, options.foot_shift)
-    agreeing = np.bincount(seen.instant[way.accepted], minlength=len(present))[seen.instant]
-    n = len(cameras)
-    columns = _columns(
-        identity, frames[way.row], clock, np.column_stack([way.xy, way.middle]), way.sigma, way.cameras, way.part
-    )
-    columns, fleeting = _without_fleeting(columns, options.min_instants)
-    misses = [way.miss_m[(seen.camera == c) & (agreeing > 1) & way.accepted] for c in range(n)]
-    return _Person(
-        columns, np.bincount(number, minlength=n), np.bincount(seen.camera[way.accepted], minlength=n), misses, fleeting
-    )
+    return Seen(instant.ravel(), number[rows], rays.take(rows), clock.seconds(present))
 
 
 def _paired(
-    identity: int, cameras: Sequence[Camera], own: Sequence[tuple[Ints, Floats]], frames: Ints, clock: Clock,
-    options: TrackOptions,
-) -> _Person:  # fmt: skip
-    """One identity by the pairwise method."""
-    present = np.unique(np.concatenate([frame for frame, _ in own]))
-    ltwh = np.full((len(present), len(cameras), 4), np.nan)
-    for c, (frame, boxes) in enumerate(own):
-        ltwh[np.searchsorted(present, frame), c] = boxes
-    point, spread = pairwise_points(cameras, ltwh)
-    rows = np.flatnonzero(np.isfinite(point[:, 0]))
-    seconds = clock.seconds(present[rows])
-    part = np.cumsum(np.diff(seconds, prepend=seconds[:1]) > options.max_gap_s + 1e-9).astype(np.int64)
-    count = np.isfinite(ltwh[:, :, 0]).astype(np.int64)
-    cameras_of = np.asarray(count[rows].sum(axis=1), dtype=np.int64)
-    columns = _columns(identity, present[rows], clock, point[rows], spread[rows], cameras_of, part)
-    columns, fleeting = _without_fleeting(columns, options.min_instants)
-    nothing: list[Floats] = [np.zeros(0) for _ in cameras]
-    return _Person(columns, count.sum(axis=0), count[rows].sum(axis=0), nothing, fleeting)
+    people: Ints, cameras: Sequence[Camera], own: Sequence[_Own], frames: Ints, clock: Clock, options: TrackOptions
+) -> list[_Person]:
+    """Some identities by the pairwise method."""
+    found = []
+    for identity, boxes in zip(people.tolist(), own, strict=True):
+        present = np.unique(np.concatenate([frame for frame, _ in boxes]))
+        ltwh = np.full((len(present), len(cameras), 4), np.nan)
+        for c, (frame, of_camera) in enumerate(boxes):
+            ltwh[np.searchsorted(present, frame), c] = of_camera
+        point, spread = pairwise_points(cameras, ltwh)
+        rows = np.flatnonzero(np.isfinite(point[:, 0]))
+        seconds = clock.seconds(present[rows])
+        part = np.cumsum(np.diff(seconds, prepend=seconds[:1]) > options.max_gap_s + 1e-9).astype(np.int64)
+        seen = np.isfinite(ltwh[:, :, 0]).astype(np.int64)
+        number = np.asarray(seen[rows].sum(axis=1), dtype=np.int64)
+        columns = _columns(identity, present[rows], clock, point[rows], spread[rows], number, part)
+        columns, fleeting = _without_fleeting(columns, options.min_instants)
+        nothing: list[Floats] = [np.zeros(0) for _ in cameras]
+        found.append(_Person(columns, seen.sum(axis=0), seen[rows].sum(axis=0), nothing, fleeting))
+    return found
 
 
 def _columns(

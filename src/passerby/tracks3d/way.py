@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,41 +72,25 @@ class Way:
     """(M,) boxes that it rests on."""
     miss_m: Floats
     """(M,) distance of each box's ray from the body's middle, metres; NaN for one that is not accepted."""
-    height_m: float
-    """Highest point of the body where it stands."""
 
 
-def follow(seen: Seen, instants: Floats, max_gap_s: float, body_m: float, foot_shift: float) -> Way:
-    """One identity's way.
+def follow(people: Sequence[Seen], instants: Floats, max_gap_s: float, body_m: float, foot_shift: float) -> list[Way]:
+    """The ways of several identities, each by itself; only their smoothing is done side by side.
 
     Args:
-        seen: its boxes.
-        instants: (T',) all instants of the recording, ascending, those of `seen` among them.
+        people: their boxes.
+        instants: (T',) all instants of the recording, ascending, those of the people among them.
         max_gap_s: longest time without an agreeing box that is bridged.
         body_m: typical standing height, metres.
         foot_shift: how much nearer to a camera the lowest visible point is than the body's axis, as a share of the height.
     """
-    alone, alone_covariance, _ = stand_alone(seen.rays, body_m, foot_shift * body_m)
-    alone_covariance = alone_covariance[:, :2, :2]
-    accepted = vote(seen.instant, seen.camera, seen.seconds, alone[:, :2], alone_covariance)
-    state = _State(_mean_bodies(seen, alone, accepted), body_m, np.ones(len(accepted)))
-    trust = np.ones(len(seen.seconds))
+    walks = [_begun(seen, body_m, foot_shift) for seen in people]
     for number in range(ROUNDS):
-        state = _solve(seen, accepted, state, foot_shift, body_m)
-        row, part = _asked(seen, accepted, instants, max_gap_s)
-        smoothed = _smoothed(seen, state, trust, instants, row, part)
-        if number == ROUNDS - 1:
-            break
-        # An instant that lies outside all parts has no smoothed place: nothing that was seen then is believed.
-        xy, covariance = _at(seen, instants, row, smoothed[0]), _at(seen, instants, row, smoothed[1])
-        spread = np.maximum(state.spread, 1.0)[:, None, None] ** 2
-        with np.errstate(invalid="ignore"):
-            off2 = apart2(alone[:, :2] - xy[seen.instant], alone_covariance * spread + covariance[seen.instant])
-            accepted = off2 < FITS
-            assert state.covariance is not None
-            missed2 = apart2(state.body[:, :2] - xy, state.covariance)
-        trust = np.where(np.isfinite(missed2), 1 / (1 + missed2 / FITS), 1.0)
-    return _result(seen, state, smoothed, accepted, instants, row, part)
+        walks = [_stepped(walk, instants, max_gap_s, body_m, foot_shift) for walk in walks]
+        smoothed = _smoothed(walks, instants)
+        if number < ROUNDS - 1:
+            walks = [_judged(walk, instants, *way) for walk, way in zip(walks, smoothed, strict=True)]
+    return [_result(walk, instants, *way) for walk, way in zip(walks, smoothed, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +108,56 @@ class _State:
     """(T,) whether a box was accepted."""
     miss_m: Floats | None = None
     """(M,) distances of rays from the body's middle."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """One identity on its way through the rounds."""
+
+    seen: Seen
+    alone: Floats
+    """(M, 2) where each box by itself puts the person."""
+    alone_covariance: Floats
+    """(M, 2, 2)"""
+    accepted: Bools
+    """(M,)"""
+    trust: Floats
+    """(T,) by how much less than usual an instant is believed, 0 to 1."""
+    state: _State
+    row: Ints
+    """(W,) rows of the instants that its way is made of,"""
+    part: Ints
+    """(W,) and the number of the stretch of each."""
+
+
+def _begun(seen: Seen, body_m: float, foot_shift: float) -> _Walk:
+    """Before the first round: the boxes have voted."""
+    alone, covariance, _ = stand_alone(seen.rays, body_m, foot_shift * body_m)
+    covariance = covariance[:, :2, :2]
+    accepted = vote(seen.instant, seen.camera, seen.seconds, alone[:, :2], covariance)
+    state = _State(_mean_bodies(seen, alone, accepted), body_m, np.ones(len(accepted)))
+    nothing = np.zeros(0, np.int64)
+    return _Walk(seen, alone[:, :2], covariance, accepted, np.ones(len(seen.seconds)), state, nothing, nothing)
+
+
+def _stepped(walk: _Walk, instants: Floats, max_gap_s: float, body_m: float, foot_shift: float) -> _Walk:
+    """Solved with the boxes accepted so far."""
+    row, part = _asked(walk.seen, walk.accepted, instants, max_gap_s)
+    return replace(walk, state=_solve(walk.seen, walk.accepted, walk.state, foot_shift, body_m), row=row, part=part)
+
+
+def _judged(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> _Walk:
+    """The boxes and the instants, judged by the smoothed way (W, 2) and its covariance (W, 2, 2)."""
+    seen, state = walk.seen, walk.state
+    assert state.covariance is not None
+    # An instant that lies outside all parts has no smoothed place: nothing that was seen then is believed.
+    here, here_covariance = _at(walk, instants, xy), _at(walk, instants, covariance)
+    spread = np.maximum(state.spread, 1.0)[:, None, None] ** 2
+    with np.errstate(invalid="ignore"):
+        off2 = apart2(walk.alone - here[seen.instant], walk.alone_covariance * spread + here_covariance[seen.instant])
+        missed2 = apart2(state.body[:, :2] - here, state.covariance)
+    trust = np.where(np.isfinite(missed2), 1 / (1 + missed2 / FITS), 1.0)
+    return replace(walk, accepted=off2 < FITS, trust=trust)
 
 
 def _mean_bodies(seen: Seen, alone: Floats, accepted: Bools) -> Floats:
@@ -191,50 +226,58 @@ def _asked(seen: Seen, accepted: Bools, instants: Floats, max_gap_s: float) -> t
     return np.concatenate(rows), np.repeat(np.arange(len(rows)), [len(part) for part in rows])
 
 
-def _smoothed(seen: Seen, state: _State, trust: Floats, instants: Floats, row: Ints, part: Ints) -> tuple[Floats, Floats]:
-    """(W, 2) and (W, 2, 2) at the instants asked for."""
-    assert state.covariance is not None
-    assert state.measured is not None
-    place, covariance = np.full((len(row), 2), np.nan), np.tile(np.eye(2), (len(row), 1, 1))
-    index = np.searchsorted(row, np.searchsorted(instants, seen.seconds)[state.measured])
-    place[index] = state.body[state.measured, :2]
-    covariance[index] = (state.covariance / trust[:, None, None])[state.measured]
-    return smooth(instants[row], place, covariance, part)
+def _smoothed(walks: Sequence[_Walk], instants: Floats) -> list[tuple[Floats, Floats]]:
+    """Of each walk (W, 2) and (W, 2, 2) at the instants asked for."""
+    places, covariances, parts, first = [], [], [], 0
+    for walk in walks:
+        state, measured = walk.state, walk.state.measured
+        assert state.covariance is not None
+        assert measured is not None
+        place, covariance = np.full((len(walk.row), 2), np.nan), np.tile(np.eye(2), (len(walk.row), 1, 1))
+        index = np.searchsorted(walk.row, np.searchsorted(instants, walk.seen.seconds)[measured])
+        place[index] = state.body[measured, :2]
+        covariance[index] = (state.covariance / walk.trust[:, None, None])[measured]
+        places.append(place)
+        covariances.append(covariance)
+        parts.append(walk.part + first)
+        first += int(walk.part.max(initial=-1)) + 1
+    seconds = instants[np.concatenate([walk.row for walk in walks])]
+    xy, spread = smooth(seconds, np.concatenate(places), np.concatenate(covariances), np.concatenate(parts))
+    cuts = np.cumsum([len(walk.row) for walk in walks])[:-1]
+    return list(zip(np.split(xy, cuts), np.split(spread, cuts), strict=True))
 
 
-def _at(seen: Seen, instants: Floats, row: Ints, values: Floats) -> Floats:
+def _at(walk: _Walk, instants: Floats, values: Floats) -> Floats:
     """The values (W, ...) of the instants that were asked for at the person's own instants (T, ...); NaN elsewhere."""
-    at = np.searchsorted(instants, seen.seconds)
+    at = np.searchsorted(instants, walk.seen.seconds)
     out = np.full((len(at), *values.shape[1:]), np.nan)
-    if len(row):
-        index = np.minimum(np.searchsorted(row, at), len(row) - 1)
-        here = row[index] == at
+    if len(walk.row):
+        index = np.minimum(np.searchsorted(walk.row, at), len(walk.row) - 1)
+        here = walk.row[index] == at
         out[here] = values[index[here]]
     return out
 
 
-def _result(
-    seen: Seen, state: _State, smoothed: tuple[Floats, Floats], accepted: Bools, instants: Floats, row: Ints, part: Ints
-) -> Way:
+def _result(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> Way:
     """Everything in columns, with sigmas that keep what smoothing cannot lessen."""
+    seen, state, row, part = walk.seen, walk.state, walk.row, walk.part
     assert state.covariance is not None
     assert state.measured is not None
     assert state.miss_m is not None
-    xy, covariance = smoothed
     known = np.flatnonzero(state.measured)
     own = instants[row]
-    count = np.zeros(len(row), np.int64)
-    count[np.searchsorted(row, np.searchsorted(instants, seen.seconds)[known])] = np.bincount(
-        seen.instant[accepted], minlength=len(seen.seconds)
-    )[known]
     variance = np.trace(covariance, axis1=1, axis2=2)
+    count = np.zeros(len(row), np.int64)
+    miss = np.where(walk.accepted, state.miss_m, np.nan)
     if not len(known):
-        return Way(xy, variance, variance, count, part, row, accepted, np.full(len(accepted), np.nan), state.height)
+        return Way(xy, variance, variance, count, part, row, walk.accepted, miss)
+    agreeing = np.bincount(seen.instant[walk.accepted], minlength=len(seen.seconds))
+    count[np.searchsorted(row, np.searchsorted(instants, seen.seconds)[known])] = agreeing[known]
     lasting = np.interp(own, seen.seconds[known], np.trace(state.covariance[known], axis1=1, axis2=2))
     top = np.interp(own, seen.seconds[known], state.body[known, 2])
     bent = BENT_SD * np.clip((1 - top / state.height) / BENT, 0.0, 1.0)
     sigma = np.sqrt(variance + LASTING**2 * lasting + 2 * (MODEL_SD**2 + bent**2))
-    return Way(xy, top / 2, sigma, count, part, row, accepted, np.where(accepted, state.miss_m, np.nan), state.height)
+    return Way(xy, top / 2, sigma, count, part, row, walk.accepted, miss)
 
 
 def _sums(group: Ints, values: Floats, n: int) -> Floats:
