@@ -42,16 +42,20 @@ READERS: Mapping[str, Reader] = {
         "EPFL multi-camera pedestrians (Terrace, Basketball, Laboratory, Campus, Passageway): 3 or 4 cameras, videos",
         "https://www.epfl.ch/labs/cvlab/data/data-pom-index-php/",
     ),
-    "pets2009": Reader("pets", "PETS 2009: up to 8 cameras, pictures at 7 fps", "https://cs.binghamton.edu/~mrldata/pets2009"),
+    "pets2009": Reader("pets", "PETS 2009: up to 8 cameras, pictures at 7 fps", "http://www.cvg.rdg.ac.uk/PETS2009/a.html"),
     "wildtrack": Reader(
         "wildtrack",
         "WILDTRACK: 7 cameras, 400 annotated instants, pictures at 2 fps",
         "https://www.epfl.ch/labs/cvlab/data/data-wildtrack/",
     ),
     "multiviewx": Reader(
-        "multiviewx", "MultiviewX: 6 synthetic cameras, 400 annotated instants", "https://github.com/hou-yz/MVDet"
+        "multiviewx", "MultiviewX: 6 synthetic cameras, 400 annotated instants", "https://github.com/hou-yz/MultiviewX"
     ),
-    "panoptic": Reader("panoptic", "CMU Panoptic: HD cameras, 3D joints of 19", "http://domedb.perception.cs.cmu.edu"),
+    "panoptic": Reader(
+        "panoptic",
+        "CMU Panoptic: HD cameras, 3D joints of 19",
+        "https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox",
+    ),
     "shelf": Reader("tum", "TUM Shelf: 5 cameras, 3D joints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
     "campus": Reader("tum", "TUM Campus: 3 cameras, 3D joints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
     "cmc": Reader(

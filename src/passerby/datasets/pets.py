@@ -3,7 +3,7 @@
 The files as published, in one folder or in folders below it:
 
 - `View_001/frame_0000.jpg` ... (one recording: one `Time_...` folder), or `View_001.avi`
-- `View_001.xml` ...: Tsai's calibration
+- `View_001.xml` ...: Tsai's calibration, millimetres, the ground at z = 0
 - annotated boxes, any of: `PETS2009-S2L1.xml` (CVML, of View_001; of another view where its name has View_00N), `View_00N.txt`
   (VATIC, the same identities in all views, by Xu et al., CVPR 2016), `gt/gt.txt` (MOTChallenge, of View_001; the 3D benchmark's
   has positions on the ground too)
@@ -30,6 +30,7 @@ FPS = 7.0
 """As the set's page has it; the pictures carry no times."""
 ANNOTATED_VIEW = "View_001"
 """What annotations that name no view belong to."""
+UNSTEADY_VIEW = "View_004"
 PICTURE_ENDINGS = (".jpg", ".jpeg", ".png")
 VIDEO_ENDINGS = (".avi", ".mp4", ".mkv", ".mov", ".mpg")
 
@@ -56,6 +57,8 @@ def read(folder: Path) -> Published:
     if ground is not None:
         ground, who = with_identities_of(boxes, rig, ground)
     notes = [f"{view} has a calibration alone." for view in tsai if view not in sizes and view not in boxes]
+    if UNSTEADY_VIEW in tsai:
+        notes.append(f"The set's page warns of slight delays and lost frames, most of all in {UNSTEADY_VIEW}.")
     if len(boxes) == 1:
         notes.append(
             f"Boxes are annotated in {next(iter(boxes))} alone: people in the other views have to be found in pictures."
