@@ -64,6 +64,15 @@ def test_positions_of_the_3d_challenge_get_the_boxes_numbers(recording, tmp_path
     assert np.abs(there - ground.xy).max() < 1e-3
 
 
+def test_views_may_be_spelt_otherwise(broken):
+    next(broken.rglob("PETS2009-S2L1.xml")).unlink()
+    for number, camera in enumerate(names(), start=1):
+        (broken / f"view-{number}.txt").write_text(tsai_sets.vatic(camera))
+    published = read(broken)
+    assert list(published.boxes) == ["View_001", "View_002", "View_003", "View_004"]
+    assert len(published.boxes["View_004"]) == len(tsai_sets.boxes(names()[3]))
+
+
 def test_pictures_keep_their_frames_where_one_is_missing(broken):
     next(broken.rglob("View_001/frame_0000.jpg")).unlink()
     published = read(broken)

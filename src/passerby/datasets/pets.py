@@ -34,7 +34,7 @@ UNSTEADY_VIEW = "View_004"
 PICTURE_ENDINGS = (".jpg", ".jpeg", ".png")
 VIDEO_ENDINGS = (".avi", ".mp4", ".mkv", ".mov", ".mpg")
 
-_VIEW = re.compile(r"View_\d+")
+_VIEW = re.compile(r"view[ _-]?0*(\d+)", re.IGNORECASE)
 _FRAME = re.compile(r"frame_(\d+)")
 
 
@@ -82,14 +82,18 @@ def _only(paths: Iterable[Path], what: str) -> dict[str, Path]:
     """Paths by view, the view's name being the path's. Raises `InputError` for two of one view."""
     found: dict[str, Path] = {}
     for path in sorted(paths):
-        if not _VIEW.fullmatch(path.stem):
+        view = _view(_VIEW.fullmatch(path.stem))
+        if view is None:
             continue
-        if path.stem in found:
-            raise InputError(
-                f"{path}: a second {what} of {path.stem} beside {found[path.stem]}: give the folder of one recording alone"
-            )
-        found[path.stem] = path
+        if view in found:
+            raise InputError(f"{path}: a second {what} of {view} beside {found[view]}: give the folder of one recording alone")
+        found[view] = path
     return found
+
+
+def _view(match: re.Match[str] | None) -> str | None:
+    """View_001 for View_001, view-1 and the like."""
+    return f"View_{int(match[1]):03}" if match else None
 
 
 def _calibrations(folder: Path) -> dict[str, TsaiCamera]:
@@ -105,7 +109,7 @@ def _calibrations(folder: Path) -> dict[str, TsaiCamera]:
 def _pictures(folder: Path) -> dict[str, dict[int, Path]]:
     """Pictures by view and by their number."""
     found: dict[str, dict[int, Path]] = {}
-    for view, place in _only((path for path in folder.rglob("View_*") if path.is_dir()), "folder of pictures").items():
+    for view, place in _only((path for path in folder.rglob("*") if path.is_dir()), "folder of pictures").items():
         for path in sorted(place.iterdir()):
             match = _FRAME.fullmatch(path.stem)
             if match and path.suffix.lower() in PICTURE_ENDINGS:
@@ -114,7 +118,7 @@ def _pictures(folder: Path) -> dict[str, dict[int, Path]]:
 
 
 def _videos(folder: Path) -> dict[str, Path]:
-    return _only((path for path in folder.rglob("View_*") if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()), "video")
+    return _only((path for path in folder.rglob("*") if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()), "video")
 
 
 def _size_of(picture: Path) -> tuple[int, int]:
@@ -129,14 +133,13 @@ def _annotations(folder: Path, views: Iterable[str]) -> tuple[dict[str, Boxes], 
     """Boxes by view, and positions on the ground where a file has them."""
     boxes: dict[str, Boxes] = {}
     known = set(views)
-    for view, path in _only(folder.rglob("View_*.txt"), "file of boxes").items():
+    for view, path in _only(folder.rglob("*.txt"), "file of boxes").items():
         if view in known:
             boxes[view] = read_vatic(path)
     for path in sorted(folder.rglob("*.xml")):
         if is_tsai(path) or "<frame" not in path.read_text(encoding="utf-8", errors="replace")[:4000]:
             continue
-        named = _VIEW.search(path.stem)
-        _add(boxes, known, named[0] if named else ANNOTATED_VIEW, read_cvml(path), path)
+        _add(boxes, known, _view(_VIEW.search(path.stem)) or ANNOTATED_VIEW, read_cvml(path), path)
     ground = None
     for path in sorted(folder.rglob("gt.txt")):
         seen, ground = read_mot_truth(path)
