@@ -14,20 +14,12 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from passerby.benchmark.goals import Goal
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.observations import Boxes
 
 ROOT = Path(__file__).resolve().parent.parent
 BoxChange = Callable[[Boxes], Boxes]
-
-
-@dataclass(frozen=True)
-class Goal:
-    """Errors after the similarity placement: mean over the cameras."""
-
-    acceptable: tuple[float, float]
-    """(mm, degrees): the best of today's engines."""
-    aim: tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
-"""Every figure that Passerby states, measured: `python benchmarks/run.py [--quick] [--only NAME ...] [-o FOLDER]`.
+"""What needs peers, real data, training or rendering: `python benchmarks/run.py [--quick] [--only NAME ...] [-o FOLDER]`.
 
-Prints the tables and writes them as Markdown, one file a section. A quick run is printed only, unless a folder is given.
+The rest is `passerby benchmark`. Prints the tables and writes them as Markdown, one file a section. A quick run is printed
+only, unless a folder is given.
 A section that takes long is written as it grows.
 """
 
@@ -13,14 +14,13 @@ from functools import partial
 from pathlib import Path
 
 import accuracy
-import simulated
 import speed
 import swaps
-from datasets import ROOT
 
 import association
 import perception
 import reid
+from datasets import ROOT
 from passerby.benchmark.page import Page, signed, write_page
 
 # What is timed comes first, before the runs that fill both cores.
@@ -28,8 +28,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "speed": speed.run,
     "association": association.run,
     "accuracy": accuracy.run,
-    "simulated": simulated.run,
-    "swaps": swaps.run,
+    "swaps-real": swaps.run,
     "perception": perception.run,
     "reid": reid.run,
 }

@@ -75,6 +75,10 @@ class Outcome:
     metric_deg: float = FAILED
     scale_error: float = FAILED
     """|estimated length / true length - 1|."""
+    gravity_deg: float = FAILED
+    """Of the vertical."""
+    ground_mm: float = FAILED
+    """Of the height of the ground."""
     clock_ms: float = FAILED
     """Mean error over the other cameras of the clocks' offsets to the first camera's; 0 where all agree and are known to."""
 
@@ -176,6 +180,8 @@ def _judged(calibration: Calibration, simulated: SimulatedScene) -> Outcome:
         metric_mm=_defined(against.metric.mean_position_mm),
         metric_deg=_defined(against.metric.mean_orientation_deg),
         scale_error=_defined(None if against.scale_ratio is None else abs(against.scale_ratio - 1)),
+        gravity_deg=_defined(against.gravity_error_deg),
+        ground_mm=_defined(against.ground_error_mm),
         clock_ms=_clock_error_ms(calibration, simulated),
     )
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import Any
 
-from passerby.benchmark.conditions import Condition
+from passerby.benchmark.conditions import Condition, Outcome
+from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted, table, yes
-from passerby.benchmark.spread import ABOUT, failures, median, median_errors, of, worst_errors
-from passerby.benchmark.sweep import Swept, sweep
+from passerby.benchmark.spread import ABOUT, failures, median_errors, of, quartiles, worst_errors
+from passerby.benchmark.sweep import Swept, presets_of, sweep
 from passerby.geometry.two_view import MIN_POINTS
 from passerby.progress import Progress
-from passerby.simulation import PRESETS, SimulationOptions
+from passerby.simulation import SimulationOptions
 
 LEVELS, QUICK_LEVELS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0, 500.0), (10.0, 30.0, 200.0)
 SEEDS = 5
@@ -20,7 +22,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "people": {"method": "people"},
     "people, joints": {"method": "people", "points": "joints"},
 }
-BOX_NOISE, JOINT_NOISE_PX = 0.02, 2.0
+JOINT_NOISE_PX = 2.0
 CLAIMS = {
     "geopose": (30.0, "the paper: 30 suffice"),
     "people": (10.0, "10 are enough"),
@@ -31,10 +33,10 @@ ENOUGH_MM, ENOUGH_DEG = 400.0, 1.1
 
 
 def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
-    """Three scenes, eight numbers, five seeds, three methods; three numbers and two seeds in a quick run."""
+    """Three scenes, eight numbers, five seeds, three methods; one scene, three numbers and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
-    swept = sweep(_condition, tuple(PRESETS), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "correspondences")
-    x = "person-instants shared with the reference"
+    swept = sweep(_condition, presets_of(wanted), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "correspondences")
+    x = "shared person-instants"
     plots = {
         "correspondences-similarity.svg": swept.plot("similarity_mm", x, "similarity error, mm", "log"),
         "correspondences-metric.svg": swept.plot("metric_mm", x, "metric error, mm", "log"),
@@ -62,8 +64,9 @@ joints* the same on joints alone.
 
 ## Claims
 
-*enough*: the medians are at most {enough_mm:g} mm and {enough_deg:g}° by the metric placement, the paper's measure and about
-its own mean over its three scenes; in brackets the seeds of which this holds.
+*enough*: the medians are at most {enough_mm:g} mm and {enough_deg:g}°, about the paper's mean over its three scenes; in
+brackets the seeds of which this holds. The metric errors are mostly those of the scale, which comes from the heights of few
+people at few instants, standing or not; with one known length the similarity errors are what is left.
 
 {claims}
 
@@ -88,13 +91,16 @@ def _claims(swept: Swept) -> str:
         for method in swept.methods:
             level, claim = CLAIMS[method]
             outcomes = swept.outcomes[preset, method, level]
-            enough = [
-                mm <= ENOUGH_MM and degrees <= ENOUGH_DEG
-                for mm, degrees in zip(of(outcomes, "metric_mm"), of(outcomes, "metric_deg"), strict=True)
-            ]
-            middle = median(outcomes, "metric_mm") <= ENOUGH_MM and median(outcomes, "metric_deg") <= ENOUGH_DEG
-            rows.append(
-                [preset, method, claim, median_errors(outcomes, "metric"), worst_errors(outcomes, "metric"), failures(outcomes),
-                 f"{yes(middle)} ({sum(enough)} of {len(enough)})"]
-            )  # fmt: skip
-    return table(("scene", "method", "claim", "metric, median", "worst seed", "failed", "enough"), rows)
+            cells = [cell for placement in ("similarity", "metric") for cell in _claim_cells(outcomes, placement)]
+            rows.append([preset, method, claim, *cells, failures(outcomes)])
+    return table(("scene", "method", "claim", "similarity, median", "worst seed", "enough", "metric, median", "worst seed",
+                  "enough", "failed"), rows)  # fmt: skip
+
+
+def _claim_cells(outcomes: Sequence[Outcome], placement: str) -> list[str]:
+    """Median and worst errors, and whether they are small enough."""
+    mm, degrees = (of(outcomes, f"{placement}_{unit}") for unit in ("mm", "deg"))
+    enough = sum(a <= ENOUGH_MM and b <= ENOUGH_DEG for a, b in zip(mm, degrees, strict=True))
+    middle = quartiles(mm)[1] <= ENOUGH_MM and quartiles(degrees)[1] <= ENOUGH_DEG
+    verdict = f"{yes(middle)} ({enough} of {len(outcomes)})"
+    return [median_errors(outcomes, placement), worst_errors(outcomes, placement), verdict]

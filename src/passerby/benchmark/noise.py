@@ -9,24 +9,16 @@ from dataclasses import dataclass
 
 from passerby.benchmark.conditions import Condition, Method, Outcome
 from passerby.benchmark.page import Page, Wanted, number, table, yes
+from passerby.benchmark.paper import CLEAN, NOISE, NOISE_FAILS_PX
 from passerby.benchmark.plots import Line, Panel, error_plot
-from passerby.benchmark.spread import ABOUT, FAILS, failures, median, median_errors, of, worst_errors
+from passerby.benchmark.spread import ABOUT, failures, median, median_errors, of, pose_errors, worst_errors
 from passerby.benchmark.sweep import Swept, sweep
 from passerby.progress import Progress
 from passerby.simulation import PRESETS, SimulationOptions
 
-LEVELS, QUICK_LEVELS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0), (0.0, 10.0, 20.0)
+LEVELS, QUICK_LEVELS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0), (10.0, 20.0)
 SEEDS = 5
 METHODS: Mapping[str, Method] = {"geopose": "geopose", "people": "people"}
-
-PAPER: dict[str, dict[float, tuple[float, float]]] = {
-    "terrace": {0: (308, 0.52), 1: (339, 0.65), 5: (407, 1.50), 10: (433, 1.91), 20: (1692, 28.5)},
-    "basketball": {0: (410, 0.88), 1: (454, 1.03), 5: (532, 1.76), 10: (1653, 26.2), 20: (3093, 49.2)},
-    "construction": {0: (493, 1.85), 1: (489, 1.86), 5: (537, 1.86), 10: (601, 1.85), 20: (867, 2.31)},
-}
-"""Metric errors, mm and degrees, on the real scenes that the presets stand for (Tables 1 and 3 of Xu et al., CVPR 2021). At 50
-it fails everywhere; there is no figure for 2."""
-PAPER_FAILS_FROM = 50.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +35,7 @@ GOALS = (Goal("basketball", 10.0, 100.0, 0.5), Goal("basketball", 20.0, 100.0, 0
 
 
 def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
-    """Three scenes, seven levels, five seeds, two methods; three levels and two seeds in a quick run."""
+    """Three scenes, seven levels, five seeds, two methods; two levels and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, tuple(PRESETS), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "noise")
     plots = {
@@ -97,30 +89,31 @@ def _against_paper(swept: Swept) -> str:
     rows = []
     for preset in swept.presets:
         for level in swept.levels:
-            paper = PAPER[preset].get(level)
-            text = FAILS if level >= PAPER_FAILS_FROM else "-" if paper is None else f"{paper[0]:.0f} mm {paper[1]:.2f}°"
-            cells = [preset, f"{level:g}", text]
+            paper = _paper(preset, level)
+            cells = [preset, f"{level:g}", "-" if paper is None else pose_errors(*paper)]
             for method in swept.methods:
                 outcomes = swept.outcomes[preset, method, level]
-                cells += [median_errors(outcomes, "metric"), failures(outcomes), _better(outcomes, level, paper)]
+                cells += [median_errors(outcomes, "metric"), failures(outcomes), _better(outcomes, paper)]
             rows.append(cells)
     head = [cell for method in swept.methods for cell in (method, "failed", "better")]
     return table(("scene", "N, px", "paper", *head), rows)
 
 
-def _better(outcomes: tuple[Outcome, ...], level: float, paper: tuple[float, float] | None) -> str:
+def _paper(preset: str, level: float) -> tuple[float, float] | None:
+    """The paper's own errors, infinite where it fails; None where it states none."""
+    if level >= NOISE_FAILS_PX:
+        return math.inf, math.inf
+    return CLEAN[preset] if level == 0 else NOISE[preset].get(level)
+
+
+def _better(outcomes: tuple[Outcome, ...], paper: tuple[float, float] | None) -> str:
     """Whether the medians are better than the paper's figures, and of how many seeds it holds."""
-    if level >= PAPER_FAILS_FROM:
-        paper = math.inf, math.inf
     if paper is None:
         return "-"
-    better = [mm < paper[0] and degrees < paper[1] for mm, degrees in zip(*_metric(outcomes), strict=True)]
+    pairs = zip(of(outcomes, "metric_mm"), of(outcomes, "metric_deg"), strict=True)
+    better = [mm < paper[0] and degrees < paper[1] for mm, degrees in pairs]
     middle = median(outcomes, "metric_mm") < paper[0] and median(outcomes, "metric_deg") < paper[1]
     return f"{yes(middle)} ({sum(better)} of {len(better)})"
-
-
-def _metric(outcomes: tuple[Outcome, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    return of(outcomes, "metric_mm"), of(outcomes, "metric_deg")
 
 
 def _goals(swept: Swept) -> str:
@@ -140,8 +133,7 @@ def _with_paper(swept: Swept) -> list[Panel]:
     """The panels of the metric errors with the paper's figures as one more line."""
     panels = []
     for panel in swept.panels("metric_mm"):
-        known = {level: mm for level, (mm, _) in PAPER[panel.title].items() if level in swept.levels}
-        known |= {level: math.inf for level in swept.levels if level >= PAPER_FAILS_FROM}
+        known = {level: errors[0] for level in swept.levels if (errors := _paper(panel.title, level)) is not None}
         paper = Line("paper, real scene", tuple(known), tuple((mm,) for mm in known.values()))
         panels.append(Panel(panel.title, (*panel.lines, paper)))
     return panels

@@ -39,8 +39,15 @@ class Part:
 
 PARTS: Mapping[str, Part] = MappingProxyType(
     {
+        "simulated": Part("simulated", "the simulated scenes without faults, against the goals"),
         "noise": Part("noise", "Table 3 of the paper: errors under uniform noise of the boxes' corners"),
         "correspondences": Part("correspondences", "errors against the number of correspondences of two cameras, 5 to 500"),
+        "swaps": Part("swaps", "errors when 0 to 50 % of the identities are exchanged"),
+        "missing": Part("missing", "errors when 0 to 80 % of the boxes are missing"),
+        "clocks": Part("clocks", "errors when the cameras' clocks differ by 0 to 1 s"),
+        "cameras": Part("cameras", "errors with 2 to 8 cameras"),
+        "people": Part("people", "errors with 1 to 20 people"),
+        "tracking": Part("tracking", "people's ways over the ground, by estimated and by true cameras"),
     }
 )
 """In the order in which they are run."""

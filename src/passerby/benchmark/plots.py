@@ -27,6 +27,8 @@ MARKERS = ("o", "s", "^", "D", "v")
 DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Lines differ by these too, for prints without colours."""
 PANEL_INCHES = (3.4, 3.0)
+ROW = 0.065
+"""Height of a row of failures, as a share of the panel's."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ def error_plot(
     """Errors against a condition: a panel each for several scenes, one logarithmic axis of errors for all.
 
     A line is the median over the seeds, its band the quartiles. Where the median is a failure the line breaks.
-    A cross on the upper border, with its count, stands for the seeds that failed at a level.
+    A cross below the upper border, with its count, stands for the seeds that failed at a level.
 
     Args:
         panels: from left to right.
@@ -75,6 +77,8 @@ def error_plot(
     Raises:
         InputError: matplotlib is not installed.
     """
+    from matplotlib.ticker import NullLocator
+
     figure, axes = _figure(len(panels))
     for index, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
         axis.set_yscale("log")
@@ -84,7 +88,7 @@ def error_plot(
             axis.set_xscale(x_scale)
         levels = sorted({x for line in panel.lines for x in line.x})
         axis.set_xticks(levels, [f"{x:g}" for x in levels])
-        axis.minorticks_off()
+        axis.xaxis.set_minor_locator(NullLocator())
         axis.set_title(panel.title)
         axis.set_xlabel(x_label)
         if index == 0:
@@ -93,6 +97,10 @@ def error_plot(
         axis.set_axisbelow(True)
         for number, line in enumerate(panel.lines):
             _draw(axis, number, f"{panel.title}: {line.name}", line, y_floor)
+    _set_range(axes[0], panels, y_floor)
+    for axis, panel in zip(axes, panels, strict=True):
+        for number, line in enumerate(panel.lines):
+            _mark_failures(axis, number, line)
     names = list(dict.fromkeys(line.name for panel in panels for line in panel.lines))
     handles = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels(), strict=True)}
     figure.legend([handles[name] for name in names], names, loc="outside lower center", ncols=len(names), frameon=False)
@@ -100,7 +108,7 @@ def error_plot(
 
 
 def _draw(axis: Axes, number: int, gid: str, line: Line, floor: float | None) -> None:
-    """The median, the quartiles and the failures of one line."""
+    """The median and the quartiles of one line."""
     number %= len(COLOURS)
     colour, dash, marker = COLOURS[number], DASHES[number], MARKERS[number]
     x = np.array(line.x)
@@ -109,21 +117,46 @@ def _draw(axis: Axes, number: int, gid: str, line: Line, floor: float | None) ->
     axis.plot(x, middle, color=colour, linestyle=dash, marker=marker, markersize=4, linewidth=1.4, label=line.name, gid=gid)
     if any(len(values) > 1 for values in line.values):
         axis.fill_between(x, low, np.where(np.isfinite(high), high, middle), color=colour, alpha=0.18, linewidth=0)
+
+
+def _set_range(axis: Axes, panels: Sequence[Panel], floor: float | None) -> None:
+    """The range of the errors, with plain figures at 1, 2 and 5, and room above for rows of failures where there are any."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    lines = [line for panel in panels for line in panel.lines]
+    every = np.array([value for line in lines for values in line.values for value in quartiles(values)])
+    drawn = _drawn(every[np.isfinite(every)], floor)
+    low, high = (float(drawn.min()), float(drawn.max())) if len(drawn) else (1.0, 10.0)
+    margin = max(0.05 * math.log10(max(high / low, 1.0)), 0.05)
+    bottom, top = math.log10(max(low, 1e-9)) - margin, math.log10(high) + margin
+    if not np.isfinite(every).all() or any(map(_failed, lines)):
+        rows = ROW * (1 + max(len(panel.lines) for panel in panels))
+        top = bottom + (top - bottom) / (1 - rows)
+    axis.set_ylim(10**bottom, 10**top)
+    subs = (1.0, 2.0, 5.0) if top - bottom < 2.5 else (1.0,)
+    axis.yaxis.set_major_locator(LogLocator(subs=subs, numticks=20))
+    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _failed(line: Line) -> int:
+    return sum(not math.isfinite(value) for values in line.values for value in values)
+
+
+def _mark_failures(axis: Axes, number: int, line: Line) -> None:
+    """Crosses and counts of the seeds that failed, near the upper border; each line has a row of its own."""
+    place: Any = axis.get_xaxis_transform()
+    height, colour = 1 - ROW * (number + 0.75), COLOURS[number % len(COLOURS)]
     for level, values in zip(line.x, line.values, strict=True):
         failed = sum(not math.isfinite(value) for value in values)
         if failed:
-            _mark_failures(axis, level, number, colour, f"{failed} of {len(values)}" if len(values) > 1 else "fails")
-
-
-def _mark_failures(axis: Axes, level: float, number: int, colour: str, text: str) -> None:
-    """A cross and a word on the upper border; each line has a row of its own."""
-    place: Any = axis.get_xaxis_transform()
-    height = 0.97 - 0.06 * number
-    axis.plot([level], [height], marker="x", color=colour, markersize=5, linestyle="none", transform=place)
-    axis.annotate(
-        text, (level, height), xycoords=place, textcoords="offset points", xytext=(-5, 0), ha="right", va="center",
-        fontsize=6, color=colour,
-    )  # fmt: skip
+            text = f"{failed} of {len(values)}" if len(values) > 1 else "fails"
+            last = level == max(line.x)
+            axis.plot([level], [height], marker="x", color=colour, markersize=5, linestyle="none", transform=place)
+            axis.annotate(
+                text, (level, height), xycoords=place, textcoords="offset points", xytext=(-5 if last else 5, 0),
+                ha="right" if last else "left", va="center", fontsize=7, color=colour,
+            )  # fmt: skip
 
 
 def _drawn(values: NDArray[np.float64], floor: float | None) -> NDArray[np.float64]:

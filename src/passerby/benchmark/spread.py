@@ -83,9 +83,9 @@ def pose_errors(mm: float, degrees: float) -> str:
     return errors(mm, degrees) if math.isfinite(mm) and math.isfinite(degrees) else FAILS
 
 
-def percent(share: float) -> str:
+def percent(share: float, digits: int = 1) -> str:
     """A share in percent."""
-    return f"{number(100 * share)} %" if math.isfinite(share) else FAILS
+    return f"{number(100 * share, digits)} %" if math.isfinite(share) else FAILS
 
 
 def failures(outcomes: Sequence[Outcome]) -> str:

@@ -7,10 +7,11 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 from passerby.benchmark.conditions import Condition, Outcome, run_conditions
-from passerby.benchmark.page import Wanted, table
+from passerby.benchmark.page import Page, Wanted, table
 from passerby.benchmark.plots import Line, Panel, error_plot
-from passerby.benchmark.spread import HEAD, of, spread_cells
+from passerby.benchmark.spread import ABOUT, HEAD, of, spread_cells
 from passerby.progress import Progress
+from passerby.simulation import PRESETS
 
 QUICK_SEEDS = 2
 
@@ -68,6 +69,39 @@ class Swept:
         return error_plot(self.panels(figure), x_label, y_label, x_scale=x_scale)
 
 
+@dataclass(frozen=True)
+class Axis:
+    """How a page tells the levels."""
+
+    label: str
+    """On plots, with the unit."""
+    head: str
+    """Of the tables' column."""
+    text: Callable[[float], str] = "{:g}".format
+    """A level in a table."""
+    scale: str = "linear"
+    """linear, log, or symlog (0 has a place)."""
+
+
+def curve_page(name: str, head: str, swept: Swept, axis: Axis, more: str = "") -> Page:
+    """A page of a title, plots of both errors and the tables by scene.
+
+    Args:
+        name: of the page.
+        head: its title and what is done.
+        swept: the outcomes.
+        axis: how to tell the levels.
+        more: what stands between the head and the plots.
+    """
+    plots = {
+        f"{name}-similarity.svg": swept.plot("similarity_mm", axis.label, "similarity error, mm", axis.scale),
+        f"{name}-metric.svg": swept.plot("metric_mm", axis.label, "metric error, mm", axis.scale),
+    }
+    parts = [head.strip(), ABOUT, more.strip(), f"![Similarity errors]({name}-similarity.svg)",
+             f"![Metric errors]({name}-metric.svg)", "## By scene", swept.tables(axis.head, axis.text)]  # fmt: skip
+    return Page(name, "\n\n".join(filter(None, parts)) + "\n", plots)
+
+
 def sweep(
     make: Make,
     presets: Sequence[str],
@@ -103,3 +137,8 @@ def sweep(
 def seeds_of(wanted: Wanted, seeds: int) -> int:
     """How many seeds to take where the part itself takes `seeds`."""
     return wanted.seeds or (QUICK_SEEDS if wanted.quick else seeds)
+
+
+def presets_of(wanted: Wanted) -> tuple[str, ...]:
+    """All presets; the first, which is the quickest, in a quick run."""
+    return tuple(PRESETS)[:1] if wanted.quick else tuple(PRESETS)
