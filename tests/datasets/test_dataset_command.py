@@ -146,6 +146,14 @@ def test_one_camera_with_people_is_too_few(tmp_path):
     assert not (tmp_path / "scene").exists()
 
 
+def test_pictures_with_gaps_are_not_filmed(tmp_path):
+    pictures = {camera: (tmp_path / "1.png", tmp_path / "3.png") for camera in "ab"}
+    made = two_cameras(pictures=pictures, picture_frames={"a": (1, 3), "b": (1, 3)})
+    with pytest.raises(InputError, match="No video is made of the pictures of a: they do not go from frame 1 on without a gap"):
+        scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")
+    assert made.frames_of_pictures("a") == (1, 3)
+
+
 def test_published_refuses_strange_cameras():
     with pytest.raises(ValueError, match="no cameras of the rig"):
         two_cameras(boxes={"c": some_boxes(1)})

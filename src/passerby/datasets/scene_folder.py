@@ -33,6 +33,8 @@ TRUTH_FILE = "truth.toml"
 MARKER = "dataset.toml"
 """Tells where the scene came from, and by it the folder is known again."""
 
+NO_VIDEO = "No video is made"
+
 
 @dataclass(frozen=True)
 class SceneFolder:
@@ -95,9 +97,10 @@ def write_scene_folder(
     tables, mode = _cameras(published, given, named)
     notes = [*published.notes, *_left_out(published, tables, filmed, film)]
     if len(tables) < 2:
+        unfit = next((f" ({note.rstrip('.')})" for note in notes if note.startswith(NO_VIDEO)), "")
         raise InputError(
             f"{source}: tells of people in {len(tables) or 'no'} camera{'' if len(tables) == 1 else 's'} of "
-            f"{len(published.rig)}: two are needed with boxes, joints, a video or pictures; fetch more of the set's files"
+            f"{len(published.rig)}: two are needed with boxes, joints, a video or pictures{unfit}; fetch more of the set's files"
         )
     posed = published.rig.posed()
     both = given and len(named) >= 2
@@ -173,7 +176,7 @@ def _left_out(
     if film or not published.identities_known:
         why = "the set tells no frame rate" if published.fps is None else "they do not go from frame 1 on without a gap"
         notes += [
-            f"No video is made of the pictures of {camera}: {why}."
+            f"{NO_VIDEO} of the pictures of {camera}: {why}."
             for camera in published.pictures
             if camera not in filmed and camera not in published.videos
         ]
