@@ -147,7 +147,7 @@ def test_one_camera_with_people_is_too_few(tmp_path):
 
 
 def test_pictures_with_gaps_are_not_filmed(tmp_path):
-    pictures = {camera: (tmp_path / "1.png", tmp_path / "3.png") for camera in "ab"}
+    pictures = dict.fromkeys("ab", (tmp_path / "1.png", tmp_path / "3.png"))
     made = two_cameras(pictures=pictures, picture_frames={"a": (1, 3), "b": (1, 3)})
     with pytest.raises(InputError, match="No video is made of the pictures of a: they do not go from frame 1 on without a gap"):
         scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")

@@ -100,29 +100,24 @@ def write_scene_folder(
         unfit = next((f" ({note.rstrip('.')})" for note in notes if note.startswith(NO_VIDEO)), "")
         raise InputError(
             f"{source}: tells of people in {len(tables) or 'no'} camera{'' if len(tables) == 1 else 's'} of "
-            f"{len(published.rig)}: two are needed with boxes, joints, a video or pictures{unfit}; fetch more of the set's files"
+            f"{len(published.rig)}: two are needed with boxes, joints, a video or pictures{unfit}; fetch more of the set"
         )
-    posed = published.rig.posed()
-    both = given and len(named) >= 2
+    videos = _watched(named) if given and len(named) >= 2 else {}
     with whole_folder(directory, MARKER, "a scene made from a data set") as folder:
-        write_rig(folder / "intrinsics.toml", Rig(tuple(replace(camera, pose=None, sigma=None) for camera in published.rig)))
-        if len(posed):
-            write_rig(folder / TRUTH_FILE, posed)
+        _write_truth(published, folder)
         _write_people(published, folder, tables)
-        _write_lists(published, folder)
         jobs = [(folder / _video(camera), pictures, published.fps or 0.0) for camera, pictures in filmed.items()]
         side_by_side(_film, jobs, executor, tell, "videos")
-        fps = {} if published.fps is None else {"fps": float(published.fps)}
-        write_text(folder / SCENE_FILE, _scene(published, tables, mode, fps if _counts(tables) else {}))
-        if both:
-            write_text(folder / VIDEOS_FILE, _scene(published, _watched(named), "combined", {}))
+        write_text(folder / SCENE_FILE, _scene(published, tables, mode))
+        if videos:
+            write_text(folder / VIDEOS_FILE, _scene(published, videos, "combined"))
         made = {"name": published.name, "from": source.resolve().as_posix(), "notes": notes}
         write_text(folder / MARKER, tomli_w.dumps(made))
     return SceneFolder(
         scene=directory / SCENE_FILE,
         mode=mode,
-        truth=directory / TRUTH_FILE if len(posed) else None,
-        videos=directory / VIDEOS_FILE if both else None,
+        truth=directory / TRUTH_FILE if len(published.rig.posed()) else None,
+        videos=directory / VIDEOS_FILE if videos else None,
         notes=tuple(notes),
     )
 
@@ -144,11 +139,6 @@ def _cameras(published: Published, given: bool, named: dict[str, str]) -> tuple[
 
 def _watched(named: dict[str, str]) -> dict[str, dict[str, str]]:
     return {camera: {"intrinsics": "intrinsics.toml", "video": video} for camera, video in named.items()}
-
-
-def _counts(tables: dict[str, dict[str, str]]) -> bool:
-    """Whether the scene has frame numbers of its own; those of videos have the videos' rate."""
-    return all("video" not in table for table in tables.values())
 
 
 def _to_film(published: Published) -> dict[str, tuple[Path, ...]]:
@@ -183,7 +173,11 @@ def _left_out(
     return notes
 
 
-def _scene(published: Published, tables: dict[str, dict[str, str]], mode: str, fps: dict[str, float]) -> str:
+def _scene(published: Published, tables: dict[str, dict[str, str]], mode: str) -> str:
+    """The text of a scene file."""
+    # Videos tell their own rates.
+    counted = all("video" not in table for table in tables.values())
+    fps = {"fps": float(published.fps)} if counted and published.fps is not None else {}
     content: dict[str, Any] = {
         "scene": {"name": published.name, **fps},
         "cameras": tables,
@@ -218,8 +212,12 @@ def _nameless_joints(joints: Keypoints) -> Keypoints:
     return replace(joints, identity=joints.identity * 0 + UNKNOWN)
 
 
-def _write_lists(published: Published, folder: Path) -> None:
-    """Positions on the ground, and the pictures."""
+def _write_truth(published: Published, folder: Path) -> None:
+    """Lenses, true poses, positions on the ground, and the list of the pictures."""
+    write_rig(folder / "intrinsics.toml", Rig(tuple(replace(camera, pose=None, sigma=None) for camera in published.rig)))
+    posed = published.rig.posed()
+    if len(posed):
+        write_rig(folder / TRUTH_FILE, posed)
     ground = published.ground
     if ground is not None:
         places = (
