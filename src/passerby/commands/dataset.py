@@ -83,7 +83,7 @@ def _show(published: Published, written: SceneFolder, out: Path) -> None:
                 MISSING if camera.pose is None else "known",
             ]
         )
-    title = f"{published.name}: {len(rows)} cameras, {published.people} people"
+    title = f"{published.name}: {len(rows)} cameras" + (f", {published.people} people" if published.people else "")
     show_table(title, ("camera", "size", "boxes", "joints", "pictures", "video", "pose"), rows)
     frames = [boxes.frame for boxes in published.boxes.values() if len(boxes)]
     frames += [joints.frame for joints in published.keypoints.values() if len(joints)]
