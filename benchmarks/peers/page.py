@@ -89,10 +89,11 @@ each set: Passerby as boxes or joints (default options), its peers as points tha
 whole box, its *top+bottom*, or *joints*. Similarity errors, means over all cameras. *fails*: a camera is missing, the error is
 above {LARGEST_MM / 1000:g} m or {LARGEST_DEG:g}°, the engine breaks, or it needs more than {LIMIT_S:g} s of processor time.
 
-*clean*: as they are (simulated boxes have {100 * SIMULATED_BOX_NOISE:g} % noise, simulated joints {SIMULATED_JOINT_NOISE_PX:g} px; one seed).
-*noisy*: each edge of a box moved by {100 * BOX_NOISE:g} % of its height, each joint by {100 * JOINT_NOISE:g} % of its person's.
-*swaps*: the identities of {_SHARES} of the people of each camera and instant are exchanged among each other. The true
-cameras of PETS2009 and of Shelf are themselves no better than some 200 mm and 36 mm.
+*clean*: as they are; simulated boxes have {100 * SIMULATED_BOX_NOISE:g} % noise, simulated joints
+{SIMULATED_JOINT_NOISE_PX:g} px (one seed). *noisy*: each edge of a box moved by {100 * BOX_NOISE:g} % of its height, each
+joint by {100 * JOINT_NOISE:g} % of its person's. *swaps*: the identities of {_SHARES} of the people of each camera and
+instant are exchanged among each other. The true cameras of PETS2009 and of Shelf are themselves no better than some 200 mm
+and 36 mm.
 
 The peers' settings. *caliscope*: `calibrate_extrinsics`, people as objects, lenses held. *COLMAP* and *GLOMAP* (pycolmap): a
 static camera is one picture with all its points, pairs verified by COLMAP itself, lenses held, undistorted pixels, seed 0,
@@ -100,9 +101,9 @@ default thresholds; *COLMAP x3* has three times the thresholds of the image erro
 BA*: its bundle adjustment with the settings of its command line on the joints of one person, from a start by an essential
 matrix and PnP, since its own start needs a network that lifts skeletons; it takes one person, so elsewhere there is a dash."""
 
-_SUMMARY = """The peers in one line each. Ratios are Passerby's figure by the peer's, medians over the cases; those of the error
-over the cases where neither fails. A peer that was stopped counts with the time limit in *whole*, and not at all in *solve*."""
+_SUMMARY = """The peers in one line each. Ratios are Passerby's figure by the peer's, medians; those of the error and of *solve*
+over the cases where neither fails, those of *whole* over all, where a peer that was stopped counts with the time limit."""
 
-_COSTS = """Processor seconds of the solver alone (its input read, its modules imported before) and of the whole process, with the
-start of Python, and peak memory. One thread each, the engines of a case in turn, two cases side by side on two cores. It is
-processor time because that depends little on what else the machine does; with one thread it is the time by the clock."""
+_COSTS = """Processor seconds of the solver alone (its input read, its modules imported before) and of the whole process, with
+the start of Python, and peak memory. One thread each, the engines of a case in turn, two cases side by side on two cores. It
+is processor time because that depends little on what else the machine does; with one thread it is the time by the clock."""

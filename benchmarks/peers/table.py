@@ -124,15 +124,15 @@ def _cost(result: Result | None) -> str:
 def _summary(name: str, rows: Sequence[Row]) -> list[str]:
     pairs = [(row.ours, row.results[name]) for row in rows]
     both = [(a, b) for a, b in pairs if not a.failure and not b.failure]
-    ended = [(a, b) for a, b in pairs if math.isfinite(a.solve_seconds) and math.isfinite(b.solve_seconds)]
+    used = [b.peak_mb for _, b in pairs if math.isfinite(b.peak_mb)]
     return [
         name, str(len(rows)), str(sum(bool(b.failure) for _, b in pairs)), str(sum(bool(a.failure) for a, _ in pairs)),
         f"{sum(_ahead(a, b, 'mm') for a, b in pairs)} of {len(rows)}",
         f"{sum(_ahead(a, b, 'degrees') for a, b in pairs)} of {len(rows)}",
         _median(_of(a.mm) / _of(b.mm) for a, b in both),
-        _median(a.solve_seconds / b.solve_seconds for a, b in ended),
+        _median(a.solve_seconds / b.solve_seconds for a, b in both),
         _median(a.whole_seconds / b.whole_seconds for a, b in pairs),
-        f"{number(max((b.peak_mb for _, b in ended), default=math.nan), 0)} MB",
+        f"{number(max(used, default=math.nan), 0)} MB",
     ]  # fmt: skip
 
 
