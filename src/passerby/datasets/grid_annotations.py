@@ -14,17 +14,21 @@ from pathlib import Path
 import numpy as np
 
 from passerby.cameras import Floats
-from passerby.datasets.parsing import check_size, entry, numbered, read_json, whole
+from passerby.datasets.parsing import check_size, entry, numbered, read_json, real, whole
 from passerby.datasets.published import GroundTruth, Published
 from passerby.datasets.worlds import LEFT_HANDED, PublishedCamera, right_handed
 from passerby.errors import InputError
 from passerby.observations import UNKNOWN, Boxes, Ints
 
+Corners = tuple[float, float, float, float]
+
 ANNOTATIONS = "annotations_positions"
 CALIBRATIONS = "calibrations"
 PICTURES = "Image_subsets"
 CORNERS = ("xmin", "ymin", "xmax", "ymax")
-UNSEEN = (-1, -1, -1, -1)
+UNSEEN = (-1.0, -1.0, -1.0, -1.0)
+TOLD = 5
+"""So many places are named in a note."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +56,10 @@ class _Rows:
     frames: list[int] = field(default_factory=list)
     people: list[int] = field(default_factory=list)
     cells: list[int] = field(default_factory=list)
-    corners: list[list[tuple[int, int, int, int]]] = field(default_factory=list)
+    corners: list[list[Corners]] = field(default_factory=list)
     """Per person, one a camera."""
+    turned: list[str] = field(default_factory=list)
+    """Boxes that end before they begin."""
     repeated: list[str] = field(default_factory=list)
 
 
@@ -81,7 +87,7 @@ def read_grid(
     first, shifted = _first_number(layout, list(files), pictures)
     rows = _read_annotations(files, layout, first)
     ground = _ground(rows.cells, layout)
-    corners = np.array(rows.corners, dtype=np.int64).reshape(-1, len(cameras), 4)
+    corners = np.array(rows.corners, dtype=np.float64).reshape(-1, len(cameras), 4)
     seen = (corners != UNSEEN).any(axis=2)
     points = np.column_stack([ground, np.zeros(len(ground))])
     rig, mirror = right_handed(
@@ -100,7 +106,9 @@ def read_grid(
             f"{cut} boxes reach beyond the picture as published and were cut at its border, or left out where wholly outside."
         )
     if rows.repeated:
-        told.append(f"Identities that stand twice in one instant were made unknown (-1): {'; '.join(rows.repeated[:5])}.")
+        told.append(f"Identities that stand twice in one instant were made unknown (-1): {_some(rows.repeated)}.")
+    if rows.turned:
+        told.append(f"Boxes that end before they begin were left out: {_some(rows.turned)}.")
     known = identity != UNKNOWN
     paths, counted = _pictures(pictures, layout)
     if shifted:
@@ -154,7 +162,9 @@ def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int)
                     f"{place}: positionID is {cell}, but the grid of {layout.name} has {layout.cells[0]} x {layout.cells[1]} "
                     "cells, counted from 0: is this another set?"
                 )
-            rows.corners.append(_views(entry(person, "views", place), len(layout.labels), place))
+            views, turned = _views(entry(person, "views", place), len(layout.labels), place)
+            rows.corners.append(views)
+            rows.turned += [f"{path.name}, person {who}, viewNum {view}" for view in turned]
             if who in places:
                 rows.repeated.append(f"{who} in {path.name}")
                 rows.people[places[who]], who = UNKNOWN, UNKNOWN
@@ -168,11 +178,12 @@ def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int)
     return rows
 
 
-def _views(views: object, cameras: int, place: str) -> list[tuple[int, int, int, int]]:
-    """The corners in every camera; a camera that is not listed does not see the person."""
+def _views(views: object, cameras: int, place: str) -> tuple[list[Corners], list[int]]:
+    """The corners in every camera, and the cameras whose box is turned over; one that is not listed does not see the person."""
     if not isinstance(views, list):
         raise InputError(f"{place}: views is {views!r}: a list with one entry a camera is needed")
-    found: list[tuple[int, int, int, int] | None] = [None] * cameras
+    found: list[Corners | None] = [None] * cameras
+    turned = []
     for view in views:
         number = whole(entry(view, "viewNum", f"{place}: views"), f"{place}: viewNum")
         if number >= cameras:
@@ -182,14 +193,18 @@ def _views(views: object, cameras: int, place: str) -> list[tuple[int, int, int,
         here = f"{place}: viewNum {number}"
         if found[number] is not None:
             raise InputError(f"{here}: stands twice: delete one of the two")
-        left, top, right, bottom = (whole(entry(view, key, here), f"{here}: {key}", -(10**6)) for key in CORNERS)
-        if right < left or bottom < top:
-            raise InputError(
-                f"{here}: the box from ({left}, {top}) to ({right}, {bottom}) ends before it begins: take the file from the "
-                "set again"
-            )
+        left, top, right, bottom = (real(entry(view, key, here), f"{here}: {key}") for key in CORNERS)
         found[number] = (left, top, right, bottom)
-    return [UNSEEN if corners is None else corners for corners in found]
+        if right < left or bottom < top:
+            turned.append(number)
+            found[number] = UNSEEN
+    return [UNSEEN if corners is None else corners for corners in found], turned
+
+
+def _some(places: list[str]) -> str:
+    """The first places of a list, and how many more there are."""
+    more = f" and {len(places) - TOLD} more" if len(places) > TOLD else ""
+    return f"{'; '.join(places[:TOLD])}{more}"
 
 
 def _ground(cells: list[int], layout: GridLayout) -> Floats:
@@ -199,12 +214,12 @@ def _ground(cells: list[int], layout: GridLayout) -> Floats:
     return np.asarray(np.array(layout.origin_m) + layout.cell_m * steps)
 
 
-def _boxes(frame: Ints, identity: Ints, corners: Ints, size: tuple[int, int]) -> tuple[Boxes, int]:
+def _boxes(frame: Ints, identity: Ints, corners: Floats, size: tuple[int, int]) -> tuple[Boxes, int]:
     """The boxes within the picture, and how many had to be cut or left out."""
     low, high = np.maximum(corners[:, :2], 0), np.minimum(corners[:, 2:], size)
     inside = (high > low).all(axis=1)
     changed = int(np.count_nonzero(~inside | (np.hstack([low, high]) != corners).any(axis=1)))
-    ltwh = np.hstack([low, high - low])[inside].astype(np.float64)
+    ltwh = np.hstack([low, high - low])[inside]
     return Boxes(frame[inside], identity[inside], ltwh, np.ones(len(ltwh))), changed
 
 

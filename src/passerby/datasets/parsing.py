@@ -51,6 +51,13 @@ def whole(value: Any, place: str, least: int = 0) -> int:
     return value
 
 
+def real(value: Any, place: str) -> float:
+    """A finite number. Raises `InputError` for anything else."""
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise InputError(f"{place} is {_short(value)}: a finite number is needed")
+    return float(value)
+
+
 def entry(table: Any, key: str, place: str) -> Any:
     """`table[key]`. Raises `InputError` where `table` is no object or lacks the key."""
     if not isinstance(table, dict) or key not in table:
