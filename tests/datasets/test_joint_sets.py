@@ -12,9 +12,11 @@ from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
 from joint_sets import FIRST, People, write_panoptic, write_tum
+from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.cli import app
 from passerby.datasets import read_published
 from passerby.datasets.published import Published
+from passerby.datasets.skeletons import Skeletons, projected
 from passerby.datasets.tum import JOINTS
 from passerby.errors import InputError
 from passerby.evaluation.metrics import compare
@@ -143,6 +145,17 @@ def test_from_the_published_files_to_a_calibration(name, cameras, tmp_path) -> N
     assert found.similarity.mean_position_mm < 0.1
     assert found.similarity.mean_orientation_deg is not None
     assert found.similarity.mean_orientation_deg < 0.001
+
+
+def test_a_lens_does_not_fold_people_into_its_picture() -> None:
+    """Barrel distortion turns back at 46 degrees here: somebody at 63 comes out within the picture, on the other side."""
+    lens = Lens((1000, 800), np.array([[600.0, 0, 500], [0, 600, 400], [0, 0, 1]]), np.array([-0.3, 0.0, 0.0, 0.0]))
+    camera = Camera("A", lens, Pose(np.eye(3), np.zeros(3)))
+    xyz = np.array([[[0.0, 0.0, 5.0], [10.0, 0.0, 5.0]]])
+    assert ((camera.project(xyz[0]) > 0) & (camera.project(xyz[0]) < lens.size)).all()
+    people = Skeletons(np.array([1]), np.array([1]), xyz, np.ones((1, 2)), ("nose", "neck"))
+    seen = projected(Rig((camera,)), people, "here")["A"]
+    assert seen.score.tolist() == [[1.0, 0.0]]
 
 
 @pytest.fixture(scope="session")

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Floats, Rig
+from passerby.cameras import Camera, Floats, Lens, Rig
 from passerby.datasets.published import GroundTruth
 from passerby.errors import InputError
 from passerby.observations import UNKNOWN, Ints, Keypoints
@@ -21,8 +20,8 @@ PROJECTED = (
     "in front. Run a detector on the pictures for joints as they would be found."
 )
 BETWEEN_ANKLES = "Ground positions are the middle between the ankles; where an ankle is missing there is none."
-RAY_TOLERANCE = 1e-4
-"""A distortion polynomial can fold points far outside back into the picture; the ray of such a pixel is another one."""
+BORDER_POINTS = 50
+"""A side of the picture, to see how far from its axis a camera sees."""
 HEADS, ANKLES = ("nose", "head_top"), ("left_ankle", "right_ankle")
 
 
@@ -76,25 +75,26 @@ def check_upright(skeletons: Skeletons, place: str) -> None:
 
 
 def _in_camera(camera: Camera, skeletons: Skeletons) -> Keypoints:
-    pixels = camera.project(skeletons.xyz.reshape(-1, 3)).reshape(*skeletons.score.shape, 2)
-    seen = (skeletons.score > 0) & _inside(camera, pixels)
-    seen[seen] = _same_ray(camera, skeletons.xyz[seen], pixels[seen])
+    """The joints in one camera's picture."""
+    assert camera.pose is not None
+    points = skeletons.xyz.reshape(-1, 3) @ camera.pose.R_cw.T + camera.pose.t_cw
+    pixels = camera.lens.project_rays(points)
+    with np.errstate(all="ignore"):
+        inside = ((pixels >= -0.5) & (pixels <= np.array(camera.lens.size) - 0.5)).all(axis=1)
+        inside &= np.hypot(points[:, 0], points[:, 1]) <= _reach(camera.lens) * points[:, 2]
+    seen = (skeletons.score > 0) & inside.reshape(skeletons.score.shape)
     rows = seen.any(axis=1)
-    xy = np.where(seen[..., None], pixels, 0.0)[rows]
+    xy = np.where(seen[..., None], pixels.reshape(*seen.shape, 2), 0.0)[rows]
     score = np.where(seen, skeletons.score, 0.0)[rows]
     return Keypoints(skeletons.frame[rows], skeletons.identity[rows], xy, score, skeletons.joints)
 
 
-def _inside(camera: Camera, pixels: Floats) -> NDArray[np.bool_]:
-    """(...) whether pixels lie in the picture; not where they are NaN."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(((pixels >= -0.5) & (pixels <= np.array(camera.lens.size) - 0.5)).all(axis=-1))
+def _reach(lens: Lens) -> float:
+    """How far from its axis, as a tangent, a pinhole lens sees: the farthest of the picture's border.
 
-
-def _same_ray(camera: Camera, points: Floats, pixels: Floats) -> NDArray[np.bool_]:
-    """(K,) whether the pixels' rays lead back to the points."""
-    away = points - camera.centre
-    assert camera.pose is not None
-    true = away / np.linalg.norm(away, axis=1, keepdims=True) @ camera.pose.R_cw.T
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.linalg.norm(camera.lens.bearings(pixels) - true, axis=1) < RAY_TOLERANCE)
+    A distortion polynomial can fold points that are farther away back into the picture.
+    """
+    along = np.linspace(0.0, 1.0, BORDER_POINTS)
+    sides = [np.column_stack(side) for end in (0.0, 1.0) for side in ((along, 0 * along + end), (0 * along + end, along))]
+    rays = lens.bearings(np.vstack(sides) * np.array(lens.size) - 0.5)
+    return float(np.nanmax(np.hypot(rays[:, 0], rays[:, 1]) / rays[:, 2]))
