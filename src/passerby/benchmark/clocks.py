@@ -7,8 +7,9 @@ from concurrent.futures import Executor
 from passerby.benchmark.conditions import Condition, Outcome
 from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted, number, table
+from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import FAILS, failures, of, quartiles
-from passerby.benchmark.sweep import Axis, Swept, curve_page, sweep
+from passerby.benchmark.sweep import Swept, curve_page, sweep
 from passerby.progress import Progress
 from passerby.scene import SEARCHED_S
 from passerby.simulation import SimulationOptions

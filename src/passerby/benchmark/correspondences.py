@@ -9,6 +9,7 @@ from typing import Any
 from passerby.benchmark.conditions import Condition, Outcome
 from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted, table, yes
+from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import ABOUT, failures, median_errors, of, quartiles, worst_errors
 from passerby.benchmark.sweep import Swept, presets_of, sweep
 from passerby.geometry.two_view import MIN_POINTS
@@ -17,6 +18,7 @@ from passerby.simulation import SimulationOptions
 
 LEVELS, QUICK_LEVELS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0, 500.0), (10.0, 30.0, 200.0)
 SEEDS = 5
+AXIS = Axis("shared person-instants", "shared", scale="log")
 METHODS: dict[str, dict[str, Any]] = {
     "geopose": {"method": "geopose", "solver": (("min_correspondences", MIN_POINTS),)},
     "people": {"method": "people"},
@@ -36,14 +38,13 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     """Three scenes, eight numbers, five seeds, three methods; one scene, three numbers and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, presets_of(wanted), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "correspondences")
-    x = "shared person-instants"
     plots = {
-        "correspondences-similarity.svg": swept.plot("similarity_mm", x, "similarity error, mm", "log"),
-        "correspondences-metric.svg": swept.plot("metric_mm", x, "metric error, mm", "log"),
+        "correspondences-similarity.svg": swept.plot("similarity_mm", AXIS, "similarity error, mm"),
+        "correspondences-metric.svg": swept.plot("metric_mm", AXIS, "metric error, mm"),
     }
     text = _TEXT.format(
         seeds=swept.seeds, box_noise=100 * BOX_NOISE, joint_noise=JOINT_NOISE_PX, min_points=MIN_POINTS, about=ABOUT,
-        claims=_claims(swept), tables=swept.tables("shared", "{:g}".format), enough_mm=ENOUGH_MM, enough_deg=ENOUGH_DEG,
+        claims=_claims(swept), tables=swept.tables(AXIS), enough_mm=ENOUGH_MM, enough_deg=ENOUGH_DEG,
     )  # fmt: skip
     return Page("correspondences", text, plots)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from functools import cached_property
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -36,14 +36,17 @@ class Kept:
             write_text(self._path(self._folder, what), json.dumps(outcome))
 
     def _path(self, folder: Path, what: str) -> Path:
-        return folder / f"{hashlib.sha256(f'{self._code} {what}'.encode()).hexdigest()[:32]}.json"
+        return folder / f"{hashlib.sha256(f'{code_digest()} {what}'.encode()).hexdigest()[:32]}.json"
 
-    @cached_property
-    def _code(self) -> str:
-        """Stands for all code that an outcome depends on: a change of it makes every outcome unknown."""
-        versions = " ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
-        digest = hashlib.sha256(versions.encode())
-        root = Path(passerby.__file__).parent
-        for path in sorted(root.rglob("*.py")):
-            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-        return digest.hexdigest()
+
+@cache
+def code_digest() -> str:
+    """Stands for all code that an outcome depends on, as it was when this process first asked: with any other code, and with
+    other versions of the libraries, every outcome is unknown.
+    """
+    versions = " ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
+    digest = hashlib.sha256(versions.encode())
+    root = Path(passerby.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from passerby.benchmark.conditions import Condition, Method, Outcome
 from passerby.benchmark.page import Page, Wanted, number, table, yes
 from passerby.benchmark.paper import CLEAN, NOISE, NOISE_FAILS_PX
-from passerby.benchmark.plots import Line, Panel, error_plot
+from passerby.benchmark.plots import Axis, Line, Panel, error_plot
 from passerby.benchmark.spread import ABOUT, failures, median, median_errors, of, pose_errors, worst_errors
 from passerby.benchmark.sweep import Swept, sweep
 from passerby.progress import Progress
@@ -18,6 +18,7 @@ from passerby.simulation import PRESETS, SimulationOptions
 
 LEVELS, QUICK_LEVELS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0), (10.0, 20.0)
 SEEDS = 5
+AXIS = Axis("corner noise, px", "N, px", scale="symlog")
 METHODS: Mapping[str, Method] = {"geopose": "geopose", "people": "people"}
 
 
@@ -39,12 +40,12 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, tuple(PRESETS), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "noise")
     plots = {
-        "noise-metric.svg": error_plot(_with_paper(swept), "corner noise, px", "metric error, mm", x_scale="symlog"),
-        "noise-similarity.svg": swept.plot("similarity_mm", "corner noise, px", "similarity error, mm", "symlog"),
+        "noise-metric.svg": error_plot(_with_paper(swept), AXIS, "metric error, mm"),
+        "noise-similarity.svg": swept.plot("similarity_mm", AXIS, "similarity error, mm"),
     }
     text = _TEXT.format(
         seeds=swept.seeds, paper=_against_paper(swept), goals=_goals(swept), about=ABOUT,
-        tables=swept.tables("N, px", "{:g}".format),
+        tables=swept.tables(AXIS),
     )  # fmt: skip
     return Page("noise", text, plots)
 

@@ -8,7 +8,8 @@ from concurrent.futures import Executor
 from passerby.benchmark.conditions import Condition, Method
 from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted
-from passerby.benchmark.sweep import Axis, curve_page, sweep
+from passerby.benchmark.plots import Axis
+from passerby.benchmark.sweep import curve_page, sweep
 from passerby.progress import Progress
 from passerby.simulation import SimulationOptions
 

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.benchmark.spread import quartiles
 from passerby.errors import InputError
@@ -27,6 +26,8 @@ MARKERS = ("o", "s", "^", "D", "v")
 DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Lines differ by these too, for prints without colours."""
 PANEL_INCHES = (3.4, 3.0)
+LEGEND_COLUMNS = 2
+"""For each panel: so many names of methods have room below it."""
 ROW = 0.065
 """Height of a row of failures, as a share of the panel's."""
 
@@ -50,26 +51,38 @@ class Panel:
     lines: tuple[Line, ...]
 
 
+@dataclass(frozen=True)
+class Axis:
+    """The levels of a condition, in plots and in tables."""
+
+    """How a page tells the levels."""
+
+    label: str
+    """On plots, with the unit."""
+    head: str
+    """Of the tables' column."""
+    text: Callable[[float], str] = "{:g}".format
+    """A level in a table."""
+    scale: str = "linear"
+    """linear, log, or symlog (0 has a place)."""
+
+
 def check_plots() -> None:
     """Raises `InputError` where matplotlib is not installed."""
     if find_spec("matplotlib") is None:
         raise InputError("plots need matplotlib, which is not installed: pip install 'passerby[evidence]'")
 
 
-def error_plot(
-    panels: Sequence[Panel], x_label: str, y_label: str, *, x_scale: str = "linear", y_floor: float | None = None
-) -> str:
+def error_plot(panels: Sequence[Panel], across: Axis, y_label: str) -> str:
     """Errors against a condition: a panel each for several scenes, one logarithmic axis of errors for all.
 
-    A line is the median over the seeds, its band the quartiles. Where the median is a failure the line breaks.
-    A cross below the upper border, with its count, stands for the seeds that failed at a level.
+    A line is the median over the seeds, its band the quartiles. Where the median is a failure the line breaks. A cross below
+    the upper border, with its count, stands for the seeds that failed at a level.
 
     Args:
-        panels: from left to right.
-        x_label: the condition, with its unit.
+        panels: from left to right; errors are above 0.
+        across: the condition.
         y_label: the error, with its unit.
-        x_scale: linear, log, or symlog (linear up to 1, so that 0 has a place).
-        y_floor: smallest error drawn; errors below it stand at it. None: all are drawn.
 
     Returns:
         SVG text; the same arguments give the same text.
@@ -77,66 +90,78 @@ def error_plot(
     Raises:
         InputError: matplotlib is not installed.
     """
-    from matplotlib.ticker import NullLocator
+    check_plots()
+    from matplotlib import style
 
+    # Whatever style the user has set: the same arguments give the same text.
+    with style.context("default"):
+        return _error_plot(panels, across, y_label)
+
+
+def _error_plot(panels: Sequence[Panel], across: Axis, y_label: str) -> str:
     figure, axes = _figure(len(panels))
     for index, (axis, panel) in enumerate(zip(axes, panels, strict=True)):
-        axis.set_yscale("log")
-        if x_scale == "symlog":
-            axis.set_xscale("symlog", linthresh=1.0)
-        else:
-            axis.set_xscale(x_scale)
-        levels = sorted({x for line in panel.lines for x in line.x})
-        axis.set_xticks(levels, [f"{x:g}" for x in levels])
-        axis.xaxis.set_minor_locator(NullLocator())
         axis.set_title(panel.title)
-        axis.set_xlabel(x_label)
-        if index == 0:
-            axis.set_ylabel(y_label)
+        axis.set_ylabel("" if index else y_label)
+        _set_levels(axis, panel, across)
         axis.grid(visible=True, color="0.85", linewidth=0.6)
         axis.set_axisbelow(True)
         for number, line in enumerate(panel.lines):
-            _draw(axis, number, f"{panel.title}: {line.name}", line, y_floor)
-    _set_range(axes[0], panels, y_floor)
+            _draw(axis, number, f"{panel.title}: {line.name}", line)
+    _set_range(axes[0], panels)
     for axis, panel in zip(axes, panels, strict=True):
         for number, line in enumerate(panel.lines):
             _mark_failures(axis, number, line)
     names = list(dict.fromkeys(line.name for panel in panels for line in panel.lines))
     handles = {name: handle for axis in axes for handle, name in zip(*axis.get_legend_handles_labels(), strict=True)}
-    figure.legend([handles[name] for name in names], names, loc="outside lower center", ncols=len(names), frameon=False)
+    columns = min(len(names), LEGEND_COLUMNS * len(panels))
+    figure.legend([handles[name] for name in names], names, loc="outside lower center", ncols=columns, frameon=False)
     return _svg(figure)
 
 
-def _draw(axis: Axes, number: int, gid: str, line: Line, floor: float | None) -> None:
+def _set_levels(axis: Axes, panel: Panel, across: Axis) -> None:
+    """A tick at every level."""
+    from matplotlib.ticker import NullLocator
+
+    # Linear up to 1, where a logarithm would have no place for 0.
+    axis.set_xscale(across.scale, **({"linthresh": 1.0} if across.scale == "symlog" else {}))
+    levels = sorted({x for line in panel.lines for x in line.x})
+    axis.set_xticks(levels, [across.text(x) for x in levels])
+    axis.xaxis.set_minor_locator(NullLocator())
+    axis.set_xlabel(across.label)
+
+
+def _draw(axis: Axes, number: int, gid: str, line: Line) -> None:
     """The median and the quartiles of one line."""
     number %= len(COLOURS)
     colour, dash, marker = COLOURS[number], DASHES[number], MARKERS[number]
     x = np.array(line.x)
     rows = np.array([quartiles(values) for values in line.values])
-    low, middle, high = (_drawn(column, floor) for column in rows.T)
+    low, middle, high = (np.where(np.isfinite(column), column, np.nan) for column in rows.T)
     axis.plot(x, middle, color=colour, linestyle=dash, marker=marker, markersize=4, linewidth=1.4, label=line.name, gid=gid)
     if any(len(values) > 1 for values in line.values):
         axis.fill_between(x, low, np.where(np.isfinite(high), high, middle), color=colour, alpha=0.18, linewidth=0)
 
 
-def _set_range(axis: Axes, panels: Sequence[Panel], floor: float | None) -> None:
+def _set_range(axis: Axes, panels: Sequence[Panel]) -> None:
     """The range of the errors, with plain figures at 1, 2 and 5, and room above for rows of failures where there are any."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
     lines = [line for panel in panels for line in panel.lines]
     every = np.array([value for line in lines for values in line.values for value in quartiles(values)])
-    drawn = _drawn(every[np.isfinite(every)], floor)
+    drawn = every[np.isfinite(every)]
     low, high = (float(drawn.min()), float(drawn.max())) if len(drawn) else (1.0, 10.0)
     margin = max(0.05 * math.log10(max(high / low, 1.0)), 0.05)
     bottom, top = math.log10(max(low, 1e-9)) - margin, math.log10(high) + margin
     if not np.isfinite(every).all() or any(map(_failed, lines)):
         rows = ROW * (1 + max(len(panel.lines) for panel in panels))
         top = bottom + (top - bottom) / (1 - rows)
+    axis.set_yscale("log")
     axis.set_ylim(10**bottom, 10**top)
     subs = (1.0, 2.0, 5.0) if top - bottom < 2.5 else (1.0,)
     axis.yaxis.set_major_locator(LogLocator(subs=subs, numticks=20))
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.yaxis.set_minor_formatter(NullFormatter())
+    axis.yaxis.set_minor_locator(NullLocator())
 
 
 def _failed(line: Line) -> int:
@@ -159,15 +184,8 @@ def _mark_failures(axis: Axes, number: int, line: Line) -> None:
             )  # fmt: skip
 
 
-def _drawn(values: NDArray[np.float64], floor: float | None) -> NDArray[np.float64]:
-    """Failures are gaps."""
-    kept = np.where(np.isfinite(values), values, np.nan)
-    return kept if floor is None else np.maximum(kept, floor)
-
-
 def _figure(n_panels: int) -> tuple[Any, list[Axes]]:
     """A figure with a row of panels that share their axis of errors; drawn without a screen."""
-    check_plots()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(PANEL_INCHES[0] * n_panels, PANEL_INCHES[1]), layout="constrained")

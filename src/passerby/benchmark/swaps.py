@@ -8,8 +8,9 @@ from concurrent.futures import Executor
 from passerby.benchmark.conditions import Condition, Method
 from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted, number, table, yes
+from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import median
-from passerby.benchmark.sweep import Axis, Swept, curve_page, presets_of, sweep
+from passerby.benchmark.sweep import Swept, curve_page, presets_of, sweep
 from passerby.progress import Progress
 from passerby.simulation import SimulationOptions
 
@@ -24,7 +25,7 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     """Three scenes, five levels, five seeds, two methods; one scene, two levels and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, presets_of(wanted), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "swaps")
-    axis = Axis("swapped identities, %", "swapped", "{:.0%}".format)
+    axis = Axis("swapped identities", "swapped", "{:.0%}".format)
     return curve_page("swaps", _HEAD.format(seeds=swept.seeds, noise=100 * BOX_NOISE), swept, axis, _ratios(swept))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from passerby.benchmark.conditions import Condition, Outcome, run_conditions
 from passerby.benchmark.page import Page, Wanted, table
-from passerby.benchmark.plots import Line, Panel, error_plot
+from passerby.benchmark.plots import Axis, Line, Panel, error_plot
 from passerby.benchmark.spread import ABOUT, HEAD, of, spread_cells
 from passerby.progress import Progress
 from passerby.simulation import PRESETS
@@ -30,22 +30,17 @@ class Swept:
     outcomes: Mapping[tuple[str, str, float], tuple[Outcome, ...]]
     """(preset, method, level) -> outcome by seed."""
 
-    def tables(self, level_name: str, level_text: Callable[[float], str]) -> str:
-        """A section a preset: the spread of the errors by level and method.
+    def tables(self, axis: Axis) -> str:
+        """A section a preset: the spread of the errors by level and method."""
+        return "\n\n".join(f"### {preset}\n\n{self._table(preset, axis)}" for preset in self.presets)
 
-        Args:
-            level_name: head of the first column.
-            level_text: of a level.
-        """
-        return "\n\n".join(f"### {preset}\n\n{self._table(preset, level_name, level_text)}" for preset in self.presets)
-
-    def _table(self, preset: str, level_name: str, level_text: Callable[[float], str]) -> str:
+    def _table(self, preset: str, axis: Axis) -> str:
         rows = [
-            [level_text(level), method, *spread_cells(self.outcomes[preset, method, level])]
+            [axis.text(level), method, *spread_cells(self.outcomes[preset, method, level])]
             for level in self.levels
             for method in self.methods
         ]
-        return table((level_name, "method", *HEAD), rows)
+        return table((axis.head, "method", *HEAD), rows)
 
     def panels(self, figure: str, names: Mapping[str, str] | None = None) -> list[Panel]:
         """A panel a preset, a line a method, of one figure of the outcomes."""
@@ -64,23 +59,9 @@ class Swept:
             for preset in self.presets
         ]
 
-    def plot(self, figure: str, x_label: str, y_label: str, x_scale: str = "linear") -> str:
+    def plot(self, figure: str, axis: Axis, y_label: str) -> str:
         """`error_plot` of `panels`."""
-        return error_plot(self.panels(figure), x_label, y_label, x_scale=x_scale)
-
-
-@dataclass(frozen=True)
-class Axis:
-    """How a page tells the levels."""
-
-    label: str
-    """On plots, with the unit."""
-    head: str
-    """Of the tables' column."""
-    text: Callable[[float], str] = "{:g}".format
-    """A level in a table."""
-    scale: str = "linear"
-    """linear, log, or symlog (0 has a place)."""
+        return error_plot(self.panels(figure), axis, y_label)
 
 
 def curve_page(name: str, head: str, swept: Swept, axis: Axis, more: str = "") -> Page:
@@ -94,11 +75,11 @@ def curve_page(name: str, head: str, swept: Swept, axis: Axis, more: str = "") -
         more: what stands between the head and the plots.
     """
     plots = {
-        f"{name}-similarity.svg": swept.plot("similarity_mm", axis.label, "similarity error, mm", axis.scale),
-        f"{name}-metric.svg": swept.plot("metric_mm", axis.label, "metric error, mm", axis.scale),
+        f"{name}-similarity.svg": swept.plot("similarity_mm", axis, "similarity error, mm"),
+        f"{name}-metric.svg": swept.plot("metric_mm", axis, "metric error, mm"),
     }
     parts = [head.strip(), ABOUT, more.strip(), f"![Similarity errors]({name}-similarity.svg)",
-             f"![Metric errors]({name}-metric.svg)", "## By scene", swept.tables(axis.head, axis.text)]  # fmt: skip
+             f"![Metric errors]({name}-metric.svg)", "## By scene", swept.tables(axis)]  # fmt: skip
     return Page(name, "\n\n".join(filter(None, parts)) + "\n", plots)
 
 

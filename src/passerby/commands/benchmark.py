@@ -31,6 +31,7 @@ def benchmark(
     from passerby.benchmark.page import Wanted, signed, write_page
     from passerby.benchmark.parts import PARTS, chosen_parts
     from passerby.benchmark.plots import check_plots
+    from passerby.interchange.atomic import make_folder
     from passerby.parallel import local_processes
     from passerby.terminal import stages
 
@@ -40,6 +41,7 @@ def benchmark(
         return
     chosen = chosen_parts(parts or [])
     check_plots()
+    make_folder(out)
     wanted = Wanted(quick, seeds, data, scenes, out / KEPT)
     with stages() as tell, local_processes(MUCH_WORK_BYTES, 0) as executor:
         for name, part in chosen.items():

@@ -36,6 +36,14 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         Path(temporary).unlink(missing_ok=True)
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder, and those above it, where it is missing. Raises `InputError` where it cannot be."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+
+
 def write_text(path: str | Path, text: str) -> None:
     """`write_bytes` of UTF-8 text with Unix line ends."""
     write_bytes(path, text.encode("utf-8"))
