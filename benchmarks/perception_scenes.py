@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
-import os
 from dataclasses import replace
-from importlib import metadata
 from pathlib import Path
 
 import av
 import numpy as np
-from command import passerby
 
-import passerby as package
+from passerby.benchmark.rendered import FPS, SECONDS, render_key, rendered
 from passerby.cameras import Camera, Rig
 from passerby.interchange.video_writer import VideoWriter
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.rendering import RenderOptions
 from passerby.simulation.rendering.camera import camera_job, pictures
 
-SECONDS, FPS = 40.0, 5.0
+__all__ = ["FPS", "LARGE", "LARGE_FPS", "SECONDS", "large_video", "render_key", "rendered", "repeated"]
+
 LARGE, LARGE_FPS, LARGE_SECONDS = (1920, 1080), 25.0, 20.0
-
-
-def rendered(scenes: Path, preset: str, seed: int) -> Path:
-    """Folder of a rendered scene, made unless it is there from the same renderer and the same options."""
-    options = ["--preset", preset, "--seed", str(seed), "--seconds", f"{SECONDS:g}", "--fps", f"{FPS:g}", "--video"]
-    folder = scenes / f"{preset}-{seed}-{render_key(*options)}"
-    if not (folder / "scene.toml").is_file():
-        passerby("simulate", *options, "-o", str(folder))
-    return folder
 
 
 def large_video(scenes: Path) -> Path:
@@ -69,15 +57,3 @@ def _enlarged(camera: Camera) -> Camera:
     matrix[:2] *= scale
     matrix[:2, 2] = [scale * (part + 0.5) - 0.5 for part in lens.matrix[:2, 2]]
     return replace(camera, lens=replace(lens, size=LARGE, matrix=matrix))
-
-
-def render_key(*options: str) -> str:
-    """Of the options and of all that makes the pictures, down to the renderer's source."""
-    home = Path(package.__file__).parent
-    sources = [*sorted((home / "simulation").rglob("*.py")), home / "interchange" / "video_writer.py"]
-    digest = hashlib.blake2b(digest_size=5)
-    for part in (*options, *(f"{name} {metadata.version(name)}" for name in ("numpy", "opencv-python-headless", "av"))):
-        digest.update(part.encode() + b"\0")
-    for source in sources:
-        digest.update(os.fsencode(source.relative_to(home)) + b"\0" + source.read_bytes())
-    return digest.hexdigest()
