@@ -22,7 +22,7 @@ def mat_variable(path: Path, key: str) -> Any:
     try:
         content: Any = loadmat(path)
     except NotImplementedError:
-        content = {key: _hdf5_matrix(path, key)}
+        content = _hdf5_content(path)
     except (ValueError, TypeError, KeyError, IndexError, OSError, EOFError, zlib.error, MatReadError) as error:
         raise InputError(f"{path}: cannot be read as a MATLAB file ({error}): take it from the set again") from None
     if key not in content:
@@ -43,8 +43,8 @@ def mat_matrix(path: Path, key: str, shape: tuple[int, ...]) -> Floats:
     return np.asarray(value, dtype=np.float64)
 
 
-def _hdf5_matrix(path: Path, key: str) -> Any:
-    """A matrix of a file of version 7.3, whose columns HDF5 has as rows. Raises `InputError` where h5py is not installed."""
+def _hdf5_content(path: Path) -> dict[str, Any]:
+    """The matrices of a file of version 7.3, whose columns HDF5 has as rows. Raises `InputError` where it cannot be read."""
     try:
         h5py: Any = import_module("h5py")
     except ImportError:
@@ -52,5 +52,8 @@ def _hdf5_matrix(path: Path, key: str) -> Any:
             f"{path}: is a MATLAB file of version 7.3 (HDF5): install h5py, or save it as version 7 (save -v7), or as text "
             f"beside it ({path.stem}.txt, one row a line)"
         ) from None
-    with h5py.File(path, "r") as file:
-        return np.asarray(file[key]).T if key in file else None
+    try:
+        with h5py.File(path, "r") as file:
+            return {name: np.asarray(value).T for name, value in file.items() if isinstance(value, h5py.Dataset)}
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read as a MATLAB file ({error}): take it from the set again") from None

@@ -55,8 +55,8 @@ def read(folder: Path) -> Published:
         notes.append("There are neither videos (hdVideos) nor pictures (hdImgs): all HD cameras of the calibration were taken.")
     poses = folder / POSES
     files = numbered(poses, (".json",)) or numbered(poses / "hd", (".json",))
+    tar = " (unpack the .tar first: tar -xf)" if (folder / f"{POSES}.tar").exists() else ""
     if not files and not with_media:
-        tar = " (unpack the .tar first: tar -xf)" if (folder / f"{POSES}.tar").exists() else ""
         raise InputError(
             f"{poses}: no joints (body3DScene_00000000.json, ...){tar}, and {folder} has no videos or pictures either"
         )
@@ -67,7 +67,7 @@ def read(folder: Path) -> Published:
         keypoints, ground = projected(rig, skeletons, str(poses)), ground_under(skeletons)
         notes += [PROJECTED, BETWEEN_ANKLES, "A person who left and came back can have several identities."]
     else:
-        notes.append(f"There are no 3D joints ({POSES}), so nothing tells where the people are.")
+        notes.append(f"There are no 3D joints in {POSES}{tar}, so nothing tells where the people are.")
     name = path.stem.removeprefix("calibration_") if path.stem.startswith("calibration_") else "panoptic"
     return Published(
         name, rig, FPS, keypoints=keypoints, videos=videos, pictures=pictures, picture_frames=counted, ground=ground,
