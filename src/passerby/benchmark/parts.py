@@ -39,6 +39,7 @@ class Part:
 
 PARTS: Mapping[str, Part] = MappingProxyType(
     {
+        "paper": Part("pixels", "Tables 1 and 2 of the paper: picture matchers, annotations, boxes and people, from pixels"),
         "simulated": Part("simulated", "the simulated scenes without faults, against the goals"),
         "noise": Part("noise", "Table 3 of the paper: errors under uniform noise of the boxes' corners"),
         "correspondences": Part("correspondences", "errors against the number of correspondences of two cameras, 5 to 500"),

@@ -58,7 +58,7 @@ def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "")
         template="plotly_white", margin={"l": 50, "r": 10, "t": 40, "b": 45}, hovermode="closest",
         legend={"itemsizing": "constant"}, autosize=True,
     )  # fmt: skip
-    thinned = f" Every {every}th place is drawn." if every > 1 else ""
+    thinned = f" Every {_ordinal(every)} place is drawn." if every > 1 else ""
     body = figure.to_html(
         full_html=False, include_plotlyjs=True, div_id="trajectories", default_height="82vh", config={"displaylogo": False}
     )
@@ -117,6 +117,12 @@ def _draw_person(figure: Any, go: Any, found: Trajectories, identity: int, every
     }
     figure.add_trace(go.Scatter(x=x, y=y, line=line, showlegend=listed, **common), row=1, col=1)
     figure.add_trace(go.Scatter3d(x=x, y=y, z=z, line={**line, "width": 3}, showlegend=False, **common), row=1, col=2)
+
+
+def _ordinal(number: int) -> str:
+    """2nd, 3rd, 4th, 11th, 21st."""
+    ending = "th" if number % 100 in (11, 12, 13) else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{ending}"
 
 
 def _drawn(found: Trajectories, identity: int, every: int) -> Ints:

@@ -22,7 +22,7 @@ START_SPEED = 1.5
 UNSEEN = 1e8
 """Variance of a measurement that is not there, m^2."""
 BLOCK, MARGIN_S = 400, 6.0
-"""Instants of a block, and what is added before and after it: what is 6 s away moves a place by less than a micrometre."""
+"""Instants of a block, and what is added before and after it: what is 6 s away moves a place by micrometres."""
 
 CELLS = 60_000
 """Instants of blocks that are smoothed side by side, about: memory stays at 40 MB however long a recording is."""

@@ -19,6 +19,9 @@ Bools = NDArray[np.bool_]
 
 ROUNDS = 3
 """Of solving, smoothing and judging the boxes again; the choice of boxes rests after two."""
+STATURES = 0.87, 1.15
+"""Standing heights, as shares of the usual one: two and a half standard deviations of adults. Who is lower all the time does not
+stand."""
 FREE_SD = 0.35
 """Metres: what is assumed of a highest point while it is found out how tall a person is, and who crouches."""
 HEIGHT_INSTANTS = 2000
@@ -199,7 +202,7 @@ def _height(top: Floats, body_m: float) -> float:
     if len(top) < MIN_INSTANTS:
         return body_m
     every = max(1, len(top) // HEIGHT_INSTANTS)
-    return float(np.clip(standing_share(top[::every] / body_m), 0.75, 1.25)) * body_m
+    return float(np.clip(standing_share(top[::every] / body_m), *STATURES)) * body_m
 
 
 def _spread(camera: Ints, residual: Floats, count: Ints) -> Floats:

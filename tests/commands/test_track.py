@@ -1,0 +1,187 @@
+"""`passerby track` from a folder that `passerby calibrate` wrote: files, errors against the truth, broken folders."""
+
+import csv
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from passerby.cli import run
+from passerby.interchange.trajectories_csv import read_ground_positions
+from passerby.simulation import SimulationOptions, simulate, write_scene
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """(scene folder, output folder) of a terrace with clocks that differ, identities given."""
+    root = tmp_path_factory.mktemp("track")
+    write_scene(simulate(SimulationOptions(seconds=20.0, box_noise=0.02, seed=4)), root / "scene")
+    assert run(["calibrate", str(root / "scene" / "scene.toml"), "-o", str(root / "out")]) == 0
+    return root / "scene", root / "out"
+
+
+def copied(calibrated, tmp_path):
+    return shutil.copytree(calibrated[1], tmp_path / "out")
+
+
+def rows_of(path):
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_it_writes_a_table_and_a_page(calibrated, capsys, tmp_path):
+    out = copied(calibrated, tmp_path)
+    capsys.readouterr()
+    assert run(["track", str(out)]) == 0
+    said = capsys.readouterr()
+    assert "7 people" in said.out
+    assert said.err == ""
+    rows = rows_of(out / "trajectories" / "trajectories.csv")
+    assert list(rows[0]) == ["time_s", "frame", "id", "x_m", "y_m", "z_m", "sigma_m", "cameras"]
+    times = [float(row["time_s"]) for row in rows]
+    assert times == sorted(times)
+    assert {int(row["id"]) for row in rows} == set(range(1, 8))
+    assert all(0.5 < float(row["z_m"]) < 1.2 and 0 < float(row["sigma_m"]) < 1 for row in rows)
+    page = out / "trajectories" / "trajectories.html"
+    assert 3e6 < page.stat().st_size < 10e6
+    assert "person 7" in page.read_text()
+
+
+def test_the_distance_to_the_truth(calibrated, capsys, tmp_path):
+    scene, out = calibrated
+    truth = ["--truth", str(scene / "ground_positions.csv"), "--true-rig", str(scene / "truth.toml")]
+    figures = {}
+    for method in ("smoothed", "pairwise"):
+        capsys.readouterr()
+        assert run(["track", str(out), "-o", str(tmp_path / method), "--method", method, "--json", *truth]) == 0
+        figures[method] = json.loads(capsys.readouterr().out)
+    judged, paper = figures["smoothed"]["truth"], figures["pairwise"]["truth"]
+    assert set(judged) == {"metric", "similarity", "true_cameras", "from_true_cameras"}
+    assert judged["similarity"]["mean_m"] < 0.1
+    assert judged["similarity"]["mean_m"] < paper["similarity"]["mean_m"]
+    # People's height tells the scale to some per cent, of 10 to 15 m.
+    assert judged["similarity"]["mean_m"] < judged["metric"]["mean_m"] < 0.5
+    assert judged["true_cameras"]["mean_m"] < 0.1
+    assert judged["from_true_cameras"]["similarity"]["mean_m"] < 0.05
+    assert judged["similarity"]["matched"] == 7
+    assert judged["similarity"]["covered"] > 0.98
+    assert judged["similarity"]["unmatched"] == []
+    assert figures["smoothed"]["people"] == 7
+    assert len(figures["smoothed"]["ways"]) == 7
+
+
+def test_the_same_bytes(calibrated, tmp_path):
+    for name in ("a", "b"):
+        assert run(["track", str(calibrated[1]), "-o", str(tmp_path / name)]) == 0
+    for file in ("trajectories.csv", "trajectories.html"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_clocks_of_the_calibration_are_used(tmp_path, capsys):
+    scene = simulate(SimulationOptions(seconds=20.0, box_noise=0.02, seed=4, clock_offsets=(0.0, 0.8, -0.6, 0.5)))
+    path = write_scene(scene, tmp_path / "scene")
+    path.write_text(path.read_text().replace('mode = "given"', 'mode = "given"\nmax_offset_s = 2.0'))
+    assert run(["calibrate", str(path), "-o", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    truth = ["--truth", str(tmp_path / "scene" / "ground_positions.csv"), "--true-rig", str(tmp_path / "scene" / "truth.toml")]
+    assert run(["track", str(tmp_path / "out"), "--json", *truth]) == 0
+    judged = json.loads(capsys.readouterr().out)["truth"]
+    assert judged["similarity"]["mean_m"] < 0.12
+
+
+def broken_report(out, **changes):
+    path = out / "calibration.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+@pytest.mark.parametrize(
+    ("breaks", "status", "says"),
+    [
+        (lambda out: (out / "calibration.json").unlink(), 2, "calibration.json: no such file"),
+        (lambda out: (out / "calibration.json").write_text("{"), 2, "is not JSON"),
+        (lambda out: (out / "calibration.json").write_text("[]"), 2, "is no table"),
+        (lambda out: broken_report(out, verdict="fine"), 2, "verdict is 'fine'"),
+        (lambda out: broken_report(out, cameras=[]), 2, "has no camera C1"),
+        (lambda out: broken_report(out, verdict="refused", reasons=["no overlap"]), 3, "refused: no overlap"),
+        (lambda out: (out / "rig.toml").unlink(), 2, "rig.toml: no such file"),
+        (lambda out: (out / "rig.toml").write_text("?"), 2, "rig.toml: is not TOML"),
+        (lambda out: (out / "tracks" / "C2.txt").unlink(), 2, "C2.txt: no such file"),
+        (lambda out: (out / "tracks" / "C2.txt").write_text("1,2,3\n"), 2, "C2.txt: line 1"),
+    ],
+)
+def test_broken_folders(calibrated, tmp_path, capsys, breaks, status, says):
+    out = copied(calibrated, tmp_path)
+    breaks(out)
+    capsys.readouterr()
+    assert run(["track", str(out)]) == status
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert says in error
+    assert not (out / "trajectories").exists()
+
+
+def test_a_doubtful_calibration_is_followed_and_says_so(calibrated, tmp_path, capsys):
+    out = copied(calibrated, tmp_path)
+    broken_report(out, verdict="doubtful", reasons=["few people"])
+    capsys.readouterr()
+    assert run(["track", str(out)]) == 0
+    assert "note: the calibration is doubtful: few people" in capsys.readouterr().err
+
+
+def test_without_a_frame_rate(calibrated, tmp_path, capsys):
+    out = copied(calibrated, tmp_path)
+    report = json.loads((out / "calibration.json").read_text())
+    report["scene"]["scene"]["fps"] = None
+    (out / "calibration.json").write_text(json.dumps(report))
+    capsys.readouterr()
+    assert run(["track", str(out)]) == 2
+    assert "--fps" in capsys.readouterr().err
+    assert run(["track", str(out), "--fps", "10"]) == 0
+    times = {row["time_s"] for row in rows_of(out / "trajectories" / "trajectories.csv")}
+    assert "0.1000" in times
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--method", "magic"], "choose one of smoothed, pairwise"),
+        (["--max-gap", "-1"], "--max-gap -1"),
+        (["--fps", "0"], "--fps 0"),
+        (["--truth", "nowhere.csv"], "--true-rig"),
+        (["--truth", "nowhere.csv", "--true-rig", "nowhere.toml"], "no such file"),
+    ],
+)
+def test_wrong_options(calibrated, tmp_path, capsys, arguments, says):
+    assert run(["track", str(calibrated[1]), "-o", str(tmp_path / "t"), *arguments]) == 2
+    assert says in capsys.readouterr().err
+    assert not (tmp_path / "t").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("frame,x_m,y_m\n1,2,3\n", "line 1: has no column id"),
+        ("frame,id,x_m,y_m\n1,1,2\n", "line 2: has 3 columns"),
+        ("frame,id,x_m,y_m\n1,1,2,far\n", "line 2: y_m is 'far'"),
+        ("frame,id,x_m,y_m\n1.5,1,2,3\n", "line 2: frame is 1.5"),
+        ("frame,id,x_m,y_m\n1,1,2,3\n1,1,2,3\n", "first on line 2"),
+        ("frame,id,x_m,y_m\n", "has no row"),
+        ("", "line 1: has no column frame"),
+    ],
+)
+def test_broken_truth(tmp_path, text, says):
+    from passerby.errors import InputError
+
+    (tmp_path / "truth.csv").write_text(text)
+    with pytest.raises(InputError) as error:
+        read_ground_positions(tmp_path / "truth.csv")
+    assert says in str(error.value)
+
+
+def test_the_columns_of_data_sets(tmp_path):
+    (tmp_path / "truth.csv").write_text("frame,person,x_m,y_m,z_m\n3,9,-4.155,-7.359,0\n")
+    found = read_ground_positions(tmp_path / "truth.csv")
+    assert (found.frame[0], found.identity[0]) == (3, 9)
+    assert np.allclose(found.xy, [[-4.155, -7.359]])
