@@ -20,8 +20,8 @@ Bools = NDArray[np.bool_]
 ROUNDS = 3
 """Of solving, smoothing and judging the boxes again; the choice of boxes rests after two."""
 STATURES = 0.87, 1.15
-"""Standing heights, as shares of the usual one: two and a half standard deviations of adults. Who is lower all the time does not
-stand."""
+"""Standing heights, as shares of the usual one: two and a half standard deviations of adults. Who is lower all the time does
+not stand."""
 FREE_SD = 0.35
 """Metres: what is assumed of a highest point while it is found out how tall a person is, and who crouches."""
 HEIGHT_INSTANTS = 2000

@@ -1,0 +1,130 @@
+"""Ways against the truth: placed, matched, counted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from person_scenes import ring
+
+from passerby.cameras import Rig
+from passerby.errors import InputError
+from passerby.evaluation.trajectories import GroundTruth, between, judge, placements
+from passerby.geometry.similarity import Similarity
+from passerby.observations import Clock
+from passerby.tracks3d.trajectories import Trajectories
+
+TIMES = np.arange(40) / 5.0
+
+
+def line(number, times=TIMES):
+    """(T, 2) where true person `number` is: lines 3 m apart."""
+    return np.column_stack([0.5 * times, 3.0 * number + 0 * times])
+
+
+def truth(people=(1, 2, 3)):
+    return GroundTruth.of(
+        np.repeat(people, len(TIMES)), np.tile(TIMES, len(people)), np.concatenate([line(number) for number in people])
+    )
+
+
+def ways(places, sigma=0.1, cameras=3):
+    """Trajectories from identity -> (times, (T, 2))."""
+    identity = np.concatenate([np.full(len(times), one) for one, (times, _) in places.items()])
+    times = np.concatenate([times for times, _ in places.values()])
+    xy = np.concatenate([xy for _, xy in places.values()])
+    n = len(identity)
+    return Trajectories(
+        identity, np.round(times * 5).astype(int) + 1, times, np.column_stack([xy, np.full(n, 0.9)]), np.full(n, sigma),
+        np.full(n, cameras), np.ones(n, int), Clock(5.0),
+    )  # fmt: skip
+
+
+def test_distances_are_those_that_were_put_in():
+    found = ways({number: (TIMES, line(number) + (0.0, 0.1 * number)) for number in (1, 2, 3)}, sigma=0.12)
+    judged = judge(found, truth(), same_ids=True)
+    assert judged.distances.mean_m == pytest.approx(0.2)
+    assert judged.distances.median_m == pytest.approx(0.2)
+    assert judged.distances.within == {"0.15": pytest.approx(1 / 3), "0.26": pytest.approx(2 / 3), "0.59": 1.0}
+    assert judged.distances.within_sigma == pytest.approx(1 / 3)
+    assert judged.covered == 1.0
+    assert judged.missing == judged.unmatched == ()
+
+
+def test_between_two_true_instants_the_way_is_straight():
+    times = TIMES[:-1] + 0.07
+    judged = judge(ways({1: (times, line(1, times))}), truth(), same_ids=True)
+    assert judged.distances.places == len(times)
+    assert judged.distances.mean_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_outside_the_truth_nothing_is_compared():
+    times = np.concatenate([TIMES, TIMES + 100.0])
+    judged = judge(ways({1: (times, line(1, times))}), truth(), same_ids=True)
+    assert judged.distances.places == len(TIMES)
+
+
+def test_people_are_matched_one_to_one_by_where_they_are():
+    found = ways({
+        70: (TIMES, line(3) + (0.0, 0.1)),
+        71: (TIMES[:25], line(1)[:25]),
+        72: (TIMES[25:], line(1)[25:]),
+        73: (TIMES, line(2) + (0.0, 40.0)),
+    })  # fmt: skip
+    judged = judge(found, truth())
+    assert judged.matched == {70: 3, 71: 1}
+    assert judged.unmatched == (72, 73)
+    assert judged.missing == (2,)
+    assert judged.covered == pytest.approx((40 + 25) / 120)
+    assert judged.distances.places == 65
+
+
+def test_two_who_changed_their_names_half_way_are_half_wrong():
+    half = len(TIMES) // 2
+    found = ways({
+        1: (TIMES, np.concatenate([line(1)[:half], line(2)[half:]])), 2: (TIMES, np.concatenate([line(2)[:half], line(1)[half:]])),
+    })  # fmt: skip
+    judged = judge(found, truth((1, 2)))
+    assert judged.distances.mean_m == pytest.approx(1.5)
+
+
+def test_places_are_told_apart_by_how_many_cameras_saw_them():
+    found = ways({1: (TIMES, line(1) + (0.0, 0.3))}, cameras=1)
+    judged = judge(found, truth(), same_ids=True)
+    assert judged.by_cameras["one"].mean_m == pytest.approx(0.3)
+    assert judged.by_cameras["several"].places == judged.by_cameras["none"].places == 0
+    assert judged.to_dict()["by_cameras"]["none"]["mean_m"] is None
+
+
+def test_the_estimated_world_is_placed_upon_the_true_one():
+    rig = ring(4)
+    angle, scale, shift = 0.7, 1.04, np.array([3.0, -2.0, 0.0])
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    estimate = rig.moved(turn, shift, scale)
+    motions = placements(estimate, rig)
+    moved = {n: (TIMES, (scale * np.column_stack([line(n), 0 * TIMES]) @ turn.T + shift)[:, :2]) for n in (1, 2)}
+    found = ways(moved)
+    assert judge(found, truth(), motions["similarity"], same_ids=True).distances.mean_m == pytest.approx(0.0, abs=1e-9)
+    # By the reference camera the scale's 4 % remain, of the way from there.
+    away = [np.linalg.norm(line(n) - rig["C1"].centre[:2], axis=1) for n in (1, 2)]
+    metric = judge(found, truth(), motions["metric"], same_ids=True).distances.mean_m
+    assert metric == pytest.approx(0.04 * np.mean(away), rel=0.01)
+    # Sigmas go with the scale.
+    assert judge(ways(moved, sigma=0.1), truth(), Similarity(5.0, turn, shift), same_ids=True).distances.within_sigma == 0.0
+
+
+def test_the_same_people_by_other_cameras():
+    one = ways({1: (TIMES, line(1)), 2: (TIMES, line(2))})
+    other = ways({2: (TIMES[5:], line(2)[5:] + (0.2, 0.0)), 3: (TIMES, line(3))})
+    apart = between(one, other, Similarity(1.0, np.eye(3), np.zeros(3)))
+    assert apart.places == 35
+    assert apart.mean_m == pytest.approx(0.2)
+
+
+def test_rigs_that_share_no_camera():
+    rig = ring(3)
+    renamed = Rig(tuple(replace(camera, name=f"other {camera.name}") for camera in rig))
+    with pytest.raises(InputError, match="names must be the same"):
+        placements(renamed, rig)
+    with pytest.raises(InputError, match="reference camera C9"):
+        placements(rig, rig, "C9")
