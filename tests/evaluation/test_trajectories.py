@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from person_scenes import ring
 
 from passerby.cameras import Rig
 from passerby.errors import InputError
@@ -12,6 +11,7 @@ from passerby.evaluation.trajectories import GroundTruth, between, judge, placem
 from passerby.geometry.similarity import Similarity
 from passerby.observations import Clock
 from passerby.tracks3d.trajectories import Trajectories
+from person_scenes import ring
 
 TIMES = np.arange(40) / 5.0
 
@@ -80,9 +80,9 @@ def test_people_are_matched_one_to_one_by_where_they_are():
 
 def test_two_who_changed_their_names_half_way_are_half_wrong():
     half = len(TIMES) // 2
-    found = ways({
-        1: (TIMES, np.concatenate([line(1)[:half], line(2)[half:]])), 2: (TIMES, np.concatenate([line(2)[:half], line(1)[half:]])),
-    })  # fmt: skip
+    first = np.concatenate([line(1)[:half], line(2)[half:]])
+    second = np.concatenate([line(2)[:half], line(1)[half:]])
+    found = ways({1: (TIMES, first), 2: (TIMES, second)})
     judged = judge(found, truth((1, 2)))
     assert judged.distances.mean_m == pytest.approx(1.5)
 
