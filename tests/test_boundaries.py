@@ -8,7 +8,7 @@ import pytest
 import passerby
 
 PACKAGE = Path(passerby.__file__).parent
-MATHEMATICS = ("association", "geometry", "solver", "evaluation")
+MATHEMATICS = ("association", "geometry", "solver", "evaluation", "tracks3d")
 OUTSIDE = {"typer", "rich", "pydantic", "json", "tomllib", "tomli_w", "pathlib", "io", "logging"}
 UPSTAIRS = {
     "passerby.interchange",
