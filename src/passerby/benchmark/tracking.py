@@ -41,7 +41,7 @@ REAL = (("pets2009", 7.0), ("wildtrack", 2.0), ("multiviewx", 2.0))
 
 
 def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
-    """Three scenes, three kinds, two or three seeds, then the real sets that are at hand; one seed and few kinds in a quick run."""
+    """Three scenes of three kinds, then the real sets that are at hand; one seed and few kinds in a quick run."""
     seeds = wanted.seeds or (QUICK_SEEDS if wanted.quick else SEEDS)
     found_seeds = wanted.seeds or min(seeds, FOUND_SEEDS)
     cases = [
@@ -57,7 +57,8 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     sets = [] if wanted.quick else [RealSet(name, fps, data_folder(wanted.data, name)) for name, fps in REAL]
     real = side_by_side(run_set, sets, executor, tell, "tracking, real data sets")
     text = _TEXT.format(
-        seeds=seeds, found_seeds=found_seeds, plural="" if seeds == 1 else "s", noise=f"{100 * BOX_NOISE:g}", paper=f"{PAPER_M[0]} to {PAPER_M[1]} m",
+        seeds=seeds, found_seeds=found_seeds, plural="" if seeds == 1 else "s", noise=f"{100 * BOX_NOISE:g}",
+        paper=f"{PAPER_M[0]} to {PAPER_M[1]} m",
         given=_table(outcomes, "given"), tape=_table(outcomes, "given", tape=True),
         tape_sd=f"{100 * TAPE_SD_M:g}", found=_table(outcomes, "found"), goals=_goals(outcomes),
         sigmas=_sigma_table(outcomes), real=_real_table(real) if real else "*not run* in a quick run", goal=GOAL_M,
@@ -180,9 +181,9 @@ The same, and the distance between two opposite cameras is known to {tape_sd} cm
 
 ## Identities found
 
-Each camera has tracklets of its own, {piece} s long on average, and appearance that tells people apart (mode "combined"); seeds: {found_seeds}.
-People are matched to the true ones one to one; what an identity has of somebody else counts as error, what a person has under
-a second identity is not *covered*.
+Each camera has tracklets of its own, {piece} s long on average, and appearance that tells people apart (mode "combined");
+seeds: {found_seeds}. People are matched to the true ones one to one; what an identity has of somebody else counts as error,
+what a person has under a second identity is not *covered*.
 
 {found}
 
