@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from statistics import fmean
 
 from passerby.cameras import Rig
 from passerby.evaluation.metrics import compare
@@ -25,6 +27,23 @@ class Result:
     whole_seconds: float
     peak_mb: float
     version: str
+
+
+def mean_result(results: Sequence[Result]) -> Result:
+    """Several seeds as one: means, the largest memory; a failure where any of them fails, so that none is averaged away."""
+    if len(results) == 1:
+        return results[0]
+    failures = [result.failure for result in results if result.failure]
+    return Result(
+        mm=None if failures else fmean(result.mm or 0.0 for result in results),
+        degrees=None if failures else fmean(result.degrees or 0.0 for result in results),
+        failure=f"{len(failures)} of {len(results)}: {failures[0]}" if failures else None,
+        registered=min(result.registered for result in results),
+        solve_seconds=fmean(result.solve_seconds for result in results),
+        whole_seconds=fmean(result.whole_seconds for result in results),
+        peak_mb=max(result.peak_mb for result in results),
+        version=results[0].version,
+    )
 
 
 def judge(outcome: Outcome, truth: Rig) -> Result:

@@ -300,6 +300,23 @@ class TestTables:
         assert cells == ["caliscope", "3", "2", "1", "2 of 3", "2 of 3", "0.50", "0.50", "0.83", "300 MB"]
 
 
+def test_a_seed_that_fails_is_not_averaged_away(bench: Callable[[str], ModuleType]) -> None:
+    result, mean = bench("peers.judging").Result, bench("peers.judging").mean_result
+    good, better = result(10.0, 0.5, None, 4, 1.0, 2.0, 90.0, "x 1"), result(20.0, 0.1, None, 4, 2.0, 6.0, 80.0, "x 1")
+    whole = mean([good, better])
+    assert (whole.mm, whole.degrees, whole.failure) == (15.0, 0.3, None)
+    assert (whole.solve_seconds, whole.whole_seconds, whole.peak_mb) == (1.5, 4.0, 90.0)
+    assert mean([good]) is good
+    broken = mean([good, result(None, None, "3 of 4 cameras", 3, 1.0, 2.0, 90.0, "x 1"), better])
+    assert broken.failure == "1 of 3: 3 of 4 cameras"
+    assert broken.mm is None
+    table = bench("peers.table")
+    rows = [table.Row("A", "clean", points, {"Passerby": one}) for one in (good, better) for points in ("centre", "joints")]
+    merged = bench("peers.page").merged(rows)
+    assert [row.points for row in merged] == ["centre", "joints"]
+    assert merged[0].ours == whole
+
+
 def test_the_page_runs_from_a_case_to_text(bench: Callable[[str], ModuleType], tmp_path: Path) -> None:
     """One short simulated scene, Passerby and a peer that breaks: the whole way, in processes of their own."""
     cases, page = bench("peers.cases"), bench("peers.page")
