@@ -45,7 +45,7 @@ def run(scratch: Path, quick: bool) -> Iterator[Page]:
             rows += found
             if not found:
                 missing.append(case.name)
-            yield page(merged(rows), missing)
+            yield page(merged(rows), missing, quick=quick)
 
 
 def merged(rows: Sequence[Row]) -> list[Row]:
@@ -80,13 +80,19 @@ def run_case(case: Case, scratch: Path, peers: Sequence[Engine]) -> list[Row]:
     return rows
 
 
-def page(rows: Sequence[Row], missing: Sequence[str] = (), peers: Sequence[Engine] = PEERS) -> Page:
+def page(rows: Sequence[Row], missing: Sequence[str] = (), peers: Sequence[Engine] = PEERS, *, quick: bool = False) -> Page:
     """The page of the rows so far; `missing` names the cases whose data are not at hand."""
     engines = [peer.name for peer in peers if any(peer.name in row.results for row in rows)]
     absent = [f"- {peer.name}: {NOT_MADE}" for peer in peers if peer.interpreter() is None]
     absent += [f"- {name}: not run: data not here" for name in missing]
     versions = sorted({result.version for row in rows for result in row.results.values() if result.version})
-    parts = [_HEAD, "\n".join(absent), errors_table(rows, engines) if rows else "", _SUMMARY if engines else ""]
+    parts = [
+        _HEAD,
+        _QUICK if quick else "",
+        "\n".join(absent),
+        errors_table(rows, engines) if rows else "",
+        _SUMMARY if engines else "",
+    ]
     if engines:
         parts += [summary_table(rows, engines), goal_lines(rows, engines), _COSTS, costs_table(rows, engines)]
     parts.append(f"Engines: {', '.join(versions)}." if versions else "")
@@ -114,6 +120,8 @@ static camera is one picture with all its points, pairs verified by COLMAP itsel
 default thresholds; *COLMAP x3* has three times the thresholds of the image error, 12 px where the default has 4. *humancalib
 BA*: its bundle adjustment with the settings of its command line on the joints of one person, from a start by an essential
 matrix and PnP, since its own start needs a network that lifts skeletons; it takes one person, so elsewhere there is a dash."""
+
+_QUICK = "This is a quick run: two cases of one scene, one seed."
 
 _SUMMARY = """The peers in one line each. Ratios are Passerby's figure by the peer's, medians; those of the error and of *solve*
 over the cases where neither fails, those of *whole* over all, where a peer that was stopped counts with the time limit."""

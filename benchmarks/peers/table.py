@@ -98,6 +98,8 @@ def _error(result: Result | None) -> str:
 
 def _better(row: Row) -> str:
     """The peers that are lower in something, and in what."""
+    if len(row.results) == 1:
+        return "-"
     found = []
     for name, theirs in row.results.items():
         if name == PASSERBY or theirs.failure:
