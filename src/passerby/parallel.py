@@ -30,6 +30,7 @@ cameras, a minute long. Rough figures do: near the threshold nothing is gained o
 VIDEO_S = 5.0
 """What a video takes at the least; mostly it is far more."""
 ORPHANED_EVERY_S = 1.0
+SETTLING_S = 0.3
 BROKEN = (
     "a process that worked on a camera was killed from outside, as a rule for want of memory: close other programs and run the "
     "same command again; what was seen in videos so far is kept"
@@ -109,6 +110,9 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
     except BaseException as error:
         # Interrupted: nobody waits for what is not wanted any more.
         pool.shutdown(wait=False, cancel_futures=True)
+        # Python 3.11's pool reports work that was cancelled as an error of its own when its processes end before it has taken
+        # note: it takes note within milliseconds.
+        time.sleep(SETTLING_S)
         for process in set(multiprocessing.active_children()) - before:
             process.kill()
         if isinstance(error, BrokenExecutor):
