@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
+from functools import partial
 
 from passerby.benchmark.conditions import Condition, Method
 from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted
 from passerby.benchmark.plots import Axis
+from passerby.benchmark.spread import percent
 from passerby.benchmark.sweep import curve_page, presets_of, sweep
 from passerby.progress import Progress
 from passerby.simulation import SimulationOptions
@@ -22,7 +24,7 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     """Two scenes, four levels, five seeds, two methods; one scene, two levels and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, presets_of(wanted)[:2], tuple(METHODS), levels, SEEDS, wanted, executor, tell, "missing")
-    axis = Axis("missing boxes", "missing", "{:.0%}".format)
+    axis = Axis("missing boxes", "missing", partial(percent, digits=0))
     return curve_page("missing", _HEAD.format(seeds=swept.seeds, noise=100 * BOX_NOISE), swept, axis)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
+from functools import partial
 
 from passerby.benchmark.conditions import Condition, Method
 from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted, number, table, yes
 from passerby.benchmark.plots import Axis
-from passerby.benchmark.spread import median
+from passerby.benchmark.spread import median, percent
 from passerby.benchmark.sweep import Swept, curve_page, presets_of, sweep
 from passerby.progress import Progress
 from passerby.simulation import SimulationOptions
@@ -25,7 +26,7 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     """Three scenes, five levels, five seeds, two methods; one scene, two levels and two seeds in a quick run."""
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, presets_of(wanted), tuple(METHODS), levels, SEEDS, wanted, executor, tell, "swaps")
-    axis = Axis("swapped identities", "swapped", "{:.0%}".format)
+    axis = Axis("swapped identities", "swapped", partial(percent, digits=0))
     return curve_page("swaps", _HEAD.format(seeds=swept.seeds, noise=100 * BOX_NOISE), swept, axis, _ratios(swept))
 
 
@@ -47,5 +48,7 @@ def _ratios(swept: Swept) -> str:
         figures = [median(swapped, figure) / median(clean, figure) for figure in ("similarity_mm", "similarity_deg")]
         rows.append([preset, *(number(ratio, 2) for ratio in figures), yes(max(figures) <= LARGEST_RATIO)])
     head = ("scene", "ratio, mm", "ratio, degrees", f"at most {LARGEST_RATIO}")
-    about = f"The default method with {BORNE:.0%} swapped against none: the ratios of the medians of the similarity errors."
+    about = (
+        f"The default method with {percent(BORNE, 0)} swapped against none: the ratios of the medians of the similarity errors."
+    )
     return f"{about}\n\n{table(head, rows)}"
