@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -103,7 +104,9 @@ def run_engine(engine: Engine, source: Path, target: Path, limit_s: float) -> Ou
 
 def _wait(child: subprocess.Popen[bytes], limit_s: float) -> float | None:
     """Processor seconds of a process until its end; None where it had to be stopped."""
-    resource.prlimit(child.pid, resource.RLIMIT_CPU, (math.ceil(limit_s), math.ceil(limit_s)))
+    if hasattr(resource, "prlimit"):  # Linux; elsewhere the clock alone stops it
+        with contextlib.suppress(ProcessLookupError):
+            resource.prlimit(child.pid, resource.RLIMIT_CPU, (math.ceil(limit_s), math.ceil(limit_s)))
     patience = time.monotonic() + PATIENCE * limit_s
     while True:
         ended, status, usage = os.wait4(child.pid, os.WNOHANG)
