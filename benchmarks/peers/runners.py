@@ -82,6 +82,7 @@ def run_engine(engine: Engine, source: Path, target: Path, limit_s: float) -> Ou
     python = engine.interpreter()
     if python is None:
         raise FileNotFoundError(f".venv-peer-{engine.environment}")
+    target.unlink(missing_ok=True)
     command = [str(python), str(HERE / engine.script), str(source), str(target), *([engine.option] if engine.option else [])]
     with tempfile.TemporaryFile("w+") as said:
         child = subprocess.Popen(
