@@ -20,8 +20,9 @@ from passerby.evaluation.metrics import compare
 from passerby.evaluation.reprojection import reprojection_error
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.motchallenge import write_boxes
+from passerby.observations import Observations
 from passerby.pipeline import calibrate
-from passerby.solver.correspondences import ImagePoints, numbered_points
+from passerby.solver.correspondences import ImagePoints, box_points, match_pair, numbered_points
 from passerby.solver.geopose_pairs import GeoPoseOptions
 from passerby.solver.geopose_points import solve_correspondences
 from passerby.solver.scale import KnownLength
@@ -66,6 +67,8 @@ class PixelOutcome(Outcome):
     """Of all pairs with the reference and all moments; None for a row without matches."""
     right: int | None = None
     """Those near their true epipolar lines."""
+    looks: str = ""
+    """What told people apart by their looks; empty where nothing did."""
 
 
 def run_row(row: Row, stage: Stage) -> PixelOutcome:
@@ -118,10 +121,10 @@ def _boxes_by_hand(method: str) -> Callable[[Stage], PixelOutcome]:
     return run
 
 
-def _from_videos(mode: str, method: str) -> Callable[[Stage], PixelOutcome]:
+def _from_videos(mode: str, method: str, name: str | None = None) -> Callable[[Stage], PixelOutcome]:
     def run(stage: Stage) -> PixelOutcome:
         tables = {"association": {"mode": mode}, "solver": {"method": method}}
-        return _calibrated(stage, stage.scene(f"{mode}-{method}", tables))
+        return _calibrated(stage, stage.scene(f"{mode}-{method}", tables), name)
 
     return run
 
@@ -142,11 +145,23 @@ RUNS: Mapping[str, Callable[[Stage], PixelOutcome]] = {
     "boxes-by-hand": _boxes_by_hand("geopose"),
     "boxes-re-id": _from_videos("appearance", "geopose"),
     "trajectories": _from_videos("trajectory", "people"),
-    "people": _from_videos("combined", "people"),
+    "people": _from_videos("combined", "people", "people"),
     "people-by-hand": _boxes_by_hand("people"),
     "keypoints": _keypoints,
 }
 """By the names of `ROWS`."""
+
+
+def people_matches(rig: Rig, seen: Observations, frame: int) -> dict[str, Matches]:
+    """Box centres of the same people in the first camera and each other one, in one frame: the paper's correspondences."""
+    points = box_points(rig, seen)
+    points = points.take(points.frame == frame)
+    label, _ = points.labels()
+    found = {}
+    for index, name in enumerate(rig.names[1:], start=1):
+        rows_a, rows_b = match_pair(points, label, 0, index)
+        found[name] = Matches(points.pixel[rows_a], points.pixel[rows_b], np.ones(len(rows_a)))
+    return found
 
 
 @dataclass(frozen=True)
@@ -168,10 +183,14 @@ def solved(rig: Rig, points: ImagePoints, lengths: Sequence[KnownLength], least:
     return Solved(solution.rig, solution.verdict, next(iter(solution.reasons), ""))
 
 
-def _calibrated(stage: Stage, scene: Path) -> PixelOutcome:
-    """As `passerby calibrate` does it."""
+def _calibrated(stage: Stage, scene: Path, name: str | None = None) -> PixelOutcome:
+    """As `passerby calibrate` does it; with a name the people whom it matched are kept for the page's pictures."""
     result = calibrate(scene, keep=stage.seen)
-    return judged(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), stage.truth.rig, stage.judged)
+    if name is not None:
+        stage.found_matches[name] = [people_matches(stage.rig, result.observations, frame) for frame in stage.instants]
+    looks = result.perception.get("embedder", "")
+    outcome = judged(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), stage.truth.rig, stage.judged)
+    return replace(outcome, looks=looks["network"] if isinstance(looks, dict) else looks)
 
 
 def judged(result: Solved, truth: Rig, marks: Mapping[str, Floats] | None = None) -> PixelOutcome:

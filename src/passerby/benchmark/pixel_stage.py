@@ -29,7 +29,8 @@ LENGTH_M = 3.6
 LENGTH_NOISE_PX, JUDGE_NOISE_PX, ORACLE_NOISE_PX, JOINT_NOISE_PX = 0.5, 0.5, 1.0, 2.0
 JUDGED, ANNOTATED = 15, 30
 """Correspondences of RPE, as in the paper, and those of the oracle: others, as many as the paper says suffice."""
-WEIGHT_FREE = {"detector": "background", "embedder": "stripes"}
+PERCEPTION = {"detector": "background", "embedder": "auto"}
+"""People are found without a network, which is quick; what they look like, by the default network where it is to be had."""
 SALT = 4211
 """Keeps the annotator's hand apart from the scene's own random numbers."""
 
@@ -114,7 +115,7 @@ class Stage:
             seen = {"video": str(self.folder / table["video"])} if sightings is None else sightings[camera]
             content["cameras"][camera] = {"intrinsics": str(self.folder / table["intrinsics"]), **seen}
         if sightings is None:
-            content["perception"] = WEIGHT_FREE
+            content["perception"] = PERCEPTION
         else:
             content["scene"]["fps"] = float(self.options.fps)
         for table, chosen in tables.items():
