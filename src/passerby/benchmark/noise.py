@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from passerby.benchmark.conditions import Condition, Method, Outcome
 from passerby.benchmark.page import Page, Wanted, number, table, yes
-from passerby.benchmark.paper import CLEAN, NOISE, NOISE_FAILS_PX
+from passerby.benchmark.paper_figures import NOISE, NOISE_FAILS_PX, POSES
 from passerby.benchmark.plots import Axis, Line, Panel, error_plot
 from passerby.benchmark.spread import ABOUT, failures, median, median_errors, of, pose_errors, worst_errors
 from passerby.benchmark.sweep import Swept, sweep
@@ -104,7 +104,7 @@ def _paper(preset: str, level: float) -> tuple[float, float] | None:
     """The paper's own errors, infinite where it fails; None where it states none."""
     if level >= NOISE_FAILS_PX:
         return math.inf, math.inf
-    return CLEAN[preset] if level == 0 else NOISE[preset].get(level)
+    return POSES["boxes-re-id"][preset] if level == 0 else NOISE[preset].get(level)
 
 
 def _better(outcomes: tuple[Outcome, ...], paper: tuple[float, float] | None) -> str:

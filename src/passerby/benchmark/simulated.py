@@ -11,7 +11,7 @@ import numpy as np
 from passerby.benchmark.conditions import Condition, Method, Outcome
 from passerby.benchmark.goals import BOX_NOISE, GRAVITY_GOAL_DEG, GROUND_GOAL_MM, PRESETS, SCALE_GOAL
 from passerby.benchmark.page import Page, Wanted, number, reached, table, yes
-from passerby.benchmark.paper import CLEAN, CLEAN_MEAN
+from passerby.benchmark.paper_figures import POSES, POSES_MEAN
 from passerby.benchmark.spread import failures, of, percent, pose_errors, verdicts, worst_errors
 from passerby.benchmark.sweep import sweep
 from passerby.progress import Progress
@@ -94,18 +94,19 @@ def _world(results: Results) -> str:
 
 def _geopose(results: Results, people: Results) -> str:
     rows, means = [], []
+    paper = POSES["boxes-re-id"]
     for preset, outcomes in results.items():
         metric = _mean_errors(outcomes, "metric")
         means.append(metric)
         pairs = list(zip(of(people[preset], "similarity_mm"), of(outcomes, "similarity_mm"), strict=True))
         no_worse = sum(ours <= theirs and math.isfinite(ours) for ours, theirs in pairs)
         rows.append(
-            [preset, failures(outcomes), pose_errors(*metric), pose_errors(*CLEAN[preset]), _below(metric, CLEAN[preset]),
+            [preset, failures(outcomes), pose_errors(*metric), pose_errors(*paper[preset]), _below(metric, paper[preset]),
              pose_errors(*_mean_errors(outcomes, "similarity")), percent(_mean(outcomes, "scale_error"), 2),
              f"{no_worse} of {len(pairs)}"]
         )  # fmt: skip
     total = float(np.mean([mm for mm, _ in means])), float(np.mean([degrees for _, degrees in means]))
-    rows.append(["mean", "", pose_errors(*total), pose_errors(*CLEAN_MEAN), _below(total, CLEAN_MEAN), "", "", ""])
+    rows.append(["mean", "", pose_errors(*total), pose_errors(*POSES_MEAN), _below(total, POSES_MEAN), "", "", ""])
     head = ("scene", "failed", "metric", "paper", "reached", "similarity", "scale error", "people no worse")
     return table(head, rows)
 
