@@ -165,8 +165,8 @@ real scenes it stays within {paper} of the truth.
 
 The estimated world is placed upon the true one twice. *By a similarity* forgives the scale: what is left is the shape of the
 rig and of the ways. *By the reference camera* forgives nothing: with people's height as the only scale the size of the world
-is known to some 4 %, so a person 20 m from the reference camera is off by decimetres through that alone; one length known
-with a tape takes it away. *True cameras*: the same boxes with the true cameras, so that the difference is what the
+is known to some per cent only (*scale error*), and a person far from the reference camera is off by that share of the way; one
+length known with a tape takes it away. *True cameras*: the same boxes with the true cameras, so that the difference is what the
 calibration costs. Medians over the seeds, the worst seed in brackets; a calibration that fails counts as infinitely far.
 
 ## Identities given
@@ -193,8 +193,8 @@ Within {goal} m in every seed, by the default method.
 
 {goals}
 
-Even with true cameras and without any noise 5 to 11 cm remain: the true place is between the feet, a box shows the whole
-body, and who crouches, leans or carries is not above his feet.
+What remains with the true cameras is mostly bodies: the true place is between the feet, a box shows the whole body, and who
+crouches, leans or carries is not above his feet.
 
 ## Sigmas, and one camera alone
 
@@ -204,8 +204,8 @@ By the true cameras, identities given. Of two-dimensional normal errors 63 % lie
 
 ## Real data sets
 
-Boxes with true identities; only the true positions tell how good it is, and they were marked by hand on a grid or derived
-from several views, with errors of their own (PETS 2009: decimetres).
+Boxes with true identities. The true positions of real sets were marked on a grid or derived from several views, with errors of
+their own.
 
 {real}
 """
