@@ -61,6 +61,7 @@ def test_a_small_table_is_regenerated(noisy):
 
 def test_the_same_seeds_give_the_same_page(noisy):
     again = swept(small, ("geopose", "people"), (0.0, 5.0))
+    assert noisy.failures(AXIS).endswith("None.")
     first, second = (curve_page("small", "# Small", one, AXIS) for one in (noisy, again))
     assert first == second
     assert set(first.plots) == set(re.findall(r"\]\((.*?)\)", first.text)) == {"small-similarity.svg", "small-metric.svg"}
@@ -78,6 +79,9 @@ def test_what_fails_is_told_and_not_averaged_away():
     assert half[-2:] == ["1 of 2", "1 accepted, 1 refused"]
     assert half[:-2] == ["fails"] * 7
     assert found.outcomes["terrace", "people", 0.0][0] == found.outcomes["terrace", "people", 1.0][0]
+    assert found.failures(AXIS).splitlines()[2:] == [
+        f"- terrace, 1, people: 1 of 2; seed 1, refused, 0 of 3 cameras: {found.outcomes['terrace', 'people', 1.0][1].reason}"
+    ]
     assert "1 of 2" not in str(found.panels("similarity_mm"))
     assert math.inf in found.panels("similarity_mm")[0].lines[0].values[1]
 

@@ -44,7 +44,8 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     }
     text = _TEXT.format(
         seeds=swept.seeds, box_noise=100 * BOX_NOISE, joint_noise=JOINT_NOISE_PX, min_points=MIN_POINTS, about=ABOUT,
-        claims=_claims(swept), tables=swept.tables(AXIS), enough_mm=ENOUGH_MM, enough_deg=ENOUGH_DEG,
+        enough_mm=ENOUGH_MM, enough_deg=ENOUGH_DEG, claims=_claims(swept), tables=swept.tables(AXIS),
+        failures=swept.failures(AXIS),
     )  # fmt: skip
     return Page("correspondences", text, plots)
 
@@ -78,6 +79,8 @@ people at few instants, standing or not; with one known length the similarity er
 ## By scene
 
 {tables}
+
+{failures}
 """
 
 

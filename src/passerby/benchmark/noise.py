@@ -45,7 +45,7 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     }
     text = _TEXT.format(
         seeds=swept.seeds, paper=_against_paper(swept), goals=_goals(swept), about=ABOUT,
-        tables=swept.tables(AXIS),
+        tables=swept.tables(AXIS), failures=swept.failures(AXIS),
     )  # fmt: skip
     return Page("noise", text, plots)
 
@@ -79,6 +79,8 @@ Similarity errors of the default method.
 ![Similarity errors against the noise](noise-similarity.svg)
 
 {tables}
+
+{failures}
 """
 
 

@@ -42,6 +42,18 @@ class Swept:
         ]
         return table((axis.head, "method", *HEAD), rows)
 
+    def failures(self, axis: Axis) -> str:
+        """A section that tells of each condition with failures what the first of them said."""
+        lines = []
+        for (preset, method, level), outcomes in self.outcomes.items():
+            failed = [(seed, outcome) for seed, outcome in enumerate(outcomes) if outcome.failed]
+            if failed:
+                seed, first = failed[0]
+                where = f"{preset}, {axis.text(level)}, {method}: {len(failed)} of {len(outcomes)}"
+                what = f"{first.verdict}, {first.registered} of {first.cameras} cameras: {first.reason}"
+                lines.append(f"- {where}; seed {seed}, {what}")
+        return "\n".join(["## Failures", "", *(lines or ["None."])])
+
     def panels(self, figure: str, names: Mapping[str, str] | None = None) -> list[Panel]:
         """A panel a preset, a line a method, of one figure of the outcomes."""
         return [
@@ -79,7 +91,7 @@ def curve_page(name: str, head: str, swept: Swept, axis: Axis, more: str = "") -
         f"{name}-metric.svg": swept.plot("metric_mm", axis, "metric error, mm"),
     }
     parts = [head.strip(), ABOUT, more.strip(), f"![Similarity errors]({name}-similarity.svg)",
-             f"![Metric errors]({name}-metric.svg)", "## By scene", swept.tables(axis)]  # fmt: skip
+             f"![Metric errors]({name}-metric.svg)", "## By scene", swept.tables(axis), swept.failures(axis)]  # fmt: skip
     return Page(name, "\n\n".join(filter(None, parts)) + "\n", plots)
 
 
