@@ -39,7 +39,7 @@ def made_up(job: Job) -> Done:
 @pytest.fixture
 def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Page:
     monkeypatch.setattr(pixels, "run_job", made_up)
-    return pixels.run(Wanted(quick=True, data=tmp_path), None, silent)
+    return pixels.run(Wanted(seeds=1, data=tmp_path), None, silent)
 
 
 def line(page: Page, start: str, which: int = 0) -> str:
@@ -82,7 +82,15 @@ def test_pictures_belong_to_the_page(page: Page) -> None:
 
 def test_without_data(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pixels, "run_job", made_up)
-    assert "*not run*: data not here" in pixels.run(Wanted(quick=True), None, silent).text
+    assert "*not run*: data not here" in pixels.run(Wanted(seeds=1), None, silent).text
+
+
+def test_a_quick_run_says_what_it_leaves_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(pixels, "run_job", made_up)
+    text = pixels.run(Wanted(quick=True, data=tmp_path), None, silent).text
+    assert "*not run*: left out of a quick run" in text
+    assert "### construction" not in text
+    assert "construction, whose pictures are the largest, is left out" in text
 
 
 def test_every_figure_of_the_paper_has_a_row_and_a_scene() -> None:

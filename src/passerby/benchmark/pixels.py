@@ -40,11 +40,12 @@ class Measured:
 
 
 def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
-    """Three rendered scenes, two seeds, and the pictures of two real sets; two shorter scenes, one seed in a quick run."""
+    """Three rendered scenes, two seeds, and the pictures of two real sets; two shorter scenes and one seed in a quick run."""
     presets = QUICK_PRESETS if wanted.quick else PRESETS
     seeds = wanted.seeds or (QUICK_SEEDS if wanted.quick else SEEDS)
     seconds, moments = (QUICK_SECONDS, QUICK_MOMENTS) if wanted.quick else (SECONDS, MOMENTS)
-    work = jobs(presets, seeds, seconds, moments, wanted.kept, wanted.scenes, wanted.data)
+    data = None if wanted.quick else wanted.data
+    work = jobs(presets, seeds, seconds, moments, wanted.kept, wanted.scenes, data)
     done = dict(zip(work, side_by_side(run_job, work, executor, tell, "paper"), strict=True))
     films = {(job.name, job.seed): result for job, result in done.items() if job.data is None}
     rows = {
@@ -63,7 +64,7 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
         moments=f"{moments} instant{'s' if moments > 1 else ''}", claim=_claim(measured), collapsed=f"{COLLAPSED_DEG:g}",
         goals=_goals(measured), poses="\n\n".join(f"### {preset} (the paper: {SCENES[preset]})\n\n{_poses(measured, preset)}"
                                                   for preset in presets),
-        reprojections=_reprojections(measured), real=_real(measured), pictures=_pictures(plots), camera=DRAWN_CAMERA,
+        reprojections=_reprojections(measured), real=_real(measured, wanted.quick), pictures=_pictures(plots), camera=DRAWN_CAMERA,
         not_run=_not_run(measured), looks=_looks(measured),
         left_out="" if presets == PRESETS else "; construction, whose pictures are the largest, is left out of a quick run",
     )  # fmt: skip
@@ -210,9 +211,9 @@ def _reprojections(measured: Measured) -> str:
     return table(("row", *(cell for preset in measured.presets for cell in (f"{preset}, paper", preset))), rows)
 
 
-def _real(measured: Measured) -> str:
+def _real(measured: Measured, quick: bool) -> str:
     if not measured.real:
-        return "*not run*: data not here; name their folder with `--data`."
+        return "*not run*: left out of a quick run." if quick else "*not run*: data not here; name their folder with `--data`."
     rows = []
     for name in REAL:
         done = measured.real[name]
