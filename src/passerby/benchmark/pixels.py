@@ -58,14 +58,14 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     plots = {
         f"paper-{job.name}-{name}.jpg": picture for job, result in done.items() for name, picture in result.pictures.items()
     }
+    scene_tables = (f"### {preset} (the paper: {SCENES[preset]})\n\n{_poses(measured, preset)}" for preset in presets)
     text = _TEXT.format(
         seeds=f"{seeds} seed{'s' if seeds > 1 else ''}", seconds=f"{seconds:g}", fps=f"{FPS:g}", length=f"{LENGTH_M:g}",
         length_noise=f"{LENGTH_NOISE_PX:g}", judged=JUDGED, judge_noise=f"{JUDGE_NOISE_PX:g}", joints=f"{JOINT_NOISE_PX:g}",
         moments=f"{moments} instant{'s' if moments > 1 else ''}", claim=_claim(measured), collapsed=f"{COLLAPSED_DEG:g}",
-        goals=_goals(measured), poses="\n\n".join(f"### {preset} (the paper: {SCENES[preset]})\n\n{_poses(measured, preset)}"
-                                                  for preset in presets),
-        reprojections=_reprojections(measured), real=_real(measured, wanted.quick), pictures=_pictures(plots), camera=DRAWN_CAMERA,
-        not_run=_not_run(measured), looks=_looks(measured),
+        goals=_goals(measured), poses="\n\n".join(scene_tables), reprojections=_reprojections(measured),
+        real=_real(measured, wanted.quick), pictures=_pictures(plots), camera=DRAWN_CAMERA, not_run=_not_run(measured),
+        looks=_looks(measured),
         left_out="" if presets == PRESETS else "; construction, whose pictures are the largest, is left out of a quick run",
     )  # fmt: skip
     return Page("paper", text, plots)
