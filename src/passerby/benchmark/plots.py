@@ -76,8 +76,8 @@ def check_plots() -> None:
 def error_plot(panels: Sequence[Panel], across: Axis, y_label: str) -> str:
     """Errors against a condition: a panel each for several scenes, one logarithmic axis of errors for all.
 
-    A line is the median over the seeds, its band the quartiles. Where the median is a failure the line breaks. A cross below
-    the upper border, with its count, stands for the seeds that failed at a level.
+    A line is the median over the seeds, its band the quartiles. Where the median is a failure the line breaks. Below the
+    upper border stand the seeds that failed at a level, as 2/5.
 
     Args:
         panels: from left to right; errors are above 0.
@@ -124,7 +124,7 @@ def _set_levels(axis: Axes, panel: Panel, across: Axis) -> None:
     from matplotlib.ticker import NullLocator
 
     # Linear up to 1, where a logarithm would have no place for 0.
-    axis.set_xscale(across.scale, **({"linthresh": 1.0} if across.scale == "symlog" else {}))
+    axis.set_xscale(across.scale, **({"linthresh": 1.0, "linscale": 0.4} if across.scale == "symlog" else {}))
     levels = sorted({x for line in panel.lines for x in line.x})
     axis.set_xticks(levels, [across.text(x) for x in levels])
     axis.xaxis.set_minor_locator(NullLocator())
@@ -169,19 +169,14 @@ def _failed(line: Line) -> int:
 
 
 def _mark_failures(axis: Axes, number: int, line: Line) -> None:
-    """Crosses and counts of the seeds that failed, near the upper border; each line has a row of its own."""
+    """How many of the seeds failed at a level, near the upper border; each line has a row of its own."""
     place: Any = axis.get_xaxis_transform()
     height, colour = 1 - ROW * (number + 0.75), COLOURS[number % len(COLOURS)]
     for level, values in zip(line.x, line.values, strict=True):
         failed = sum(not math.isfinite(value) for value in values)
         if failed:
-            text = f"{failed} of {len(values)}" if len(values) > 1 else "fails"
-            last = level == max(line.x)
-            axis.plot([level], [height], marker="x", color=colour, markersize=5, linestyle="none", transform=place)
-            axis.annotate(
-                text, (level, height), xycoords=place, textcoords="offset points", xytext=(-5 if last else 5, 0),
-                ha="right" if last else "left", va="center", fontsize=7, color=colour,
-            )  # fmt: skip
+            text = f"{failed}/{len(values)}" if len(values) > 1 else "fails"
+            axis.annotate(text, (level, height), xycoords=place, ha="center", va="center", fontsize=7, color=colour)
 
 
 def _figure(n_panels: int) -> tuple[Any, list[Axes]]:

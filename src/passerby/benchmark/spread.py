@@ -21,9 +21,9 @@ HEAD = (
 """Of the cells of `spread_cells`."""
 
 ABOUT = """Medians and quartiles over the seeds; a failure (a refusal, or a camera without a pose) counts as an infinite error,
-so that nothing is averaged away, and is counted under *failed*. *similarity*: the mean over the cameras of the errors of
-position and orientation when the scale is set by the truth. *metric*: with the scale as it was found and the reference camera
-held: the paper's measure."""
+so that nothing is averaged away, and is counted under *failed* and at the top of the plots (2/5: two seeds of five).
+*similarity*: the mean over the cameras of the errors of position and orientation when the scale is set by the truth. *metric*:
+with the scale as it was found and the reference camera held: the paper's measure."""
 
 
 def quartiles(values: Sequence[float]) -> tuple[float, float, float]:
