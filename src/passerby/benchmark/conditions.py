@@ -106,8 +106,16 @@ def run_conditions(
     jobs: dict[SimulationOptions, list[Condition]] = {}
     for condition in dict.fromkeys(conditions):
         jobs.setdefault(without_faults(condition.options), []).append(condition)
-    found = side_by_side(_run_job, [_Job(tuple(alike), kept) for alike in jobs.values()], executor, tell, stage)
+    # The longest first, so that no process works on alone in the end.
+    ordered = sorted(jobs.values(), key=_effort, reverse=True)
+    found = side_by_side(_run_job, [_Job(tuple(alike), kept) for alike in ordered], executor, tell, stage)
     return {condition: outcome for outcomes in found for condition, outcome in outcomes.items()}
+
+
+def _effort(conditions: Sequence[Condition]) -> float:
+    """About how much work it is: views are most of the filming, and all boxes go into a solution."""
+    options = conditions[0].options
+    return options.n_cameras * options.n_people * options.n_frames * (1 + len(conditions))
 
 
 @dataclass(frozen=True)
