@@ -11,7 +11,7 @@ from pathlib import Path
 from passerby.baselines import MATCHERS, Matches
 from passerby.benchmark.kept import Kept
 from passerby.benchmark.match_picture import as_jpeg, draw_matches
-from passerby.benchmark.pixel_real import RealViews, panoptic, run_matcher, wildtrack
+from passerby.benchmark.pixel_real import BOXES, RealViews, panoptic, run_boxes, run_matcher, wildtrack
 from passerby.benchmark.pixel_rows import ROWS, PixelOutcome, run_row
 from passerby.benchmark.pixel_stage import Stage
 from passerby.benchmark.rendered import FPS, rendered
@@ -101,7 +101,10 @@ def _real(job: Job, data: Path) -> Done:
     views: RealViews | str = wildtrack(data) if job.name == "WILDTRACK" else panoptic(data, job.moments)
     if isinstance(views, str):
         return Done({}, {}, views)
-    return Done({name: run_matcher(name, views) for name in MATCHERS}, {})
+    outcomes = {name: run_matcher(name, views) for name in MATCHERS}
+    if job.name == "WILDTRACK":
+        outcomes |= {method: run_boxes(method, data, views.truth) for method in BOXES}
+    return Done(outcomes, {})
 
 
 def jobs(

@@ -5,6 +5,7 @@ The sets are the user's own; none is part of the package, and no picture of one 
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,19 +13,22 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import tomli_w
 
 from passerby.baselines import Matcher, Matches, Picture, Unavailable, open_matcher
 from passerby.baselines.pooling import pooled_points
 from passerby.benchmark.annotations import marked_length
 from passerby.benchmark.match_picture import as_jpeg, draw_matches
-from passerby.benchmark.pixel_rows import MATCH_SIGMA_PX, NOT_RUN, PixelOutcome, counted, judged, solved
+from passerby.benchmark.pixel_rows import MATCH_SIGMA_PX, NOT_RUN, PixelOutcome, Solved, counted, judged, solved
 from passerby.benchmark.pixel_stage import LENGTH_NOISE_PX
 from passerby.cameras import Rig
 from passerby.errors import InputError
 from passerby.interchange.rig_toml import read_rig
+from passerby.pipeline import calibrate
 
 SHRINK = 2
 """Pictures of 1920 x 1080 are looked at in half their size: networks take four times as long otherwise."""
+WILDTRACK_FPS = 2.0
 PIPE_HEIGHTS_M = (1.0, 0.5, 1.5)
 """The paper's pipe of 1.0 m, held where all cameras of a room see it."""
 
@@ -86,6 +90,29 @@ def run_matcher(name: str, views: RealViews) -> PixelOutcome:
     points = pooled_points(lenses, views.reference, found, SHRINK * MATCH_SIGMA_PX)
     total, good = counted(views.truth, found)
     return replace(judged(solved(lenses, points, [length]), views.truth), matches=total, right=good)
+
+
+BOXES = {"geopose": "boxes of annotated people, GeoPose", "people": "boxes of annotated people, **ours**"}
+"""Rows beside the matchers, by the solver's name."""
+
+
+def run_boxes(method: str, data: Path, truth: Rig) -> PixelOutcome:
+    """What people give on WILDTRACK's cameras: the boxes of its annotations, identities given, from other moments."""
+    rig = data / "wildtrack" / "rig.toml"
+    cameras = {
+        name: {"intrinsics": str(rig), "tracks": str(data / "wildtrack" / "identities" / f"{name}.txt")} for name in truth.names
+    }
+    scene = {
+        "scene": {"name": "wildtrack", "fps": WILDTRACK_FPS},
+        "cameras": cameras,
+        "association": {"mode": "given"},
+        "solver": {"method": method, "reference": truth.names[0]},
+    }
+    with tempfile.TemporaryDirectory(prefix="passerby-wildtrack-") as folder:
+        path = Path(folder) / "scene.toml"
+        path.write_text(tomli_w.dumps(scene))
+        result = calibrate(path)
+    return judged(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), truth)
 
 
 def match_all(match: Matcher, views: RealViews) -> list[dict[str, Matches]]:
