@@ -116,7 +116,7 @@ def test_opening_disk_leaves_no_stand_in() -> None:
     assert {name for name in sys.modules if name.startswith("torchvision")} == before
 
 
-def test_all_matchers_have_a_module() -> None:
+def test_all_matchers_have_a_module(offline: None) -> None:
     for name in MATCHERS:
         why = available(name, Path("/nowhere"))
         assert why is None or "cannot be had" in why or "not installed" in why
