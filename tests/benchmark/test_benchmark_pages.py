@@ -91,8 +91,8 @@ def test_the_noise_page_compares_with_the_paper(monkeypatch):
     monkeypatch.setattr(noise, "PRESETS", ("terrace", "basketball"))
     page = noise.run(Wanted(quick=True, seeds=1), None, silent)
     rows = cells(page.text.split("## Against the paper")[1].split("\n\n")[2])
-    assert rows[1][:3] == ["terrace", "10", "433.0 mm 1.910°"]
-    assert [row[2] for row in rows[3:]] == ["1653.0 mm 26.200°", "3093.0 mm 49.200°"]
+    assert rows[1][:3] == ["terrace", "10", "433 mm 1.91°"]
+    assert [row[2] for row in rows[3:]] == ["1653 mm 26.20°", "3093 mm 49.20°"]
     assert all(row[-1] == "yes (1 of 1)" for row in rows[1:])
     goals = cells(page.text.split("## Goals")[1].split("\n\n")[2])
     assert [row[:3] for row in goals[1:]] == [["basketball", "10", "100 mm 0.5°"], ["basketball", "20", "100 mm 0.5°"]]
