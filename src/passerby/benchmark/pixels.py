@@ -18,6 +18,7 @@ from passerby.benchmark.rendered import FPS, SECONDS
 from passerby.benchmark.spread import FAILS, failures, median, median_errors, verdicts
 from passerby.parallel import side_by_side
 from passerby.progress import Progress
+from passerby.solver.geopose_pairs import GeoPoseOptions
 
 PRESETS, QUICK_PRESETS = ("terrace", "basketball", "construction"), ("terrace", "basketball")
 SEEDS, QUICK_SEEDS = 2, 1
@@ -66,7 +67,7 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
         moments=f"{moments} instant{'s' if moments > 1 else ''}", claim=_claim(measured), collapsed=f"{COLLAPSED_DEG:g}",
         goals=_goals(measured), poses="\n\n".join(scene_tables), reprojections=_reprojections(measured),
         real=_real(measured, wanted.quick), pictures=_pictures(plots), camera=DRAWN_CAMERA, not_run=_not_run(measured),
-        looks=_looks(measured),
+        looks=_looks(measured), least=GeoPoseOptions.min_correspondences,
         left_out="" if presets == PRESETS else "; construction, whose pictures are the largest, is left out of a quick run",
     )  # fmt: skip
     return Page("paper", text, plots)
@@ -79,7 +80,8 @@ pictures a second, four cameras, {seeds}{left_out}. Every row makes corresponden
 go through the same solver, GeoPose as in the paper. Lenses are known, poses are not.
 
 - *Matchers* see the reference, C1, with each other camera at {moments}; what they find goes into one solve. Their scale, and
-  the oracle's, is one line of {length} m marked in the views to {length_noise} px, the paper's free-throw line.
+  the oracle's, is one line of {length} m marked in the views to {length_noise} px, the paper's free-throw line. A camera is placed
+  where {least} matches or more agree on its pose.
 - *oracle*: true points of people and of the ground, as marked by hand.
 - *boxes*: what the detector without a network finds in the videos. *named by hand*: each box has the identity of the true box
   that it stands for. *by re-identification*: by looks alone ({looks}). Their scale is the height of people.
