@@ -106,7 +106,7 @@ _HEAD = f"""# Beside today's peers
 Identities are given to all engines: the peers cannot find them. All get the same observations, at most {INSTANTS} instants of
 each set ({JOINT_INSTANTS} of joints): Passerby as boxes or joints (default options), its peers as points that two cameras or
 more saw: the *centre* of each whole box, its *top+bottom*, or *joints*. Similarity errors, means over all cameras, and over
-{SEEDS} seeds of each simulated scene. *fails*, if only with one seed: a camera is missing, the error is above
+{SEEDS} seeds of each simulated scene of boxes. *fails*, if only with one seed: a camera is missing, the error is above
 {LARGEST_MM / 1000:g} m or {LARGEST_DEG:g}°, the engine breaks, or it needs more than {LIMIT_S:g} s of processor time.
 
 *clean*: as they are; simulated boxes have {100 * SIMULATED_BOX_NOISE:g} % noise, simulated joints
