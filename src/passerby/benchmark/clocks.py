@@ -14,7 +14,7 @@ from passerby.progress import Progress
 from passerby.scene import SEARCHED_S
 from passerby.simulation import SimulationOptions
 
-LEVELS, QUICK_LEVELS = (0.0, 0.1, 0.5, 1.0), (0.5,)
+LEVELS, QUICK_LEVELS = (0.0, 0.2, 0.5, 1.0), (0.5,)
 SEEDS = 5
 PRESETS = ("terrace",)
 GIVEN, UNSEARCHED, COMBINED = "given, searched", "given, not searched", "combined"
@@ -26,7 +26,7 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     levels = QUICK_LEVELS if wanted.quick else LEVELS
     swept = sweep(_condition, PRESETS, METHODS, levels, SEEDS, wanted, executor, tell, "clocks")
     head = _HEAD.format(seeds=swept.seeds, noise=100 * BOX_NOISE, search=SEARCHED_S)
-    axis = Axis("largest clock offset, s", "offsets", "{:g} s".format)
+    axis = Axis("largest clock offset, s", "offsets, s")
     return curve_page("clocks", head, swept, axis, _clocks(swept))
 
 
@@ -50,12 +50,12 @@ def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
 def _clocks(swept: Swept) -> str:
     """How well the clocks are found."""
     rows = [
-        [preset, f"{level:g} s", method, *_clock_cells(swept.outcomes[preset, method, level])]
+        [preset, f"{level:g}", method, *_clock_cells(swept.outcomes[preset, method, level])]
         for preset in swept.presets
         for level in swept.levels
         for method in swept.methods
     ]
-    head = ("scene", "offsets", "method", "clock error, median", "worst", "failed")
+    head = ("scene", "offsets, s", "method", "clock error, median", "worst", "failed")
     about = "Mean error over the cameras of the offsets to the first camera's clock:"
     return f"{about}\n\n{table(head, rows)}"
 

@@ -25,7 +25,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000")
 MARKERS = ("o", "s", "^", "D", "v")
 DASHES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 """Lines differ by these too, for prints without colours."""
-PANEL_INCHES = (3.4, 3.0)
+PANEL_INCHES, WIDE_INCHES = (3.4, 3.0), 5.0
+"""Width and height of a panel; the width of one that stands alone, so that the legend has room."""
 LEGEND_COLUMNS = 2
 """For each panel: so many names of methods have room below it."""
 ROW = 0.065
@@ -183,7 +184,7 @@ def _figure(n_panels: int) -> tuple[Any, list[Axes]]:
     """A figure with a row of panels that share their axis of errors; drawn without a screen."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(PANEL_INCHES[0] * n_panels, PANEL_INCHES[1]), layout="constrained")
+    figure = Figure(figsize=(max(PANEL_INCHES[0] * n_panels, WIDE_INCHES), PANEL_INCHES[1]), layout="constrained")
     axes = figure.subplots(1, n_panels, sharey=True, squeeze=False)[0]
     return figure, list(axes)
 
