@@ -80,8 +80,8 @@ pictures a second, four cameras, {seeds}{left_out}. Every row makes corresponden
 go through the same solver, GeoPose as in the paper. Lenses are known, poses are not.
 
 - *Matchers* see the reference, C1, with each other camera at {moments}; what they find goes into one solve. Their scale, and
-  the oracle's, is one line of {length} m marked in the views to {length_noise} px, the paper's free-throw line. A camera is placed
-  where {least} matches or more agree on its pose.
+  the oracle's, is one line of {length} m marked in the views to {length_noise} px, the paper's free-throw line. A camera gets
+  a pose where {least} matches or more agree on it.
 - *oracle*: true points of people and of the ground, as marked by hand.
 - *boxes*: what the detector without a network finds in the videos. *named by hand*: each box has the identity of the true box
   that it stands for. *by re-identification*: by looks alone ({looks}). Their scale is the height of people.
