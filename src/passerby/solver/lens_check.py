@@ -105,7 +105,7 @@ def _focal_columns(rig: Rig, problem: PeopleProblem) -> dict[str, Floats]:
     top, bottom = _outward(s.top, s.top_tangent), _outward(s.bottom, s.bottom_tangent)
     return {
         "centres": 0.5 * (top + bottom) / problem.centre_sigma()[:, None],
-        "heights": ((bottom - top)[:, 1] / s.extent_px / problem.height_sigma())[:, None],
+        "heights": ((bottom - top)[:, 1] / problem.scale_px / problem.height_sigma())[:, None],
         "joints": _outward(o.bearing, o.tangent) / o.sigma_px[:, None],
     }
 

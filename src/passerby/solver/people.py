@@ -17,7 +17,7 @@ from passerby.errors import EvidenceError
 from passerby.observations import Observations
 from passerby.solver.assembly import components, heading_rotation
 from passerby.solver.cues import report_pull
-from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, wrong_lenses
+from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise, wrong_lenses
 from passerby.solver.lens_check import check_focals
 from passerby.solver.pairs import MIN_MATCHES, PairHypothesis
 from passerby.solver.people_state import PeopleState
@@ -91,6 +91,8 @@ def _sure(start: Start, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[
         cues, knowledge.cues, state.centre, state.globals[1:].reshape(-1, 3), state.heights[seen], knowledge.height_mean[seen],
         knowledge.height_sd[seen], start.evidence.identities[seen],
     )  # fmt: skip
+    # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
+    sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
     terms = fit.model.problem.terms(state, jacobians=True)
     inflation = correlation_inflation(fit.model, start.evidence, terms)
     covariance = rig_covariance(terms, fit.model.problem.layout, state, inflation, sigma)

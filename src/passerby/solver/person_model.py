@@ -39,8 +39,8 @@ GAIT_SHARE = 0.99
 # The visible length of a person who is not upright, as a share of the standing height: a wide prior.
 CROUCHED, CROUCHED_SD = 0.75, 0.3
 
-# A body's extent in the picture cannot be predicted below this share of what was seen: the logarithm stays finite.
-MIN_EXTENT_SHARE = 0.1
+# The height of a box is off by this many times what its centre is off by, where both edges err on their own.
+HEIGHT_PER_CENTRE = 2.0
 
 # Means over all cameras that no picture tells are held at 0 by these: slack (as a logarithm) and clocks (seconds).
 MEAN_SLACK_SD = 1e-4
@@ -68,6 +68,9 @@ class PeopleProblem:
     cues: CueRows | None = None
     whole: Floats | None = None
     """(M,) probability that each sighting shows a whole person; all 1 when None."""
+    expected_px: Floats | None = None
+    """(M,) extent that the person of each sighting is expected to have, pixels; what was seen when None. What was seen is noisy
+    itself: weighed by it, boxes that are too small by chance would count more than those that are too large."""
 
     @property
     def timed(self) -> bool:
@@ -86,14 +89,21 @@ class PeopleProblem:
         n_globals = 1 + (3 * self.cues.n_points if self.cues else 0)
         return Layout(self.n_cameras, self.camera_size, n_globals, len(self.height_mean), families)
 
+    @property
+    def scale_px(self) -> Floats:
+        """(M,) pixels that shares of the noise refer to."""
+        return self.sightings.extent_px if self.expected_px is None else self.expected_px
+
     def centre_sigma(self) -> Floats:
         """(M,) standard deviation of the sightings' centres in each direction, pixels; large where the person is not whole."""
-        share = np.where(self.sightings.has_foot > 0, self.noise.centre, max(self.noise.lean, self.noise.centre))
-        return self._where_whole(np.hypot(self.noise.floor_px, share * self.sightings.extent_px))
+        box = self.sightings.has_foot > 0
+        share = np.where(box, self.noise.centre, max(self.noise.lean, self.noise.centre))
+        return self._where_whole(np.hypot(np.where(box, self.noise.box_px, self.noise.floor_px), share * self.scale_px))
 
     def height_sigma(self) -> Floats:
-        """(M,) standard deviation of the logarithm of the sightings' extents, likewise."""
-        return self._where_whole(np.hypot(self.noise.floor_px / self.sightings.extent_px, self.noise.height))
+        """(M,) standard deviation of the sightings' extents as shares of `scale_px`, likewise."""
+        floor = np.where(self.sightings.has_foot > 0, HEIGHT_PER_CENTRE * self.noise.box_px, self.noise.floor_px)
+        return self._where_whole(np.hypot(floor / self.scale_px, self.noise.height))
 
     def _where_whole(self, sigma: Floats) -> Floats:
         """Standard deviations (M,) that let go of sightings which show a part of the person."""
@@ -135,9 +145,11 @@ class PeopleProblem:
             # What was seen is where the person is that much later. How the extent changes meanwhile is far below its noise.
             by_time = s.velocity * (2 * centre_weight)[:, None]
             centre = centre + by_time * state.time[s.camera, None]
-        # In logarithms neither a small world nor a large slack can shrink the noise.
-        predicted = np.maximum(s.extent_px + (r_bottom - r_top)[:, 1], MIN_EXTENT_SHARE * s.extent_px)
-        height = (np.log(predicted / s.extent_px) + state.slack[s.camera]) * height_weight
+        # Neither a small world nor a large slack can shrink the noise: it refers to what was expected beforehand. Logarithms
+        # would not hold: of an extent that is noisy they are too small on the mean.
+        predicted = (s.extent_px + (r_bottom - r_top)[:, 1]) * np.exp(state.slack[s.camera])
+        height_weight = height_weight / self.scale_px
+        height = (predicted - s.extent_px) * height_weight
         loss = Cauchy(self.noise.loss)
         if not jacobians:
             return [Term(centre, loss), Term(height[:, None], loss)]
@@ -152,12 +164,13 @@ class PeopleProblem:
         bottom_by_block[:, :, :2] -= lean
         bottom_by_reach = (bottom_by_point[:, :, :2] @ toward[:, :, None]) * s.has_foot[:, None, None]
         n, n_globals = len(s), len(state.globals)
+        taller = np.exp(state.slack[s.camera])
 
         def rows(by_top: Floats, by_bottom: Floats, k: int) -> Floats:
             """Stack the derivatives of the centre (k = 2) or of the height (k = 1)."""
             if k == 2:
                 return np.asarray((by_top + by_bottom) * centre_weight[:, None, None])
-            return np.asarray((by_bottom - by_top)[:, 1:] * (height_weight / predicted)[:, None, None])
+            return np.asarray((by_bottom - by_top)[:, 1:] * (height_weight * taller)[:, None, None])
 
         terms = []
         for k, residual in ((2, centre), (1, height[:, None])):
@@ -167,7 +180,7 @@ class PeopleProblem:
             by_reach = rows(np.zeros((n, 2, 1)), bottom_by_reach, k)[:, :, 0]
             by_globals[:, :, FOOT_SHIFT] = by_reach * height_of[:, None]
             if k == 1:
-                by_camera[:, 0, SLACK] = height_weight
+                by_camera[:, 0, SLACK] = predicted * height_weight
             elif s.velocity is not None:
                 by_camera[:, :, TIME] = by_time
             terms.append(

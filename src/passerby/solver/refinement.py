@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from passerby.solver.bundle import PointObservations
 from passerby.solver.consensus import adopt, agree
@@ -17,7 +18,7 @@ from passerby.solver.cue_terms import CueRows
 from passerby.solver.evidence import Evidence
 from passerby.solver.least_squares import NormalEquations, Result, Stopping, Term, minimise
 from passerby.solver.people_state import Noise, PeopleState, Priors, Sightings
-from passerby.solver.person_model import JOINT, PeopleProblem
+from passerby.solver.person_model import HEIGHT_PER_CENTRE, JOINT, PeopleProblem
 from passerby.solver.whole_boxes import Wholeness, judge_boxes
 
 Floats = NDArray[np.float64]
@@ -34,6 +35,9 @@ MIN_HEIGHT_RATIO = 2.5
 # broken, 0.59 and 2.0 % instead of 0.61 and 2.2).
 BROKEN_FOR_DOUBLE = 0.1
 MIN_FOR_NOISE = 20
+SIZES = 6
+# How far people's visible lengths spread around their standing heights, as a logarithm, where some crouch.
+POSTURE_SD = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +133,8 @@ def build_model(
     s, n_blocks = evidence.sightings, len(evidence.person)
     ray, tangent = middle_rays(s)
     ray = _on_time(ray, tangent, s.velocity, rig.time[s.camera])
-    tolerance = 2.0 + share * s.extent_px
+    beyond_px = AGREE_SIGMAS * (noise.box_px - Noise().box_px)
+    tolerance = 2.0 + share * s.extent_px + np.where(s.has_foot > 0, beyond_px, 0.0)
     typical = float(np.median(knowledge.height_mean)) if len(knowledge.height_mean) else 1.7
     middle = 0.5 * typical * float(np.median(s.top_fraction + s.bottom_fraction)) if len(s) else 0.0
     candidate = np.ones(len(s), bool) if blocks is None else np.isin(s.block, blocks)
@@ -151,15 +156,44 @@ def build_model(
     sightings = replace(sightings, block=number[block])
     joint_problem, joint_points, joint_rows, joint_used = _agreeing_joints(evidence, rig, noise, share, joints)
     person = evidence.person[used]
+    expected = _expected_extents(sightings, person, rig, consensus.points[used], noise)
     problem = PeopleProblem(
         evidence.n_cameras, sightings, joint_problem, person, len(joint_used), knowledge.height_mean, knowledge.height_sd,
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, knowledge.cues,
-        None if whole is None else whole[rows],
+        None if whole is None else whole[rows], expected,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
     state = PeopleState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time)
     renamed = int(np.count_nonzero(s.block[rows] != block))
     return Model(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
+
+
+def _expected_extents(s: Sightings, person: Ints, rig: RigState, points: Floats, noise: Noise) -> Floats:
+    """(M,) pixels that the people seen have, as far as that is known beforehand.
+
+    What was seen is noisy; somebody who stands where the rays of all cameras meet has a known extent, but may be bent. The mean
+    of both logarithms, weighed by their variances.
+
+    Args:
+        s: sightings that agree.
+        person: (N,) person of each block.
+        rig: cameras and people so far.
+        points: (N, 3) where the blocks' middles are, metres.
+        noise: of what was seen.
+    """
+    if not len(s):
+        return np.zeros(0)
+    reach = points[s.block] - rig.centre[s.camera]
+    distance = np.maximum(np.linalg.norm(reach, axis=1), 0.1)
+    # A vertical length is seen foreshortened by the sine of its angle with the ray; the tangent's rows are pixels a radian.
+    across = np.sqrt(np.maximum(1 - (reach[:, 2] / distance) ** 2, 0.05))
+    _, tangent = middle_rays(s)
+    pixels = np.linalg.norm(tangent[:, 1], axis=1) / distance
+    length = (s.top_fraction - s.bottom_fraction) * rig.heights[person[s.block]]
+    standing = np.clip(pixels * across * length, 0.25 * s.extent_px, 4.0 * s.extent_px)
+    seen_variance = (HEIGHT_PER_CENTRE * noise.box_px / standing) ** 2 + noise.height**2
+    by_posture = seen_variance / (seen_variance + POSTURE_SD**2)
+    return np.asarray(standing**by_posture * s.extent_px ** (1 - by_posture))
 
 
 def _agreeing_joints(
@@ -206,8 +240,11 @@ def wholeness(model: Model, state: PeopleState, n_sightings: int) -> Wholeness:
     if not box.any():
         return Wholeness(weight, 0.0)
     centre, height = (term.residual for term in problem.terms(state, jacobians=False)[:2])
-    middle = centre[box, 1] * (problem.centre_sigma() / s.extent_px)[box]
-    half = 0.5 * height[box, 0] * problem.height_sigma()[box]
+    share = problem.centre_sigma() / problem.scale_px
+    # Boxes of one scene are comparable once each is measured by its own noise.
+    typical = (share / np.median(share[box]))[box]
+    middle = centre[box, 1] * share[box] / typical
+    half = 0.5 * height[box, 0] * problem.height_sigma()[box] / typical
     judged = judge_boxes(middle - half, middle + half)
     weight[model.rows[box]] = judged.weight
     return Wholeness(weight, judged.broken)
@@ -226,21 +263,40 @@ def learn_noise(model: Model, result: Result[PeopleState], broken: float = 0.0) 
     box = s.has_foot > 0
     if np.count_nonzero(box) >= 30:
         V_inverse = np.asarray(np.linalg.inv(normal.families[0].V), dtype=np.float64)
-        centre = _whitened_scale(terms[0], V_inverse, box)
-        height = _whitened_scale(terms[1], V_inverse, box)
-        typical = float(np.median(s.extent_px[box]))
+        box_px, centre = _box_noise(problem, terms[0], V_inverse, box)
+        factor = _whitened_scale(terms[1], V_inverse, box)[0]
+        typical = float(np.median(problem.scale_px[box]))
         least_ratio = MIN_HEIGHT_RATIO * (1 + min(broken / BROKEN_FOR_DOUBLE, 1.0))
-        noise = replace(
-            noise, centre=_rescaled(noise.centre, noise.floor_px / typical, float(np.sqrt(np.mean(centre**2))))
-        )  # fmt: skip
-        noise = replace(
-            noise,
-            height=max(_rescaled(noise.height, noise.floor_px / typical, height[0]), least_ratio * noise.centre),
-            broken=broken,
-        )
+        total = factor * np.hypot(HEIGHT_PER_CENTRE * noise.box_px / typical, noise.height)
+        height = float(np.sqrt(max(total**2 - (HEIGHT_PER_CENTRE * box_px / typical) ** 2, 1e-6)))
+        noise = replace(noise, box_px=box_px, centre=centre, height=max(height, least_ratio * centre), broken=broken)
     if problem.n_joints and len(problem.joints.camera) >= 30:
         noise = _learn_joints(model, next(t for t in terms if t.family == JOINT and t.by_block is not None), normal)
     return noise
+
+
+def _box_noise(problem: PeopleProblem, term: Term, V_inverse: Floats, box: NDArray[np.bool_]) -> tuple[float, float]:
+    """What the centres of boxes are off by: pixels at any size, and a share of the size; from boxes of `SIZES` sizes.
+
+    The variance is taken to be linear in the squared size; non-negative least squares, weighed by what is known of each size.
+    """
+    base = Noise().box_px
+    before = np.hypot(problem.noise.box_px, problem.noise.centre * problem.scale_px)
+    boxes = np.flatnonzero(box)
+    by_size = boxes[np.argsort(problem.scale_px[boxes], kind="stable")]
+    variance, square, weight = [], [], []
+    for rows in np.array_split(by_size, min(SIZES, max(len(boxes) // (2 * MIN_FOR_NOISE), 1))):
+        use = np.zeros(len(box), bool)
+        use[rows] = True
+        scale = np.sqrt(np.mean(_whitened_scale(term, V_inverse, use) ** 2)) * float(np.median(before[use]))
+        variance.append(scale**2)
+        square.append(float(np.median(problem.scale_px[use])) ** 2)
+        weight.append(np.sqrt(np.count_nonzero(use)) / scale**2)
+    v, h, w = np.array(variance), np.array(square), np.array(weight)
+    # One size tells one number: then all is taken to be a share of it.
+    design = np.column_stack([np.full(len(v), float(len(v) > 1)), h])
+    (more, share), _ = nnls(design * w[:, None], np.maximum(v - base**2, 0.0) * w)
+    return float(np.hypot(base, np.sqrt(more))), float(np.sqrt(max(share, 1e-6)))
 
 
 def _learn_joints(model: Model, term: Term, normal: NormalEquations) -> Noise:

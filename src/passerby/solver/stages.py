@@ -41,6 +41,9 @@ Floats = NDArray[np.float64]
 # rivals are the same rig when no two cameras stand to each other by more than this angle differently.
 _RIVAL_SHARE = 0.97
 _RIVAL_ANGLE = np.deg2rad(4.0)
+# Noise that is learnt from what agrees within a tolerance is too small where that is narrow: rounds go on, by so many at most,
+# while it grows by more than this factor.
+_GROWTH, _MORE_ROUNDS = 1.15, 4
 # A coarse descent stops here; the optimum needs more evidence anyhow.
 _COARSE = Stopping(15, 1e-4)
 
@@ -194,8 +197,9 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
     noise, stance, share = Noise(), np.ones(len(evidence.person)), 0.15
     whole: Floats | None = None
     rounds: list[dict[str, Any]] = []
-    for number in range(options.rounds):
-        last = number == options.rounds - 1
+    growing, number = False, 0
+    while True:
+        last = number >= options.rounds - 1 and not (growing and number < options.rounds - 1 + _MORE_ROUNDS)
         part = number == 0 and not last
         blocks = np.sort(rng.permutation(len(evidence.person))[: options.learning_people]) if part else None
         joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
@@ -217,10 +221,17 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
             break
         judged = wholeness(model, result.state, len(evidence.sightings))
         whole = judged.weight
-        noise = learn_noise(model, result, judged.broken)
+        before, noise = noise, learn_noise(model, result, judged.broken)
+        growing = len(model.rows) > 0 and _typical(noise, model) > _GROWTH * _typical(before, model)
         stance = _stance(model, result.state, len(evidence.person))
         share = AGREE_SIGMAS * max(noise.centre if len(model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
+        number += 1
     return Fit(model, result, noise, stance, rounds)
+
+
+def _typical(noise: Noise, model: Model) -> float:
+    """What a box of middling size is off by, pixels."""
+    return float(np.hypot(noise.box_px, noise.centre * np.median(model.problem.scale_px)))
 
 
 def _stance(model: Model, state: PeopleState, n_blocks: int) -> Floats:

@@ -21,6 +21,9 @@ BROKEN_DENSITY = 3.0
 """A broken edge lies evenly within a sixth of the person's height either way. Rendered videos, a network's boxes and a
 background's: orientation off by 0.608 and 0.733 degrees; within a quarter 0.630 and 0.799; single weights instead 0.818 and
 1.028."""
+NARROWEST = 6.0
+"""A broken edge is anywhere within at least so many sigmas of sound ones: where these are as noisy as a sixth of a person,
+nothing could be told from them, and all boxes would pass for broken."""
 CLEAN = 0.01
 """Of the true edges of people who bend and reach up to this share looks broken (simulated: 0.000 to 0.010). It is taken off, so
 that boxes without fault are weighed alike."""
@@ -69,4 +72,5 @@ def _sound(residual: Floats) -> tuple[Floats, float]:
 def _posterior(residual: Floats, sigma: float, broken: float) -> Floats:
     """(M,) probability that residuals come from sound edges."""
     sound = (1 - broken) * np.exp(-0.5 * (residual / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
-    return np.asarray(sound / np.maximum(sound + broken * BROKEN_DENSITY, 1e-300)) if broken > 0 else np.ones(len(residual))
+    density = min(BROKEN_DENSITY, 1 / (NARROWEST * sigma))
+    return np.asarray(sound / np.maximum(sound + broken * density, 1e-300)) if broken > 0 else np.ones(len(residual))
