@@ -152,10 +152,9 @@ RUNS: Mapping[str, Callable[[Stage], PixelOutcome]] = {
 """By the names of `ROWS`."""
 
 
-def people_matches(rig: Rig, seen: Observations, frame: int) -> dict[str, Matches]:
-    """Box centres of the same people in the first camera and each other one, in one frame: the paper's correspondences."""
+def people_matches(rig: Rig, seen: Observations) -> dict[str, Matches]:
+    """Box centres of the same people in the first camera and each other one, at all instants: the paper's correspondences."""
     points = box_points(rig, seen)
-    points = points.take(points.frame == frame)
     label, _ = points.labels()
     found = {}
     for index, name in enumerate(rig.names[1:], start=1):
@@ -187,7 +186,7 @@ def _calibrated(stage: Stage, scene: Path, name: str | None = None) -> PixelOutc
     """As `passerby calibrate` does it; with a name the people whom it matched are kept for the page's pictures."""
     result = calibrate(scene, keep=stage.seen)
     if name is not None:
-        stage.found_matches[name] = [people_matches(stage.rig, result.observations, frame) for frame in stage.instants]
+        stage.found_matches[name] = [people_matches(stage.rig, result.observations)]
     looks = result.perception.get("embedder", "")
     outcome = judged(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), stage.truth.rig, stage.judged)
     return replace(outcome, looks=looks["network"] if isinstance(looks, dict) else looks)

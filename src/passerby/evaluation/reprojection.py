@@ -24,8 +24,9 @@ class Reprojection:
     """How well annotated correspondences fit the cameras."""
 
     rpe_px: float
-    """Mean distance of a mark from its point's projection. A projection that does not exist, because the point lies behind the
-    camera or the rays never meet, counts as the picture's diagonal."""
+    """Mean distance of a mark from its point's projection. It counts as the picture's diagonal at the most, and where there is
+    no projection, because the point lies behind the camera or the rays never meet: one point near a camera's plane projects
+    as far away as one likes, and would hide all others."""
     err: float
     """RPE over the shortest side of any of the pictures; a fraction."""
     correspondences: int
@@ -70,7 +71,7 @@ def reprojection_error(rig: Rig, marks: Mapping[str, Floats]) -> Reprojection | 
     for k, camera in enumerate(cameras):
         seen = marked[k] & judged
         distance = np.linalg.norm(camera.project(places[seen]) - pixels[k][seen], axis=1)
-        errors.append(np.where(np.isfinite(distance), distance, np.hypot(*camera.lens.size)))
+        errors.append(np.fmin(distance, np.hypot(*camera.lens.size)))
     rpe = float(np.concatenate(errors).mean())
     shortest = min(min(camera.lens.size) for camera in cameras)
     return Reprojection(rpe, rpe / shortest, int(judged.sum()), int((total & ~judged).sum()))
