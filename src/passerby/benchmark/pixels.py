@@ -137,8 +137,8 @@ the ground, or a pipe of 1 m in the dome, marked in the views. *boxes of annotat
 
 Rendered terrace, C1 and {camera}, which look from opposite sides: green within {right:g} px of the epipolar line, red
 otherwise. At most {drawn} are drawn; the counts are of all. Those of *ours* are the box centres of the same people at all
-instants, of which the picture shows one. Green is not yet right, for the place along the line is free: cameras of one height see their horizons
-on one line, so that a tree matched with another tree may be green.
+instants, of which the picture shows one. Green is not yet right, for the place along the line is free: cameras of one height
+see their horizons on one line, so that a tree matched with another tree may be green.
 
 {pictures}
 {not_run}"""
