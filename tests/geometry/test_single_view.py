@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from passerby.geometry.rotations import direction_angle
-from passerby.geometry.single_view import Level, level_camera
+from passerby.geometry.single_view import Level, _Fit, level_camera
 from person_scenes import LENS
 
 BODY = 1.72
@@ -122,3 +122,20 @@ def test_of_many_people_some_are_enough() -> None:
     level = fit(LENS.project_rays(head), LENS.project_rays(foot), max_people=50)
     assert level is not None
     assert np.degrees(direction_angle(level.up, R @ [0, 0, 1])) < 0.01
+
+
+def test_the_derivative_is_that_of_the_residual() -> None:
+    rng = np.random.default_rng(3)
+    rays = rng.normal(0, 0.2, (20, 3)) + [0.0, 0.3, 1.0]
+    bottom = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    top = bottom - [0.0, 0.3, 0.0]
+    top /= np.linalg.norm(top, axis=1, keepdims=True)
+    fit = _Fit(top, bottom, rng.normal(0, 1, (20, 2, 3)), np.full(20, 1.7), np.full(20, 0.1))
+    up, height = np.array([0.05, -0.98, -0.19]), 2.5
+    up /= np.linalg.norm(up)
+    numeric = [
+        (fit.residual(*fit._move(up, height, step)) - fit.residual(*fit._move(up, height, -step))) / 2e-6
+        for step in np.eye(3) * 1e-6
+    ]
+    J = fit.jacobian(up, height, fit.residual(up, height))
+    np.testing.assert_allclose(J, np.stack(numeric, axis=2), rtol=1e-5, atol=1e-6)

@@ -111,12 +111,30 @@ class _Fit:
 
     def residual(self, up: Floats, height: float) -> Floats:
         """(N, 2) misfit of the predicted highest points; large for feet above the horizon."""
+        drop, _, head, depth = self._heads(up, height)
+        residual = np.einsum("nki,ni->nk", self.tangent, head) / depth[:, None]
+        return np.asarray(np.where((drop > HORIZON)[:, None], residual, 3.0))
+
+    def jacobian(self, up: Floats, height: float, residual: Floats) -> Floats:
+        """(N, 2, 3) derivative of `residual` by the steps of `_move`; 0 for feet above the horizon."""
+        drop, reach, _, depth = self._heads(up, height)
+        a, b = _across(up)
+        per_reach = (reach / np.maximum(drop, HORIZON))[:, None]
+        by_a = per_reach * (self.bottom @ a)[:, None] * self.bottom + self.body_m[:, None] * a
+        by_b = per_reach * (self.bottom @ b)[:, None] * self.bottom + self.body_m[:, None] * b
+        by_height = (height / np.maximum(drop, HORIZON))[:, None] * self.bottom
+        head_by_step = np.stack([by_a, by_b, by_height], axis=2)
+        along = np.einsum("ni,nij->nj", self.top, head_by_step)
+        J = (self.tangent @ head_by_step - residual[:, :, None] * along[:, None, :]) / depth[:, None, None]
+        return np.asarray(np.where((drop > HORIZON)[:, None, None], J, 0.0))
+
+    def _heads(self, up: Floats, height: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """How steeply the foot rays fall (N,), how far they reach (N,), the heads above (N, 3) and their depths (N,)."""
         drop = -self.bottom @ up
         reach = (height - self.foot_m) / np.maximum(drop, HORIZON)
         head = reach[:, None] * self.bottom + self.body_m[:, None] * up
-        depth = np.maximum(np.einsum("ni,ni->n", self.top, head), 0.05 * np.linalg.norm(head, axis=1) + 1e-9)
-        residual = (self.tangent @ head[:, :, None])[:, :, 0] / depth[:, None]
-        return np.asarray(np.where((drop > HORIZON)[:, None], residual, 3.0))
+        floor = 0.05 * np.sqrt(np.einsum("ni,ni->n", head, head)) + 1e-9
+        return drop, reach, head, np.maximum(np.einsum("ni,ni->n", self.top, head), floor)
 
     def height_given_up(self, up: Floats) -> float | None:
         """Median over the people of the camera height that puts the head on its ray; None if most feet are above the
@@ -144,10 +162,9 @@ class _Fit:
         for _ in range(30):
             residual = self.residual(up, height)
             weight = 1.0 / (1.0 + (residual**2).sum(axis=1) / _SHARE**2)
-            steps = [self._move(up, height, step) for step in np.eye(3) * 1e-5]
-            J = np.stack([(self.residual(*moved) - residual) / 1e-5 for moved in steps], axis=2)
-            H = np.einsum("n,nki,nkj->ij", weight, J, J)
-            g = np.einsum("n,nki,nk->i", weight, J, residual)
+            J = self.jacobian(up, height, residual).reshape(-1, 3)
+            weighted = J * np.repeat(weight, 2)[:, None]
+            H, g = weighted.T @ J, weighted.T @ residual.reshape(-1)
             step = -np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-12 * np.eye(3), g)
             moved = self._move(up, height, np.clip(step, -0.5, 0.5))
             new = self.cost(*moved)
@@ -164,9 +181,14 @@ class _Fit:
 
     @staticmethod
     def _move(up: Floats, height: float, step: Floats) -> tuple[Floats, float]:
-        helper = np.array([1.0, 0.0, 0.0]) if abs(up[0]) < 0.6 else np.array([0.0, 0.0, 1.0])
-        a = np.cross(up, helper)
-        a /= np.linalg.norm(a)
-        b = np.cross(up, a)
+        a, b = _across(up)
         moved = up + step[0] * a + step[1] * b
         return moved / np.linalg.norm(moved), height * float(np.exp(step[2]))
+
+
+def _across(up: Floats) -> tuple[Floats, Floats]:
+    """Two directions (3,) at right angles to a unit vector and to each other."""
+    x, y, z = up
+    a = np.array([0.0, z, -y]) if abs(x) < 0.6 else np.array([y, -x, 0.0])
+    a /= np.sqrt(a @ a)
+    return a, np.array([y * a[2] - z * a[1], z * a[0] - x * a[2], x * a[1] - y * a[0]])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from passerby.observations import Floats
 from passerby.perception.background_statistics import Levels
@@ -34,6 +33,9 @@ def profiles(region: Levels) -> tuple[Floats, Floats]:
 
 def heads(top: Floats, low: float, height: float) -> np.ndarray:
     """Columns of the heads in an upper contour (W,), rows; `low` is the lowest row, `height` that of a person."""
+    # A third of the time that a calibration without videos takes to start.
+    from scipy.signal import find_peaks
+
     contour = np.concatenate([[-low], -np.minimum(top, low), [-low]])
     _, shape = find_peaks(contour, prominence=PROMINENCE * height, distance=max(APART * height, 1.0), plateau_size=1)
     return np.asarray((shape["left_edges"] + shape["right_edges"]) / 2.0 - 1.0)
