@@ -10,6 +10,9 @@ BENCH_INSTALLED := $(BENCH_VENV)/.installed
 # Two test processes of one BLAS thread each are faster than threads that fight for the same cores.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
+# Real data sets, where there are any.
+DATA := $(firstword $(wildcard $(PASSERBY_DATA) ../shared/data))
+WITH_DATA := $(if $(DATA),--data $(DATA))
 # Each peer that Passerby is compared with has an environment of its own.
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
@@ -36,11 +39,11 @@ format: $(INSTALLED)
 types: $(TRAINING_INSTALLED)
 	$(VENV)/bin/mypy
 
-# Writes docs/results anew, all but the page of the training (bench-reid).
+# Writes docs/results anew, but for the pages of videos and of training (bench-perception, bench-reid), and the README's tables.
 bench: $(BENCH_INSTALLED) peers
 	$(BENCH_VENV)/bin/python benchmarks/run.py --only speed peers association accuracy swaps-real
-	$(ONE_THREAD) $(BENCH_VENV)/bin/passerby benchmark --scenes build/scenes -o docs/results
-	$(BENCH_VENV)/bin/python benchmarks/run.py --only perception --seeds 1 --scenes build/scenes
+	$(ONE_THREAD) $(BENCH_VENV)/bin/passerby benchmark $(WITH_DATA) --scenes build/scenes -o docs/results
+	$(BENCH_VENV)/bin/python benchmarks/headline.py
 
 bench-quick: $(BENCH_INSTALLED)
 	$(ONE_THREAD) $(BENCH_VENV)/bin/passerby benchmark --quick --scenes build/scenes -o build/quick

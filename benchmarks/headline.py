@@ -1,0 +1,78 @@
+"""The headline tables of the README, taken from the pages in docs/results: `python benchmarks/headline.py`.
+
+Nothing between the two markers in the README is written by hand; a test compares both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS, README = ROOT / "docs" / "results", ROOT / "README.md"
+BEGIN, END = "<!-- headline: written by benchmarks/headline.py -->", "<!-- end of the headline -->"
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One table of the README."""
+
+    page: str
+    heading: str
+    """Of the section whose first table is shown."""
+    says: str
+
+
+HEADLINES = (
+    Headline(
+        "paper", "## Against the paper",
+        "From the pixels of three rendered scenes that stand for the paper's real ones, nothing known but the lenses and "
+        "people's mean height; errors with the scale as found:",
+    ),
+    Headline(
+        "paper", "## Do matchers collapse where people do not?",
+        "Matchers of picture points on the same videos, against the worst of all ways to go by people:",
+    ),
+    Headline(
+        "peers", "The peers in one line each.",
+        "Beside today's engines, all on the same observations with identities given (Passerby's figure by theirs):",
+    ),
+)  # fmt: skip
+
+
+def first_table(text: str, heading: str) -> str:
+    """The first Markdown table after a heading. Raises `ValueError` where there is none."""
+    _, found, after = text.partition(heading)
+    lines = after.splitlines()
+    start = next((number for number, line in enumerate(lines) if line.startswith("|")), None)
+    if not found or start is None:
+        raise ValueError(f"no table below {heading!r}")
+    end = next((number for number in range(start, len(lines)) if not lines[number].startswith("|")), len(lines))
+    return "\n".join(lines[start:end])
+
+
+def command(text: str) -> str:
+    """The command in a page's last line."""
+    return text.strip().splitlines()[-1].split("`")[1]
+
+
+def headlines(results: Path = RESULTS) -> str:
+    """The text between the markers."""
+    parts = []
+    for headline in HEADLINES:
+        page = (results / f"{headline.page}.md").read_text()
+        source = f"By `{command(page)}`: [{headline.page}](docs/results/{headline.page}.md)."
+        parts.append(f"{headline.says}\n\n{first_table(page, headline.heading)}\n\n{source}")
+    return "\n\n".join(parts)
+
+
+def main() -> None:
+    """Write the README's tables anew."""
+    text = README.read_text()
+    before, rest = text.split(BEGIN)
+    after = rest.split(END)[1]
+    README.write_text(f"{before}{BEGIN}\n\n{headlines()}\n\n{END}{after}")
+
+
+if __name__ == "__main__":
+    main()
