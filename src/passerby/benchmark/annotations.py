@@ -49,7 +49,10 @@ def marked_points(scene: SimulatedScene, count: int, noise_px: float, rng: np.ra
     chosen = np.lexsort((chance, -views))[:count]
     frame, person = frame[chosen], person[chosen]
     places = np.stack(
-        [_place(scene, MARKED[k % len(MARKED)], f, p) for k, (f, p) in enumerate(zip(frame, person, strict=True))]
+        [
+            _place(scene, MARKED[k % len(MARKED)], f, p)
+            for k, (f, p) in enumerate(zip(frame.tolist(), person.tolist(), strict=True))
+        ]
     )
     marks = {}
     for index, camera in enumerate(scene.rig):
