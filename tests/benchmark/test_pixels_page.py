@@ -136,3 +136,18 @@ def test_the_moved_camera_of_wildtrack_is_left_out(data_root: Path) -> None:
     dome = panoptic(data_root, 2)
     assert not isinstance(dome, str)
     assert (len(dome.paths), len(dome.truth)) == (2, 5)
+
+
+def test_a_relative_folder_of_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scene files that are written elsewhere name its files."""
+    folders = []
+
+    def run_nothing(row: object, stage: Stage) -> PixelOutcome:
+        folders.append(stage.folder)
+        return LOST
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("passerby.benchmark.pixel_jobs.rendered", lambda scenes, *_: scenes / "terrace-0")
+    monkeypatch.setattr("passerby.benchmark.pixel_jobs.run_row", run_nothing)
+    run_job(Job("terrace", 1, None, seconds=5.0, scenes=Path("scenes")))
+    assert set(folders) == {tmp_path.resolve() / "scenes" / "terrace-0"}

@@ -64,7 +64,7 @@ def run_job(job: Job) -> Done:
         outcomes = {name: PixelOutcome(**outcome) for name, outcome in known["outcomes"].items()}
         pictures = {name: base64.b64decode(picture) for name, picture in known["pictures"].items()}
         return Done(outcomes, pictures, known["missing"])
-    done = _rendered(job) if job.data is None else _real(job, job.data)
+    done = _rendered(job) if job.data is None else _real(job, job.data.resolve())
     told = {
         "outcomes": {name: asdict(outcome) for name, outcome in done.outcomes.items()},
         "pictures": {name: base64.b64encode(picture).decode() for name, picture in done.pictures.items()},
@@ -76,7 +76,8 @@ def run_job(job: Job) -> Done:
 
 def _rendered(job: Job) -> Done:
     with tempfile.TemporaryDirectory(prefix="passerby-pixels-") as scratch:
-        folder = rendered(job.scenes or Path(scratch) / "scenes", job.name, job.seed, job.seconds)
+        # Scene files in another folder name its files: a relative path would lead elsewhere.
+        folder = rendered((job.scenes or Path(scratch) / "scenes").resolve(), job.name, job.seed, job.seconds)
         options = SimulationOptions(preset=job.name, seed=job.seed, seconds=job.seconds, fps=FPS)
         stage = Stage(folder, options, job.moments, Path(scratch))
         outcomes = {row.name: run_row(row, stage) for row in ROWS}

@@ -23,6 +23,11 @@ class FileFaults(InputError):
         if len(faults) > LISTED_FAULTS:
             listed += (f"... and {len(faults) - LISTED_FAULTS} more faults",)
         self.faults = listed
+        self._all = tuple(faults)
+
+    def __reduce__(self) -> tuple[type[FileFaults], tuple[tuple[str, ...]]]:
+        """Made again from its faults: an exception is otherwise made from its message, on its way from another process."""
+        return type(self), (self._all,)
 
 
 def faults_of(error: InputError) -> tuple[str, ...]:
