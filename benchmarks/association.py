@@ -35,9 +35,9 @@ from association_tables import (
     real_rows,
 )
 from command import DOUBTFUL, run_program
-from datasets import data_set, folder_of
 from simulations import PRESETS, WORKERS
 
+from datasets import data_set, folder_of
 from passerby.benchmark.page import Page, load, number, table, yes
 
 Result = TypeVar("Result")

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import tomli_w
 from command import ONE_THREAD, Calibrated, calibrate, passerby
-from datasets import DataSet
 
+from datasets import DataSet
 from passerby.evaluation.identities import IdentityAgreement, identity_agreement
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig

@@ -16,7 +16,6 @@ from typing import TypeVar
 
 from accuracy import NOT_HERE
 from command import Calibrated
-from datasets import data_set, folder_of, models_folder
 from perception_runs import (
     BOXES,
     METHODS,
@@ -53,6 +52,7 @@ from perception_tables import (
 )
 from simulations import PRESETS, WORKERS
 
+from datasets import data_set, folder_of, models_folder
 from passerby.benchmark.page import Page, load, table
 from passerby.scene import WATCHED_FPS
 

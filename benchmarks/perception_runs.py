@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import tomli_w
 from command import ONE_THREAD, Calibrated, Run, calibrate, judge, passerby, run_program
-from datasets import models_folder
 
+from datasets import models_folder
 from passerby.association.mending import mend
 from passerby.association.tracking import track
 from passerby.errors import InputError

@@ -12,11 +12,11 @@ from typing import Any
 
 import tomli_w
 from command import ONE_THREAD, Calibrated, judge, passerby, run_program
-from datasets import ROOT, models_folder
 from perception_runs import absolute, calibrated, write
 from reid_scenes import HALVES, team
 from reid_scores import LooksScore, identities, looks, true_boxes
 
+from datasets import ROOT, models_folder
 from passerby.evaluation.identities import IdentityAgreement
 from passerby.interchange.rig_toml import read_rig
 
