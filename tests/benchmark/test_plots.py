@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from passerby.benchmark.plots import Axis, Line, Panel, error_plot
+from passerby.benchmark.plots import Axis, Line, Panel, _set_levels, error_plot
 
 matplotlib = pytest.importorskip("matplotlib")
 
@@ -58,3 +58,14 @@ def test_same_figures_same_text_in_any_style():
 
 def test_nothing_but_failures_can_be_drawn():
     assert "<svg" in plot(Line("a", (0.0, 5.0), ((math.inf, math.inf), (math.inf, math.inf))))
+
+
+@pytest.mark.parametrize("scale", ["linear", "log", "symlog"])
+def test_levels_at_which_all_fail_lie_within_the_axis(scale):
+    from matplotlib.figure import Figure
+
+    axis = Figure().subplots()
+    _set_levels(axis, Panel("terrace", (Line("a", (5.0, 10.0), ((math.inf,), (1.0,))),)), Axis("shared", "n", scale=scale))
+    axis.plot([10.0], [1.0])
+    low, high = axis.get_xlim()
+    assert low < 5.0 < 10.0 < high

@@ -29,6 +29,8 @@ PANEL_INCHES, WIDE_INCHES = (3.4, 3.0), 5.0
 """Width and height of a panel; the width of one that stands alone, so that the legend has room."""
 LEGEND_COLUMNS = 2
 """For each panel: so many names of methods have room below it."""
+MARGIN = 0.05
+"""Room beyond the first and the last level, as a share of what lies between them."""
 ROW = 0.065
 """Height of a row of failures, as a share of the panel's."""
 
@@ -130,6 +132,11 @@ def _set_levels(axis: Axes, panel: Panel, across: Axis) -> None:
     axis.set_xticks(levels, [across.text(x) for x in levels])
     axis.xaxis.set_minor_locator(NullLocator())
     axis.set_xlabel(across.label)
+    # Levels at which all seeds failed have no points that would widen the axis.
+    scale = axis.xaxis.get_transform()
+    low, high = scale.transform([levels[0], levels[-1]])
+    beyond = MARGIN * (high - low) or 0.5
+    axis.set_xlim(*scale.inverted().transform([low - beyond, high + beyond]))
 
 
 def _draw(axis: Axes, number: int, gid: str, line: Line) -> None:
