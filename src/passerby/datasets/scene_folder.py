@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +15,7 @@ from passerby.datasets.published import Published
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.coco import write_keypoints
+from passerby.interchange.csv_text import to_csv
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.video_writer import VideoWriter
@@ -226,14 +224,14 @@ def _write_truth(published: Published, folder: Path) -> None:
                 zip(ground.frame.tolist(), ground.identity.tolist(), ground.xy.tolist(), strict=True)
             )
         )
-        write_text(folder / "ground_positions.csv", _csv(("frame", "id", "x_m", "y_m"), places))
+        write_text(folder / "ground_positions.csv", to_csv(("frame", "id", "x_m", "y_m"), places))
     if published.pictures:
         pictures = (
             (camera, frame, path.resolve().as_posix())
             for camera, paths in published.pictures.items()
             for frame, path in zip(published.frames_of_pictures(camera), paths, strict=True)
         )
-        write_text(folder / "pictures.csv", _csv(("camera", "frame", "path"), pictures))
+        write_text(folder / "pictures.csv", to_csv(("camera", "frame", "path"), pictures))
 
 
 def _film(job: tuple[Path, tuple[Path, ...], float]) -> None:
@@ -267,11 +265,3 @@ def _keypoints(camera: str) -> str:
 
 def _video(camera: str) -> str:
     return f"videos/{camera}.mp4"
-
-
-def _csv(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue()

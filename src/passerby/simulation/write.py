@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import shutil
-import tempfile
-from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,12 +11,13 @@ import numpy as np
 import tomli_w
 
 from passerby.cameras import Rig
-from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.coco import write_keypoints
+from passerby.interchange.csv_text import to_csv
 from passerby.interchange.embeddings import write_embeddings
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.whole_folder import whole_folder
 from passerby.progress import Progress, silent
 from passerby.simulation.rendering import RenderOptions, write_videos
 from passerby.simulation.scene import SimulatedScene
@@ -57,36 +53,11 @@ def write_scene(
     that cannot be written.
     """
     directory = Path(directory)
-    if directory.exists() and not directory.is_dir():
-        raise InputError(f"{directory}: is a file: give a folder for the scene")
-    if directory.is_dir() and any(directory.iterdir()) and not (directory / OPTIONS_FILE).is_file():
-        raise InputError(f"{directory}: holds something other than a simulated scene: give a new or an empty folder")
-    target = directory.resolve()
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        workshop = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}."))
-    except OSError as error:
-        raise _cannot_write(directory, error) from error
-    try:
-        new = workshop / "new"
-        new.mkdir()
-        _write_files(simulated, new, target.name, keypoints, video)
+    with whole_folder(directory, OPTIONS_FILE, "a simulated scene") as new:
+        _write_files(simulated, new, directory.resolve().name, keypoints, video)
         if video is not None:
             write_videos(simulated, new / VIDEOS, video, executor, tell)
-        if target.exists():
-            target.rename(workshop / "old")
-        new.rename(target)
-    except OSError as error:
-        raise _cannot_write(directory, error) from error
-    finally:
-        if (workshop / "old").exists() and not target.exists():
-            (workshop / "old").rename(target)
-        shutil.rmtree(workshop, ignore_errors=True)
     return directory / SCENE_FILE
-
-
-def _cannot_write(directory: Path, error: OSError) -> InputError:
-    return InputError(f"{directory}: cannot be written ({error.strerror or error}): choose a folder that you may write to")
 
 
 def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: bool, video: RenderOptions | None) -> None:
@@ -105,14 +76,14 @@ def _write_files(simulated: SimulatedScene, folder: Path, name: str, keypoints: 
     if simulated.options.unrelated_ids or video is not None:
         for camera, boxes in simulated.truth.items():
             write_boxes(folder / "truth" / f"{camera}.txt", boxes)
-    write_text(folder / "heights.csv", _csv(("id", "height_m"), ((i, f"{h:.4f}") for i, h in simulated.heights.items())))
+    write_text(folder / "heights.csv", to_csv(("id", "height_m"), ((i, f"{h:.4f}") for i, h in simulated.heights.items())))
     places = (
         (frame, identity, f"{x:.4f}", f"{y:.4f}")
         for frame, row in zip(simulated.frames.tolist(), simulated.ground_positions, strict=True)
         for identity, (x, y) in zip(simulated.identities.tolist(), row.tolist(), strict=True)
         if np.isfinite(x)
     )
-    write_text(folder / "ground_positions.csv", _csv(("frame", "id", "x_m", "y_m"), places))
+    write_text(folder / "ground_positions.csv", to_csv(("frame", "id", "x_m", "y_m"), places))
     options = {key: value for key, value in asdict(simulated.options).items() if value is not None}
     made: dict[str, Any] = {"options": options, "clock_offsets_s": simulated.clock_offsets}
     if video is not None:
@@ -166,11 +137,3 @@ def _embeddings(camera: str) -> str:
 
 def _keypoints(camera: str) -> str:
     return f"keypoints/{camera}.json"
-
-
-def _csv(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue()
