@@ -25,7 +25,7 @@ _MAX_CUE_SIGMAS = 4.0
 _MIN_AGREEING = 0.4
 _MIN_SIGHTINGS = 20
 # Boxes whose heights are off by more than this share of themselves bias what is found: noise of +-50 px on boxes of 60 to 130
-# px (0.3 to 0.7 of them) costs up to a third of the scale and 5 degrees, +-20 px (0.1 to 0.27) at most 7 % and 0.3 degrees.
+# px (0.3 to 0.7 of them) costs 15 to 50 % of the scale and 1 to 5 degrees, +-20 px (0.15 to 0.27) at most 8 % and 0.35 degrees.
 _MAX_HEIGHT_NOISE = 0.3
 # Lower quartile of the size of a normal deviate.
 _NORMAL_QUARTILE = 0.3186

@@ -65,7 +65,7 @@ class PeopleOptions:
     learning_joints: int = 6000
     """Joints of the same."""
     rounds: int = 3
-    """Most rounds of agreement, adjustment and learnt noise on all of the evidence."""
+    """Rounds of agreement, adjustment and learnt noise on all of the evidence; some more while the noise learnt still grows."""
     max_iterations: int = 60
     """Iterations of the adjustment in each round."""
     tolerance: float = 1e-6
