@@ -12,14 +12,14 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import tomli_w
 
 from passerby.benchmark.kept import Kept
 from passerby.benchmark.thinning import thinned
-from passerby.evaluation.metrics import compare
+from passerby.evaluation.metrics import Comparison, compare
 from passerby.parallel import side_by_side
 from passerby.pipeline import Calibration, calibrate
 from passerby.progress import Progress
@@ -33,6 +33,8 @@ THINNING = 7
 """Tells the generator of the thinning from those of the scene with the same seed."""
 
 Method = Literal["people", "geopose"]
+
+SomeOutcome = TypeVar("SomeOutcome", bound="Outcome")
 
 
 @dataclass(frozen=True)
@@ -182,15 +184,22 @@ def _judged(calibration: Calibration, simulated: SimulatedScene) -> Outcome:
         return outcome
     against = compare(calibration.rig, simulated.rig)
     return replace(
+        with_pose_errors(outcome, against),
+        gravity_deg=_defined(against.gravity_error_deg),
+        ground_mm=_defined(against.ground_error_mm),
+        clock_ms=_clock_error_ms(calibration, simulated),
+    )
+
+
+def with_pose_errors(outcome: SomeOutcome, against: Comparison) -> SomeOutcome:
+    """The outcome with the errors that all kinds of them have; `FAILED` where one is undefined."""
+    return replace(
         outcome,
         similarity_mm=_defined(against.similarity.mean_position_mm),
         similarity_deg=_defined(against.similarity.mean_orientation_deg),
         metric_mm=_defined(against.metric.mean_position_mm),
         metric_deg=_defined(against.metric.mean_orientation_deg),
         scale_error=_defined(None if against.scale_ratio is None else abs(against.scale_ratio - 1)),
-        gravity_deg=_defined(against.gravity_error_deg),
-        ground_mm=_defined(against.ground_error_mm),
-        clock_ms=_clock_error_ms(calibration, simulated),
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from passerby.baselines import MATCHERS, Matches, Unavailable, open_matcher
 from passerby.baselines.pooling import pooled_points
 from passerby.benchmark.annotations import marked_points
-from passerby.benchmark.conditions import FAILED, Outcome
+from passerby.benchmark.conditions import FAILED, Outcome, with_pose_errors
 from passerby.benchmark.match_picture import right
 from passerby.benchmark.pixel_stage import ANNOTATED, JOINT_NOISE_PX, ORACLE_NOISE_PX, Stage
 from passerby.cameras import Floats, Rig
@@ -201,16 +201,7 @@ def judged(result: Solved, truth: Rig, marks: Mapping[str, Floats] | None = None
     against = compare(result.rig, truth)
     reprojection = None if marks is None else reprojection_error(result.rig, marks)
     return replace(
-        outcome,
-        similarity_mm=_defined(against.similarity.mean_position_mm),
-        similarity_deg=_defined(against.similarity.mean_orientation_deg),
-        metric_mm=_defined(against.metric.mean_position_mm),
-        metric_deg=_defined(against.metric.mean_orientation_deg),
-        scale_error=_defined(None if against.scale_ratio is None else abs(against.scale_ratio - 1)),
+        with_pose_errors(outcome, against),
         rpe_px=FAILED if reprojection is None else reprojection.rpe_px,
         err_percent=FAILED if reprojection is None else 100 * reprojection.err,
     )
-
-
-def _defined(value: float | None) -> float:
-    return FAILED if value is None else value
