@@ -19,6 +19,9 @@ from passerby import __version__
 from passerby.commands.benchmark import benchmark
 from passerby.commands.dataset import dataset
 from passerby.commands.demo import demo
+from passerby.commands.export import export
+from passerby.commands.formats import formats
+from passerby.commands.import_ import import_
 from passerby.commands.init import init
 from passerby.commands.models import models_app
 from passerby.commands.reid import reid_app
@@ -196,5 +199,8 @@ app.command()(simulate)
 app.command()(demo)
 app.command()(track)
 app.command()(dataset)
+app.command()(export)
+app.command("import")(import_)
+app.command()(formats)
 app.add_typer(models_app, name="models")
 app.add_typer(reid_app, name="reid")

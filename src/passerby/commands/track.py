@@ -50,6 +50,7 @@ def track(
     Places that no camera saw, between others, have 0 cameras. With the true positions and the true cameras: how far the ways
     lie from the truth, by the estimated and by the true cameras.
     """
+    from passerby.following import folder_clocks, track_options, ways_by
     from passerby.interchange.atomic import write_text
     from passerby.interchange.json_text import to_json
     from passerby.interchange.rig_toml import read_rig
@@ -64,10 +65,10 @@ def track(
     with stages(verbose) as tell:
         tell("reading")
         folder = read_output(calibrated)
-        options, clocks = _options(folder, method, max_gap), _clocks(folder, fps)
+        options, clocks = track_options(folder, method, max_gap), folder_clocks(folder, fps)
         rig = read_rig(true_rig) if true_rig is not None else None
         places = read_ground_positions(truth) if truth is not None else None
-        found = _found(folder, folder.rig, clocks, options, tell)
+        found = ways_by(folder, folder.rig, clocks, options, tell)
         figures: dict[str, Any] = {"verdict": folder.verdict, **found.figures}
         if rig is not None and places is not None:
             known = _ground_truth(places.identity, places.frame, places.xy, truth_fps or next(iter(clocks.values())).fps)
@@ -86,50 +87,6 @@ def track(
         print(f"note: the calibration is {folder.verdict}: {' '.join(reason.split())}", file=sys.stderr)
 
 
-def _options(folder: OutputFolder, method: str, max_gap: float) -> TrackOptions:
-    """How to follow people: as tall as the calibration took them to be."""
-    from passerby.tracks3d.trajectories import METHODS, TrackOptions
-
-    chosen = next((one for one in METHODS if one == method), None)
-    if chosen is None:
-        raise InputError(f"--method {method!r}: choose one of {', '.join(METHODS)}")
-    if not 0 <= max_gap <= 60:
-        raise InputError(f"--max-gap {max_gap:g}: give seconds from 0 to 60")
-    height = folder.person_height_m
-    usual = TrackOptions(chosen, max_gap)
-    return usual if height is None else TrackOptions(chosen, max_gap, height)
-
-
-def _clocks(folder: OutputFolder, fps: float | None) -> dict[str, Clock]:
-    """Each camera's clock."""
-    from passerby.observations import Clock
-
-    if fps is not None and not 0 < fps <= 1000:
-        raise InputError(f"--fps {fps:g}: give frames per second, above 0 and at most 1000")
-    if folder.clocks:
-        return dict(folder.clocks)
-    rate = fps or folder.fps
-    if rate is None:
-        raise InputError(
-            f"{folder.path}: the calibration does not know the frames' rate: give it with --fps, or as fps of [scene] and "
-            "calibrate again"
-        )
-    return {name: Clock(rate) for name in folder.rig.names}
-
-
-def _found(folder: OutputFolder, rig: Rig, clocks: dict[str, Clock], options: TrackOptions, tell: Progress) -> Trajectories:
-    """The ways by the folder's boxes and a rig."""
-    from passerby.observations import CameraObservations, Observations
-    from passerby.tracks3d.trajectories import trajectories
-
-    if not any(len(boxes) for boxes in folder.boxes.values()):
-        raise InputError(
-            f"{folder.path / 'tracks'}: holds no box: people are followed by boxes; calibrate with boxes, or with both"
-        )
-    seen = Observations({name: CameraObservations(boxes) for name, boxes in folder.boxes.items()})
-    return trajectories(rig, seen, clocks, options, tell=tell)
-
-
 def _ground_truth(identity: Any, frame: Any, xy: Any, fps: float) -> GroundTruth:
     """The true places on the rig's time."""
     from passerby.evaluation.trajectories import GroundTruth
@@ -145,13 +102,14 @@ def _judged(
     """The errors, by the estimated cameras in both placements, and by the true ones."""
     from passerby.cameras import Rig
     from passerby.evaluation.trajectories import between, judge, placements
+    from passerby.following import ways_by
 
     tell("comparing")
     same = folder.identities_given
     motions = placements(folder.rig, true_rig, reference)
     out: dict[str, Any] = {name: judge(found, truth, motion, same_ids=same).to_dict() for name, motion in motions.items()}
     shared = Rig(tuple(camera for camera in true_rig.posed() if camera.name in folder.rig.names))
-    by_true = _found(folder, shared, clocks, options, tell)
+    by_true = ways_by(folder, shared, clocks, options, tell)
     out["true_cameras"] = judge(by_true, truth, same_ids=same).to_dict()
     out["from_true_cameras"] = {name: between(found, by_true, motion).to_dict() for name, motion in motions.items()}
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import math
@@ -13,7 +14,7 @@ import numpy as np
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.faults import FileFaults, read_text
-from passerby.observations import Floats, Ints
+from passerby.observations import Clock, Floats, Ints
 from passerby.tracks3d.trajectories import Trajectories
 
 HEADER = ("time_s", "frame", "id", "x_m", "y_m", "z_m", "sigma_m", "cameras")
@@ -53,6 +54,75 @@ def write_trajectories(path: str | Path, found: Trajectories) -> None:
 def _length(metres: float) -> str:
     """Adding zero turns -0.0 into 0.0."""
     return f"{round(metres, 3) + 0.0:.3f}" if math.isfinite(metres) else ""
+
+
+def read_trajectories(path: str | Path) -> Trajectories:
+    """Read what `write_trajectories` wrote. Stretches are told apart by the frames that are missing between them.
+
+    Raises `FileFaults` (an `InputError`) that names file, line, value and mend.
+    """
+    lines = csv.DictReader(io.StringIO(read_text(path, "people's ways (CSV)")))
+    missing = [name for name in HEADER if name not in (lines.fieldnames or ())]
+    if missing:
+        raise InputError(f"{path}: line 1: has no column {missing[0]}: give the trajectories.csv that `passerby track` wrote")
+    rows, faults = [], []
+    for number, line in enumerate(lines, start=2):
+        try:
+            rows.append(_place(line))
+        except InputError as error:
+            faults.append(f"{path}: line {number}: {error}")
+    if faults:
+        raise FileFaults(faults)
+    if not rows:
+        raise InputError(f"{path}: has no row: nobody was followed")
+    table = np.array(rows)
+    table = table[np.lexsort((table[:, 1], table[:, 2]))]
+    identity, frame = table[:, 2].astype(np.int64), table[:, 1].astype(np.int64)
+    again = np.flatnonzero((np.diff(identity) == 0) & (np.diff(frame) == 0))
+    if len(again):
+        raise InputError(f"{path}: person {identity[again[0]]} stands twice in frame {frame[again[0]]}: delete one row")
+    return Trajectories(
+        identity, frame, table[:, 0], table[:, 3:6], table[:, 6], table[:, 7].astype(np.int64), _parts(identity, frame),
+        _clock(Path(path), frame, table[:, 0]),
+    )  # fmt: skip
+
+
+def _place(line: dict[str, str]) -> tuple[float, ...]:
+    """The numbers of a row, in the order of the header. Raises `InputError` without the place."""
+    numbers = []
+    for name in HEADER:
+        text = (line[name] or "").strip()
+        value = math.nan
+        with contextlib.suppress(ValueError):
+            value = float(text)
+        if not (math.isfinite(value) or (name == "sigma_m" and text == "")):
+            raise InputError(f"{name} is '{text}': a finite number is needed")
+        if name in ("frame", "id", "cameras") and value != math.floor(value):
+            raise InputError(f"{name} is {text}: a whole number is needed")
+        numbers.append(value)
+    return tuple(numbers)
+
+
+def _parts(identity: Ints, frame: Ints) -> Ints:
+    """(N,) stretches of each identity, from 1, told apart by gaps; both columns sorted by identity, then frame."""
+    same = np.diff(identity) == 0
+    usual = int(np.median(np.diff(frame)[same])) if same.any() else 1
+    begins = np.concatenate([[True], ~same])
+    new = np.concatenate([[True], ~same | (np.diff(frame) > usual)])
+    count = np.cumsum(new)
+    first = np.maximum.accumulate(np.where(begins, count, 0))
+    return np.asarray(count - first + 1, dtype=np.int64)
+
+
+def _clock(path: Path, frame: Ints, seconds: Floats) -> Clock:
+    """The clock by which the frames have these times."""
+    spread = frame.max() - frame.min()
+    if spread == 0:
+        return Clock(1.0, float(seconds[0]) - float(frame[0] - 1))
+    slope, at_zero = np.polyfit(frame, seconds, 1)
+    if not slope > 0:
+        raise InputError(f"{path}: time_s does not grow with frame: give the trajectories.csv that `passerby track` wrote")
+    return Clock(float(1 / slope), float(at_zero + slope))
 
 
 def read_ground_positions(path: str | Path) -> GroundPositions:

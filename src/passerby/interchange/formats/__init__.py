@@ -1,0 +1,117 @@
+"""Formats of other tools, one module each, loaded when asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pathlib import Path
+
+from passerby.cameras import Rig
+from passerby.errors import InputError
+from passerby.interchange.atomic import write_bytes
+from passerby.interchange.formats.format import Export, Format, Given, People
+from passerby.interchange.formats.losses import Losses
+from passerby.scene_errors import nearest
+
+__all__ = [
+    "Export",
+    "Format",
+    "Given",
+    "Losses",
+    "People",
+    "all_formats",
+    "export",
+    "find_format",
+    "read_people_as",
+    "read_rig_as",
+]
+
+MODULES: Mapping[str, str] = {}
+"""Name of a format -> its module here, which has `FORMAT`, or for several names `FORMATS`, a mapping of them."""
+
+
+def find_format(name: str) -> Format:
+    """The format of that name. Raises `InputError` for an unknown one, with the nearest."""
+    if name not in MODULES:
+        raise InputError(f"no format is called '{name}': {nearest(name, list(MODULES))} (`passerby formats` lists them)")
+    module = import_module(f"{__name__}.{MODULES[name]}")
+    found = module.FORMATS[name] if hasattr(module, "FORMATS") else module.FORMAT
+    assert isinstance(found, Format), name
+    return found
+
+
+def all_formats() -> Iterator[Format]:
+    """Every format, in the order of the list."""
+    return map(find_format, MODULES)
+
+
+def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -> tuple[str, ...]:
+    """Write a rig for another tool; nothing is written where that fails.
+
+    Args:
+        rig: what is handed over.
+        name: of the format.
+        target: the file or folder to write; other files in a folder stay.
+        lossy: go on where the format cannot hold everything.
+
+    Returns:
+        What was lost, one sentence each.
+
+    Raises:
+        InputError: unknown format, one that is only read, a loss that is not allowed, or a target that cannot be written.
+    """
+    form, path, losses = find_format(name), Path(target), Losses()
+    if form.write is None:
+        raise InputError(f"format {name} is only read, not written: {_others(writes=True)}")
+    if form.target == "folder" and path.is_file():
+        raise InputError(f"{path}: is a file, but format {name} is a folder: name another place")
+    if form.target == "file" and path.is_dir():
+        raise InputError(f"{path}: is a folder, but format {name} is one file: name it, as in {path / _example(form)}")
+    files = form.write(rig, losses)
+    if not lossy:
+        losses.forbid(str(path), name)
+    for below, content in files.items():
+        write_bytes(path / below if below else path, content)
+    return losses.told
+
+
+def read_rig_as(name: str, path: str | Path, given: Given | None = None, *, lossy: bool = False) -> tuple[Rig, tuple[str, ...]]:
+    """Read a rig, or lenses, of another tool.
+
+    Returns:
+        The rig, and what was lost.
+
+    Raises:
+        InputError: unknown format, one that holds no cameras, a broken file, or a loss that is not allowed.
+    """
+    form, given = find_format(name), given or Given()
+    if form.read is None:
+        raise InputError(f"format {name} holds no cameras that can be read: {_others(reads=True)}")
+    rig = form.read(_existing(Path(path), form), given)
+    if not lossy:
+        given.losses.forbid(str(path), name)
+    return rig, given.losses.told
+
+
+def read_people_as(name: str, path: str | Path, given: Given | None = None) -> People:
+    """Read one camera's people as another tool found them. Raises `InputError`."""
+    form = find_format(name)
+    if form.read_people is None:
+        raise InputError(f"format {name} holds no people: {', '.join(f.name for f in all_formats() if f.read_people)} do")
+    return form.read_people(_existing(Path(path), form), given or Given())
+
+
+def _existing(path: Path, form: Format) -> Path:
+    if not path.exists():
+        raise InputError(f"{path}: no such {form.target}: give what {' or '.join(form.tools)} wrote")
+    return path
+
+
+def _example(form: Format) -> str:
+    return f"rig{form.suffixes[0] if form.suffixes else ''}"
+
+
+def _others(*, reads: bool = False, writes: bool = False) -> str:
+    """Which formats can what is wanted."""
+    found = [form.name for form in all_formats() if (reads and form.read) or (writes and form.write)]
+    return f"choose one of {', '.join(found)}"

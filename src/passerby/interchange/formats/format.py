@@ -1,0 +1,89 @@
+"""What every format of other tools has in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from passerby.errors import InputError
+from passerby.interchange.formats.losses import Losses
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from passerby.cameras import Rig
+    from passerby.observations import Boxes, Keypoints
+    from passerby.tracks3d.trajectories import Trajectories
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """What is handed to another tool. World z up, ground at z = 0, metres."""
+
+    rig: Rig
+    name: str = "rig"
+    """Of the scene, for formats that have a place for it. Untrusted text, like the cameras' names."""
+    trajectories: Trajectories | None = None
+    """People's ways, for formats that draw them."""
+
+    def posed(self, losses: Losses) -> Rig:
+        """The cameras with poses; the others are losses. Raises `InputError` where there is none."""
+        posed = self.rig.posed()
+        if not len(posed):
+            raise InputError(f"none of the {len(self.rig)} cameras has a pose: there is nothing to export")
+        for camera in self.rig:
+            if camera.pose is None:
+                losses.add(f"camera {camera.name} has no pose and is left out")
+        return posed
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What a user says of a file where the file itself does not."""
+
+    size: tuple[int, int] | None = None
+    """(width, height) of the pictures, pixels."""
+    metres_per_unit: float | None = None
+    """Of lengths in the file; None: as the file says, or the format's own unit."""
+    losses: Losses = field(default_factory=Losses)
+    """What is in the file and cannot be kept."""
+
+    def size_of(self, place: str) -> tuple[int, int]:
+        """The size that the user gave. Raises `InputError`, beginning with `place`, where none was given."""
+        if self.size is None:
+            raise InputError(f"{place}: tells no picture size: give it with --size WIDTHxHEIGHT")
+        return self.size
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """One camera's people as another tool found them."""
+
+    boxes: Boxes
+    keypoints: Keypoints
+    notes: tuple[str, ...] = ()
+    """What is odd about the file."""
+
+
+@dataclass(frozen=True, eq=False)
+class Format:
+    """A format of another tool."""
+
+    name: str
+    """As `--format` takes it."""
+    title: str
+    """What it is, in a few words."""
+    tools: tuple[str, ...]
+    """Who opens it, or writes it."""
+    target: Literal["file", "folder"]
+    suffixes: tuple[str, ...] = ()
+    """Endings that its file may have, the usual one first, with the dot; empty for folders."""
+    conventions: str = ""
+    """Axes, direction of the transform, unit, pixel centre, lens models: one or two sentences for the documentation."""
+    write: Callable[[Export, Losses], Mapping[str, bytes]] | None = None
+    """Pure: file name below the target -> content; "" is the target itself where that is a file. Losses are only added."""
+    read: Callable[[Path, Given], Rig] | None = None
+    """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, mend)."""
+    read_people: Callable[[Path, Given], People] | None = None
+    """One camera's boxes or joints. Raises `InputError`."""

@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.errors import InputError
+from passerby.interchange import formats
+from passerby.interchange.formats import Export, Format
+from passerby.interchange.formats.names import tame_names
+from passerby.interchange.trajectories_csv import read_trajectories, write_trajectories
+from passerby.observations import Clock
+from passerby.tracks3d.trajectories import Trajectories
+
+LENS = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(5))
+RIG = Rig((Camera("A", LENS, Pose(np.eye(3), np.zeros(3))), Camera("B", LENS)))
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """A format that writes two files, and one that loses."""
+
+    def write(rig, losses):
+        rig.posed(losses)
+        return {"a.txt": b"a", "below/b.txt": b"b"}
+
+    known = {
+        "two": Format("two", "two files", ("none",), "folder", write=write),
+        "one": Format("one", "a file", ("none",), "file", (".one",), write=lambda rig, losses: {"": b"1"}),
+        "read": Format("read", "read only", ("none",), "file", read=lambda path, given: RIG),
+    }
+    monkeypatch.setattr(formats, "MODULES", known)
+    monkeypatch.setattr(formats, "find_format", known.__getitem__)
+
+
+def test_a_loss_writes_nothing(made, tmp_path):
+    with pytest.raises(InputError, match=r"camera B has no pose.*--lossy"):
+        formats.export(Export(RIG), "two", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_lossy_tells_what_was_lost(made, tmp_path):
+    told = formats.export(Export(RIG), "two", tmp_path / "out", lossy=True)
+    assert told == ("camera B has no pose and is left out",)
+    assert (tmp_path / "out/below/b.txt").read_bytes() == b"b"
+
+
+def test_a_rig_without_poses_is_no_loss_but_an_error(made, tmp_path):
+    with pytest.raises(InputError, match="none of the 1 cameras has a pose"):
+        formats.export(Export(Rig((Camera("B", LENS),))), "two", tmp_path / "out", lossy=True)
+
+
+def test_file_and_folder_are_told_apart(made, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="is a file, but format two is a folder"):
+        formats.export(Export(RIG.posed()), "two", tmp_path / "file")
+    with pytest.raises(InputError, match="is a folder, but format one is one file"):
+        formats.export(Export(RIG), "one", tmp_path)
+    with pytest.raises(InputError, match="only read"):
+        formats.export(Export(RIG), "read", tmp_path / "x")
+    with pytest.raises(InputError, match="no such file"):
+        formats.read_rig_as("read", tmp_path / "x")
+
+
+def test_an_unknown_format_names_the_nearest():
+    with pytest.raises(InputError, match="no format is called"):
+        formats.find_format("colmpa")
+
+
+def test_every_listed_format_is_there():
+    for form in formats.all_formats():
+        assert form.write or form.read or form.read_people, form.name
+        assert all((form.title, form.tools, form.conventions)), form.name
+
+
+def test_names_are_tamed_and_stay_apart():
+    tame = tame_names(["../etc", "C1", "c/1", "C_1", "", "a<b>"])
+    assert tame["C1"] == "C1"
+    assert tame["C_1"] == "C_1"
+    assert tame["../etc"] == "camera.._etc"
+    assert len({name.casefold() for name in tame.values()}) == 6
+    assert not any(set(name) & set("/<>") for name in tame.values())
+
+
+def test_ways_survive_their_file(tmp_path):
+    frame = np.array([1, 2, 3, 8, 9, 2, 3])
+    clock = Clock(12.5, 0.25)
+    ways = Trajectories(
+        np.array([1, 1, 1, 1, 1, 4, 4]), frame, clock.seconds(frame), np.arange(21.0).reshape(7, 3),
+        np.array([0.1, np.nan, 0.2, 0.3, 0.1, 0.1, 0.5]), np.array([2, 0, 2, 3, 2, 4, 2]), np.array([1, 1, 1, 2, 2, 1, 1]),
+        clock,
+    )  # fmt: skip
+    write_trajectories(tmp_path / "ways.csv", ways)
+    read = read_trajectories(tmp_path / "ways.csv")
+    for column in ("identity", "frame", "cameras", "part"):
+        np.testing.assert_array_equal(getattr(read, column), getattr(ways, column), column)
+    np.testing.assert_allclose(read.xyz, ways.xyz)
+    np.testing.assert_allclose(read.sigma_m, ways.sigma_m)
+    np.testing.assert_allclose([read.clock.fps, read.clock.offset_s], [12.5, 0.25], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda text: text.replace("x_m", "x"), "no column x_m"),
+        (lambda text: text.replace("1.500", "wide"), r"line 2: x_m is 'wide'"),
+        (lambda text: text + text.splitlines()[-1] + "\n", "stands twice"),
+        (lambda text: text.splitlines()[0] + "\n", "has no row"),
+    ],
+)
+def test_broken_ways_are_told(tmp_path, change, match):
+    frame = np.array([1, 2])
+    ways = Trajectories(
+        np.array([1, 1]), frame, Clock(5.0).seconds(frame), np.full((2, 3), 1.5), np.zeros(2), np.ones(2, int), np.ones(2, int),
+        Clock(5.0),
+    )  # fmt: skip
+    write_trajectories(tmp_path / "ways.csv", ways)
+    (tmp_path / "ways.csv").write_text(change((tmp_path / "ways.csv").read_text()))
+    with pytest.raises(InputError, match=match):
+        read_trajectories(tmp_path / "ways.csv")
