@@ -168,7 +168,9 @@ class PersonTable(Table):
     """`[[scale.people]]`: the standing height of one person."""
 
     identity: int = Field(ge=0)
+    """The person's id in the files, which in mode "given" is the same in all cameras."""
     height_m: Height
+    """Standing height, shoes on."""
     sd_m: Metres = 0.01
     """A person's measured height is good to a centimetre (shoes)."""
 
@@ -177,6 +179,7 @@ class LengthTable(Table):
     """`[[scale.lengths]]`: a known length between two points marked in two or more cameras."""
 
     metres: Metres
+    """The length."""
     sd_m: Metres = 0.02
     """Painted lines and pipes are known to about two centimetres at the point one marks."""
     points: dict[str, Ends]
@@ -187,7 +190,9 @@ class DistanceTable(Table):
     """`[[scale.distances]]`: a known distance between two cameras."""
 
     between: tuple[str, str]
+    """The two cameras' names."""
     metres: Metres
+    """From one lens to the other."""
     sd_m: Metres = 0.05
     """A tape between two mounted cameras meets neither optical centre: half a decimetre."""
 
@@ -196,7 +201,9 @@ class CameraHeightTable(Table):
     """`[[scale.camera_heights]]`: a known height of a camera above the people's ground."""
 
     camera: str
+    """The camera's name."""
     metres: Metres
+    """From its lens straight down to the level on which people walk."""
     sd_m: Metres = 0.05
     """As for distances."""
 
@@ -209,9 +216,13 @@ class ScaleTable(Table):
     person_height_sd_m: Metres = 0.09
     """How much people's heights differ around it."""
     people: tuple[PersonTable, ...] = ()
+    """Single people whose height was measured: `[[scale.people]]`."""
     lengths: tuple[LengthTable, ...] = ()
+    """Lengths that cameras see: `[[scale.lengths]]`."""
     distances: tuple[DistanceTable, ...] = ()
+    """Distances between two cameras: `[[scale.distances]]`."""
     camera_heights: tuple[CameraHeightTable, ...] = ()
+    """Heights of cameras above the ground: `[[scale.camera_heights]]`."""
 
 
 class Scene(Table):
