@@ -1,0 +1,271 @@
+"""Lenses in the models that other formats know: as they are where a model holds them, else the nearest and how far it is off.
+
+Whether a lens is held is measured, not reasoned: what the model cannot hold is left out, and both are projected side by side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from passerby.cameras import FISHEYE_DISTORTION_LENGTHS, PINHOLE_DISTORTION_LENGTHS, Camera, Floats, Lens
+from passerby.errors import InputError
+from passerby.interchange.formats.losses import Losses
+
+EXACT_PX = 1e-7
+"""Two lenses that differ by no more than this all over the picture are one: a tenth of what the tests of all formats allow."""
+GRID = (41, 31)
+"""Points across and down at which lenses are compared, the picture's border included."""
+WIDEST_PINHOLE_DEG = 80.0
+"""Rays farther off the axis than this are left out where a pinhole model is fitted: it has none beyond 90 degrees, and those
+just below would bend the fit for all others."""
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """A lens model of another format, in terms of OpenCV's."""
+
+    name: str
+    """As messages tell it."""
+    coefficients: tuple[int, ...]
+    """Which of OpenCV's coefficients it has, by their place: of a pinhole k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 tx ty, of a
+    fisheye k1 k2 k3 k4."""
+    fisheye: bool = False
+    skew: bool = False
+    one_focal: bool = False
+    """Both focal lengths are equal."""
+    centred: bool = False
+    """The principal point is the middle of the picture, (width - 1) / 2 and (height - 1) / 2."""
+
+
+PINHOLE = LensModel("a pinhole without distortion", ())
+RADTAN_4 = LensModel("k1, k2, p1, p2", (0, 1, 2, 3))
+RADTAN_5 = LensModel("k1, k2, p1, p2, k3", (0, 1, 2, 3, 4))
+RATIONAL_8 = LensModel("OpenCV's rational model", tuple(range(8)))
+PRISM_12 = LensModel("OpenCV's thin prism model", tuple(range(12)))
+TILTED_14 = LensModel("OpenCV's tilted model", tuple(range(14)))
+FISHEYE = LensModel("OpenCV's fisheye", (0, 1, 2, 3), fisheye=True)
+FISHEYE_SKEWED = replace(FISHEYE, skew=True)
+
+OPENCV = (TILTED_14, FISHEYE_SKEWED)
+"""What `cv2.projectPoints` (which knows no skew) and `cv2.fisheye.projectPoints` (which does) take."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Where a lens has N rays: what another lens is compared with."""
+
+    bearings: Floats
+    """(N, 3) directions, camera frame."""
+    pixels: Floats
+    """(N, 2)"""
+    size: tuple[int, int]
+    """(width, height), pixels."""
+
+    @classmethod
+    def of(cls, lens: Lens) -> Rays:
+        """The rays of a grid over the picture, but for pixels that the lens itself has none for."""
+        pixels = picture_grid(lens.size)
+        bearings = _bearings(lens, pixels)
+        known = np.isfinite(bearings).all(axis=1)
+        return cls(bearings[known], pixels[known], lens.size)
+
+    @classmethod
+    def of_projection(cls, project: Callable[[Floats], Floats], size: tuple[int, int], widest_deg: float = 100.0) -> Rays:
+        """Rays of a lens that is known as a function alone, from (N, 3) directions to (N, 2) pixels, NaN where it has none."""
+        theta = np.radians(np.linspace(0.0, widest_deg, 101))
+        turn = np.radians(np.arange(0.0, 360.0, 5.0))
+        angles, turns = (grid.ravel() for grid in np.meshgrid(theta, turn))
+        bearings = np.column_stack([np.sin(angles) * np.cos(turns), np.sin(angles) * np.sin(turns), np.cos(angles)])
+        with np.errstate(all="ignore"):
+            pixels = project(bearings)
+        inside = np.isfinite(pixels).all(axis=1) & (pixels >= -0.5).all(axis=1)
+        inside &= (pixels <= np.array(size) - 0.5).all(axis=1)
+        return cls(bearings[inside], pixels[inside], size)
+
+    @cached_property
+    def narrow(self) -> Rays:
+        """Those that a pinhole can have."""
+        keep = self.bearings[:, 2] > math.cos(math.radians(WIDEST_PINHOLE_DEG))
+        return replace(self, bearings=self.bearings[keep], pixels=self.pixels[keep])
+
+    def largest_error(self, lens: Lens) -> float:
+        """By how many pixels a lens has one of the rays elsewhere, at most."""
+        errors = np.linalg.norm(lens.project_rays(self.bearings) - self.pixels, axis=1)
+        return float(np.max(errors, initial=0.0)) if np.isfinite(errors).all() else math.inf
+
+
+def _bearings(lens: Lens, pixels: Floats) -> Floats:
+    """(N, 3) rays of pixels as `Lens.project_rays` has them: with the skew of a pinhole without distortion, and of no other."""
+    if lens.fisheye or not lens.matrix[0, 1]:
+        return lens.bearings(pixels)
+    if lens.distortions.any():
+        return _within(lens, TILTED_14).bearings(pixels)
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(lens.matrix).T
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
+
+
+def picture_grid(size: tuple[int, int]) -> Floats:
+    """(N, 2) pixels evenly over a picture, its border included."""
+    across, down = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, GRID, strict=True))
+    return np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+
+
+def expressed(camera: Camera, models: Sequence[LensModel], losses: Losses, place: str = "") -> tuple[Lens, LensModel]:
+    """A camera's lens in the first model that holds it; else in the one that comes nearest, which is a loss.
+
+    Args:
+        camera: whose lens.
+        models: simplest first.
+        losses: is told by how many pixels the nearest is off.
+        place: what a message says of where the model ends up, as in " (FULL_OPENCV)".
+
+    Returns:
+        The lens without anything that the model lacks, and the model.
+    """
+    for model in models:
+        lens = held(camera.lens, model)
+        if lens is not None:
+            return lens, model
+    rays = Rays.of(camera.lens)
+    lens, model = nearest_lens(rays, models, camera.lens, f"camera {camera.name}")
+    losses.add(
+        f"camera {camera.name}: its lens ({describe(camera.lens)}) is fitted by {model.name}{place}, {how_far(rays, lens)}"
+    )
+    return lens, model
+
+
+def held(lens: Lens, model: LensModel) -> Lens | None:
+    """The lens without what the model lacks; None where that is another lens."""
+    if lens.fisheye != model.fisheye:  # a fisheye without distortion is no pinhole either
+        return None
+    candidate, rays = _within(lens, model), Rays.of(lens)
+    return candidate if len(rays.pixels) and rays.largest_error(candidate) <= EXACT_PX else None
+
+
+def nearest_lens(rays: Rays, models: Iterable[LensModel], start: Lens, place: str) -> tuple[Lens, LensModel]:
+    """The lens among several models that comes nearest to where rays are seen, by least squares over the picture.
+
+    Raises `InputError`, beginning with `place`, where no model comes near.
+    """
+    fits = [(lens, model) for model in models if (lens := fitted(rays, model, start)) is not None]
+    if not fits:
+        raise InputError(f"{place}: its lens ({describe(start)}) cannot even be fitted: choose another format")
+    return min(fits, key=lambda fit: _beyond_and_error(rays, fit[0]))
+
+
+def fitted(rays: Rays, model: LensModel, start: Lens) -> Lens | None:
+    """The lens of a model that has rays nearest to their pixels, least squares; None where that comes to nothing.
+
+    Args:
+        rays: what is to be reproduced; a pinhole model takes those within `WIDEST_PINHOLE_DEG` of the axis.
+        model: the model.
+        start: focal lengths and principal point to start at; its distortion too where it is of the same kind.
+    """
+    used = rays if model.fisheye else rays.narrow
+    first = _within(start if start.fisheye == model.fisheye else _plain(start, model.fisheye), model)
+    numbers = _numbers(first, model)
+    if 2 * len(used.pixels) < numbers.size:
+        return None
+    scale = np.where(np.arange(numbers.size) < numbers.size - len(model.coefficients), max(rays.size), 1.0)
+
+    def miss(scaled: Floats) -> Floats:
+        off = _lens(first, model, scaled * scale).project_rays(used.bearings) - used.pixels
+        return np.asarray(np.nan_to_num(off, nan=1e4, posinf=1e4, neginf=-1e4).ravel(), dtype=np.float64)
+
+    try:
+        found = least_squares(miss, numbers / scale, method="trf", x_scale="jac", max_nfev=200)
+        return _lens(first, model, found.x * scale)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+
+
+def how_far(rays: Rays, lens: Lens) -> str:
+    """How far a fitted lens is off, as messages tell it; rounded up, so that it is true."""
+    if lens.fisheye:
+        return f"up to {_rounded_up(rays.largest_error(lens))} px off"
+    said = f"up to {_rounded_up(rays.narrow.largest_error(lens))} px off"
+    beyond = math.ceil(100 * (1 - len(rays.narrow.pixels) / max(len(rays.pixels), 1)))
+    return said + (
+        f"; {beyond} % of the picture, {WIDEST_PINHOLE_DEG:g} degrees and more off the axis, not at all" if beyond else ""
+    )
+
+
+def describe(lens: Lens) -> str:
+    """A lens in a few words."""
+    used = int(np.max(np.flatnonzero(lens.distortions), initial=-1)) + 1
+    skew = ", skewed" if lens.matrix[0, 1] else ""
+    kind = "fisheye" if lens.fisheye else "pinhole"
+    return f"{kind}, {used} distortion coefficient{'s' if used != 1 else ''}{skew}" if used else f"{kind}, no distortion{skew}"
+
+
+def _beyond_and_error(rays: Rays, lens: Lens) -> tuple[bool, float]:
+    """What makes one fit worse than another: that it has not all rays, then how far it is off."""
+    used = rays if lens.fisheye else rays.narrow
+    return len(used.pixels) < len(rays.pixels), used.largest_error(lens)
+
+
+def _rounded_up(pixels: float) -> str:
+    """Two significant digits, never less than the value itself. The grid misses the largest error by less than a hundredth."""
+    value = max(1.01 * pixels, 1e-9)
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.ceil(value / unit) * unit:.2g}"
+
+
+def _plain(lens: Lens, fisheye: bool) -> Lens:
+    return Lens(lens.size, lens.matrix, np.zeros(0), fisheye)
+
+
+def _within(lens: Lens, model: LensModel) -> Lens:
+    """A lens with what the model lacks left out."""
+    coefficients = np.zeros(4 if model.fisheye else 14)
+    coefficients[: lens.distortions.size] = lens.distortions
+    keep = list(model.coefficients)
+    matrix = np.array(lens.matrix)
+    if not model.skew:
+        matrix[0, 1] = 0.0
+    if model.one_focal:
+        matrix[0, 0] = matrix[1, 1] = math.sqrt(matrix[0, 0] * matrix[1, 1])
+    if model.centred:
+        matrix[:2, 2] = (np.array(lens.size) - 1) / 2
+    left = np.zeros_like(coefficients)
+    left[keep] = coefficients[keep]
+    return Lens(lens.size, matrix, trimmed(left, model.fisheye), model.fisheye)
+
+
+def trimmed(coefficients: Floats, fisheye: bool, fewest: int = 0) -> Floats:
+    """As few coefficients as hold the same lens, as many as OpenCV takes (0, 4, 5, 8, 12, 14), but at least `fewest`."""
+    needed = max(int(np.max(np.flatnonzero(coefficients), initial=-1)) + 1, fewest)
+    lengths = FISHEYE_DISTORTION_LENGTHS if fisheye else PINHOLE_DISTORTION_LENGTHS
+    length = next(length for length in lengths if length >= needed)
+    return np.concatenate([coefficients, np.zeros(14)])[:length]
+
+
+def _numbers(lens: Lens, model: LensModel) -> Floats:
+    """What of a lens the model leaves free: focal lengths, principal point, skew, coefficients."""
+    matrix = lens.matrix
+    focal = [matrix[0, 0]] if model.one_focal else [matrix[0, 0], matrix[1, 1]]
+    centre = [] if model.centred else [matrix[0, 2], matrix[1, 2]]
+    skew = [matrix[0, 1]] if model.skew else []
+    coefficients = np.concatenate([lens.distortions, np.zeros(14)])[list(model.coefficients)]
+    return np.array([*focal, *centre, *skew, *coefficients])
+
+
+def _lens(like: Lens, model: LensModel, numbers: Floats) -> Lens:
+    """The inverse of `_numbers`; the rest as in `like`."""
+    values = iter(numbers.tolist())
+    matrix = np.array(like.matrix)
+    matrix[0, 0] = next(values)
+    matrix[1, 1] = matrix[0, 0] if model.one_focal else next(values)
+    if not model.centred:
+        matrix[:2, 2] = next(values), next(values)
+    if model.skew:
+        matrix[0, 1] = next(values)
+    coefficients = np.zeros(4 if model.fisheye else 14)
+    coefficients[list(model.coefficients)] = list(values)
+    return Lens(like.size, matrix, trimmed(coefficients, model.fisheye), model.fisheye)
