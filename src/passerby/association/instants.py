@@ -69,6 +69,7 @@ def common_instants(
     sizes: Mapping[str, tuple[int, int]] | None = None,
     max_gap_frames: float = MAX_GAP_FRAMES,
     max_gap_s: float = MAX_GAP_S,
+    grid: Clock | None = None,
 ) -> Observations:
     """Observations whose frame numbers are the same instants in all cameras.
 
@@ -85,15 +86,16 @@ def common_instants(
             border cuts off, since what is between them is cut off and does not look it.
         max_gap_frames: the neighbours may be so many of the camera's frames apart,
         max_gap_s: or so many seconds, whichever is longer.
+        grid: the clock whose frames are the common instants; `common_clock`'s choice when None.
 
     Returns:
         Boxes, joints (a joint's score is the lower of the two, 0 where either was not found; embeddings are those of the
-        nearer sample) at instants counted like the frames of `common_clock`, which is every camera's clock in the result.
+        nearer sample) at instants counted like the frames of that clock, which is every camera's in the result.
 
     Raises:
         InputError: a camera without a clock, or a person who is twice in one frame of a camera.
     """
-    grid = common_clock(observations, clocks)
+    grid = grid or common_clock(observations, clocks)
     cameras = {}
     for name, seen in observations.cameras.items():
         for kind, rows in (("boxes", seen.boxes), ("sets of joints", seen.keypoints)):

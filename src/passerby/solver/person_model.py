@@ -125,15 +125,10 @@ class PeopleProblem:
     def _sighting_terms(self, state: PeopleState, jacobians: bool) -> list[Term]:
         s, shift = self.sightings, state.globals[FOOT_SHIFT]
         R, C, body = state.R[s.camera], state.centre[s.camera], state.people[s.block]
-        length = body[:, HIGH] - body[:, LOW]
-        top = np.column_stack([body[:, :2], body[:, LOW] + s.top_fraction * length])
-        toward = C[:, :2] - body[:, :2]
-        distance = np.maximum(np.linalg.norm(toward, axis=1), 0.1)
-        toward = toward / distance[:, None]
         person = self.person[s.block]
         height_of = state.heights[person]
         moved = (shift * s.has_foot * height_of)[:, None]
-        bottom = np.column_stack([body[:, :2] + moved * toward, body[:, LOW] + s.bottom_fraction * length])
+        top, bottom, toward, distance = body_ends(C, body, moved, s.top_fraction, s.bottom_fraction)
         d_top = (R @ (top - C)[:, :, None])[:, :, 0]
         d_bottom = (R @ (bottom - C)[:, :, None])[:, :, 0]
         r_top, top_by_d = project_near(s.top, s.top_tangent, d_top)
@@ -271,6 +266,30 @@ class PeopleProblem:
             state.heights + step.groups, state.people + step.blocks[UPRIGHT], state.joints + step.blocks[JOINT],
             state.time + by_camera[:, TIME] if self.timed else state.time,
         )  # fmt: skip
+
+
+def body_ends(
+    centre: Floats, body: Floats, moved: Floats, top_fraction: Floats | float = 1.0, bottom_fraction: Floats | float = 0.0
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """The highest and the lowest point that cameras see of upright bodies.
+
+    Args:
+        centre: (M, 3) of the cameras, metres.
+        body: (M, 4) x, y, height of the lowest and of the highest point, metres.
+        moved: (M, 1) how much nearer to the camera the lowest visible point is than the body's axis, metres.
+        top_fraction: (M,) where on the body the highest point sits, as a share of its height.
+        bottom_fraction: (M,) the same of the lowest point.
+
+    Returns:
+        (M, 3) highest points; (M, 3) lowest points; (M, 2) unit vectors over the ground to the cameras, and (M,) how far that is.
+    """
+    length = body[:, HIGH] - body[:, LOW]
+    top = np.column_stack([body[:, :2], body[:, LOW] + top_fraction * length])
+    toward = centre[:, :2] - body[:, :2]
+    distance = np.maximum(np.linalg.norm(toward, axis=1), 0.1)
+    toward = toward / distance[:, None]
+    bottom = np.column_stack([body[:, :2] + moved * toward, body[:, LOW] + bottom_fraction * length])
+    return top, bottom, toward, distance
 
 
 def _by_body(by_point: Floats, fraction: Floats) -> Floats:

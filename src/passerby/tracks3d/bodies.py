@@ -104,13 +104,14 @@ class Measurements:
         return np.asarray((self.by_body.transpose(0, 2, 1) @ self.value[:, :, None])[:, :, 0])
 
 
-def measure(rays: Rays, body: Floats, foot_shift: float) -> Measurements:
+def measure(rays: Rays, body: Floats, foot_shift: float | Floats) -> Measurements:
     """The measurements about bodies (N, 3): x, y, top.
 
     Args:
         rays: of the boxes.
         body: about where each of them stands; only distances are taken from it.
-        foot_shift: how much nearer to the camera the lowest visible point is than the body's axis, metres.
+        foot_shift: how much nearer to the camera the lowest visible point is than the body's axis, metres; (N, 1) where bodies
+            differ in it.
     """
     away = body[:, :2] - rays.centre[:, :2]
     toward = -away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), NEAREST_M)
