@@ -190,3 +190,23 @@ def test_a_rig_knows_its_cameras() -> None:
         _ = rig["B"].centre
     with pytest.raises(InputError, match="camera A stands twice"):
         Rig((posed, posed))
+
+
+def test_where_a_camera_looks():
+    # Columns of R_cw.T are the camera's axes in the world: right, down, forward.
+    def pose(heading, tilt, roll):
+        h, t, r = np.radians([heading, tilt, roll])
+        forward = np.array([np.cos(h) * np.cos(t), np.sin(h) * np.cos(t), -np.sin(t)])
+        level = np.array([np.sin(h), -np.cos(h), 0.0])
+        down = np.cross(forward, level)
+        right = np.cos(r) * level + np.sin(r) * down
+        return Pose(np.stack([right, np.cross(forward, right), forward]), np.zeros(3))
+
+    for angles in ((0, 0, 0), (90, 30, 0), (-135, 10, 20), (179, -5, -60), (45, 80, 180)):
+        looks = pose(*angles)
+        np.testing.assert_allclose((looks.heading_deg, looks.tilt_deg, looks.roll_deg), angles, atol=1e-9)
+    # A pixel right of the centre of a camera turned clockwise is seen lower in the world.
+    camera = Camera("A", Lens((100, 100), np.diag([100.0, 100, 1]), np.zeros(0)), pose(0, 0, 20))
+    assert camera.project(np.array([[10.0, 0.0, 1.0]]))[0, 0] < 0
+    down = Pose(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), np.zeros(3))
+    assert (down.heading_deg, down.tilt_deg, down.roll_deg) == (None, 90, None)

@@ -225,6 +225,31 @@ class Pose:
         """(3,) camera centre in the world, metres."""
         return _frozen(-self.R_cw.T @ self.t_cw)
 
+    @property
+    def heading_deg(self) -> float | None:
+        """Where the camera looks over the ground: degrees from the world's x axis towards y, in (-180, 180].
+
+        None for one that looks straight up or down.
+        """
+        x, y, _ = self.R_cw[2]
+        return None if np.hypot(x, y) < 1e-9 else float(np.degrees(np.arctan2(y, x)))
+
+    @property
+    def tilt_deg(self) -> float:
+        """How far the optical axis points below the horizon, degrees in [-90, 90]."""
+        return float(np.degrees(np.arctan2(-self.R_cw[2, 2], np.hypot(self.R_cw[2, 0], self.R_cw[2, 1]))))
+
+    @property
+    def roll_deg(self) -> float | None:
+        """How far the camera is turned about its optical axis, clockwise as seen from behind it: degrees in (-180, 180].
+
+        0: the picture's rows are level. None for a camera that looks straight up or down.
+        """
+        level = np.cross(self.R_cw[2], (0.0, 0.0, 1.0))
+        if np.linalg.norm(level) < 1e-9:
+            return None
+        return float(np.degrees(np.arctan2(self.R_cw[0] @ np.cross(self.R_cw[2], level), self.R_cw[0] @ level)))
+
     def moved(self, rotation: Floats, translation: Floats, scale: float = 1.0) -> Pose:
         """The pose after the world is moved by `X -> scale rotation X + translation`."""
         R_cw = self.R_cw @ np.asarray(rotation).T
@@ -242,6 +267,18 @@ class PoseSigma:
     """Root of the trace of the rotation vector's covariance, degrees."""
     covariance: Floats | None = None
     """(6, 6): centre (metres, world), then rotation vector (radians, camera frame)."""
+
+    def moved(self, rotation: Floats, scale: float = 1.0) -> PoseSigma:
+        """The uncertainty after the world is moved by `X -> scale rotation X + translation`, as if that motion were exact.
+
+        The centre's part turns and grows with the world; the rotation vector is the camera's own and stays.
+        """
+        covariance = None
+        if self.covariance is not None:
+            block = np.eye(6)
+            block[:3, :3] = scale * np.asarray(rotation)
+            covariance = block @ self.covariance @ block.T
+        return PoseSigma(scale * self.position_m, self.orientation_deg, covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,9 +343,13 @@ class Rig:
         return replace(self, cameras=tuple(camera for camera in self.cameras if camera.pose is not None))
 
     def moved(self, rotation: Floats, translation: Floats, scale: float = 1.0) -> Rig:
-        """The rig after the world is moved by `X -> scale rotation X + translation`; sigmas are dropped."""
+        """The rig after the world is moved by `X -> scale rotation X + translation`, sigmas too."""
         cameras = tuple(
-            replace(camera, pose=camera.pose.moved(rotation, translation, scale), sigma=None)
+            replace(
+                camera,
+                pose=camera.pose.moved(rotation, translation, scale),
+                sigma=None if camera.sigma is None else camera.sigma.moved(rotation, scale),
+            )
             if camera.pose is not None
             else camera
             for camera in self.cameras

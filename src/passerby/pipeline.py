@@ -75,6 +75,11 @@ class Calibration:
         return self.scene.association.search_s > 0 and self.clocked
 
     @property
+    def instants(self) -> Observations:
+        """The people that all cameras saw at the same instants, as far as their clocks are known."""
+        return self.observations if self.association is None else self.association.instants
+
+    @property
     def exit_status(self) -> int:
         """0 accepted, 3 doubtful or refused."""
         return 0 if self.accepted else EvidenceError.exit_status
@@ -84,7 +89,7 @@ class Calibration:
         return calibration_dict(self)
 
     def write(self, folder: str | Path) -> None:
-        """Write `rig.toml`, `calibration.json` and `tracks/CAMERA.txt` into a folder, each file whole or not at all.
+        """Write `rig.toml`, `calibration.json` and, in `tracks/`, CAMERA.txt (boxes) and CAMERA.json (joints) into a folder, each file whole or not at all.
 
         Files of an earlier run are replaced. Raises `InputError` where the folder is not writable.
         """

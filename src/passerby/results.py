@@ -12,11 +12,13 @@ import numpy as np
 from passerby import __version__
 from passerby.association.result import Association
 from passerby.cameras import Camera
+from passerby.evaluation.reprojection import median_residuals
 from passerby.interchange.atomic import write_text
+from passerby.interchange.coco import write_keypoints
 from passerby.interchange.json_text import plain, to_json
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
-from passerby.observations import CameraObservations
+from passerby.observations import UNKNOWN, CameraObservations
 
 if TYPE_CHECKING:
     from passerby.pipeline import Calibration
@@ -35,6 +37,9 @@ def write_calibration(calibration: Calibration, folder: Path) -> None:
         boxes = calibration.observations[camera.name].boxes
         if len(boxes):
             write_boxes(folder / TRACKS_FOLDER / f"{camera.name}.txt", boxes)
+        joints = calibration.observations[camera.name].keypoints
+        if len(joints):
+            write_keypoints(folder / TRACKS_FOLDER / f"{camera.name}.json", joints)
     write_rig(folder / RIG_FILE, calibration.rig)
     content = {"scene_file": scene_file(calibration.scene.path)} | calibration_dict(calibration)
     write_text(folder / CALIBRATION_FILE, to_json(content))
@@ -51,7 +56,7 @@ def scene_file(scene: Path | None) -> str | None:
 
 def calibration_dict(calibration: Calibration) -> dict[str, Any]:
     """A calibration as plain values for JSON, without wall times."""
-    scene, association = calibration.scene, calibration.association
+    scene, association, residual_px = calibration.scene, calibration.association, _residuals(calibration)
     content: dict[str, Any] = plain(
         {
             "name": scene.name,
@@ -61,7 +66,9 @@ def calibration_dict(calibration: Calibration) -> dict[str, Any]:
             "reasons": calibration.reasons,
             "findings": calibration.findings,
             "cameras": [
-                _camera(camera, calibration.observations[camera.name]) | _clock(calibration.association, camera.name)
+                _camera(camera, calibration.observations[camera.name])
+                | {"median_residual_px": residual_px.get(camera.name)}
+                | _clock(calibration.association, camera.name)
                 for camera in calibration.rig
             ],
             **({"perception": calibration.perception} if calibration.perception else {}),
@@ -78,18 +85,31 @@ def calibration_dict(calibration: Calibration) -> dict[str, Any]:
 
 def _camera(camera: Camera, seen: CameraObservations) -> dict[str, Any]:
     pose, sigma = camera.pose, camera.sigma
+    people = np.unique(np.concatenate([seen.boxes.identity, seen.keypoints.identity]))
     return {
         "name": camera.name,
         "registered": pose is not None,
         "centre_m": None if pose is None else pose.centre,
         "height_m": None if pose is None else pose.centre[2],
+        "heading_deg": None if pose is None else pose.heading_deg,
+        "tilt_deg": None if pose is None else pose.tilt_deg,
+        "roll_deg": None if pose is None else pose.roll_deg,
         "rotation": None if pose is None else np.asarray(cv2.Rodrigues(np.array(pose.R_cw))[0]).ravel(),
         "translation_m": None if pose is None else pose.t_cw,
         "position_sigma_mm": None if sigma is None else 1000 * sigma.position_m,
         "orientation_sigma_deg": None if sigma is None else sigma.orientation_deg,
+        "people": len(people[people > UNKNOWN]),
         "boxes": len(seen.boxes),
         "keypoints": len(seen.keypoints),
     }
+
+
+def _residuals(calibration: Calibration) -> dict[str, float]:
+    """By camera: what the solver tells, or else the median reprojection error of box centres or joints, pixels."""
+    told = {one["name"]: one.get("median_residual_px") for one in calibration.figures.get("cameras", ())}
+    missing = [camera.name for camera in calibration.rig.posed() if told.get(camera.name) is None]
+    found = median_residuals(calibration.rig, calibration.instants) if missing else {}
+    return found | {name: value for name, value in told.items() if value is not None}
 
 
 def _clock(association: Association | None, name: str) -> dict[str, Any]:

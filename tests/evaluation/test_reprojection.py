@@ -9,7 +9,8 @@ import pytest
 
 from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.errors import InputError
-from passerby.evaluation.reprojection import reprojection_error
+from passerby.evaluation.reprojection import median_residuals, reprojection_error
+from passerby.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.simulation import SimulationOptions, simulate
 
 TRUTH = simulate(SimulationOptions(preset="terrace", seed=0, seconds=0.2)).rig
@@ -87,3 +88,35 @@ def test_marks_that_contradict_the_rig_are_told() -> None:
         reprojection_error(TRUTH, {"C9": np.zeros((3, 2))})
     with pytest.raises(InputError, match="different numbers"):
         reprojection_error(TRUTH, {"C1": np.zeros((3, 2)), "C2": np.zeros((4, 2))})
+
+
+def seen(noise_px: float, *, joints: bool = False) -> Observations:
+    """The places as people, each an identity, seen by every camera in one frame."""
+    cameras, n = {}, len(PLACES)
+    for name, pixels in marks(noise_px).items():
+        ones, who = np.ones(n, dtype=np.int64), np.arange(n)
+        boxes = Boxes(ones, who, np.column_stack([pixels - 5, np.full((n, 2), 10.0)]), np.ones(n))
+        if joints:
+            xy, score = np.zeros((n, 17, 2)), np.zeros((n, 17))
+            xy[:, 3], score[:, 3] = pixels, 1.0
+            cameras[name] = CameraObservations(Boxes.empty(), Keypoints(ones, who, xy, score))
+        else:
+            cameras[name] = CameraObservations(boxes)
+    return Observations(cameras)
+
+
+@pytest.mark.parametrize("joints", [False, True])
+def test_residuals_need_no_truth(joints: bool) -> None:
+    exact, noisy = (median_residuals(TRUTH, seen(noise, joints=joints)) for noise in (0.0, 2.0))
+    assert set(exact) == set(noisy) == set(TRUTH.names)
+    assert max(exact.values()) < 1e-6
+    # Four cameras of 8 coordinates and 3 unknowns keep 5/8 of the variance; the median of a Rayleigh is 1.18 sigma.
+    assert np.mean(list(noisy.values())) == pytest.approx(2.0 * 1.18 * np.sqrt(5 / 8), rel=0.3)
+    wrong = replace(TRUTH, cameras=(moved(TRUTH.cameras[0], (0.5, 0, 0)), *TRUTH.cameras[1:]))
+    assert median_residuals(wrong, seen(0.0, joints=joints))[TRUTH.names[0]] > 5
+
+
+def test_no_residual_of_what_one_camera_saw() -> None:
+    alone = Observations({TRUTH.names[0]: seen(0.0)[TRUTH.names[0]]})
+    assert median_residuals(TRUTH, alone) == {}
+    assert median_residuals(TRUTH, Observations({})) == {}

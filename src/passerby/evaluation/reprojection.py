@@ -17,6 +17,7 @@ import numpy as np
 from passerby.cameras import Floats, Rig
 from passerby.errors import InputError
 from passerby.geometry.triangulation import triangulate
+from passerby.observations import UNKNOWN, CameraObservations, Ints, Observations
 
 
 @dataclass(frozen=True)
@@ -75,3 +76,54 @@ def reprojection_error(rig: Rig, marks: Mapping[str, Floats]) -> Reprojection | 
     rpe = float(np.concatenate(errors).mean())
     shortest = min(min(camera.lens.size) for camera in cameras)
     return Reprojection(rpe, rpe / shortest, int(judged.sum()), int((total & ~judged).sum()))
+
+
+def median_residuals(rig: Rig, observations: Observations) -> dict[str, float]:
+    """How far what each camera saw lies from where all cameras together put it: median of the reprojection error, pixels.
+
+    Joints where there are any that two cameras share, else centres of boxes; each is triangulated from all cameras that saw it.
+
+    Args:
+        rig: cameras without a pose are left out.
+        observations: at common instants, with identities over all cameras.
+
+    Returns:
+        For each camera that shares something with another one.
+    """
+    posed = [camera for camera in rig if camera.pose is not None and camera.name in observations.cameras]
+    poses = [camera.pose for camera in posed if camera.pose is not None]
+    for marks in (_joints, _centres):
+        seen = [marks(observations[camera.name]) for camera in posed]
+        if not any(len(pixels) for _, pixels in seen):
+            continue
+        index = np.repeat(np.arange(len(posed)), [len(pixels) for _, pixels in seen])
+        keys, pixels = np.concatenate([key for key, _ in seen]), np.concatenate([pixels for _, pixels in seen])
+        rays = np.concatenate([camera.lens.bearings(own[1]) for camera, own in zip(posed, seen, strict=True)])
+        _, point, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
+        sound = np.isfinite(rays).all(axis=1) & (count[point] > 1)
+        if not sound.any():
+            continue
+        index, point, pixels, rays = index[sound], point[sound], pixels[sound], rays[sound]
+        R, t = np.stack([pose.R_cw for pose in poses]), np.stack([pose.t_cw for pose in poses])
+        places = triangulate(index, point, rays, R, t, len(count))[point]
+        medians = {}
+        for k, camera in enumerate(posed):
+            own = index == k
+            miss = np.linalg.norm(camera.project(places[own]) - pixels[own], axis=1)
+            if np.isfinite(miss).any():
+                medians[camera.name] = float(np.nanmedian(miss))
+        return medians
+    return {}
+
+
+def _centres(seen: CameraObservations) -> tuple[Ints, Floats]:
+    """(N, 3) frame, identity, 0, and (N, 2) pixels of boxes' centres."""
+    boxes = seen.boxes.take(seen.boxes.identity > UNKNOWN)
+    return np.column_stack([boxes.frame, boxes.identity, np.zeros_like(boxes.frame)]), boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
+
+
+def _joints(seen: CameraObservations) -> tuple[Ints, Floats]:
+    """(N, 3) frame, identity, number of the joint, and (N, 2) pixels of the joints that were found."""
+    joints = seen.keypoints.take(seen.keypoints.identity > UNKNOWN)
+    body, joint = np.nonzero(joints.score > 0)
+    return np.column_stack([joints.frame[body], joints.identity[body], joint]), joints.xy[body, joint]
