@@ -281,7 +281,7 @@ def body_ends(
         bottom_fraction: (M,) the same of the lowest point.
 
     Returns:
-        (M, 3) highest points; (M, 3) lowest points; (M, 2) unit vectors over the ground to the cameras, and (M,) how far that is.
+        (M, 3) highest points; (M, 3) lowest points; (M, 2) unit vectors over the ground to the cameras, (M,) how far that is.
     """
     length = body[:, HIGH] - body[:, LOW]
     top = np.column_stack([body[:, :2], body[:, LOW] + top_fraction * length])
