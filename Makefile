@@ -17,7 +17,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-slow lint types bench bench-quick bench-association bench-perception bench-reid bench-peers peers format clean
+.PHONY: demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-peers peers format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo -o demo
@@ -38,6 +38,9 @@ format: $(INSTALLED)
 
 types: $(TRAINING_INSTALLED)
 	$(VENV)/bin/mypy
+
+docs: $(INSTALLED)
+	$(VENV)/bin/mkdocs build --strict --quiet --site-dir build/site
 
 # Writes docs/results anew, but for the pages of videos and of training (bench-perception, bench-reid), and the README's tables.
 bench: $(BENCH_INSTALLED) peers
