@@ -1,0 +1,207 @@
+"""Where people were at a sample of instants, by the rig and the identities, and how what was seen differs from that.
+
+The sample is bounded, evenly spread and the same for the same calibration. People are fitted anew at each instant, with the
+cameras held: as upright bodies where there are boxes, by their joints where there are only those.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.cameras import Rig
+from passerby.report.contents import Contents
+from passerby.report.sampling import MOST_SIGHTINGS, Sample, sampled
+from passerby.report.skeletons import Joints, joints_of
+from passerby.report.upright import Bodies, BodyModel, SeenBoxes, body_model, model_boxes, upright_bodies
+from passerby.solver.evidence import BORDER_PX
+from passerby.tracks3d.smoothing import smooth
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+SURE_M = 0.7
+"""Whose place is less sure than this is left out of the ways: seen far away, or cut off, by one camera."""
+GAP_S, GAP_STEPS = 2.0, 1.5
+"""A way is broken where somebody was not seen for longer than both; steps are those of the sample."""
+LEAST_SD_M = 0.05
+"""A body is not better placed than this: arms, stride and load move its middle."""
+FEWEST_JOINTS = 4
+"""In space, for a person's place to be taken from them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """M boxes of identified people and the model's boxes for them, pixels. Sorted by camera, then by frame."""
+
+    camera: Ints
+    """(M,) rows of `Fitted.rig`."""
+    body: Ints
+    """(M,) rows of `Fitted.bodies`."""
+    identity: Ints
+    """(M,)"""
+    frame: Ints
+    """(M,) of `Fitted.sample`'s clock."""
+    seen: Floats
+    """(M, 4) left, top, width, height."""
+    model: Floats
+    """(M, 4) the same as the fitted body projects; the width is the seen one's."""
+    top: Floats
+    """(M, 2) where the body's highest point projects,"""
+    foot: Floats
+    """(M, 2) and its lowest visible one."""
+    agrees: Bools
+    """(M,) whether the box is believed to show this person as a whole."""
+
+    def __len__(self) -> int:
+        return len(self.camera)
+
+    @property
+    def centre_px(self) -> Floats:
+        """(M, 2) by how much the seen centre is off the model's."""
+        return (self.seen - self.model)[:, :2] + (self.seen - self.model)[:, 2:] / 2
+
+    @property
+    def top_px(self) -> Floats:
+        """(M,) by how much the seen upper edge is below the model's."""
+        return np.asarray((self.seen - self.model)[:, 1])
+
+    @property
+    def bottom_px(self) -> Floats:
+        """(M,) by how much the seen lower edge is below the model's."""
+        return np.asarray((self.seen - self.model)[:, [1, 3]].sum(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """N places of people over the ground, sorted by identity, then by time. World of the rig, metres."""
+
+    identity: Ints
+    """(N,)"""
+    seconds: Floats
+    """(N,) the rig's time."""
+    xy: Floats
+    """(N, 2)"""
+    part: Ints
+    """(N,) number of the stretch without long gaps, ascending over all people."""
+
+    def __len__(self) -> int:
+        return len(self.identity)
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """People, as fitted at the instants of a sample."""
+
+    rig: Rig
+    """The cameras with poses that saw anybody; rows of these are meant by `camera`."""
+    model: BodyModel
+    sample: Sample | None
+    """None where no camera with a pose saw anybody."""
+    bodies: Bodies
+    sightings: Sightings
+    joints: Joints
+    ways: Ways
+
+    def place(self, name: str) -> int | None:
+        """The row of a camera; None for one that has no pose or saw nobody."""
+        return self.rig.names.index(name) if name in self.rig.names else None
+
+
+def fitted(contents: Contents, most: int = MOST_SIGHTINGS) -> Fitted:
+    """People at a bounded sample of instants; nobody where no camera has a pose, as after a refused calibration.
+
+    Args:
+        contents: of the report.
+        most: sightings, about.
+    """
+    return fit_sample(contents, sampled(contents, most))
+
+
+def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
+    """People at the instants of a sample."""
+    model = body_model(contents.told)
+    rig = sample.rig if sample is not None else Rig(())
+    boxes = _boxes(sample)
+    bodies, body, agrees = upright_bodies(rig, boxes, model)
+    rows = np.flatnonzero(body >= 0)
+    camera, body, seen = boxes.camera[rows], body[rows], boxes.ltwh[rows]
+    ltwh, top, foot = model_boxes(rig, camera, bodies, body, seen[:, 2], model)
+    sightings = Sightings(
+        camera, body, boxes.identity[rows], boxes.frame[rows], seen, ltwh, top, foot, agrees[rows] & ~_cut(rig, camera, seen)
+    )
+    joints = joints_of(rig, sample.seen) if sample is not None else _no_joints()
+    return Fitted(rig, model, sample, bodies, sightings, joints, _ways(sample, bodies, joints))
+
+
+def _boxes(sample: Sample | None) -> SeenBoxes:
+    """The boxes of all cameras, by camera, then by frame."""
+    columns: list[tuple[Ints, Ints, Ints]] = [(np.zeros(0, np.int64),) * 3]
+    ltwh = [np.zeros((0, 4))]
+    for number, name in enumerate(sample.rig.names if sample is not None else ()):
+        assert sample is not None
+        boxes = sample.seen[name].boxes
+        order = np.lexsort((boxes.identity, boxes.frame))
+        columns.append((np.full(len(order), number), boxes.identity[order], boxes.frame[order]))
+        ltwh.append(boxes.ltwh[order])
+    camera, identity, frame = (np.concatenate(parts).astype(np.int64) for parts in zip(*columns, strict=True))
+    return SeenBoxes(camera, identity, frame, np.concatenate(ltwh))
+
+
+def _cut(rig: Rig, camera: Ints, ltwh: Floats) -> Bools:
+    """(M,) whether the picture's border cuts boxes off."""
+    size = np.array([one.lens.size for one in rig], dtype=np.float64).reshape(-1, 2)[camera]
+    first, last = ltwh[:, :2], ltwh[:, :2] + ltwh[:, 2:]
+    return np.asarray(((first <= BORDER_PX) | (last >= size - BORDER_PX)).any(axis=1))
+
+
+def _no_joints() -> Joints:
+    nothing = np.zeros(0, np.int64)
+    none = np.zeros((0, 2))
+    return Joints(nothing, nothing, nothing, nothing, none, none, np.zeros(0, bool), nothing, np.zeros((0, 3)))
+
+
+def _ways(sample: Sample | None, bodies: Bodies, joints: Joints) -> Ways:
+    """Everybody's way, smoothed; by joints for people and instants that have no sure body."""
+    sure = (bodies.cameras > 0) & (bodies.sigma_m < SURE_M)
+    by_box = np.column_stack([bodies.identity, bodies.frame])[sure]
+    key, middle = _joint_places(joints)
+    more = ~_in(key, by_box)
+    key = np.concatenate([by_box, key[more]])
+    xy = np.concatenate([bodies.xy[sure], middle[more]])
+    sd = np.concatenate([bodies.sigma_m[sure], np.full(np.count_nonzero(more), LEAST_SD_M)])
+    if sample is None or not len(key):
+        return Ways(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64))
+    order = np.lexsort((key[:, 1], key[:, 0]))
+    key, xy, sd = key[order], xy[order], np.hypot(sd[order], LEAST_SD_M)
+    seconds = sample.clock.seconds(key[:, 1])
+    gap = max(GAP_S if sample.timed else 0.0, GAP_STEPS * sample.step_s) + 1e-9
+    part = np.cumsum((np.diff(key[:, 0], prepend=key[:1, 0]) != 0) | (np.diff(seconds, prepend=seconds[:1]) > gap))
+    if sample.timed:
+        xy = smooth(seconds, xy, (sd**2 / 2)[:, None, None] * np.eye(2), part)[0]
+    return Ways(key[:, 0], seconds, xy, part)
+
+
+def _joint_places(joints: Joints) -> tuple[Ints, Floats]:
+    """(N, 2) identity and frame, (N, 2) metres: where people are by the mean of their joints in space."""
+    first = np.unique(joints.point, return_index=True)[1]
+    xyz = joints.xyz[joints.point[first]]
+    known = np.isfinite(xyz[:, 0])
+    rows = first[known]
+    key, number, count = np.unique(
+        np.column_stack([joints.identity[rows], joints.frame[rows]]), axis=0, return_inverse=True, return_counts=True
+    )
+    number = number.ravel()
+    total = np.column_stack([np.bincount(number, xyz[known, k], len(key)) for k in range(2)])
+    enough = count >= FEWEST_JOINTS
+    return key[enough].reshape(-1, 2), (total / np.maximum(count, 1)[:, None])[enough]
+
+
+def _in(rows: Ints, others: Ints) -> Bools:
+    """(N,) whether rows (N, 2) stand among others (M, 2)."""
+    _, number = np.unique(np.concatenate([others, rows]), axis=0, return_inverse=True)
+    number = number.ravel()
+    return np.asarray(np.isin(number[len(others) :], number[: len(others)]))

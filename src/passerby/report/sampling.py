@@ -1,0 +1,138 @@
+"""The people of some instants, with identities, as all cameras saw them: few enough to be drawn, spread over the recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.instants import MAX_GAP_FRAMES, MAX_GAP_S, common_clock, common_instants
+from passerby.cameras import Rig
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
+from passerby.report.contents import Contents
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+MOST_SIGHTINGS = 24_000
+"""Sightings that are fitted at most, about: a quarter of a second of work."""
+ROW_OF_JOINTS = 4
+"""A set of joints takes as long as so many boxes."""
+STEP_S = 0.5
+"""People who walk are 0.7 m farther on by then, so that lines between places still show their way."""
+STRETCHES = 12
+"""Where every half second is too much: so many stretches without gaps, evenly spread."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What the cameras with poses saw of identified people at some instants."""
+
+    rig: Rig
+    """The cameras with poses that were watched, in the rig's order."""
+    seen: Observations
+    """Their boxes and joints; frames are those of `clock`."""
+    clock: Clock
+    timed: bool
+    """Whether the frame rate is known; else a frame stands for a second."""
+    step_s: float
+    """Between neighbouring instants, usually."""
+
+
+def clocks_of(contents: Contents) -> tuple[Mapping[str, Clock], bool]:
+    """Each camera's clock, and whether the frame rate is known: where it is not, a frame stands for a second."""
+    if all(name in contents.clocks for name in contents.rig.names):
+        return contents.clocks, True
+    fps = contents.observations.fps
+    return dict.fromkeys(contents.rig.names, Clock(fps or 1.0)), fps is not None
+
+
+def watched_rig(contents: Contents) -> Rig:
+    """The cameras with poses that saw anything."""
+    posed = contents.rig.posed()
+    seen = contents.observations.cameras
+    used = [c for c in posed if c.name in seen and len(seen[c.name].boxes) + len(seen[c.name].keypoints)]
+    return Rig(tuple(used))
+
+
+def sampled(contents: Contents, most: int = MOST_SIGHTINGS) -> Sample | None:
+    """All instants, or of longer recordings every half second, or stretches of it; None where there is nothing to see."""
+    rig = watched_rig(contents)
+    if not len(rig):
+        return None
+    clocks, _ = clocks_of(contents)
+    watched = Observations({name: contents.observations[name] for name in rig.names})
+    grid = common_clock(watched, clocks)
+    frames, weights = [], []
+    for name in rig.names:
+        seen = watched[name]
+        for rows, weight in ((seen.boxes, 1), (seen.keypoints, ROW_OF_JOINTS)):
+            known = rows.identity != UNKNOWN
+            frames.append(np.rint(grid.frames(clocks[name].seconds(rows.frame[known]))).astype(np.int64))
+            weights.append(np.full(len(frames[-1]), float(weight)))
+    instants, number = np.unique(np.concatenate(frames), return_inverse=True)
+    if not len(instants):
+        return None
+    weight = np.bincount(number.ravel(), np.concatenate(weights)).astype(np.float64)
+    chosen = _thinned(instants, weight, grid.fps, most)
+    return sample_at(contents, grid, instants[chosen])
+
+
+def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
+    """The people at given frames (N,), ascending, of a clock; None without a camera that has a pose and saw anything."""
+    rig = watched_rig(contents)
+    if not len(rig) or not len(frames):
+        return None
+    clocks, timed = clocks_of(contents)
+    seen = {}
+    for name in rig.names:
+        clock, all_seen = clocks[name], contents.observations[name]
+        # A sample between two instants is interpolated from neighbours within this reach; one frame more for rounding.
+        reach = (max(MAX_GAP_FRAMES, MAX_GAP_S * clock.fps) + 1) * grid.fps / clock.fps + 1
+        boxes, joints = all_seen.boxes, all_seen.keypoints
+        near = [
+            _near(grid.frames(clock.seconds(rows.frame)), rows.frame, rows.identity, frames, reach) for rows in (boxes, joints)
+        ]
+        seen[name] = CameraObservations(_taken(boxes, near[0]), joints.take(near[1]))
+    sizes = {camera.name: camera.lens.size for camera in rig}
+    at_grid = common_instants(Observations(seen), clocks, sizes=sizes, grid=grid)
+    kept = {
+        name: CameraObservations(
+            at_grid[name].boxes.take(np.isin(at_grid[name].boxes.frame, frames)),
+            at_grid[name].keypoints.take(np.isin(at_grid[name].keypoints.frame, frames)),
+        )
+        for name in rig.names
+    }
+    step = float(np.median(np.diff(frames))) / grid.fps if len(frames) > 1 else STEP_S
+    return Sample(rig, Observations(kept), grid, timed, step)
+
+
+def _thinned(frames: Ints, weight: Floats, fps: float, most: int) -> Ints:
+    """Rows of ascending frames (N,) that together weigh about `most` or less."""
+    rows = np.arange(len(frames))
+    if weight.sum() <= most:
+        return rows
+    bucket = (frames - frames[0]) // max(1, round(STEP_S * fps))
+    rows = np.unique(bucket, return_index=True)[1].astype(np.int64)
+    total = float(weight[rows].sum())
+    if total <= most:
+        return rows
+    parts = np.array_split(rows, min(STRETCHES, len(rows)))
+    return np.concatenate([part[: max(1, int(len(part) * most / total))] for part in parts])
+
+
+def _near(at: Floats, frame: Ints, identity: Ints, wanted: Ints, reach: float) -> Ints:
+    """Rows with an identity at places (N,) within `reach` of a wanted frame; the first of each identity in a frame."""
+    after = np.searchsorted(wanted, at)
+    before, after = wanted[np.maximum(after - 1, 0)], wanted[np.minimum(after, len(wanted) - 1)]
+    rows = np.flatnonzero((np.minimum(np.abs(at - before), np.abs(at - after)) <= reach) & (identity != UNKNOWN))
+    first = np.unique(np.column_stack([frame[rows], identity[rows]]), axis=0, return_index=True)[1]
+    return np.sort(rows[first])
+
+
+def _taken(boxes: Boxes, rows: Ints) -> Boxes:
+    """Boxes without embeddings."""
+    return Boxes(boxes.frame[rows], boxes.identity[rows], boxes.ltwh[rows], boxes.score[rows])
