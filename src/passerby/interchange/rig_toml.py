@@ -38,7 +38,7 @@ def read_rig(path: str | Path) -> Rig:
     faults: list[str] = []
     for key, table in _camera_tables(Path(path), content).items():
         try:
-            cameras.append(_camera(key, table, metres))
+            cameras.append(camera_of(key, table, metres))
         except InputError as error:
             faults.append(f"{path}: [{key}]: {error}")
     if faults:
@@ -75,7 +75,7 @@ def write_rig(path: str | Path, rig: Rig) -> None:
     for camera in rig:
         if camera.name == METADATA:
             raise InputError(f"{path}: a camera cannot be called {METADATA} in a rig file: rename it")
-        content[camera.name] = _table(camera)
+        content[camera.name] = table_of(camera)
     verdict = {} if rig.verdict is None else {"verdict": rig.verdict}
     content[METADATA] = {"units": "m", **verdict, **rig.metadata}
     write_text(path, tomli_w.dumps(content))
@@ -107,11 +107,12 @@ def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
     return METRES_PER_UNIT[units]
 
 
-def _camera(key: str, table: dict[str, Any], metres: float) -> Camera:
+def camera_of(key: str, table: dict[str, Any], metres_per_unit: float = 1.0) -> Camera:
+    """The camera that a table describes; called `key` where the table has no name. Raises `InputError` without the place."""
     name = table.get("name", key)
     if not isinstance(name, (str, int)) or name == "":
         raise InputError(f"name is {name!r}: give the camera's name in quotes")
-    return Camera(str(name), _lens(table), _pose(table, metres), _sigma(table))
+    return Camera(str(name), _lens(table), _pose(table, metres_per_unit), _sigma(table))
 
 
 def _lens(table: dict[str, Any]) -> Lens:
@@ -177,7 +178,8 @@ def _flat(value: Any) -> list[Any]:
     return [inner for item in value for inner in _flat(item)] if isinstance(value, list) else [value]
 
 
-def _table(camera: Camera) -> dict[str, Any]:
+def table_of(camera: Camera) -> dict[str, Any]:
+    """A camera as a table; without rotation and translation where it has no pose."""
     lens = camera.lens
     # The other tools expect coefficients to be there; zeros are the same lens as none.
     distortions = lens.distortions if lens.distortions.size else np.zeros(4 if lens.fisheye else 5)

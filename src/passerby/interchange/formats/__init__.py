@@ -26,7 +26,14 @@ __all__ = [
     "read_rig_as",
 ]
 
-MODULES: Mapping[str, str] = {}
+MODULES: Mapping[str, str] = {
+    "anipose": "toml_rigs",
+    "pose2sim": "toml_rigs",
+    "caliscope": "toml_rigs",
+    "ply": "ply",
+    "gltf": "gltf",
+    "glb": "gltf",
+}
 """Name of a format -> its module here, which has `FORMAT`, or for several names `FORMATS`, a mapping of them."""
 
 

@@ -1,0 +1,207 @@
+"""Anipose's calibration.toml, Pose2Sim's Calib.toml and Caliscope's camera_array.toml.
+
+All three hold, as a rig file of Passerby does, a table a camera with `size` [width, height], `matrix` and `distortions`
+of OpenCV, `rotation` (a Rodrigues vector) and `translation` of x_c = R X_w + t, OpenCV's camera axes and pixels, and
+`fisheye`. They differ in names, unit and in what their readers make of them:
+
+- Anipose (aniposelib 0.8.0, `cameras.py`: `CameraGroup.load`): tables `cam_0`, `cam_1`, sorted by their names as text; a
+  pose is needed; the unit is that of the calibration board, often millimetres, and the file does not tell it. Passerby
+  writes metres and says so in `[metadata] units`. It projects with `cv2.projectPoints`, or with
+  `cv2.fisheye.projectPoints` where `fisheye` is true.
+- Pose2Sim (0.10.49, `common.py`: `retrieve_calib_params`): tables in the order of the file, which must be that of the
+  folders of joints; `metadata`, `capture_volume`, `charuco` and `checkerboard` are no cameras; a pose is needed; metres,
+  z up. It projects with `cv2.projectPoints` whatever `fisheye` says, so a fisheye lens is a loss.
+- Caliscope (0.11.8, `cameras/camera_array.py`: `CameraArray.from_toml`): tables `[cameras.0]` by number, the N of its videos'
+  names cam_N.mp4; metres; cameras without pose may stand in it; earlier versions had tables `[cam_0]` and rotations of 3 x 3
+  numbers, which are read too.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from passerby.cameras import Camera, Lens, Rig
+from passerby.errors import InputError
+from passerby.interchange.faults import FileFaults, read_toml
+from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.lens_models import FISHEYE_SKEWED, RATIONAL_8, TILTED_14, LensModel, expressed, trimmed
+from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.names import tame_names
+from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
+
+OTHER_TABLES = (METADATA, "capture_volume", "charuco", "checkerboard", "cameras")
+"""Tables that Pose2Sim takes for no camera, and Caliscope's table of all cameras."""
+
+OPENCV_MODELS = (RATIONAL_8, TILTED_14, FISHEYE_SKEWED)
+PINHOLE_MODELS = (RATIONAL_8, TILTED_14)
+
+_NOT_BARE = re.compile(r"[^A-Za-z0-9_-]")
+"""Needs no quotes as the name of a TOML table otherwise."""
+_NUMBERED = re.compile(r"cam_(0|[1-9]\d*)")
+
+
+def _write_anipose(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    rig = export.posed(losses)
+    digits = len(str(len(rig) - 1))
+    tables = {f"cam_{index:0{digits}}": _table(camera, OPENCV_MODELS, losses, 5) for index, camera in enumerate(rig)}
+    return _toml({**tables, METADATA: {"adjusted": False, "error": 0.0, "units": "m"}})
+
+
+def _write_pose2sim(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    rig = export.posed(losses)
+    keys = list(tame_names(rig.names, _NOT_BARE).values())
+    for index, key in enumerate(keys):
+        while key in OTHER_TABLES or key in keys[:index] + keys[index + 1 :]:
+            key += "_"
+        keys[index] = key
+    tables = {key: _table(camera, PINHOLE_MODELS, losses, 4) for key, camera in zip(keys, rig, strict=True)}
+    return _toml({**tables, METADATA: {"adjusted": False, "error": 0.0}})
+
+
+def _write_caliscope(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    numbered = [_NUMBERED.fullmatch(name) for name in export.rig.names]
+    numbers = [int(found[1]) for found in numbered if found]
+    if len(numbers) < len(export.rig):
+        numbers = list(range(len(export.rig)))
+    tables = {
+        str(number): {
+            "cam_id": number,
+            "rotation_count": 0,
+            **_table(camera, OPENCV_MODELS, losses, 4 if camera.lens.fisheye else 5),
+        }
+        for number, camera in zip(numbers, export.rig, strict=True)
+    }
+    return _toml({"cameras": tables})
+
+
+def _table(camera: Camera, models: Sequence[LensModel], losses: Losses, fewest: int) -> dict[str, Any]:
+    """A camera in a model that the reader knows, with at least so many coefficients."""
+    lens, _ = expressed(camera, models, losses)
+    distortions = trimmed(lens.distortions, lens.fisheye, 4 if lens.fisheye else fewest)
+    return table_of(replace(camera, lens=Lens(lens.size, lens.matrix, distortions, lens.fisheye), sigma=None))
+
+
+def _toml(content: Mapping[str, Any]) -> Mapping[str, bytes]:
+    return {"": tomli_w.dumps(content).encode()}
+
+
+def _read_anipose(path: Path, given: Given) -> Rig:
+    content = read_toml(path, "Anipose's calibration (TOML)")
+    metadata = content.get(METADATA, {})
+    units = metadata.get("units") if isinstance(metadata, dict) else None
+    metres = given.metres_per_unit or METRES_PER_UNIT.get(units if isinstance(units, str) else "")
+    found = _camera_tables(content)
+    tables = {key: found[key] for key in sorted(found)}
+    if metres is None and any("translation" in table for table in tables.values()):
+        raise InputError(
+            f"{path}: does not tell the unit of its lengths, which is that of the calibration board: give it, as in --units mm"
+        )
+    return _rig(path, tables, given, metres or 1.0)
+
+
+def _read_pose2sim(path: Path, given: Given) -> Rig:
+    content = read_toml(path, "Pose2Sim's calibration (TOML)")
+    return _rig(path, _camera_tables(content), given, given.metres_per_unit or 1.0)
+
+
+def _read_caliscope(path: Path, given: Given) -> Rig:
+    content = read_toml(path, "Caliscope's camera_array.toml")
+    cameras = content.get("cameras")
+    tables = _camera_tables(cameras) if isinstance(cameras, dict) else _camera_tables(content)
+    named: dict[str, dict[str, Any]] = {}
+    for key, table in tables.items():
+        filled = {name: value for name, value in table.items() if value != "null"}
+        name = str(filled.get("name", f"cam_{key}" if key.isdecimal() else key))
+        if filled.get("matrix") is None or filled.get("distortions") is None:
+            given.losses.add(f"camera {name} has no lens yet and is left out")
+        else:
+            named[key] = {**filled, "name": name}
+    return _rig(path, named, given, given.metres_per_unit or 1.0)
+
+
+def _camera_tables(content: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The tables that are, or could become, a camera's."""
+    wanted = {"matrix", "distortions", "size", "rotation", "translation"}
+    return {
+        key: table
+        for key, table in content.items()
+        if key not in OTHER_TABLES and isinstance(table, dict) and len(wanted & table.keys()) > 1
+    }
+
+
+def _rig(path: Path, tables: Mapping[str, dict[str, Any]], given: Given, metres_per_unit: float) -> Rig:
+    """The cameras of all tables. Raises `FileFaults` with everything that cannot be one."""
+    if not tables:
+        raise InputError(f"{path}: holds no camera: one table a camera with size, matrix and distortions is needed")
+    cameras: list[Camera] = []
+    faults: list[str] = []
+    for key, table in tables.items():
+        flat = dict(table)
+        for name in ("distortions", "translation", "rotation"):
+            if name in table and not (name == "rotation" and np.shape(table[name]) == (3, 3)):
+                flat[name] = _flat(table[name])
+        try:
+            if flat.get("size") is None:
+                flat["size"] = list(given.size_of("the table"))
+            cameras.append(camera_of(key, flat, metres_per_unit))
+        except InputError as error:
+            faults.append(f"{path}: [{key}]: {error}")
+    if faults:
+        raise FileFaults(faults)
+    try:
+        return Rig(tuple(cameras))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _flat(value: Any) -> Any:
+    """Lists in lists as one: columns and rows of numbers are written either way."""
+    if isinstance(value, Iterable) and not isinstance(value, (str, Mapping)):
+        return [inner for item in value for inner in (_flat(item) if isinstance(item, list) else [item])]
+    return value
+
+
+_SHARED = "Poses are world to camera (Rodrigues vector and translation), OpenCV's axes, pixels and distortions."
+
+FORMATS: Mapping[str, Format] = {
+    "anipose": Format(
+        "anipose",
+        "Anipose's calibration.toml",
+        ("Anipose", "aniposelib"),
+        "file",
+        (".toml",),
+        f"{_SHARED} Tables cam_0, cam_1, ... in the rig's order. Written in metres; a file of Anipose is in the unit of "
+        "its board, which --units tells. Pinhole of up to 14 coefficients, fisheye.",
+        _write_anipose,
+        _read_anipose,
+    ),
+    "pose2sim": Format(
+        "pose2sim",
+        "Pose2Sim's Calib.toml",
+        ("Pose2Sim",),
+        "file",
+        (".toml",),
+        f"{_SHARED} Metres, z up. The order of the cameras must be that of the folders of joints. Pinhole of up to 14 "
+        "coefficients; Pose2Sim has no fisheye, though its files have the flag.",
+        _write_pose2sim,
+        _read_pose2sim,
+    ),
+    "caliscope": Format(
+        "caliscope",
+        "Caliscope's camera_array.toml",
+        ("Caliscope",),
+        "file",
+        (".toml",),
+        f"{_SHARED} Metres. Cameras are numbered: as in their names where all are called cam_N, else from 0. Pinhole of up "
+        "to 14 coefficients, fisheye; cameras without a pose are kept.",
+        _write_caliscope,
+        _read_caliscope,
+    ),
+}
