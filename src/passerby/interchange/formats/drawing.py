@@ -1,0 +1,211 @@
+"""A rig as lines and faces, for formats that show it: frusta of the cameras, a grid on the ground, people's ways.
+
+Frusta are drawn through each camera's own lens at the picture's border, so a distorted picture has a bent border. Nothing here
+is a calibration: it is a picture of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.report.colours import camera_colour, person_colour
+from passerby.tracks3d.trajectories import Trajectories
+
+Ints = NDArray[np.int64]
+Colour = tuple[int, int, int]
+
+GROUND_COLOUR: Colour = (128, 128, 128)
+SIDE_POINTS = 8
+"""Points along a side of a distorted picture; a picture without distortion has straight sides, and needs its corners only."""
+SHARE_OF_DISTANCE, SHORTEST_M, LONGEST_M = 0.15, 0.2, 2.0
+"""How deep frusta are: a share of the median distance to the nearest other camera, so that neighbours do not run into each
+other, within what can be seen in a hall and does not fill a room."""
+FLATTEST = 0.5
+"""Cosine from the axis up to which a frustum ends in a plane, and beyond which (60 degrees) at one distance: the plane of a
+fisheye lens lies at infinity."""
+MOST_LINES = 40
+"""Of the grid, in each direction."""
+FARTHEST_M = 30.0
+"""So far along its axis a camera is taken to look at the ground."""
+MARGIN_M = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Frustum:
+    """What a camera sees, as a pyramid in its own frame: OpenCV's axes, metres, tip at the origin."""
+
+    camera: Camera
+    pose: Pose
+    colour: Colour
+    rim: Floats
+    """(K, 3) the picture's border, from the top left corner clockwise as the picture is looked at."""
+    top: Floats
+    """(3, 3) a triangle above the picture: which way is up in it."""
+
+    @property
+    def points(self) -> Floats:
+        """(1 + K + 3, 3): tip, rim, triangle; camera frame."""
+        return np.vstack([np.zeros((1, 3)), self.rim, self.top])
+
+    @property
+    def faces(self) -> Ints:
+        """(K + 1, 3) triangles of `points`: the pyramid's sides and the triangle."""
+        rim = 1 + np.arange(len(self.rim))
+        sides = np.column_stack([np.zeros_like(rim), np.roll(rim, -1), rim])
+        return np.vstack([sides, 1 + len(rim) + np.arange(3)])
+
+    @property
+    def edges(self) -> Ints:
+        """(E, 2) lines of `points`: the corners' rays, the border, the triangle."""
+        k = len(self.rim)
+        rim = 1 + np.arange(k)
+        rays = np.column_stack([np.zeros(4, dtype=np.int64), rim[:: k // 4]])
+        top = 1 + k + np.array([[0, 1], [1, 2], [2, 0]])
+        return np.vstack([rays, np.column_stack([rim, np.roll(rim, -1)]), top])
+
+    @property
+    def world(self) -> Floats:
+        """(1 + K + 3, 3) `points` in the world."""
+        return np.asarray(self.points @ self.pose.R_cw + self.pose.centre)
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """One person's places, and where the way is interrupted."""
+
+    identity: int
+    colour: Colour
+    xyz: Floats
+    """(N, 3) world, metres: x and y on the ground, z the height of the body's middle."""
+    time_s: Floats
+    """(N,) the rig's time."""
+    sigma_m: Floats
+    """(N,) one sigma; NaN where unknown."""
+    cameras: Ints
+    """(N,) that saw the person; 0 for a place between others."""
+    parts: tuple[slice, ...]
+    """The rows of each stretch without long gaps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A rig to be looked at. World z up, ground at z = 0, metres."""
+
+    frusta: tuple[Frustum, ...]
+    ground: Floats
+    """(L, 2, 3) the grid's lines."""
+    spacing_m: float
+    """Between the grid's lines."""
+    ways: tuple[Way, ...]
+
+
+def draw(rig: Rig, trajectories: Trajectories | None = None) -> Drawing:
+    """The drawing of a rig whose cameras all have poses, and of people's ways. Cameras keep their place's colour."""
+    depth = _depth(rig)
+    frusta = tuple(
+        _frustum(camera, camera.pose, hex_colour(camera_colour(index)), depth)
+        for index, camera in enumerate(rig)
+        if camera.pose is not None
+    )
+    ways = () if trajectories is None else ways_of(trajectories)
+    ground, spacing = _grid(frusta, ways)
+    return Drawing(frusta, ground, spacing, ways)
+
+
+def ways_of(found: Trajectories) -> tuple[Way, ...]:
+    """Each person's way, by identity."""
+    order = np.lexsort((found.frame, found.part, found.identity))
+    identities, starts = np.unique(found.identity[order], return_index=True)
+    ways = []
+    for identity, rows in zip(identities.tolist(), np.split(order, starts[1:]), strict=True):
+        cuts = [0, *(np.flatnonzero(np.diff(found.part[rows])) + 1).tolist(), len(rows)]
+        parts = tuple(slice(a, b) for a, b in pairwise(cuts))
+        colour = hex_colour(person_colour(identity))
+        ways.append(Way(identity, colour, found.xyz[rows], found.time_s[rows], found.sigma_m[rows], found.cameras[rows], parts))
+    return tuple(ways)
+
+
+def hex_colour(text: str) -> Colour:
+    """`#rrggbb` as numbers from 0 to 255."""
+    return int(text[1:3], 16), int(text[3:5], 16), int(text[5:7], 16)
+
+
+def _depth(rig: Rig) -> float:
+    """How deep frusta are, metres."""
+    centres = np.array([camera.centre for camera in rig if camera.pose is not None]).reshape(-1, 3)
+    if len(centres) < 2:
+        return 1.0
+    apart = np.linalg.norm(centres[:, None] - centres, axis=2)
+    np.fill_diagonal(apart, np.inf)
+    return float(np.clip(SHARE_OF_DISTANCE * np.median(apart.min(axis=1)), SHORTEST_M, LONGEST_M))
+
+
+def _frustum(camera: Camera, pose: Pose, colour: Colour, depth: float) -> Frustum:
+    lens = camera.lens
+    per_side = SIDE_POINTS if lens.fisheye or lens.distortions.any() else 1
+    along = np.arange(4 * per_side) / per_side
+    side, share = np.floor(along).astype(int), along % 1
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
+    border = corners[side] + share[:, None] * (corners[side + 1] - corners[side])
+    # The picture reaches half a pixel beyond the centres of its outermost pixels.
+    rim = _at_depth(_rays(lens, border * np.array(lens.size) - 0.5), depth)
+    left, right = rim[0], rim[per_side]
+    across = right - left
+    middle = (left + right) / 2
+    top = np.array([middle - 0.25 * across, middle + 0.25 * across, middle - [0.0, 0.35 * np.linalg.norm(across), 0.0]])
+    return Frustum(camera, pose, colour, rim, top)
+
+
+def _rays(lens: Lens, pixels: Floats) -> Floats:
+    """(N, 3) unit rays; of a pixel whose ray the lens model cannot tell, that of the nearest one towards the picture's middle
+    that it can.
+    """
+    middle = (np.array(lens.size) - 1) / 2
+    rays = np.tile([0.0, 0.0, 1.0], (len(pixels), 1))
+    unknown = np.ones(len(pixels), dtype=bool)
+    for share in np.linspace(1.0, 0.05, 20):
+        rows = np.flatnonzero(unknown)
+        if len(rows) == 0:
+            break
+        found = lens.bearings(middle + share * (pixels[rows] - middle))
+        good = np.isfinite(found).all(axis=1)
+        rays[rows[good]] = found[good]
+        unknown[rows[good]] = False
+    return rays
+
+
+def _at_depth(rays: Floats, depth: float) -> Floats:
+    return depth * rays / np.maximum(rays[:, 2:], FLATTEST)
+
+
+def _grid(frusta: tuple[Frustum, ...], ways: tuple[Way, ...]) -> tuple[Floats, float]:
+    """Lines on the ground below cameras and people and where the cameras look, and the distance between them."""
+    places = [np.array([frustum.pose.centre[:2], _looked_at(frustum)]) for frustum in frusta]
+    places += [way.xyz[:, :2] for way in ways]
+    low = np.vstack(places).min(axis=0) - MARGIN_M
+    high = np.vstack(places).max(axis=0) + MARGIN_M
+    widest = float((high - low).max())
+    spacing = next(
+        step * 10.0**power for power in range(12) for step in (1.0, 2.0, 5.0) if widest / (step * 10.0**power) < MOST_LINES
+    )
+    first, last = np.floor(low / spacing) * spacing, np.ceil(high / spacing) * spacing
+    lines = []
+    for axis in (0, 1):
+        for place in np.arange(first[axis], last[axis] + spacing / 2, spacing):
+            line = np.zeros((2, 3))
+            line[:, axis] = place
+            line[:, 1 - axis] = first[1 - axis], last[1 - axis]
+            lines.append(line)
+    return np.array(lines), spacing
+
+
+def _looked_at(frustum: Frustum) -> Floats:
+    """(2,) where the camera's axis meets the ground, or comes farthest."""
+    centre, axis = frustum.pose.centre, frustum.pose.R_cw[2]
+    reach = -centre[2] / axis[2] if axis[2] * centre[2] < 0 else FARTHEST_M
+    return np.asarray(centre[:2] + min(reach, FARTHEST_M) * axis[:2])

@@ -1,0 +1,148 @@
+"""PLY: the rig, the ground and people's ways as coloured points, lines and faces, to be looked at.
+
+World as in the rig: right-handed, z up, ground at z = 0, metres. Cameras are pyramids from their centre to the border of their
+picture, drawn through their own lens, distortion and all. The ground is a grid, as faces, since some viewers draw no lines.
+Every place of every person is a point of the person's colour, x and y on the ground and z in the middle of the body; places
+of one stretch are joined by edges. The properties `camera` and `person` of a vertex are the place of the camera in the rig and
+the person's identity, -1 for neither; `time_s` is the rig's time at a person's place. Comments in the header name the cameras,
+as JSON strings.
+
+G. Turk, "The PLY Polygon File Format", 1994; binary, little-endian, version 1.0.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.cameras import Floats
+from passerby.interchange.formats.drawing import GROUND_COLOUR, Colour, Drawing, Frustum, Way, draw
+from passerby.interchange.formats.format import Export, Format
+from passerby.interchange.formats.losses import Losses
+
+NOBODY = -1
+LINE_SHARE = 0.01
+"""Width of the ground's lines, as a share of their distance."""
+VERTEX = np.dtype([
+    ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"),
+    ("camera", "<i4"), ("person", "<i4"), ("time_s", "<f4"),
+])  # fmt: skip
+FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])
+EDGE = np.dtype([("vertex1", "<i4"), ("vertex2", "<i4")])
+_NAMES = {"<f4": "float", "|u1": "uchar", "<i4": "int"}
+
+
+def write(rig: Export, losses: Losses) -> Mapping[str, bytes]:
+    """The file. Cameras without a pose are losses."""
+    drawing = draw(rig.posed(losses), rig.trajectories)
+    parts = _Parts()
+    for index, frustum in enumerate(drawing.frusta):
+        parts.add(frustum.world, frustum.colour, camera=index, faces=frustum.faces, edges=frustum.edges)
+    corners, faces = _ground(drawing)
+    parts.add(corners, GROUND_COLOUR, faces=faces)
+    for way in drawing.ways:
+        parts.add(way.xyz, way.colour, person=way.identity, time_s=way.time_s, edges=_steps(way))
+    return {"": parts.file(_comments(rig.name, drawing.frusta))}
+
+
+class _Parts:
+    """Vertices, faces and edges, gathered."""
+
+    def __init__(self) -> None:
+        self._vertices: list[NDArray[np.void]] = []
+        self._faces: list[NDArray[np.int64]] = [np.zeros((0, 3), dtype=np.int64)]
+        self._edges: list[NDArray[np.int64]] = [np.zeros((0, 2), dtype=np.int64)]
+        self._count = 0
+
+    def add(
+        self,
+        points: Floats,
+        colour: Colour,
+        *,
+        camera: int = NOBODY,
+        person: int = NOBODY,
+        time_s: Floats | float = 0.0,
+        faces: NDArray[np.int64] | None = None,
+        edges: NDArray[np.int64] | None = None,
+    ) -> None:
+        """Add points (N, 3), world, and faces and edges of them."""
+        rows = np.zeros(len(points), dtype=VERTEX)
+        for axis, name in enumerate("xyz"):
+            rows[name] = points[:, axis]
+        for name, value in zip(("red", "green", "blue"), colour, strict=True):
+            rows[name] = value
+        rows["camera"], rows["person"], rows["time_s"] = camera, person, time_s
+        self._vertices.append(rows)
+        if faces is not None:
+            self._faces.append(faces + self._count)
+        if edges is not None:
+            self._edges.append(edges + self._count)
+        self._count += len(points)
+
+    def file(self, comments: list[str]) -> bytes:
+        """The whole file."""
+        vertices, ends = np.concatenate(self._vertices), np.vstack(self._edges)
+        corners = np.vstack(self._faces)
+        faces, edges = np.zeros(len(corners), dtype=FACE), np.zeros(len(ends), dtype=EDGE)
+        faces["count"], faces["vertices"] = 3, corners
+        edges["vertex1"], edges["vertex2"] = ends.T
+        header = [
+            "ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments),
+            f"element vertex {len(vertices)}", *_properties(VERTEX),
+            f"element face {len(faces)}", "property list uchar int vertex_indices",
+            f"element edge {len(edges)}", *_properties(EDGE), "end_header",
+        ]  # fmt: skip
+        return "\n".join(header).encode("ascii") + b"\n" + vertices.tobytes() + faces.tobytes() + edges.tobytes()
+
+
+def _properties(record: np.dtype[np.void]) -> list[str]:
+    """The header's lines of a record's fields."""
+    return [f"property {_NAMES[record[name].str]} {name}" for name in record.names or ()]
+
+
+def _comments(name: str, frusta: tuple[Frustum, ...]) -> list[str]:
+    """What the header tells. JSON strings of ASCII letters: a name can neither end its line nor the header."""
+    colours = ["#{:02x}{:02x}{:02x}".format(*frustum.colour) for frustum in frusta]
+    return [
+        "metres; z up; ground at z = 0",
+        f"scene {json.dumps(name)}",
+        *(f"camera {i} {json.dumps(f.camera.name)} {colours[i]}" for i, f in enumerate(frusta)),
+    ]
+
+
+def _ground(drawing: Drawing) -> tuple[Floats, NDArray[np.int64]]:
+    """(4 L, 3) corners and (2 L, 3) faces of the grid's lines, as narrow bands."""
+    half = LINE_SHARE * drawing.spacing_m / 2
+    along = drawing.ground[:, 1] - drawing.ground[:, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = half * np.column_stack([-along[:, 1], along[:, 0], np.zeros(len(along))])
+    a, b = drawing.ground[:, 0], drawing.ground[:, 1]
+    corners = np.stack([a - across, b - across, b + across, a + across], axis=1).reshape(-1, 3)
+    first = 4 * np.arange(len(a))[:, None]
+    return corners, np.vstack([first + [0, 1, 2], first + [0, 2, 3]])
+
+
+def _steps(way: Way) -> NDArray[np.int64]:
+    """(E, 2) the steps of a way, none over a long gap."""
+    rows = [np.arange(part.start, part.stop) for part in way.parts]
+    return np.vstack([np.column_stack([row[:-1], row[1:]]) for row in rows])
+
+
+FORMAT = Format(
+    name="ply",
+    title="Rig, ground and people's ways as coloured points, lines and faces",
+    tools=("MeshLab", "CloudCompare", "Blender"),
+    target="file",
+    suffixes=(".ply",),
+    conventions=(
+        "A picture of the rig, not a calibration: it is not read back. World as in the rig (right-handed, z up, ground at "
+        "z = 0), metres. Cameras are pyramids drawn through their own lens, so distortion and skew are no loss; the ground grid "
+        "is made of faces; people's places are points in the person's colour at the height of the body's middle, joined by edges. "
+        "The vertex properties camera and person tell whose a point is (-1: nobody's), time_s when. Cameras without a pose are "
+        "left out."
+    ),
+    write=write,
+)
