@@ -16,6 +16,7 @@ from typing import Annotated
 import typer
 
 from passerby import __version__
+from passerby.commands.align import align
 from passerby.commands.benchmark import benchmark
 from passerby.commands.dataset import dataset
 from passerby.commands.demo import demo
@@ -198,6 +199,7 @@ app.command()(benchmark)
 app.command()(simulate)
 app.command()(demo)
 app.command()(track)
+app.command()(align)
 app.command()(dataset)
 app.command()(export)
 app.command("import")(import_)

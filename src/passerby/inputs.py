@@ -17,6 +17,7 @@ from passerby.interchange.faults import FileFaults
 from passerby.observations import Clock, Observations
 from passerby.reading import CameraReading, read_camera, wants_video
 from passerby.scene import Scene
+from passerby.wanted_world import world_faults
 
 SPAN_RATIO = 1.5
 """Recordings whose lengths in seconds differ by more are told: a frame rate is mostly mistaken for half or twice itself (25 and
@@ -105,6 +106,7 @@ def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
         *_same_video_faults(scene, readings),
         *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
+        *world_faults(scene, {reading.name: reading.lens.size for reading in readings if reading.lens is not None}),
     ]
 
 

@@ -31,6 +31,7 @@ from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.solution import Solution, Verdict
 from passerby.verdict import judged
 from passerby.videos import Videos
+from passerby.wanted_world import in_world
 
 if TYPE_CHECKING:
     from passerby.solver.geopose import GeoPoseOptions
@@ -61,6 +62,8 @@ class Calibration:
     """Whether the cameras' frame rates are known."""
     perception: dict[str, Any] = field(default_factory=dict)
     """JSON-ready: how people were found in the videos; empty where none was watched."""
+    world: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready: how `[world]` set the frame; empty where the first camera did."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage; never written to a file, so that the same input gives the same files."""
 
@@ -136,20 +139,22 @@ def calibrate(
         solution, association = _solved(scene, inputs, options, np.random.default_rng(seed), tell, executor)
         given = scene.association.given
         solution = judged(solution, association.instants, given=given, why=association.lost, doubts=association.notes)
+        placed = in_world(scene, solution)
     solved = time.perf_counter()
     return Calibration(
         scene=scene,
-        rig=replace(solution.rig, verdict=solution.verdict),
+        rig=replace(placed.rig, verdict=solution.verdict),
         verdict=solution.verdict,
         reasons=solution.reasons,
         observations=association.observations,
         seed=seed,
         options=asdict(options),
-        figures=solution.figures,
-        findings=(*watch.notes, *inputs.findings, *association.findings),
+        figures=placed.figures,
+        findings=(*watch.notes, *inputs.findings, *association.findings, *placed.findings),
         association=association,
         clocked=bool(inputs.observations.clocks),
         perception=watch.figures,
+        world=placed.world,
         seconds={"reading": read - began, **watch.seconds, "solving": solved - read},
     )
 

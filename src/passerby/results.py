@@ -78,16 +78,27 @@ def calibration_dict(calibration: Calibration) -> dict[str, Any]:
             "options": calibration.options,
             "scene": scene.model_dump(mode="json", exclude_none=True),
             "figures": calibration.figures,
+            **({"world": calibration.world} if calibration.world else {}),
         }
     )
     return content
 
 
 def _camera(camera: Camera, seen: CameraObservations) -> dict[str, Any]:
-    pose, sigma = camera.pose, camera.sigma
     people = np.unique(np.concatenate([seen.boxes.identity, seen.keypoints.identity]))
     return {
         "name": camera.name,
+        **pose_figures(camera),
+        "people": len(people[people > UNKNOWN]),
+        "boxes": len(seen.boxes),
+        "keypoints": len(seen.keypoints),
+    }
+
+
+def pose_figures(camera: Camera) -> dict[str, Any]:
+    """Of a camera's table what depends on its pose, and so on the frame of the world."""
+    pose, sigma = camera.pose, camera.sigma
+    return {
         "registered": pose is not None,
         "centre_m": None if pose is None else pose.centre,
         "height_m": None if pose is None else pose.centre[2],
@@ -98,9 +109,6 @@ def _camera(camera: Camera, seen: CameraObservations) -> dict[str, Any]:
         "translation_m": None if pose is None else pose.t_cw,
         "position_sigma_mm": None if sigma is None else 1000 * sigma.position_m,
         "orientation_sigma_deg": None if sigma is None else sigma.orientation_deg,
-        "people": len(people[people > UNKNOWN]),
-        "boxes": len(seen.boxes),
-        "keypoints": len(seen.keypoints),
     }
 
 

@@ -225,6 +225,37 @@ class ScaleTable(Table):
     """Heights of cameras above the ground: `[[scale.camera_heights]]`."""
 
 
+class WorldTable(Table):
+    """`[world]`: the frame that the rig is wanted in. Left out, the first camera stands above the origin and looks along y."""
+
+    camera: str | None = None
+    """The origin lies on the ground below this camera, x along what it looks at."""
+    towards: str | None = None
+    """With `camera`: x points towards this other camera."""
+    points: Path | None = None
+    """Points with known coordinates, marked in the pictures: CSV or TOML."""
+    positions: Path | None = None
+    """Known positions of cameras, in metres or as latitude, longitude and altitude: CSV or TOML."""
+    scale: bool = False
+    """Whether points or positions set the scale too. Otherwise it stays what `[scale]` makes it."""
+    tilt: bool = False
+    """Whether they set the vertical and the height too. Otherwise the ground that people walk on stays at z = 0."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        ways = [key for key in ("camera", "points", "positions") if getattr(self, key) is not None]
+        if len(ways) != 1:
+            told = " and ".join(ways) or "none of them"
+            raise ValueError(f"has {told}: give one of camera, points, positions")
+        if self.towards is not None and self.camera is None:
+            raise ValueError("towards goes with camera: name the camera that the world begins at, or delete towards")
+        if self.towards is not None and self.towards == self.camera:
+            raise ValueError("towards is the camera itself: name another one")
+        if self.camera is not None and (self.scale or self.tilt):
+            raise ValueError("scale and tilt need points or positions: a camera tells neither; delete them")
+        return self
+
+
 class Scene(Table):
     """A whole scene file. `Scene.load(path)` reads one; paths are taken from its folder."""
 
@@ -234,6 +265,7 @@ class Scene(Table):
     association: AssociationTable = Field(default_factory=AssociationTable)
     solver: SolverTable = Field(default_factory=SolverTable)
     scale: ScaleTable = Field(default_factory=ScaleTable)
+    world: WorldTable | None = None
     _path: Path | None = PrivateAttr(default=None)
 
     @classmethod
@@ -357,6 +389,9 @@ class Scene(Table):
             found += [(f"[[scale.distances]] {number} between", name) for name in distance.between]
         for number, height in enumerate(self.scale.camera_heights, start=1):
             found.append((f"[[scale.camera_heights]] {number} camera", height.camera))
+        if self.world is not None:
+            named = ("camera", self.world.camera), ("towards", self.world.towards)
+            found += [(f"[world] {key}", name) for key, name in named if name is not None]
         return found
 
 
@@ -372,4 +407,5 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     ("scale", "lengths", "*"): LengthTable,
     ("scale", "distances", "*"): DistanceTable,
     ("scale", "camera_heights", "*"): CameraHeightTable,
+    ("world",): WorldTable,
 }

@@ -1,0 +1,67 @@
+"""The output folder of a calibration in another frame of the world."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from passerby.errors import InputError
+from passerby.interchange.atomic import write_text
+from passerby.interchange.json_text import plain, to_json
+from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.whole_folder import whole_folder
+from passerby.output_folder import camera_tables, read_report, unlike
+from passerby.results import CALIBRATION_FILE, RIG_FILE, TRACKS_FOLDER, pose_figures
+from passerby.wanted_world import scaled_figures
+from passerby.world import Aligned
+
+OLD_FRAME = {"trajectories": "passerby track", "report.html": "passerby report"}
+"""What other commands leave in an output folder that holds places in the world, and the command that makes it again."""
+
+
+def write_aligned(out: Path, target: Path, aligned: Aligned) -> list[str]:
+    """Write a whole output folder in another frame, into a new folder or in place; tracks are in pixels and stay as they are.
+
+    Args:
+        out: output folder of `passerby calibrate`.
+        target: the same folder, a new one or an empty one.
+        aligned: its rig in the new frame.
+
+    Returns:
+        What in the target still shows the old frame, or is not there, one sentence each.
+
+    Raises:
+        InputError: `out` is no output folder; `target` holds something else, or cannot be written.
+    """
+    report = _in_new_frame(out, read_report(out), aligned)
+    old = [name for name in OLD_FRAME if (out / name).exists()]
+    if target.resolve() == out.resolve():
+        write_rig(out / RIG_FILE, aligned.rig)
+        write_text(out / CALIBRATION_FILE, to_json(report))
+        return [f"{out / name} still shows the old frame: make it again by `{OLD_FRAME[name]} {out}`" for name in old]
+    if target.is_dir() and any(target.iterdir()):
+        raise InputError(f"{target}: is not empty: give a new folder, or {out} itself")
+    with whole_folder(target, CALIBRATION_FILE, "a calibration") as new:
+        if (out / TRACKS_FOLDER).is_dir():
+            shutil.copytree(out / TRACKS_FOLDER, new / TRACKS_FOLDER)
+        write_rig(new / RIG_FILE, aligned.rig)
+        write_text(new / CALIBRATION_FILE, to_json(report))
+    return [f"{out / name} shows the old frame: make it in the new one by `{OLD_FRAME[name]} {target}`" for name in old]
+
+
+def _in_new_frame(out: Path, report: Mapping[str, Any], aligned: Aligned) -> dict[str, Any]:
+    """What `calibration.json` tells, in the new frame."""
+    tables = camera_tables(out, report)
+    missing = [name for name in aligned.rig.names if name not in tables]
+    if missing:
+        raise unlike(out, f"it has no camera {missing[0]}, which {RIG_FILE} has")
+    moved = {camera.name: plain(pose_figures(camera)) for camera in aligned.rig}
+    figures = report.get("figures")
+    return {
+        **report,
+        "cameras": [{**table, **moved.get(name, {})} for name, table in tables.items()],
+        "figures": scaled_figures(figures, aligned.motion.scale) if isinstance(figures, Mapping) else figures,
+        "world": plain(aligned.figures),
+    }

@@ -1,0 +1,177 @@
+"""The motion of the world that brings a rig onto known places: rays to points with coordinates, or positions of cameras.
+
+Both are weighted least squares over `X -> scale R X + t`. By default R turns about the vertical alone and t lies in the ground
+plane, so that the ground and the vertical stay what the people told. Robust: the motions that minimal subsets ask for are
+compared by their least trimmed squares (Rousseeuw, "Least median of squares regression", JASA 1984), and a place is left out
+where those that agree make its residual impossible (an F test).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.errors import EvidenceError
+from passerby.geometry.known_places import Places
+from passerby.geometry.rotations import exp_rotation
+from passerby.geometry.similarity import Similarity
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+STATED_WEIGHT = 4.0
+"""The stated standard deviations count as much as so many residuals when the true noise is judged."""
+FALSE_ALARM = 1e-3
+"""How often a sound set of places, with the noise that is stated, loses one."""
+
+
+@dataclass(frozen=True, eq=False)
+class WorldFit:
+    """A fitted motion of the world, and how sure it is."""
+
+    motion: Similarity
+    used: Bools
+    """(M,) the rows that it rests upon; the others are gross errors."""
+    noise: float
+    """Root mean square of the used residuals over their stated standard deviations, corrected for what was fitted."""
+    turn_sigma: float
+    """One sigma of the heading, radians; with `tilt` of the most uncertain turn."""
+    place_sigma: float
+    """One sigma of the place of the targets' centre, metres (root of the trace)."""
+    scale_sigma: float
+    """Relative one sigma of the scale; 0 where it was kept."""
+
+
+def fit_world(places: Places, *, with_scale: bool = False, tilt: bool = False) -> WorldFit:
+    """The motion that lays a rig upon known places.
+
+    Args:
+        places: rays to points, or positions.
+        with_scale: whether the scale is fitted too.
+        tilt: whether the vertical and the height are fitted too.
+
+    Raises:
+        EvidenceError: the places are too few or too close together to fix the motion.
+    """
+    start, rows = _robust_start(places, with_scale, tilt)
+    fit = _refined(places, start, rows, with_scale, tilt)
+    for _ in range(20):
+        sound = _agreeing(places, fit, with_scale, tilt)
+        if (sound == fit.used).all() or np.count_nonzero(sound) < np.count_nonzero(rows):
+            break
+        fit = _refined(places, fit.motion, sound, with_scale, tilt)
+    return fit
+
+
+def fits_mirrored(places: Places, fit: WorldFit, *, with_scale: bool, tilt: bool) -> bool:
+    """Whether the targets' mirror image is explained far better than the targets: left-handed coordinates."""
+    if len(np.unique(places.group)) < 3:
+        return False
+    image = places.mirrored()
+    try:
+        mirrored = fit_world(image, with_scale=with_scale, tilt=tilt)
+        everything = np.ones(len(places.group), dtype=bool)
+        here = _refined(places, fit.motion, everything, with_scale, tilt).noise
+        there = _refined(image, mirrored.motion, everything, with_scale, tilt).noise
+    except EvidenceError:
+        return False
+    if here > 3.0 and there < here / 3.0:
+        return True
+    # With a gross error among them: the image needs to leave out clearly fewer.
+    return int(mirrored.used.sum()) >= int(fit.used.sum()) + 2 and mirrored.noise < 3.0
+
+
+def _robust_start(places: Places, with_scale: bool, tilt: bool) -> tuple[Similarity, Bools]:
+    """The motion with the least trimmed squares, and the rows that they are taken over."""
+    n, minimal = len(places.group), 3 if tilt else 2
+    if len(np.unique(places.group)) < minimal:
+        raise EvidenceError(f"{len(np.unique(places.group))} known places do not fix the world: {minimal} or more are needed")
+    # A subset that is always fitted without residual cannot tell who is wrong.
+    kept = min(n, max(minimal + int(with_scale or tilt), (n + minimal) // 2))
+    best, least = None, np.inf
+    for motion in places.starts(with_scale=with_scale, tilt=tilt):
+        squared = np.sort(_squared(places, motion))
+        if squared[:kept].sum() < least:
+            best, least = motion, float(squared[:kept].sum())
+    if best is None:
+        raise EvidenceError("the known places lie in one spot or on one line: they do not fix the world")
+    rows = _smallest(_squared(places, best), kept)
+    for _ in range(10):
+        best = _refined(places, best, rows, with_scale, tilt).motion
+        again = _smallest(_squared(places, best), kept)
+        if (again == rows).all():
+            break
+        rows = again
+    return best, rows
+
+
+def _smallest(values: Floats, count: int) -> Bools:
+    """(M,) whether a value is one of the `count` smallest."""
+    chosen = np.zeros(len(values), dtype=bool)
+    chosen[np.argsort(values, kind="stable")[:count]] = True
+    return chosen
+
+
+def _squared(places: Places, motion: Similarity) -> Floats:
+    """(M,) squared residuals over their variances."""
+    return np.asarray((places.residuals(motion) ** 2).sum(axis=1) / places.sigma(motion) ** 2)
+
+
+def _refined(places: Places, start: Similarity, used: Bools, with_scale: bool, tilt: bool) -> WorldFit:
+    """Weighted least squares over the used rows, from a motion nearby."""
+    from scipy.optimize import least_squares
+
+    sigma, centre = places.sigma(start)[used, None], places.target[used].mean(axis=0)
+
+    def misses(step: Floats) -> Floats:
+        return np.asarray((places.residuals(_stepped(start, centre, step, tilt))[used] / sigma).ravel())
+
+    n_free = (6 if tilt else 3) + int(with_scale)
+    found = least_squares(misses, np.zeros(n_free), jac="3-point", method="trf", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    motion, jacobian = _stepped(start, centre, found.x, tilt), np.asarray(found.jac, dtype=np.float64)
+    free = places.dimensions * int(used.sum()) - n_free
+    noise = float(np.sqrt(2 * found.cost / free)) if free > 0 else 0.0
+    variance = (STATED_WEIGHT + 2 * found.cost) / (STATED_WEIGHT + max(free, 0))
+    covariance = variance * _inverse(jacobian.T @ jacobian)
+    n_turns = 3 if tilt else 1
+    turns = np.linalg.eigvalsh(covariance[:n_turns, :n_turns])[-1]
+    shifts = slice(3, 6) if tilt else slice(1, 3)
+    place = np.trace(covariance[shifts, shifts])
+    scale = float(np.sqrt(covariance[-1, -1])) if with_scale else 0.0
+    return WorldFit(motion, used.copy(), noise, float(np.sqrt(turns)), float(np.sqrt(place)), scale)
+
+
+def _inverse(normal: Floats) -> Floats:
+    """The inverse of a normal matrix; what it does not fix gets a huge variance."""
+    values, vectors = np.linalg.eigh(normal)
+    return np.asarray((vectors / np.maximum(values, 1e-9)) @ vectors.T)
+
+
+def _stepped(start: Similarity, centre: Floats, step: Floats, tilt: bool) -> Similarity:
+    """A motion after a small step: turns (about the vertical, or all three), shifts, logarithm of the scale."""
+    turn, shift = (step[:3], step[3:6]) if tilt else (np.array([0.0, 0.0, step[0]]), np.array([step[1], step[2], 0.0]))
+    growth = float(np.exp(step[6 if tilt else 3])) if len(step) in (4, 7) else 1.0
+    rotation = exp_rotation(turn)
+    translation = growth * rotation @ (start.translation - centre) + centre + shift
+    if not tilt:
+        translation[2] = growth * start.translation[2]
+    return Similarity(growth * start.scale, rotation @ start.rotation, translation)
+
+
+def _agreeing(places: Places, fit: WorldFit, with_scale: bool, tilt: bool) -> Bools:
+    """(M,) the rows whose residuals are possible by the noise of the used ones."""
+    from scipy.stats import f as f_distribution
+
+    k, n = places.dimensions, len(places.group)
+    squared = _squared(places, fit.motion)
+    free = max(k * int(fit.used.sum()) - (6 if tilt else 3) - int(with_scale), 0)
+    weight = STATED_WEIGHT + free
+    variance = (STATED_WEIGHT + free * fit.noise**2) / weight
+    limit = float(f_distribution.ppf(1 - FALSE_ALARM / n, k, weight))
+    # Rows that were not used also carry the uncertainty of the fit, the more the further they are away.
+    reach = np.linalg.norm(places.target - places.target[fit.used].mean(axis=0), axis=1)
+    spread = np.where(fit.used, 0.0, np.hypot(fit.place_sigma, reach * np.hypot(fit.turn_sigma, fit.scale_sigma)))
+    own = variance + (spread / places.sigma(fit.motion)) ** 2
+    return np.asarray(squared / k / own <= limit)

@@ -1,0 +1,175 @@
+"""Points and camera positions with known coordinates, as CSV with a header or as TOML with the same keys.
+
+`points.csv`: `camera,u,v,x,y[,z][,point][,sd_m]`, one row a sighting; rows of one `point` (or, without that column, of the same
+coordinates) tell of one point. z is 0, the ground, where it is not told. `points.toml` holds `[[points]]` tables.
+
+`positions.csv`: `camera,x,y[,z][,sd_m]` in metres, or `camera,lat,lon[,alt][,sd_m]` in degrees and metres (WGS 84).
+`positions.toml` holds `[[positions]]` tables. Other columns of a CSV are left alone; an unknown key of a TOML is an error.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from passerby.errors import InputError
+from passerby.interchange.faults import FileFaults, read_text, read_toml
+from passerby.scene_errors import nearest
+from passerby.world_residuals import GPS_SD_M, POINT_SD_M, POSITION_SD_M, KnownPoint, KnownPosition
+
+Row = tuple[str, Mapping[str, Any]]
+"""Where a row stands ("line 3"), and its fields."""
+
+POINT_KEYS = ("camera", "u", "v", "x", "y", "z", "point", "sd_m")
+METRIC_KEYS, GEODETIC_KEYS = ("camera", "x", "y", "z", "sd_m"), ("camera", "lat", "lon", "alt", "sd_m")
+
+
+def read_known_points(path: str | Path) -> tuple[KnownPoint, ...]:
+    """Points with known coordinates and where cameras see them.
+
+    Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its line, value and mend.
+    """
+    rows = _rows(Path(path), "points", POINT_KEYS, ("camera", "u", "v", "x", "y"))
+    found: dict[object, KnownPoint] = {}
+    first: dict[object, str] = {}
+    faults: list[str] = []
+    for place, row in rows:
+        try:
+            camera, xyz = _camera(row), np.array([_number(row, "x"), _number(row, "y"), _number(row, "z", 0.0)])
+            pixel, sd = (_number(row, "u"), _number(row, "v")), _sd(row, POINT_SD_M)
+            told = _text(row, "point")
+            key: object = told if told else tuple(xyz.tolist())
+            known = found.get(key)
+            if known is None:
+                found[key] = KnownPoint(told or str(len(found) + 1), xyz, {camera: pixel}, sd)
+                first[key] = place
+                continue
+            if camera in known.pixels:
+                raise InputError(
+                    f"point {known.name} stands a second time in camera {camera} (first on {first[key]}): delete one"
+                )
+            if not np.array_equal(known.xyz, xyz):
+                raise InputError(
+                    f"point {known.name} is at {xyz.tolist()}, but at {known.xyz.tolist()} on {first[key]}: correct one, or "
+                    "give them different names"
+                )
+            found[key] = KnownPoint(known.name, xyz, {**known.pixels, camera: pixel}, min(sd, known.sd_m))
+        except InputError as error:
+            faults.append(f"{path}: {place}: {error}")
+    if faults:
+        raise FileFaults(faults)
+    return tuple(found.values())
+
+
+def read_known_positions(path: str | Path) -> tuple[tuple[KnownPosition, ...], bool]:
+    """Positions of cameras, and whether they are latitude, longitude and altitude.
+
+    Raises `FileFaults` as `read_known_points` does.
+    """
+    rows = _rows(Path(path), "positions", tuple(dict.fromkeys(METRIC_KEYS + GEODETIC_KEYS)), ("camera",))
+    geodetic = any("lat" in row or "lon" in row for _, row in rows)
+    across, along, up = ("lat", "lon", "alt") if geodetic else ("x", "y", "z")
+    found: dict[str, KnownPosition] = {}
+    faults: list[str] = []
+    for place, row in rows:
+        try:
+            camera = _camera(row)
+            if camera in found:
+                raise InputError(f"camera {camera} stands a second time: delete one")
+            known = np.array([_number(row, across), _number(row, along), _number(row, up, math.nan)])
+            if geodetic and not (abs(known[0]) < 90 and abs(known[1]) <= 360):
+                raise InputError(f"lat {known[0]:g}, lon {known[1]:g} is no place on earth: give degrees, latitude first")
+            found[camera] = KnownPosition(camera, known, _sd(row, GPS_SD_M if geodetic else POSITION_SD_M))
+        except InputError as error:
+            faults.append(f"{path}: {place}: {error}")
+    if faults:
+        raise FileFaults(faults)
+    return tuple(found.values()), geodetic
+
+
+def _rows(path: Path, table: str, keys: Sequence[str], needed: Sequence[str]) -> list[Row]:
+    """The rows of a CSV or a TOML file; without any, an `InputError`."""
+    rows = _toml_rows(path, table, keys) if path.suffix.lower() == ".toml" else _csv_rows(path, keys, needed)
+    if not rows:
+        raise InputError(f"{path}: has no row: known {table} are needed")
+    return rows
+
+
+def _toml_rows(path: Path, table: str, keys: Sequence[str]) -> list[Row]:
+    """The tables `[[table]]`."""
+    content = read_toml(path, f"a list of known {table} (TOML or CSV)")
+    listed = content.get(table)
+    if not isinstance(listed, list) or not all(isinstance(row, dict) for row in listed):
+        raise InputError(f"{path}: has no tables [[{table}]]: give one for each row, with the keys {', '.join(keys)}")
+    rows = [(f"[[{table}]] {number}", row) for number, row in enumerate(listed, start=1)]
+    faults = [
+        f"{path}: {place}: unknown key '{key}': {nearest(key, list(keys))}"
+        for place, row in rows
+        for key in row
+        if key not in keys
+    ]
+    if faults:
+        raise FileFaults(faults)
+    return rows
+
+
+def _csv_rows(path: Path, keys: Sequence[str], needed: Sequence[str]) -> list[Row]:
+    """The lines below the header; a column's name counts in any case of letters."""
+    reader = csv.reader(io.StringIO(read_text(path, "a table with a header (CSV)")))
+    header = [name.strip().lower() for name in next(reader, [])]
+    missing = [name for name in needed if name not in header]
+    if missing:
+        raise InputError(
+            f"{path}: line 1: has no column {missing[0]}: give a header out of {', '.join(keys)} (it has "
+            f"{', '.join(header) or 'nothing'})"
+        )
+    lines = [(f"line {number}", line) for number, line in enumerate(reader, start=2) if any(field.strip() for field in line)]
+    return [
+        (place, {name: field.strip() for name, field in zip(header, line, strict=False) if name in keys and field.strip()})
+        for place, line in lines
+    ]
+
+
+def _text(row: Mapping[str, Any], key: str) -> str:
+    """A name; empty where there is none."""
+    value = row.get(key, "")
+    if isinstance(value, bool) or not isinstance(value, (str, int)):
+        raise InputError(f"{key} is {value!r}: give a name in quotes")
+    return str(value)
+
+
+def _camera(row: Mapping[str, Any]) -> str:
+    name = _text(row, "camera")
+    if not name:
+        raise InputError("camera is missing: name the camera")
+    return name
+
+
+def _number(row: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:
+    """A finite number; `otherwise` where there is none."""
+    if key not in row:
+        if otherwise is None:
+            raise InputError(f"{key} is missing: give a number")
+        return otherwise
+    value = row[key]
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{key} is {value!r}: a finite number is needed")
+    return number
+
+
+def _sd(row: Mapping[str, Any], otherwise: float) -> float:
+    """A standard deviation above 0."""
+    value = _number(row, "sd_m", otherwise)
+    if value <= 0:
+        raise InputError(f"sd_m is {value:g}: give metres above 0")
+    return value
