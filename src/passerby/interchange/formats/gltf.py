@@ -203,12 +203,11 @@ def _linear(value: int) -> float:
 
 
 _CONVENTIONS = (
-    "A picture of the rig, not a calibration: it is not read back. A root node turns the rig's world (z up) into glTF's "
-    "(y up); below it coordinates are the rig's, metres. Each camera is a node with its name that looks along -z with y up, has "
-    "a perspective camera and a frustum drawn through its true lens, and keeps that lens in its extras. A perspective camera has "
-    "its axis in the middle of the picture and no distortion: any other lens is a loss of the camera node (the frustum stays "
-    "true), and the nearest is written. Each person is a node with one line strip a stretch, at the height of the body's "
-    "middle, with the times as vertex attribute _TIME_S. Cameras without a pose are left out."
+    "A picture of the rig, not read back. A root node turns the rig's world (z up) into glTF's (y up); below it coordinates "
+    "are the rig's, metres. Each camera is a node with its name that looks along -z with y up, with a perspective camera, a "
+    "frustum drawn through its true lens, and that lens in its extras. A perspective camera has its axis in the middle of "
+    "the picture and no distortion: any other lens is a loss (of the camera, not of the frustum). Each person is a node with "
+    "a line strip a stretch, at the height of the body's middle; the vertex attribute _TIME_S tells when."
 )
 _TITLE = "Rig, ground and people's ways as a 3D scene with cameras"
 _TOOLS = ("Blender", "three.js", "Windows 3D Viewer")

@@ -138,11 +138,10 @@ FORMAT = Format(
     target="file",
     suffixes=(".ply",),
     conventions=(
-        "A picture of the rig, not a calibration: it is not read back. World as in the rig (right-handed, z up, ground at "
-        "z = 0), metres. Cameras are pyramids drawn through their own lens, so distortion and skew are no loss; the ground grid "
-        "is made of faces; people's places are points in the person's colour at the height of the body's middle, joined by edges. "
-        "The vertex properties camera and person tell whose a point is (-1: nobody's), time_s when. Cameras without a pose are "
-        "left out."
+        "A picture of the rig, not read back. World as in the rig (right-handed, z up, ground at z = 0), metres. Cameras are "
+        "pyramids drawn through their own lens: distortion and skew are no loss. People's places are points in the person's "
+        "colour at the height of the body's middle, joined by edges; the vertex properties camera and person tell whose a "
+        "point is (-1: nobody's), time_s when."
     ),
     write=write,
 )
