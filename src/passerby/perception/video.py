@@ -97,7 +97,7 @@ class VideoReader:
                 last_tick = tick
                 if number > self.after:
                     yielded += 1
-                    yield Frame(number, seconds, _picture(reformatter, frame, self.info.rotation))
+                    yield Frame(number, seconds, upright(reformatter, frame, self.info.rotation))
         self.decoded = reading.summary(yielded)
 
     def _tick(self, number: int, seconds: float) -> int:
@@ -224,7 +224,7 @@ def _is_every_picture(info: VideoInfo, rate: float) -> bool:
     return rate >= (info.average_fps if info.variable else info.clock_fps) * (1 - 1e-3)
 
 
-def _picture(reformatter: VideoReformatter, frame: VideoFrame, rotation: int) -> Picture:
+def upright(reformatter: VideoReformatter, frame: VideoFrame, rotation: int) -> Picture:
     """(H, W, 3) BGR, upright. One thread, so that cameras in processes of their own do not fight for the cores."""
     picture = reformatter.reformat(frame, format="bgr24", threads=1).to_ndarray()
     return np.asarray(cv2.rotate(picture, TURNS[rotation]) if rotation in TURNS else picture, dtype=np.uint8)

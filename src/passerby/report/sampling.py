@@ -69,10 +69,10 @@ def sampled(contents: Contents, most: int = MOST_SIGHTINGS) -> Sample | None:
     frames, weights = [], []
     for name in rig.names:
         seen = watched[name]
-        for rows, weight in ((seen.boxes, 1), (seen.keypoints, ROW_OF_JOINTS)):
+        for rows, each in ((seen.boxes, 1), (seen.keypoints, ROW_OF_JOINTS)):
             known = rows.identity != UNKNOWN
             frames.append(np.rint(grid.frames(clocks[name].seconds(rows.frame[known]))).astype(np.int64))
-            weights.append(np.full(len(frames[-1]), float(weight)))
+            weights.append(np.full(len(frames[-1]), float(each)))
     instants, number = np.unique(np.concatenate(frames), return_inverse=True)
     if not len(instants):
         return None

@@ -1,0 +1,109 @@
+"""One picture of a video, for people to look at, found by a key frame: a long recording need not be decoded up to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from av.container import InputContainer
+from av.error import FFmpegError
+from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
+
+from passerby.observations import Floats, Ints
+from passerby.perception.pictures import Frame
+from passerby.perception.video import VideoInfo, VideoReader, upright
+from passerby.perception.video_probe import opened
+
+MOST_PIXELS = 3e8
+"""Decoded for one picture at most, about a second's work: 145 pictures of 1920 x 1080, 36 of 3840 x 2160."""
+
+
+def still(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float = MOST_PIXELS) -> Frame | None:
+    """The worthiest picture that is near enough to the video's beginning, or to a key frame before the worthiest of all.
+
+    Args:
+        info: the video, from `probe`.
+        number: (N,) numbers of the pictures that would do, ascending, as `VideoReader` counts them.
+        worth: (N,) how welcome each would be; the first is taken among equals.
+        most_pixels: how much may be decoded.
+
+    Returns:
+        None where none of these pictures could be reached.
+
+    Raises:
+        InputError: the file cannot be read, or nothing of it be decoded.
+    """
+    most = max(1, int(most_pixels / (info.size[0] * info.size[1])))
+    if not len(number):
+        return None
+    best = int(number[np.argmax(worth)])
+    if best > _numbers_of(info, most):
+        found = _by_key_frame(info, number, worth, best, most)
+        if found is not None:
+            return found
+    return _from_the_start(info, number, worth, most)
+
+
+def _numbers_of(info: VideoInfo, pictures: int) -> float:
+    """How many numbers so many pictures take: hundredths of a second where the rate is variable."""
+    return pictures * (info.clock_fps / info.average_fps if info.variable else 1.0)
+
+
+def _from_the_start(info: VideoInfo, number: Ints, worth: Floats, most: int) -> Frame | None:
+    """The worthiest among the first pictures, decoded one after the other."""
+    near = number <= _numbers_of(info, most)
+    if not near.any():
+        return None
+    wanted = int(number[near][np.argmax(worth[near])])
+    frame = next(iter(VideoReader(info, after=wanted - 1)), None)
+    return frame if frame is not None and frame.number == wanted else None
+
+
+def _by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, most: int) -> Frame | None:
+    """The worthiest picture after the key frame before `best`; None where the file has no timestamps or cannot seek."""
+    with opened(info.path) as (container, stream):
+        stream.codec_context.thread_count = 1
+        origin = next((_time(frame) for frame in _decoded(container, stream)), None)
+        if origin is None or stream.time_base is None:
+            return None
+        second = (best - 1) / info.clock_fps
+        try:
+            container.seek(int((origin + second) / float(stream.time_base)), stream=stream, backward=True)
+        except (FFmpegError, OverflowError):
+            return None
+        wanted: int | None = None
+        for count, frame in enumerate(_decoded(container, stream)):
+            time = _time(frame)
+            if time is None or count > most:
+                return None
+            here = round((time - origin) * info.clock_fps) + 1
+            if wanted is None:
+                reachable = (number >= here) & (number <= here + _numbers_of(info, most) - 1)
+                # A jump to behind what was asked for, or to the very beginning, is no key frame before it.
+                if here > best or not reachable.any():
+                    return None
+                wanted = int(number[reachable][np.argmax(worth[reachable])])
+            if here > wanted:
+                return None
+            if here == wanted and not frame.is_corrupt:
+                return Frame(here, time - origin, upright(VideoReformatter(), frame, info.rotation))
+    return None
+
+
+def _decoded(container: InputContainer, stream: VideoStream) -> Iterator[VideoFrame]:
+    """Pictures from where the file stands, as long as it can be read; broken packets are left out."""
+    try:
+        for packet in container.demux(stream):
+            try:
+                yield from packet.decode()
+            except FFmpegError:
+                continue
+    except FFmpegError:
+        return
+
+
+def _time(frame: VideoFrame) -> float | None:
+    """Seconds; None for a picture without a timestamp."""
+    return None if frame.pts is None or frame.time_base is None else float(frame.pts * frame.time_base)
