@@ -25,10 +25,10 @@ from passerby.cameras import Camera, Rig
 from passerby.datasets.annotations import read_vatic
 from passerby.datasets.published import GroundTruth, Published
 from passerby.datasets.same_people import with_identities_of
-from passerby.datasets.tsai import is_tsai, read_tsai
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.rig_toml import read_lens
+from passerby.interchange.tsai import is_tsai, read_tsai
 from passerby.observations import Boxes
 from passerby.perception.video_probe import VideoInfo, probe
 

@@ -21,8 +21,8 @@ from passerby.cameras import Rig
 from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic
 from passerby.datasets.published import GroundTruth, Published
 from passerby.datasets.same_people import with_identities_of
-from passerby.datasets.tsai import TsaiCamera, is_tsai, read_tsai
 from passerby.errors import InputError
+from passerby.interchange.tsai import TsaiCamera, is_tsai, read_tsai
 from passerby.observations import Boxes
 from passerby.perception.video_probe import probe
 

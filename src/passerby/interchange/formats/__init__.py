@@ -33,6 +33,8 @@ MODULES: Mapping[str, str] = {
     "ply": "ply",
     "gltf": "gltf",
     "glb": "gltf",
+    "tsai": "tsai",
+    "qualisys": "qualisys",
 }
 """Name of a format -> its module here, which has `FORMAT`, or for several names `FORMATS`, a mapping of them."""
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from passerby.cameras import Pose
-from passerby.datasets.tsai import WORST_PX, fitted_distortions, is_tsai, read_tsai
 from passerby.errors import InputError
+from passerby.interchange.tsai import WORST_PX, fitted_distortions, is_tsai, read_tsai
 from tsai_sets import Tsai
 
 

@@ -208,10 +208,22 @@ def is_tsai(path: Path) -> bool:
 
 
 def read_tsai(path: str | Path) -> TsaiCamera:
-    """Read one camera's file.
+    """Read one camera's file; of several cameras in it, the first.
 
     Raises:
         InputError: the file is missing, no XML, lacks an element or attribute, or has a value that no camera has.
+    """
+    return next(iter(read_tsai_cameras(path).values()))
+
+
+def read_tsai_cameras(path: str | Path) -> dict[str, TsaiCamera]:
+    """Read all cameras of a file by their names.
+
+    A camera's name is its `<Camera name="">`, or else that of the file without its ending, with the number of the camera from 1
+    where the file has several.
+
+    Raises:
+        InputError: as `read_tsai`, and two cameras of one name.
     """
     path = Path(path)
     text = read_text(path, "a camera calibrated by Tsai's method (XML)")
@@ -219,9 +231,20 @@ def read_tsai(path: str | Path) -> TsaiCamera:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise InputError(f"{path}: is not XML: {error}: fetch the file again") from None
-    camera = root if root.tag == "Camera" else root.find(".//Camera")
-    if camera is None:
+    elements = list(root.iter("Camera"))
+    if not elements:
         raise InputError(f"{path}: holds no <Camera>: a calibration by Tsai's method is needed here")
+    cameras: dict[str, TsaiCamera] = {}
+    for number, element in enumerate(elements, start=1):
+        name = element.get("name") or (path.stem if len(elements) == 1 else f"{path.stem}_{number}")
+        if name in cameras:
+            raise InputError(f"{path}: two cameras are called {name}: give them different names")
+        cameras[name] = _tsai_camera(path, element)
+    return cameras
+
+
+def _tsai_camera(path: Path, camera: ElementTree.Element) -> TsaiCamera:
+    """The camera that an element describes."""
     value = {
         f"{element}.{name}": _number(path, camera, element, name) for element, names in _ATTRIBUTES.items() for name in names
     }
