@@ -1,0 +1,182 @@
+"""EasyMocap: `intri.yml` and `extri.yml` in one folder, OpenCV's FileStorage (YAML 1.0).
+
+`names` lists the cameras. Of each NAME, `intri.yml` has `K_NAME` (3 x 3, pixels), `dist_NAME` (1 x 5: k1 k2 p1 p2 k3 of
+OpenCV's pinhole), `H_NAME` and `W_NAME` (picture size; older files have none); `extri.yml` has `R_NAME` (rotation vector,
+3 x 1), `Rot_NAME` (the same as a matrix) and `T_NAME` (3 x 1): world to camera, `x_c = R X + T`, OpenCV's axes (x right,
+y down, z forward), metres. Pixels are OpenCV's: 0 is the middle of the first one. EasyMocap's world has z up, as here.
+
+Source: `read_camera` and `write_camera` in easymocap/mytools/camera_utils.py (github.com/zju3dv/EasyMocap). EasyMocap
+projects with `K` and undistorts with `dist` by OpenCV's pinhole; its files have no place for a fisheye.
+
+A NAME is part of keys and of the names of EasyMocap's folders: it holds ASCII letters, digits, `_` and `-` here. Where names
+have to change, the list `passerby_names` in `intri.yml`, which EasyMocap does not look at, keeps the true ones.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.errors import InputError
+from passerby.interchange.faults import read_text
+from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.lens_models import RADTAN_5, expressed
+from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.names import tame_names
+from passerby.interchange.formats.values import padded, rodrigues, rotation
+
+INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+NAMES, TRUE_NAMES = "names", "passerby_names"
+FORBIDDEN = re.compile(r"[^A-Za-z0-9_-]")
+
+
+def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    """Both files."""
+    rig = export.posed(losses)
+    lenses = {camera.name: expressed(camera, (RADTAN_5,), losses)[0] for camera in rig}
+    names = tame_names(rig.names, FORBIDDEN)
+
+    def intrinsics(file: cv2.FileStorage) -> None:
+        _write_list(file, NAMES, list(names.values()))
+        if any(name != tame for name, tame in names.items()):
+            _write_list(file, TRUE_NAMES, list(names))
+        for name, lens in lenses.items():
+            file.write(f"K_{names[name]}", np.array(lens.matrix))
+            file.write(f"dist_{names[name]}", np.array([padded(lens.distortions, 5)]))
+            file.write(f"H_{names[name]}", lens.size[1])
+            file.write(f"W_{names[name]}", lens.size[0])
+
+    def extrinsics(file: cv2.FileStorage) -> None:
+        _write_list(file, NAMES, list(names.values()))
+        for camera in rig:
+            assert camera.pose is not None
+            file.write(f"R_{names[camera.name]}", rodrigues(camera.pose.R_cw)[:, None])
+            file.write(f"Rot_{names[camera.name]}", np.array(camera.pose.R_cw))
+            file.write(f"T_{names[camera.name]}", camera.pose.t_cw[:, None].copy())
+
+    return {INTRINSICS: _storage(intrinsics), EXTRINSICS: _storage(extrinsics)}
+
+
+def read(path: Path, given: Given) -> Rig:
+    """The cameras of `intri.yml` in a folder, with the poses that `extri.yml` has; the file `intri.yml` itself will do too."""
+    intrinsics = path / INTRINSICS if path.is_dir() else path
+    file = _opened(intrinsics)
+    names = _list(file, NAMES)
+    if not names:
+        raise InputError(f"{intrinsics}: has no list `names`: is it another kind of file?")
+    true = _list(file, TRUE_NAMES)
+    true = true if len(true) == len(names) else names
+    extrinsics = intrinsics.with_name(EXTRINSICS)
+    poses = _opened(extrinsics) if extrinsics.is_file() else None
+    cameras = []
+    for name, true_name in zip(names, true, strict=True):
+        lens = _lens(f"{intrinsics}: camera {name}", file, name, given)
+        pose = None if poses is None else _pose(f"{extrinsics}: camera {name}", poses, name, given.metres_per_unit or 1.0)
+        cameras.append(Camera(true_name, lens, pose))
+    try:
+        return Rig(tuple(cameras))
+    except InputError as error:
+        raise InputError(f"{intrinsics}: {error}") from None
+
+
+def _lens(place: str, file: cv2.FileStorage, name: str, given: Given) -> Lens:
+    """A camera's lens; older files call the distortion `D_NAME`, or have none."""
+    matrix = _matrix(place, file, f"K_{name}", 9)
+    if matrix is None:
+        raise InputError(f"{place}: K_{name} is missing: a 3 x 3 camera matrix is needed")
+    distortions = _matrix(place, file, f"dist_{name}", None)
+    if distortions is None:
+        distortions = _matrix(place, file, f"D_{name}", None)
+    width, height = (_number(file, f"{axis}_{name}") for axis in "WH")
+    size = (width, height) if min(width, height) > 0 else given.size_of(place)
+    try:
+        return Lens(size, matrix.reshape(3, 3), np.zeros(5) if distortions is None else distortions)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+
+
+def _pose(place: str, file: cv2.FileStorage, name: str, metres: float) -> Pose | None:
+    """A camera's pose; None where the file has none. The rotation vector counts, as for EasyMocap; else the matrix."""
+    vector, matrix = _matrix(place, file, f"R_{name}", 3), _matrix(place, file, f"Rot_{name}", 9)
+    translation = _matrix(place, file, f"T_{name}", 3)
+    if vector is None and matrix is None and translation is None:
+        return None
+    if translation is None or (vector is None and matrix is None):
+        raise InputError(f"{place}: R_{name} or T_{name} is missing: give both, or neither for a camera without a pose")
+    R = cv2.Rodrigues(vector)[0] if vector is not None else rotation(place, np.reshape(np.asarray(matrix), (3, 3)))
+    return Pose(np.asarray(R, dtype=np.float64), metres * translation)
+
+
+def _storage(fill: Callable[[cv2.FileStorage], None]) -> bytes:
+    """The text of a FileStorage, with the first line that OpenCV of any version reads (5 writes %YAML 1.2)."""
+    file = cv2.FileStorage(".yml", cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY | cv2.FileStorage_FORMAT_YAML)
+    fill(file)
+    body = file.releaseAndGetString().split("\n", 1)[1]
+    return f"%YAML:1.0\n{body}".encode()
+
+
+def _write_list(file: cv2.FileStorage, key: str, values: list[str]) -> None:
+    """A list of texts."""
+    file.startWriteStruct(key, cv2.FileNode_SEQ)
+    for value in values:
+        file.write("", value)
+    file.endWriteStruct()
+
+
+def _opened(path: Path) -> cv2.FileStorage:
+    """A file as OpenCV reads it. Raises `InputError`."""
+    text = read_text(path, "EasyMocap's calibration (OpenCV's YAML)")
+    try:
+        file = cv2.FileStorage(text, cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
+        if file.isOpened() and file.root().isMap():
+            return file
+    except (cv2.error, SystemError, UnicodeDecodeError):
+        pass
+    raise InputError(f"{path}: is not a file that OpenCV can read: EasyMocap writes YAML that begins with %YAML:1.0") from None
+
+
+def _list(file: cv2.FileStorage, key: str) -> list[str]:
+    """A list of texts; numbers count as texts, as EasyMocap takes them."""
+    node = file.getNode(key)
+    items = [node.at(index) for index in range(node.size())] if node.isSeq() else []
+    return [item.string() if item.isString() else str(int(item.real())) for item in items]
+
+
+def _number(file: cv2.FileStorage, key: str) -> int:
+    """A whole number; 0 where there is none."""
+    node = file.getNode(key)
+    value = node.real() if node.isInt() or node.isReal() else 0.0
+    return int(value) if np.isfinite(value) else 0
+
+
+def _matrix(place: str, file: cv2.FileStorage, key: str, size: int | None) -> Floats | None:
+    """The numbers of a matrix in their order, None where there is none. Raises `InputError` unless `size` finite ones."""
+    node = file.getNode(key)
+    if node.empty() or node.isNone():
+        return None
+    try:
+        found: Any = node.mat()
+    except cv2.error:
+        found = None
+    values = np.array([]) if found is None else np.asarray(found, dtype=np.float64).ravel()
+    if (size is not None and values.size != size) or not np.isfinite(values).all():
+        raise InputError(f"{place}: {key} is not a matrix of {size or 'some'} finite numbers: is the file damaged?")
+    return values
+
+
+FORMAT = Format(
+    name="easymocap",
+    title="EasyMocap's intri.yml and extri.yml",
+    tools=("EasyMocap",),
+    target="folder",
+    conventions="World to camera (rotation vector and translation), OpenCV's axes and pixels, metres; pinhole with k1 k2 p1 p2 "
+    "k3.",
+    write=write,
+    read=read,
+)

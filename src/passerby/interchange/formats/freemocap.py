@@ -1,0 +1,110 @@
+"""FreeMoCap: its camera calibration TOML, which is Anipose's with the cameras' places in the world added.
+
+Each table has `name`, `size` [width, height], `matrix`, `distortions` (OpenCV's; a fisheye where `fisheye` is true),
+`rotation` (Rodrigues vector) and `translation`: world to camera, `x_c = R X + t`, OpenCV's axes (x right, y down, z forward)
+and pixels; and `world_orientation` (3 x 3) and `world_position`: camera to world, the camera's axes and centre in the world.
+Lengths are millimetres: FreeMoCap takes the unit of `charuco_square_size` in `[metadata]`, and asks for millimetres.
+`groundplane_calibration` there tells whether z is up from the floor; else the world is the first camera's frame.
+
+Source: freemocap 1.8.2, core_processes/capture_volume_calibration/anipose_camera_calibration/: `Camera`, `FisheyeCamera` and
+`CameraGroup` in freemocap_anipose.py, `get_real_world_matrices` in anipose_camera_calibrator.py. From there, too: tables are
+taken in the alphabetical order of their keys, and stand for the videos in the alphabetical order of their names, whatever the
+cameras are called. So cameras are written in the order of their names in small letters, as `cam_0` to `cam_9`, or `cam_00` to
+`cam_99` where there are more than ten.
+
+A file in which the board's square is 1 long has no unit that could be known: `--units` tells it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from passerby.cameras import Camera, Lens, Rig
+from passerby.errors import InputError
+from passerby.interchange.faults import FileFaults, read_toml
+from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.lens_models import FISHEYE, RATIONAL_8, TILTED_14, expressed
+from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.values import padded
+from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
+
+MILLIMETRES = 1000.0
+LEAST_COEFFICIENTS = 5
+"""FreeMoCap's own pinholes have five."""
+
+
+def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    """The file."""
+    cameras = sorted(export.posed(losses), key=lambda camera: (camera.name.lower(), camera.name))
+    digits = len(str(len(cameras) - 1))
+    content: dict[str, Any] = {f"cam_{index:0{digits}d}": _table(camera, losses) for index, camera in enumerate(cameras)}
+    content[METADATA] = {"groundplane_calibration": True, "units": "mm"}
+    return {"": tomli_w.dumps(content).encode("utf-8")}
+
+
+def _table(camera: Camera, losses: Losses) -> dict[str, Any]:
+    """One camera."""
+    assert camera.pose is not None
+    lens, _ = expressed(camera, (RATIONAL_8, TILTED_14, FISHEYE), losses)
+    if not lens.fisheye:
+        coefficients = padded(lens.distortions, max(LEAST_COEFFICIENTS, lens.distortions.size))
+        lens = Lens(lens.size, lens.matrix, np.array(coefficients))
+    table = table_of(replace(camera, lens=lens, sigma=None))
+    table["translation"] = (MILLIMETRES * camera.pose.t_cw).tolist()
+    table["world_orientation"] = camera.pose.R_cw.T.tolist()
+    table["world_position"] = (MILLIMETRES * camera.pose.centre).tolist()
+    return table
+
+
+def read(path: Path, given: Given) -> Rig:
+    """The cameras in FreeMoCap's order, the alphabetical one of their keys."""
+    content = read_toml(path, "a calibration of FreeMoCap (TOML)")
+    tables = {key: content[key] for key in sorted(content) if key != METADATA}
+    if not tables or not all(isinstance(table, dict) and "matrix" in table for table in tables.values()):
+        raise InputError(f"{path}: is no calibration of FreeMoCap: each table but [metadata] is a camera with a matrix there")
+    metadata = content.get(METADATA)
+    metres = given.metres_per_unit or _metres_per_unit(path, metadata if isinstance(metadata, dict) else {})
+    cameras: list[Camera] = []
+    faults: list[str] = []
+    for key, table in tables.items():
+        try:
+            cameras.append(camera_of(key, table, metres))
+        except InputError as error:
+            faults.append(f"{path}: [{key}]: {error}")
+    if faults:
+        raise FileFaults(faults)
+    try:
+        return Rig(tuple(cameras))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
+    """Millimetres, unless the file tells another unit. Raises `InputError` where the unit is the board's square."""
+    if metadata.get("charuco_square_size") == 1:
+        raise InputError(
+            f"{path}: lengths are in squares of the board (charuco_square_size = 1): tell the unit, as in --units mm"
+        )
+    units = metadata.get("units", "mm")
+    if units not in METRES_PER_UNIT:
+        raise InputError(f"{path}: [{METADATA}] units is {units!r}: write one of {', '.join(METRES_PER_UNIT)}")
+    return METRES_PER_UNIT[units]
+
+
+FORMAT = Format(
+    name="freemocap",
+    title="FreeMoCap's camera calibration",
+    tools=("FreeMoCap",),
+    target="file",
+    suffixes=(".toml",),
+    conventions="World to camera (Rodrigues vector and translation), OpenCV's axes and pixels, millimetres; OpenCV's pinhole "
+    "or fisheye.",
+    write=write,
+    read=read,
+)

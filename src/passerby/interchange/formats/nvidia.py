@@ -1,0 +1,302 @@
+"""NVIDIA: DeepStream's MV3DT (`mv3dt`) and the calibration.json of AutoMagicCalib and Metropolis (`amc`).
+
+`mv3dt` is a folder with `camInfo/NAME.yml` for each camera, as the data set folder of DeepStream's multi-view 3D tracking has
+it. `projectionMatrix_3x4_w2p` has 12 numbers, row by row: world to pixels, `K [R | t]`, the world's z up from the ground at
+0, metres, pixels from the upper left corner. `modelInfo` has `height` and `radius` of a person's cylinder in the world's
+unit. The older `projectionMatrix_3x4`, to which DeepStream adds half the picture's size, and the K, R and t that
+AutoMagicCalib writes besides, are read too.
+
+`amc` is one JSON file: `calibrationType` cartesian and `sensors`, each with `id`, `coordinates` (its place, metres),
+`intrinsicMatrix` (3 x 3), `extrinsicMatrix` (3 x 4, world to camera, OpenCV's axes), `cameraMatrix` (their product) and
+`attributes`: names and values as text, `frameWidth` and `frameHeight` among them. `scaleFactor` and
+`translationToGlobalCoordinates` lead to a floor plan, of which Passerby knows none: 1 and 0. `homography` is not written:
+the data sets of the AI City Challenge have it from the ground to pixels, Metropolis' newer services read it from pixels to
+the ground. `imageCoordinates` and `globalCoordinates` are: points on the ground from which both compute it where it is
+missing.
+
+Both are pinholes without distortion: a lens with distortion is a loss, unless its videos are rectified first. Where the
+middle of a pixel lies is not told anywhere; OpenCV's pixels are written. A NAME, or id, has ASCII letters, digits and `_ . -`
+and begins with a letter or digit. A true name that had to change is kept in a comment (`mv3dt`, with the picture's size) or
+in the attribute `trueName` (`amc`).
+
+Sources: deepstream-tracker-3d-multi-view/README.md ("Running MV3DT on Custom Datasets") of
+github.com/NVIDIA-AI-IOT/deepstream_reference_apps; "Single-View 3D Tracking" and "The 3x4 Camera Projection Matrix" in
+docs.nvidia.com/metropolis/deepstream/dev-guide/text/DS_plugin_gst-nvtracker.html; README.md of
+github.com/NVIDIA-AI-IOT/auto-magic-calib; docs.nvidia.com/vss/system-components/calibration/calibration-schema;
+generate_cam_info_configs.py (what makes `camInfo` from calibration.json, and which ids it takes) and calibration_base.py of
+github.com/NVIDIA-AI-Blueprints/video-search-and-summarization.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from scipy.linalg import rq
+
+from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.errors import InputError
+from passerby.interchange.faults import read_text
+from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.lens_models import PINHOLE, expressed
+from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.values import (
+    led_names,
+    load_json,
+    numbers,
+    parse_yaml,
+    rotation,
+    shortened,
+    table,
+    whole,
+)
+from passerby.interchange.json_text import to_json
+
+CAMERAS, CALIBRATION = "camInfo", "calibration.json"
+FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")
+SKEWED = replace(PINHOLE, name="a pinhole with skew", skew=True)
+"""A projection matrix holds it; a lens that has none is not given one to come nearer."""
+PERSON_HEIGHT_M, PERSON_RADIUS_M = 1.72, 0.3
+"""Of the cylinder that MV3DT takes for a person: the mean height that Passerby counts with, the radius of NVIDIA's files."""
+GROUND_POINTS = (0.125, 0.375, 0.625, 0.875)
+"""Shares of width and height: where pixels are given together with their points on the ground."""
+FARTHEST_GROUND_M = 60.0
+"""From the camera: of a pixel on the ground farther away, a tenth of a pixel moves the point by decimetres."""
+LEAST_SKEW_PX = 1e-6
+"""Less comes from taking a projection matrix apart."""
+_COMMENT = re.compile(r"^# passerby: (\{.*\})$", re.MULTILINE)
+
+
+def _write_mv3dt(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    """A file a camera, without the line %YAML:1.0, which NVIDIA's own Python readers do not take."""
+    rig = export.posed(losses)
+    names = led_names(rig.names, FORBIDDEN, FIRST)
+    files = {}
+    for camera in rig:
+        lens = _pinhole(camera, losses)
+        told = json.dumps({"name": camera.name, "size": list(lens.size)})
+        content = {
+            "projectionMatrix_3x4_w2p": (lens.matrix @ _extrinsics(camera)).ravel().tolist(),
+            "modelInfo": {"height": PERSON_HEIGHT_M, "radius": PERSON_RADIUS_M},
+        }
+        text = f"# passerby: {told}\n{yaml.safe_dump(content, sort_keys=False, default_flow_style=False)}"
+        files[f"{CAMERAS}/{names[camera.name]}.yml"] = text.encode("utf-8")
+    return files
+
+
+def _write_amc(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    """The one file."""
+    rig = export.posed(losses)
+    names = led_names(rig.names, FORBIDDEN, FIRST)
+    sensors = [_sensor(camera, names[camera.name], losses) for camera in rig]
+    content = {"version": "1.0", "osmURL": "", "calibrationType": "cartesian", "sensors": sensors}
+    return {"": to_json(content).encode("utf-8")}
+
+
+def _sensor(camera: Camera, name: str, losses: Losses) -> dict[str, Any]:
+    """One camera of calibration.json."""
+    lens = _pinhole(camera, losses)
+    attributes = {"frameWidth": str(lens.size[0]), "frameHeight": str(lens.size[1])}
+    if name != camera.name:
+        attributes["trueName"] = camera.name
+    pixels, ground = _ground_points(replace(camera, lens=lens))
+    return {
+        "type": "camera",
+        "id": name,
+        "origin": {"lng": 0, "lat": 0},
+        "geoLocation": {"lng": 0, "lat": 0},
+        "coordinates": dict(zip("xyz", camera.centre.tolist(), strict=True)),
+        "scaleFactor": 1,
+        "translationToGlobalCoordinates": {"x": 0, "y": 0},
+        "attributes": [{"name": key, "value": value} for key, value in attributes.items()],
+        "place": [],
+        "imageCoordinates": [{"x": x, "y": y} for x, y in pixels.tolist()],
+        "globalCoordinates": [{"x": x, "y": y, "z": 0} for x, y in ground.tolist()],
+        "intrinsicMatrix": lens.matrix,
+        "extrinsicMatrix": _extrinsics(camera),
+        "cameraMatrix": lens.matrix @ _extrinsics(camera),
+        "rois": [],
+        "tripwires": [],
+    }
+
+
+def _pinhole(camera: Camera, losses: Losses) -> Lens:
+    """The camera's lens without distortion."""
+    return expressed(camera, (PINHOLE, SKEWED) if camera.lens.matrix[0, 1] else (PINHOLE,), losses)[0]
+
+
+def _extrinsics(camera: Camera) -> Floats:
+    """(3, 4) `[R | t]`, world to camera."""
+    assert camera.pose is not None
+    return np.column_stack([camera.pose.R_cw, camera.pose.t_cw])
+
+
+def _ground_points(camera: Camera) -> tuple[Floats, Floats]:
+    """(N, 2) pixels and (N, 2) points of the ground z = 0 that they show; none where fewer than four do."""
+    assert camera.pose is not None
+    shares = np.stack(np.meshgrid(GROUND_POINTS, GROUND_POINTS), axis=-1).reshape(-1, 2)
+    pixels = np.round(shares * camera.lens.size)
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.lens.matrix).T @ camera.pose.R_cw
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = -camera.centre[2] / rays[:, 2]
+    seen = (far > 0) & (far < FARTHEST_GROUND_M)
+    if np.count_nonzero(seen) < 4 or len(np.unique(pixels[seen, 1])) < 2:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    return pixels[seen], (camera.centre + far[seen, None] * rays[seen])[:, :2]
+
+
+def _read_mv3dt(path: Path, given: Given) -> Rig:
+    """The cameras of a folder, or of one file."""
+    folder = path / CAMERAS if (path / CAMERAS).is_dir() else path
+    files = [path] if path.is_file() else sorted(file for file in folder.iterdir() if file.suffix in (".yml", ".yaml"))
+    cameras = []
+    for file in files:
+        text = read_text(file, "a camera file of MV3DT (YAML)")
+        values = table(str(file), parse_yaml(file, re.sub(r"\A%YAML.*\n", "", text)), "projection matrix")
+        if path.is_file() or {"K", "projectionMatrix_3x4_w2p", "projectionMatrix_3x4"} & values.keys():
+            cameras.append(_camera_file(file, values, _told(text), given))
+    return _rig(folder, cameras)
+
+
+def _told(text: str) -> dict[str, Any]:
+    """What Passerby's comment tells; empty where there is none."""
+    found = _COMMENT.search(text)
+    try:
+        told = json.loads(found[1]) if found else {}
+    except ValueError:
+        told = {}
+    return told if isinstance(told, dict) else {}
+
+
+def _camera_file(file: Path, values: dict[Any, Any], told: dict[str, Any], given: Given) -> Camera:
+    """The camera of one `camInfo` file."""
+    place = str(file)
+    name = told.get("name")
+    size = (whole(place, {"w": told["size"][0]}, "w"), whole(place, {"h": told["size"][1]}, "h")) if _is_pair(told) else None
+    size = size or given.size_of(place)
+    metres = given.metres_per_unit or 1.0
+    if "K" in values:
+        matrix, t = numbers(place, values, "K", (3, 3)), numbers(place, values, "t", (3,))
+        pose = Pose(rotation(f"{place}: R", numbers(place, values, "R", (3, 3))), metres * t)
+    elif "projectionMatrix_3x4_w2p" in values:
+        matrix, pose = _taken_apart(place, numbers(place, values, "projectionMatrix_3x4_w2p", (3, 4)), metres)
+    else:
+        to_corner = np.array([[1.0, 0.0, size[0] / 2], [0.0, 1.0, size[1] / 2], [0.0, 0.0, 1.0]])
+        matrix, pose = _taken_apart(place, to_corner @ numbers(place, values, "projectionMatrix_3x4", (3, 4)), metres)
+    return Camera(name if isinstance(name, str) and name else file.stem, _lens(place, size, matrix), pose)
+
+
+def _is_pair(told: dict[str, Any]) -> bool:
+    return isinstance(told.get("size"), list) and len(told["size"]) == 2
+
+
+def _read_amc(path: Path, given: Given) -> Rig:
+    """The cameras of calibration.json, or of the one in a folder."""
+    path = path / CALIBRATION if path.is_dir() else path
+    content = table(str(path), load_json(path, "a calibration.json of NVIDIA"), "list `sensors`")
+    sensors = content.get("sensors")
+    if not isinstance(sensors, list):
+        raise InputError(f"{path}: has no list `sensors`: is it another kind of file?")
+    cameras = []
+    for index, sensor in enumerate(sensors):
+        values = table(f"{path}: sensors[{index}]", sensor, "sensor")
+        if values.get("type", "camera") == "camera":
+            cameras.append(_camera_sensor(f"{path}: sensor {shortened(values.get('id'))}", values, given))
+    return _rig(path, cameras)
+
+
+def _camera_sensor(place: str, values: dict[Any, Any], given: Given) -> Camera:
+    """One sensor. Its own two matrices count; `cameraMatrix`, which some tools fit to points, only where one is missing."""
+    listed = values.get("attributes")
+    items = [item for item in listed if isinstance(item, dict)] if isinstance(listed, list) else []
+    attributes = {str(item.get("name")): item.get("value") for item in items}
+    known = "frameWidth" in attributes and "frameHeight" in attributes
+    size = (_pixels(place, attributes, "frameWidth"), _pixels(place, attributes, "frameHeight")) if known else None
+    size = size or given.size_of(place)
+    metres = given.metres_per_unit or 1.0
+    if values.get("intrinsicMatrix") is not None and values.get("extrinsicMatrix") is not None:
+        matrix = numbers(place, values, "intrinsicMatrix", (3, 3))
+        rows = numbers(place, values, "extrinsicMatrix", (-1,))
+        if rows.size not in (12, 16):
+            raise InputError(f"{place}: extrinsicMatrix has {rows.size} numbers: 3 x 4 are needed")
+        Rt = rows.reshape(-1, 4)[:3]
+        pose = Pose(rotation(f"{place}: extrinsicMatrix", Rt[:, :3]), metres * Rt[:, 3])
+    elif values.get("cameraMatrix") is not None:
+        matrix, pose = _taken_apart(place, numbers(place, values, "cameraMatrix", (3, 4)), metres)
+    else:
+        raise InputError(
+            f"{place}: has neither intrinsicMatrix and extrinsicMatrix nor cameraMatrix: a homography is not enough"
+        )
+    name = attributes.get("trueName") or values.get("id")
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{place}: id is {shortened(name)}: a text is needed")
+    return Camera(name, _lens(place, size, matrix), pose)
+
+
+def _pixels(place: str, attributes: dict[str, Any], key: str) -> int:
+    """A whole number that may be text."""
+    try:
+        return whole(place, {key: float(attributes[key])}, key)
+    except (TypeError, ValueError):
+        raise InputError(f"{place}: {key} is {shortened(attributes[key])}: a whole number above 0 is needed") from None
+
+
+def _taken_apart(place: str, projection: Floats, metres: float) -> tuple[Floats, Pose]:
+    """Camera matrix and pose of a (3, 4) projection matrix, whose scale and sign are free. Raises `InputError`."""
+    if not np.linalg.cond(projection[:, :3]) < 1e12:
+        raise InputError(f"{place}: the projection matrix {shortened(projection.tolist())} is not that of a camera")
+    projection = projection * np.sign(np.linalg.det(projection[:, :3]))
+    triangle, R = rq(projection[:, :3])
+    signs = np.sign(np.diag(triangle))
+    triangle, R = triangle * signs, R * signs[:, None]
+    t = np.linalg.solve(triangle, projection[:, 3])
+    matrix = triangle / triangle[2, 2]
+    if abs(matrix[0, 1]) < LEAST_SKEW_PX:
+        matrix[0, 1] = 0.0
+    return matrix, Pose(np.asarray(R, dtype=np.float64), np.asarray(metres * t, dtype=np.float64))
+
+
+def _lens(place: str, size: tuple[int, int], matrix: Floats) -> Lens:
+    try:
+        return Lens(size, matrix, np.zeros(0))
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+
+
+def _rig(place: Path, cameras: list[Camera]) -> Rig:
+    if not cameras:
+        raise InputError(f"{place}: holds no camera: is it another kind of file?")
+    try:
+        return Rig(tuple(cameras))
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+
+
+FORMATS: Mapping[str, Format] = {
+    "mv3dt": Format(
+        name="mv3dt",
+        title="DeepStream MV3DT camera files",
+        tools=("NVIDIA DeepStream",),
+        target="folder",
+        conventions="Projection matrices from the world to pixels (3 x 4), metres; pinhole without distortion.",
+        write=_write_mv3dt,
+        read=_read_mv3dt,
+    ),
+    "amc": Format(
+        name="amc",
+        title="calibration.json of AutoMagicCalib and Metropolis",
+        tools=("NVIDIA AutoMagicCalib", "NVIDIA Metropolis"),
+        target="file",
+        suffixes=(".json",),
+        conventions="World to camera (3 x 4), OpenCV's axes and pixels, metres; pinhole without distortion.",
+        write=_write_amc,
+        read=_read_amc,
+    ),
+}

@@ -1,0 +1,161 @@
+"""Values in YAML and JSON files of other tools, checked, with errors a person can act on."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from passerby.cameras import Floats, Pose
+from passerby.errors import InputError
+from passerby.interchange.faults import read_text
+from passerby.interchange.formats.names import tame_names
+
+ROTATION_TOLERANCE = 1e-3
+"""Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
+
+
+LETTER = re.compile(r"[A-Za-z]")
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain YAML 1.1, but numbers such as 1e-05, which YAML writers of other languages make, are numbers and not text."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+)
+
+
+def load_yaml(path: Path, kind: str) -> Any:
+    """The first document of a YAML file. Raises `InputError` for a file that cannot be read or is not YAML."""
+    return parse_yaml(path, read_text(path, f"{kind} (YAML)"))
+
+
+def parse_yaml(path: Path, text: str) -> Any:
+    """The first document of YAML text; `path` is for messages. Raises `InputError`."""
+    try:
+        return next(iter(yaml.load_all(text, Loader=_Loader)), None)
+    except yaml.MarkedYAMLError as error:
+        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        raise InputError(f"{path}: {line}is not YAML: {error.problem or error.context}: is it another kind of file?") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not YAML: {' '.join(str(error).split())}: is it another kind of file?") from None
+
+
+def dump_yaml(value: Any) -> bytes:
+    """YAML text of plain values: keys as they come, lists of numbers on one line."""
+    return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=1000, allow_unicode=True).encode("utf-8")
+
+
+def load_json(path: Path, kind: str) -> Any:
+    """The content of a JSON file. Raises `InputError` for a file that cannot be read or is not JSON."""
+    try:
+        return json.loads(read_text(path, f"{kind} (JSON)"))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: line {error.lineno}: is not JSON: {error.msg}: is it another kind of file?") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not JSON: {error}: is it another kind of file?") from None
+
+
+def table(place: str, value: Any, meaning: str) -> dict[Any, Any]:
+    """`value` as a table (mapping). Raises `InputError`, beginning with `place`, where it is none."""
+    if not isinstance(value, dict):
+        raise InputError(f"{place}: holds no {meaning}: is it another kind of file?")
+    return value
+
+
+def numbers(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]) -> Floats:
+    """The finite numbers under `key`, in `shape`; lists in lists count by their order, (-1,) takes any number of them.
+
+    Raises `InputError`, beginning with `place`.
+    """
+    wanted = "numbers are" if shape == (-1,) else f"{int(np.prod(shape))} numbers are" if shape else "a number is"
+    if values.get(key) is None:
+        raise InputError(f"{place}: {key} is missing: {wanted} needed")
+    flat = _flat(values[key])
+    bad = any(type(value) not in (int, float) for value in flat)
+    array = np.array([np.nan] if bad else flat, dtype=np.float64)
+    if bad or not np.isfinite(array).all() or (shape != (-1,) and array.size != int(np.prod(shape))):
+        raise InputError(f"{place}: {key} is {shortened(values[key])}: {wanted} needed, finite ones")
+    return array.reshape(shape)
+
+
+def whole(place: str, values: dict[Any, Any], key: str) -> int:
+    """A whole number above 0 under `key`. Raises `InputError`, beginning with `place`."""
+    value = float(numbers(place, values, key, ()))
+    if value < 1 or value != int(value):
+        raise InputError(f"{place}: {key} is {value:g}: a whole number above 0 is needed")
+    return int(value)
+
+
+def shortened(value: Any) -> str:
+    """A value as a message shows it."""
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def rotation(place: str, matrix: Floats) -> Floats:
+    """The rotation nearest to a (3, 3) matrix that is one but for rounding. Raises `InputError`, beginning with `place`."""
+    u, stretch, vt = np.linalg.svd(matrix)
+    if np.abs(stretch - 1).max() > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0:
+        raise InputError(f"{place}: {shortened(matrix.tolist())} is no rotation: orthonormal axes, right-handed, are needed")
+    return np.asarray(u @ vt)
+
+
+def rodrigues(R: Floats) -> Floats:
+    """(3,) rotation vector, radians, of a rotation matrix."""
+    return np.asarray(cv2.Rodrigues(np.array(R))[0], dtype=np.float64).ravel()
+
+
+def rigid(place: str, matrix: Floats, metres: float) -> Pose:
+    """A (4, 4) transform `[R t; 0 1]` from world to camera as a pose; `t` times `metres`. Raises `InputError`."""
+    if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
+        raise InputError(f"{place}: the last row is {matrix[3].tolist()}: 0, 0, 0, 1 is needed")
+    return Pose(rotation(place, matrix[:3, :3]), metres * matrix[:3, 3])
+
+
+def homogeneous(pose: Pose) -> Floats:
+    """(4, 4) transform from world to camera."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = pose.R_cw, pose.t_cw
+    return matrix
+
+
+def padded(coefficients: Floats, length: int) -> list[float]:
+    """Distortion coefficients with zeros up to `length`."""
+    return [*coefficients.tolist(), *[0.0] * (length - coefficients.size)]
+
+
+def led_names(
+    names: Iterable[str], forbidden: re.Pattern[str], first: re.Pattern[str] = LETTER, prefix: str = "camera_"
+) -> dict[str, str]:
+    """As `tame_names`, and each begins as `first` says: where it would not, `prefix` is put before it.
+
+    Names that can stay do stay, whatever the others are.
+    """
+    names = list(names)
+    tame = tame_names(names, forbidden)
+    stays = {name for name in names if tame[name] == name and first.match(name)}
+    taken = {name.casefold() for name in stays}
+    for name in names:
+        if name in stays:
+            continue
+        base = tame[name] if first.match(tame[name]) else prefix + tame[name]
+        led, number = base, 2
+        while led.casefold() in taken:
+            led, number = f"{base}_{number}", number + 1
+        tame[name] = led
+        taken.add(led.casefold())
+    return tame
+
+
+def _flat(value: Any) -> list[Any]:
+    """Lists in lists as one list."""
+    return [inner for item in value for inner in _flat(item)] if isinstance(value, list) else [value]
