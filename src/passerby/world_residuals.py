@@ -133,7 +133,7 @@ def ground_note(rig: Rig, motion: Similarity) -> list[str]:
     """Where the ground that the people told lies now, unless it lies at z = 0."""
     below = np.mean([camera.centre for camera in rig.posed()], axis=0) * (1.0, 1.0, 0.0)
     lean = float(np.degrees(direction_angle(motion.rotation[:, 2], np.array([0.0, 0.0, 1.0]))))
-    height = float(motion.apply(below)[2])
+    height = round(float(motion.apply(below)[2]), 3) + 0.0  # no -0.00
     if lean < LEAN_DEG and abs(height) < HEIGHT_M:
         return []
     return [

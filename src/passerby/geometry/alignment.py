@@ -8,10 +8,12 @@ where those that agree make its residual impossible (an F test).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtri
 
 from passerby.errors import EvidenceError
 from passerby.geometry.known_places import Places
@@ -23,6 +25,16 @@ Bools = NDArray[np.bool_]
 
 STATED_WEIGHT = 4.0
 """The stated standard deviations count as much as so many residuals when the true noise is judged."""
+POOR = 3.0
+"""Residuals of three times their stated standard deviations, and noise three times that of another explanation."""
+STEPS, HALVINGS = 50, 12
+"""Gauss-Newton from a start that is near ends after four or five steps."""
+LONGEST = 0.5
+"""Radians, or logarithm of scale."""
+EXACT = 1e-22
+"""Residuals of a ten-billionth of their standard deviations are rounding."""
+STEP = 1e-6
+"""Radians, metres or logarithm of scale: differences are exact to ten digits for places within a kilometre."""
 FALSE_ALARM = 1e-3
 """How often a sound set of places, with the noise that is stated, loses one."""
 
@@ -67,7 +79,7 @@ def fit_world(places: Places, *, with_scale: bool = False, tilt: bool = False) -
 
 def fits_mirrored(places: Places, fit: WorldFit, *, with_scale: bool, tilt: bool) -> bool:
     """Whether the targets' mirror image is explained far better than the targets: left-handed coordinates."""
-    if len(np.unique(places.group)) < 3:
+    if len(np.unique(places.group)) < 3 or (fit.used.all() and fit.noise <= POOR):
         return False
     image = places.mirrored()
     try:
@@ -77,10 +89,10 @@ def fits_mirrored(places: Places, fit: WorldFit, *, with_scale: bool, tilt: bool
         there = _refined(image, mirrored.motion, everything, with_scale, tilt).noise
     except EvidenceError:
         return False
-    if here > 3.0 and there < here / 3.0:
+    if here > POOR and there < here / POOR:
         return True
     # With a gross error among them: the image needs to leave out clearly fewer.
-    return int(mirrored.used.sum()) >= int(fit.used.sum()) + 2 and mirrored.noise < 3.0
+    return int(mirrored.used.sum()) >= int(fit.used.sum()) + 2 and mirrored.noise < POOR
 
 
 def _robust_start(places: Places, with_scale: bool, tilt: bool) -> tuple[Similarity, Bools]:
@@ -121,19 +133,32 @@ def _squared(places: Places, motion: Similarity) -> Floats:
 
 def _refined(places: Places, start: Similarity, used: Bools, with_scale: bool, tilt: bool) -> WorldFit:
     """Weighted least squares over the used rows, from a motion nearby."""
-    from scipy.optimize import least_squares
-
     sigma, centre = places.sigma(start)[used, None], places.target[used].mean(axis=0)
-
-    def misses(step: Floats) -> Floats:
-        return np.asarray((places.residuals(_stepped(start, centre, step, tilt))[used] / sigma).ravel())
-
     n_free = (6 if tilt else 3) + int(with_scale)
-    found = least_squares(misses, np.zeros(n_free), jac="3-point", method="trf", xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    motion, jacobian = _stepped(start, centre, found.x, tilt), np.asarray(found.jac, dtype=np.float64)
+
+    def misses(motion: Similarity, step: Floats) -> Floats:
+        return np.asarray((places.residuals(_stepped(motion, centre, step, tilt))[used] / sigma).ravel())
+
+    motion, residual = start, misses(start, np.zeros(n_free))
+    for _ in range(STEPS):
+        if residual @ residual < EXACT:
+            break
+        step = _bounded(np.linalg.lstsq(_jacobian(misses, motion, n_free), -residual, rcond=1e-12)[0], tilt)
+        for _ in range(HALVINGS):
+            there = misses(motion, step)
+            if there @ there < residual @ residual:
+                break
+            step = step / 2
+        else:
+            break
+        gain = 1 - there @ there / (residual @ residual)
+        motion, residual = _stepped(motion, centre, step, tilt), there
+        if gain < 1e-12:
+            break
+    jacobian, squares = _jacobian(misses, motion, n_free), float(residual @ residual)
     free = places.dimensions * int(used.sum()) - n_free
-    noise = float(np.sqrt(2 * found.cost / free)) if free > 0 else 0.0
-    variance = (STATED_WEIGHT + 2 * found.cost) / (STATED_WEIGHT + max(free, 0))
+    noise = float(np.sqrt(squares / free)) if free > 0 else 0.0
+    variance = (STATED_WEIGHT + squares) / (STATED_WEIGHT + max(free, 0))
     covariance = variance * _inverse(jacobian.T @ jacobian)
     n_turns = 3 if tilt else 1
     turns = np.linalg.eigvalsh(covariance[:n_turns, :n_turns])[-1]
@@ -141,6 +166,18 @@ def _refined(places: Places, start: Similarity, used: Bools, with_scale: bool, t
     place = np.trace(covariance[shifts, shifts])
     scale = float(np.sqrt(covariance[-1, -1])) if with_scale else 0.0
     return WorldFit(motion, used.copy(), noise, float(np.sqrt(turns)), float(np.sqrt(place)), scale)
+
+
+def _jacobian(misses: Callable[[Similarity, Floats], Floats], motion: Similarity, n_free: int) -> Floats:
+    """(M K, n_free) derivatives at a step of nothing, by central differences."""
+    steps = STEP * np.eye(n_free)
+    return np.stack([(misses(motion, step) - misses(motion, -step)) / (2 * STEP) for step in steps], axis=1)
+
+
+def _bounded(step: NDArray[np.floating], tilt: bool) -> Floats:
+    """The step, shortened where it turns or stretches by more than `LONGEST`: beyond, its linear residuals mean nothing."""
+    turns_and_scale = np.append(step[: 3 if tilt else 1], step[6 if tilt else 3 :])
+    return np.asarray(step * min(1.0, LONGEST / max(float(np.abs(turns_and_scale).max()), 1e-12)), dtype=np.float64)
 
 
 def _inverse(normal: Floats) -> Floats:
@@ -162,14 +199,12 @@ def _stepped(start: Similarity, centre: Floats, step: Floats, tilt: bool) -> Sim
 
 def _agreeing(places: Places, fit: WorldFit, with_scale: bool, tilt: bool) -> Bools:
     """(M,) the rows whose residuals are possible by the noise of the used ones."""
-    from scipy.stats import f as f_distribution
-
     k, n = places.dimensions, len(places.group)
     squared = _squared(places, fit.motion)
     free = max(k * int(fit.used.sum()) - (6 if tilt else 3) - int(with_scale), 0)
     weight = STATED_WEIGHT + free
     variance = (STATED_WEIGHT + free * fit.noise**2) / weight
-    limit = float(f_distribution.ppf(1 - FALSE_ALARM / n, k, weight))
+    limit = float(fdtri(k, weight, 1 - FALSE_ALARM / n))
     # Rows that were not used also carry the uncertainty of the fit, the more the further they are away.
     reach = np.linalg.norm(places.target - places.target[fit.used].mean(axis=0), axis=1)
     spread = np.where(fit.used, 0.0, np.hypot(fit.place_sigma, reach * np.hypot(fit.turn_sigma, fit.scale_sigma)))
