@@ -1,0 +1,129 @@
+"""The table of cameras: where each stands and looks, how sure that is, and what it saw."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from passerby.cameras import Camera
+from passerby.report.colours import camera_colour
+from passerby.report.contents import Contents
+from passerby.report.html import Html, Section, element, join
+from passerby.report.mends import point_of
+from passerby.report.seen import people_seen
+from passerby.report.tables import Cell, Column, data_table, number, text
+from passerby.report.values import MISSING, count, figure, number_of, texts_of
+from passerby.report.weak_points import RESIDUAL_PX, outstanding, own_sigmas_mm, residuals_px
+
+COLUMNS = (
+    Column("Camera", numeric=False),
+    Column("x", "m"),
+    Column("y", "m"),
+    Column("Height", "m", hint="z of the lens above the ground"),
+    Column("Heading", "°", hint="where it looks, counter-clockwise from the x axis, seen from above"),
+    Column("Tilt", "°", hint="below the horizon"),
+    Column("Roll", "°", hint="about the viewing direction, clockwise as seen from behind the camera"),
+    Column("± position", "mm", hint="one sigma"),
+    Column("± orientation", "°", hint="one sigma"),
+    Column("Residual", "px", hint="median distance of its people from where the rig has them"),
+    Column("People", hint="different people seen"),
+    Column("Boxes", hint="sightings of whole people"),
+    Column("Joints", hint="sightings with joints"),
+    Column("Clock", "s", hint="its time at frame 1, on the rig's clock; with one sigma"),
+)
+LEAD = (
+    "Metres; z is up, the ground is at z = 0. Heading: counter-clockwise from the x axis, seen from above. Tilt: below the "
+    "horizon. Roll: clockwise, seen from behind the camera. Bold: stands out from the other cameras."
+)
+
+
+def camera_section(contents: Contents) -> Section:
+    """The table, one row a camera, in the rig's order."""
+    keys = [index for index, column in enumerate(COLUMNS) if _told(contents, column.title)]
+    positions, residuals = outstanding(own_sigmas_mm(contents)), residuals_px(contents)
+    weak = {
+        "± position": frozenset(positions),
+        "Residual": frozenset(name for name in outstanding(residuals) if (residuals[name] or 0.0) > RESIDUAL_PX),
+    }
+    rows = []
+    for place, camera in enumerate(contents.rig):
+        cells = _row(contents, place, camera, weak, residuals[camera.name])
+        rows.append([cells[index] for index in keys])
+    table = data_table("cameras-table", "Cameras", [COLUMNS[index] for index in keys], rows)
+    return Section("cameras", "Cameras", LEAD, table)
+
+
+def _told(contents: Contents, column: str) -> bool:
+    """Whether a column has anything to tell: joints and clocks are not always there."""
+    tables = contents.cameras.values()
+    if column == "Joints":
+        return any(table.get("keypoints") for table in tables)
+    if column == "Clock":
+        return any(number_of(table.get("time_offset_s")) is not None for table in tables)
+    return True
+
+
+def _row(
+    contents: Contents, place: int, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None
+) -> list[Cell]:
+    """All cells of one camera; dashes where it has no pose."""
+    told, name = contents.cameras[camera.name], camera.name
+    pose = camera.pose
+    x, y, z = (None, None, None) if pose is None else (float(value) for value in pose.centre)
+    heading, tilt, roll = (None, None, None) if pose is None else (pose.heading_deg, pose.tilt_deg, pose.roll_deg)
+    people = number_of(told.get("people"))
+    seen = contents.observations[name]
+    return [
+        text(join(swatch(place), element("span", name, class_="name"), _why(contents, camera)), name),
+        number(x, 3),
+        number(y, 3),
+        number(z, 3),
+        number(_first(told, "heading_deg", heading)),
+        number(_first(told, "tilt_deg", tilt)),
+        number(_first(told, "roll_deg", roll)),
+        number(number_of(told.get("position_sigma_mm")), 0, kind="stands-out" if name in weak["± position"] else ""),
+        number(number_of(told.get("orientation_sigma_deg")), 2),
+        number(residual_px, 1, kind="stands-out" if name in weak["Residual"] else ""),
+        number(people_seen(seen) if people is None else people, 0),
+        number(number_of(told.get("boxes")), 0),
+        number(number_of(told.get("keypoints")), 0),
+        _clock(told),
+    ]
+
+
+def _first(told: Mapping[str, Any], key: str, otherwise: float | None) -> float | None:
+    """What is told, or else what the pose makes it, for folders that an older Passerby wrote."""
+    value = number_of(told.get(key))
+    return otherwise if value is None else value
+
+
+def _clock(told: Mapping[str, Any]) -> Cell:
+    """Offset and sigma of a camera's clock."""
+    offset, sigma = number_of(told.get("time_offset_s")), number_of(told.get("time_offset_sigma_s"))
+    if offset is None:
+        return number(None)
+    near = element("small", f" ± {figure(sigma, 3)}") if sigma else None
+    return Cell(join(figure(offset, 3), near), offset, numeric=True)
+
+
+def swatch(place: int) -> Html:
+    """A dot in the camera's colour."""
+    return element("span", class_="swatch", style=f"background:{camera_colour(place)}", aria_hidden="true")
+
+
+def _why(contents: Contents, camera: Camera) -> Html | None:
+    """Why a camera has no pose; nothing for one that has."""
+    if camera.pose is not None:
+        return None
+    # C1 is not named where C10 is.
+    named = re.compile(rf"(?<!\w){re.escape(camera.name)}(?!\w)")
+    reasons = [reason for reason in texts_of(contents.told.get("reasons")) if named.search(reason)]
+    why = point_of(reasons[0]).what if reasons else "Could not be joined to other cameras."
+    return element("small", f"no pose: {why}", class_="why")
+
+
+def in_words(contents: Contents) -> str:
+    """How many cameras have a pose."""
+    posed, every = len(contents.rig.posed()), len(contents.rig)
+    return f"{count(posed, 'camera')} of {every} registered" if posed else f"none of {every} cameras {MISSING} registered"

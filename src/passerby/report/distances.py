@@ -1,0 +1,121 @@
+"""Distances between the cameras, for checking with a tape, and how sure they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.report.contents import Contents
+from passerby.report.html import Html, Section, element, join, nothing
+from passerby.report.tables import Cell, Column, data_table, number, text
+from passerby.report.values import figure, number_of, rows_of, table_of
+
+MATRIX_CAMERAS = 8
+"""More cameras make a list of pairs: a wider matrix cannot be read on a laptop."""
+SUGGESTED = 3
+
+
+@dataclass(frozen=True)
+class Distance:
+    """Between two cameras' centres."""
+
+    first: str
+    second: str
+    metres: float
+    sigma_m: float | None
+    """One sigma; None where the solver tells too little."""
+
+
+def distances_of(contents: Contents) -> list[Distance]:
+    """All pairs of cameras with poses, in the rig's order.
+
+    The scale is off by the same factor everywhere, the rest of each camera's error is its own: the variance of a distance d is
+    (d s)^2 for a relative scale sigma s, and a third of the sum of both cameras' squared sigmas within the rig, of which only
+    the part along the line counts.
+    """
+    scale = number_of(table_of(contents.told, "figures", "scale").get("relative_sigma"))
+    own = {
+        str(one.get("name")): number_of(one.get("shape_position_sigma_mm"))
+        for one in rows_of(table_of(contents.told, "figures").get("cameras"))
+    }
+    cameras = list(contents.rig.posed())
+    out = []
+    for index, a in enumerate(cameras):
+        for b in cameras[index + 1 :]:
+            metres = float(np.linalg.norm(a.centre - b.centre))
+            parts = own.get(a.name), own.get(b.name)
+            sigma = None
+            if scale is not None and parts[0] is not None and parts[1] is not None:
+                sigma = float(np.sqrt((metres * scale) ** 2 + (parts[0] ** 2 + parts[1] ** 2) / 3e6))
+            out.append(Distance(a.name, b.name, metres, sigma))
+    return out
+
+
+def best_to_measure(distances: list[Distance]) -> list[Distance]:
+    """The pairs whose measured distance says most about the scale: the longest; a tape errs by centimetres on any length."""
+    return sorted(distances, key=lambda one: -one.metres)[:SUGGESTED]
+
+
+def distances_section(contents: Contents) -> Section:
+    """All distances, and how to use a measured one."""
+    found = distances_of(contents)
+    lead = "Straight lines between the cameras' lenses, in metres, with one sigma. Compare some with a tape or a laser."
+    if not found:
+        body = nothing("Fewer than two cameras have a pose: there is no distance to tell.")
+    elif len(contents.rig.posed()) <= MATRIX_CAMERAS:
+        body = join(_matrix(contents, found), _advice(found))
+    else:
+        body = join(_list(found), _advice(found))
+    return Section("distances", "Distances between cameras", lead, body, "Distances")
+
+
+def _advice(found: list[Distance]) -> Html:
+    """How a measured distance enters the scene file, for the longest ones."""
+    longest = best_to_measure(found)[0]
+    # A name is quoted as TOML wants it; the measured value is left to the user.
+    names = ", ".join('"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"' for name in (longest.first, longest.second))
+    example = f"[[scale.distances]]\nbetween = [{names}]\nmetres = {longest.metres:.2f}  # what your tape says\nsd_m = 0.02"
+    return element(
+        "details",
+        element("summary", "Use a measured distance"),
+        element(
+            "p",
+            "A measured distance makes all lengths surer, a long one most: write it into the scene file and calibrate again.",
+        ),
+        element("pre", element("code", example), tabindex="0"),
+    )
+
+
+def _matrix(contents: Contents, found: list[Distance]) -> Html:
+    """Every camera against every other."""
+    names = contents.rig.posed().names
+    by_pair = {(one.first, one.second): one for one in found} | {(one.second, one.first): one for one in found}
+    columns = [Column("Camera", numeric=False), *(Column(name, "m") for name in names)]
+    rows = [[text(row), *(_matrix_cell(by_pair.get((row, column))) for column in names)] for row in names]
+    return data_table("distances-table", "Distances between cameras in metres", columns, rows, sortable=False)
+
+
+def _matrix_cell(one: Distance | None) -> Cell:
+    """A distance with its sigma; a dot on the diagonal."""
+    if one is None:
+        return Cell("·", "", "faint")
+    sigma = None if one.sigma_m is None else element("small", f" ± {_sigma(one.sigma_m)}")
+    return Cell(join(figure(one.metres, 2), sigma), one.metres, numeric=True)
+
+
+def _sigma(metres: float) -> str:
+    """Centimetres tell enough, millimetres where there is less than one."""
+    return f"{metres:.2f}" if metres >= 0.01 else f"{metres:.3f}"
+
+
+def _list(found: list[Distance]) -> Html:
+    """A row for each pair."""
+    columns = [
+        Column("Camera", numeric=False),
+        Column("to", numeric=False),
+        Column("Distance", "m"),
+        Column("± one sigma", "m"),
+    ]
+    rows = [[text(one.first), text(one.second), number(one.metres, 2), number(one.sigma_m, 3)] for one in found]
+    return data_table("distances-table", "Distances between cameras in metres", columns, rows)

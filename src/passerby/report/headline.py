@@ -1,0 +1,135 @@
+"""The first screen: the verdict, why, what to do, and the figures that matter most."""
+
+from __future__ import annotations
+
+from passerby.report.contents import Contents
+from passerby.report.html import Html, Section, element
+from passerby.report.mends import Point, point_of, sentence
+from passerby.report.seen import Spells
+from passerby.report.values import MISSING, count, number_of, table_of, texts_of
+from passerby.report.weak_points import weak_points
+
+WORDS = {"accepted": "Accepted", "doubtful": "Doubtful", "refused": "Refused"}
+MEANINGS = {
+    "accepted": "You can rely on these cameras, within the uncertainties stated here.",
+    "doubtful": "There is a rig, but do not rely on it before what stands below is mended.",
+    "refused": "There is too little to go by for a rig that could be relied upon. Mend what stands below and calibrate again.",
+}
+# A tick, an exclamation mark, a cross: the verdict must not hang on its colour.
+ICONS = {
+    "accepted": "M7 16.5l6 6L25 10",
+    "doubtful": "M16 7v12M16 24.2v.6",
+    "refused": "M9 9l14 14M23 9L9 23",
+}
+SHOWN_REASONS = 6
+"""More would push all else off the first screen; the rest can be opened."""
+
+
+def headline_section(contents: Contents, spells: Spells) -> Section:
+    """The verdict and all that explains it."""
+    verdict = contents.verdict if contents.verdict in WORDS else "refused"
+    reasons = [point_of(reason) for reason in texts_of(contents.told.get("reasons"))]
+    banner = element(
+        "div",
+        icon(verdict),
+        element(
+            "div",
+            element("h1", element("span", "Calibration ", class_="unseen"), WORDS[verdict], id="verdict"),
+            element("p", MEANINGS[verdict], class_="meaning"),
+        ),
+        class_="banner",
+    )
+    parts = [
+        banner,
+        _figures(contents, spells),
+        _points("What speaks against it", "reasons", reasons),
+        _points("What would make it better", "weak", weak_points(contents)) if verdict != "refused" else None,
+        _findings(texts_of(contents.told.get("findings"))),
+    ]
+    return Section("summary", "", "", element("div", parts, class_=f"summary verdict-{verdict}"), "Verdict")
+
+
+def icon(verdict: str, size: int = 32) -> Html:
+    """The verdict as a sign; its word stands beside it."""
+    sign = element("path", d=ICONS.get(verdict, ICONS["refused"]))
+    disc = element("circle", cx=16, cy=16, r=16)
+    return element("svg", disc, sign, class_="icon", viewBox="0 0 32 32", width=size, height=size, aria_hidden="true")
+
+
+def _figures(contents: Contents, spells: Spells) -> Html:
+    """The key figures, a dash where one is undefined."""
+    figures = table_of(contents.told, "figures")
+    scale, vertical = number_of(table_of(figures, "scale").get("relative_sigma")), number_of(figures.get("vertical_sigma_deg"))
+    used = number_of(table_of(figures, "people").get("identities"))
+    people = len(spells.people) if used is None else int(used)
+    posed, every = len(contents.rig.posed()), len(contents.rig)
+    begin, end = spells.span
+    lasted = _duration(end - begin) if spells.in_seconds else f"{end - begin:.0f} frames"
+    sigmas = [number_of(one.get("position_sigma_mm")) for one in contents.cameras.values()]
+    worst = max((sigma for sigma in sigmas if sigma is not None), default=None)
+    told = [
+        ("cameras with a pose", f"{posed} of {every}"),
+        ("lengths, one sigma", MISSING if scale is None else f"± {100 * scale:.1f} %"),
+        ("position, least sure camera", MISSING if worst is None else f"± {_length(worst)}"),
+        ("vertical, one sigma", MISSING if vertical is None else f"± {vertical:.1f}°"),
+        ("people" if used is None else "people it rests on", str(people) if people else MISSING),
+        ("recorded", lasted if len(spells) else MISSING),
+    ]
+    return element(
+        "dl",
+        [element("div", element("dt", name), element("dd", value)) for name, value in told],
+        class_="key-figures",
+    )
+
+
+def _length(millimetres: float) -> str:
+    """12 mm, 38 cm, 1.2 m."""
+    if millimetres < 100:
+        return f"{millimetres:.0f} mm"
+    return f"{millimetres / 10:.0f} cm" if millimetres < 1000 else f"{millimetres / 1000:.1f} m"
+
+
+def _duration(seconds: float) -> str:
+    """60 s, 12 min 5 s, 1 h 2 min."""
+    whole = round(seconds)
+    if whole < 120:
+        return f"{whole} s"
+    hours, minutes, rest = whole // 3600, whole % 3600 // 60, whole % 60
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+
+
+def _points(title: str, kind: str, points: list[Point]) -> Html | None:
+    """What is wrong beside what to do; nothing where nothing is."""
+    if not points:
+        return None
+    rows = [element("li", element("p", point.what, class_="what"), _mend(point)) for point in points]
+    shown, more = rows[:SHOWN_REASONS], rows[SHOWN_REASONS:]
+    rest = element("details", element("summary", count(len(more), "more point")), element("ul", more)) if more else None
+    return element("div", element("h2", title), element("ul", shown), rest, class_=f"points {kind}")
+
+
+def _mend(point: Point) -> Html:
+    """What to do."""
+    return element("p", element("span", "To do ", class_="to-do"), point.mend, class_="mend")
+
+
+def _findings(findings: list[str]) -> Html | None:
+    """What is odd about the input."""
+    if not findings:
+        return None
+    rows = [element("li", sentence(text)) for text in findings]
+    shown, more = rows[:SHOWN_REASONS], rows[SHOWN_REASONS:]
+    rest = element("details", element("summary", count(len(more), "more note")), element("ul", more)) if more else None
+    return element("div", element("h2", "Odd about the input"), element("ul", shown), rest, class_="points findings")
+
+
+def scene_name(contents: Contents) -> str:
+    """What the scene is called."""
+    name = contents.told.get("name")
+    return str(name) if name else "scene"
+
+
+def verdict_pill(contents: Contents) -> Html:
+    """The verdict in small, for the bar at the top."""
+    verdict = contents.verdict if contents.verdict in WORDS else "refused"
+    return element("a", icon(verdict, 16), WORDS[verdict], href="#summary", class_=f"pill verdict-{verdict}")

@@ -1,0 +1,234 @@
+"use strict";
+(function () {
+  const root = document.documentElement;
+  const all = (selector, from) => Array.from((from || document).querySelectorAll(selector));
+
+  // Light and dark ------------------------------------------------------------------------------------------------------
+  const THEMES = ["", "light", "dark"];
+  const THEME_NAMES = { "": "as the system", light: "light", dark: "dark" };
+  const button = document.getElementById("theme");
+
+  function kept() {
+    try { return localStorage.getItem("passerby-theme") || ""; } catch (error) { return ""; }
+  }
+
+  function setTheme(theme, keep) {
+    if (theme) root.dataset.theme = theme; else delete root.dataset.theme;
+    button.textContent = { "": "Auto", light: "Light", dark: "Dark" }[theme];
+    button.setAttribute("aria-label", "Theme: " + THEME_NAMES[theme] + "; press for the next");
+    if (keep) try { localStorage.setItem("passerby-theme", theme); } catch (error) { /* A page of its own keeps nothing. */ }
+  }
+
+  setTheme(THEMES.includes(kept()) ? kept() : "", false);
+  button.addEventListener("click", function () {
+    const now = root.dataset.theme || "";
+    setTheme(THEMES[(THEMES.indexOf(now) + 1) % THEMES.length], true);
+    drawAll();
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", function () { drawAll(); });
+
+  // Tables --------------------------------------------------------------------------------------------------------------
+  function valueOf(row, column) {
+    const text = row.cells[column].dataset.value;
+    if (text === "") return null;
+    const number = Number(text);
+    return Number.isNaN(number) ? text : number;
+  }
+
+  function compare(a, b) {
+    if (typeof a === "number" && typeof b === "number") return a - b;
+    return String(a).localeCompare(String(b), undefined, { numeric: true });
+  }
+
+  function sortBy(table, head) {
+    const column = head.cellIndex;
+    const direction = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+    all("thead th[aria-sort]", table).forEach((other) => other.setAttribute("aria-sort", "none"));
+    head.setAttribute("aria-sort", direction === 1 ? "ascending" : "descending");
+    const rows = Array.from(table.tBodies[0].rows);
+    rows.forEach((row, place) => { if (row.dataset.place === undefined) row.dataset.place = place; });
+    rows.sort(function (first, second) {
+      const a = valueOf(first, column), b = valueOf(second, column);
+      const same = Number(first.dataset.place) - Number(second.dataset.place);
+      // What is undefined stays at the end, whichever way is sorted.
+      if (a === null || b === null) return (a === null) - (b === null) || same;
+      return direction * compare(a, b) || same;
+    });
+    table.tBodies[0].append(...rows);
+  }
+
+  all("thead th[aria-sort] button").forEach(function (one) {
+    one.addEventListener("click", () => sortBy(one.closest("table"), one.closest("th")));
+  });
+
+  function quoted(text) {
+    return /[",\n\r]/.test(text) ? '"' + text.replace(/"/g, '""') + '"' : text;
+  }
+
+  function csvOf(table) {
+    const heads = all("thead th", table).map((head) => quoted(head.dataset.csv));
+    const rows = Array.from(table.tBodies[0].rows, (row) => Array.from(row.cells, (cell) => quoted(cell.dataset.value)).join(","));
+    return [heads.join(","), ...rows].join("\n") + "\n";
+  }
+
+  function copyByHand(text) {
+    const area = document.createElement("textarea");
+    area.value = text;
+    area.className = "unseen";
+    document.body.append(area);
+    area.select();
+    const done = document.execCommand("copy");
+    area.remove();
+    return done;
+  }
+
+  all("button.copy").forEach(function (one) {
+    one.addEventListener("click", async function () {
+      const text = csvOf(document.getElementById(one.dataset.copies));
+      let done = false;
+      try { await navigator.clipboard.writeText(text); done = true; } catch (error) { done = copyByHand(text); }
+      one.focus();
+      one.textContent = done ? "Copied" : "Could not be copied";
+      setTimeout(() => { one.textContent = "Copy as CSV"; }, 2000);
+    });
+  });
+
+  // Plots ---------------------------------------------------------------------------------------------------------------
+  const probe = document.createElement("span");
+  probe.hidden = true;
+  document.body.append(probe);
+
+  function colour(name) {
+    probe.style.color = "var(" + name + ")";
+    return getComputedStyle(probe).color;
+  }
+
+  function resolved(value) {
+    if (Array.isArray(value)) return value.map(resolved);
+    if (value && typeof value === "object") {
+      return Object.fromEntries(Object.entries(value).map(([key, one]) => [key, resolved(one)]));
+    }
+    const named = typeof value === "string" && /^var\((--[a-z-]+)\)$/.exec(value);
+    return named ? colour(named[1]) : value;
+  }
+
+  function themed(given) {
+    const ink = colour("--ink"), muted = colour("--muted"), grid = colour("--grid"), line = colour("--line");
+    const layout = resolved(given || {});
+    const clear = "rgba(0,0,0,0)";
+    const axis = (own) => ({ gridcolor: grid, linecolor: line, zerolinecolor: line, tickfont: { color: muted }, ...own });
+    Object.keys(layout).filter((key) => /^[xy]axis\d*$/.test(key)).forEach((key) => { layout[key] = axis(layout[key]); });
+    Object.keys(layout).filter((key) => /^scene\d*$/.test(key)).forEach(function (key) {
+      ["xaxis", "yaxis", "zaxis"].forEach(function (name) {
+        layout[key][name] = axis({ showbackground: false, color: muted, ...layout[key][name] });
+      });
+    });
+    return {
+      paper_bgcolor: clear, plot_bgcolor: clear, uirevision: "kept", autosize: true, ...layout,
+      font: { family: getComputedStyle(document.body).fontFamily, size: 13, color: ink, ...layout.font },
+      hoverlabel: { bgcolor: colour("--surface"), bordercolor: line, font: { color: ink }, ...layout.hoverlabel },
+      legend: { bgcolor: clear, ...layout.legend },
+    };
+  }
+
+  const hasWebGL = (function () {
+    try {
+      const canvas = document.createElement("canvas");
+      return Boolean(canvas.getContext("webgl2") || canvas.getContext("webgl"));
+    } catch (error) { return false; }
+  })();
+  const byTouch = matchMedia("(pointer: coarse)").matches;
+
+  function draw(place) {
+    const inSpace = place.classList.contains("plot-space");
+    if (inSpace && !hasWebGL) {
+      place.textContent = "This view needs WebGL, which this browser does not offer. The view from above and the tables tell the same.";
+      place.className = "plot-note";
+      all(".view-buttons", place.parentNode).forEach((tools) => tools.remove());
+      return Promise.resolve();
+    }
+    const figure = JSON.parse(document.getElementById(place.id + "-figure").textContent);
+    const layout = themed(figure.layout);
+    // On a touch screen a finger on a flat plot scrolls the page.
+    if (byTouch && !inSpace) layout.dragmode = false;
+    const config = { responsive: true, displayModeBar: false, displaylogo: false, scrollZoom: false, doubleClick: "reset" };
+    return Plotly.react(place, resolved(figure.data), layout, config).then(() => { place.dataset.drawn = "yes"; });
+  }
+
+  async function drawAll() {
+    root.dataset.plots = "drawing";
+    for (const place of all(".plot")) {
+      try { await draw(place); } catch (error) {
+        place.textContent = "This plot could not be drawn (" + error.message + ").";
+        place.classList.add("plot-note");
+        console.error(error);
+      }
+      await new Promise((resolve) => setTimeout(resolve, 0));
+    }
+    root.dataset.plots = "drawn";
+    choosePerson();
+  }
+
+  // Views of what is drawn in space, for the keyboard too
+  function eyeOf(place) {
+    const camera = place._fullLayout && place._fullLayout.scene && place._fullLayout.scene._scene && place._fullLayout.scene._scene.getCamera();
+    return camera || { eye: { x: 1.25, y: -1.25, z: 1.0 } };
+  }
+
+  function turned(place, angle, nearer) {
+    const camera = eyeOf(place), eye = camera.eye, c = Math.cos(angle), s = Math.sin(angle);
+    camera.eye = { x: nearer * (c * eye.x - s * eye.y), y: nearer * (s * eye.x + c * eye.y), z: nearer * eye.z };
+    return camera;
+  }
+
+  const UPRIGHT = { x: 0, y: 0, z: 1 }, MIDDLE = { x: 0, y: 0, z: 0 };
+  const VIEWS = [
+    ["Oblique", () => ({ eye: { x: 1.1, y: -1.5, z: 1.0 }, up: UPRIGHT, center: MIDDLE })],
+    ["From above", () => ({ eye: { x: 0, y: -0.01, z: 2.2 }, up: { x: 0, y: 1, z: 0 }, center: MIDDLE })],
+    ["From the side", () => ({ eye: { x: 0, y: -2.0, z: 0.25 }, up: UPRIGHT, center: MIDDLE })],
+    ["Turn left", (place) => turned(place, -Math.PI / 12, 1)],
+    ["Turn right", (place) => turned(place, Math.PI / 12, 1)],
+    ["Nearer", (place) => turned(place, 0, 0.8)],
+    ["Farther", (place) => turned(place, 0, 1.25)],
+  ];
+  all(".plot-space").forEach(function (place) {
+    const tools = place.parentNode.querySelector(".view-buttons");
+    VIEWS.forEach(function ([name, camera]) {
+      const one = document.createElement("button");
+      one.type = "button";
+      one.textContent = name;
+      one.addEventListener("click", () => Plotly.relayout(place, { "scene.camera": camera(place) }));
+      tools.append(one);
+    });
+  });
+
+  // One person in the timeline
+  const person = document.getElementById("timeline-person");
+
+  function choosePerson() {
+    const place = document.getElementById("timeline-plot");
+    if (!person || !place || !place.data) return;
+    const name = "person " + person.value;
+    Plotly.restyle(place, { opacity: place.data.map((trace) => (person.value === "" || trace.name === name ? 1 : 0.12)) });
+  }
+
+  if (person) person.addEventListener("change", choosePerson);
+
+  // Layers of the pictures ----------------------------------------------------------------------------------------------
+  const views = document.getElementById("views");
+  all("input[data-layer]").forEach(function (box) {
+    const show = () => views.classList.toggle("hide-" + box.dataset.layer, !box.checked);
+    box.addEventListener("change", show);
+    show();
+  });
+
+  // Paper shows what is folded, and black on white
+  let folded = [];
+  addEventListener("beforeprint", function () {
+    folded = all("details:not([open])");
+    folded.forEach((one) => { one.open = true; });
+  });
+  addEventListener("afterprint", function () { folded.forEach((one) => { one.open = false; }); });
+
+  drawAll();
+})();

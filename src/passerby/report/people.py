@@ -1,0 +1,192 @@
+"""Heights of the people, and what tells how long a metre is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from passerby.report.colours import person_colour
+from passerby.report.contents import Contents
+from passerby.report.html import Html, Section, element, join, nothing, plot
+from passerby.report.tables import Column, data_table, number, text
+from passerby.report.values import count, number_of, rows_of, table_of
+
+NAMED = "height of person "
+"""How a scale cue for one person is called."""
+
+
+def heights_section(contents: Contents) -> Section:
+    """The people's heights beside what was assumed of them."""
+    lead = (
+        "Each dot is a person, shortest first; the band is what was assumed of people: the mean height and one standard "
+        "deviation. Heights far outside it are mostly not people, or not one person."
+    )
+    heights = {str(who): value for who, told in _heights(contents).items() if (value := number_of(told)) is not None}
+    if not heights:
+        why = "The solver tells no heights"
+        if contents.told.get("method") == "geopose":
+            why += ': the method "geopose" takes all people as equally tall'
+        return Section("heights", "How tall the people are", lead, nothing(f"{why}."), "Heights")
+    prior = table_of(contents.told, "scene", "scale")
+    mean, sd = number_of(prior.get("person_height_m")), number_of(prior.get("person_height_sd_m"))
+    label = (
+        f"Heights of {count(len(heights), 'person', 'people')}, {min(heights.values()):.2f} to {max(heights.values()):.2f} m"
+    )
+    body = join(plot("heights-plot", _figure(heights, mean, sd, _stated(contents)), label), _in_words(heights, mean, sd))
+    return Section("heights", "How tall the people are", lead, body, "Heights")
+
+
+def _heights(contents: Contents) -> Mapping[str, Any]:
+    return table_of(contents.told, "figures", "people", "heights_m")
+
+
+def _stated(contents: Contents) -> dict[str, tuple[float, float]]:
+    """Height and standard deviation of the people whom the scene file tells of."""
+    out = {}
+    for cue in rows_of(table_of(contents.told, "figures", "scale").get("cues")):
+        stated, sd = number_of(cue.get("stated_m")), number_of(cue.get("sd_m"))
+        if str(cue.get("cue", "")).startswith(NAMED) and stated is not None:
+            out[str(cue["cue"]).removeprefix(NAMED)] = (stated, sd or 0.0)
+    return out
+
+
+def _figure(
+    heights: Mapping[str, float], mean: float | None, sd: float | None, stated: Mapping[str, tuple[float, float]]
+) -> dict[str, Any]:
+    """A dot for each person, the band behind."""
+    order = sorted(heights, key=lambda who: (heights[who], who))
+    places = {who: place for place, who in enumerate(order, start=1)}
+    told = [who for who in order if who in stated]
+    data: list[dict[str, Any]] = [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "name": "measured",
+            "x": list(places.values()),
+            "y": [round(heights[who], 4) for who in order],
+            "marker": {"size": 9, "color": [person_colour(int(who)) if who.isdecimal() else "var(--accent)" for who in order]},
+            "text": [f"person {who}" if who.isdecimal() else "person" for who in order],
+            "hovertemplate": "%{text}: %{y:.2f} m<extra></extra>",
+        }
+    ]
+    if told:
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": "stated",
+                "x": [places[who] for who in told],
+                "y": [stated[who][0] for who in told],
+                "error_y": {"type": "data", "array": [stated[who][1] for who in told], "color": "var(--ink)"},
+                "marker": {"size": 12, "symbol": "diamond-open", "color": "var(--ink)"},
+                "hovertemplate": "stated: %{y:.2f} m<extra></extra>",
+            }
+        )
+    shapes: list[dict[str, Any]] = []
+    if mean is not None:
+        across = {"xref": "paper", "x0": 0, "x1": 1, "layer": "below"}
+        if sd is not None:
+            shapes.append(
+                {"type": "rect", **across, "y0": mean - sd, "y1": mean + sd, "fillcolor": "var(--band)", "line": {"width": 0}}
+            )
+        shapes.append(
+            {"type": "line", **across, "y0": mean, "y1": mean, "line": {"width": 1.5, "dash": "dot", "color": "var(--muted)"}}
+        )
+    layout = {
+        "height": 300,
+        "showlegend": bool(told),
+        "margin": {"l": 52, "r": 10, "t": 10, "b": 40},
+        "hovermode": "closest",
+        "shapes": shapes,
+        "xaxis": {
+            "title": {"text": "people, by height"},
+            "showticklabels": False,
+            "range": [0.2, len(order) + 0.8],
+            "zeroline": False,
+            "showgrid": False,
+        },
+        "yaxis": {"title": {"text": "m"}, "range": _range(list(heights.values()), mean, sd), "zeroline": False},
+        "legend": {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom"},
+    }
+    return {"data": data, "layout": layout}
+
+
+def _range(heights: list[float], mean: float | None, sd: float | None) -> list[float]:
+    """Of the axis: all heights and the band."""
+    known = [*heights, *([mean - 1.3 * (sd or 0), mean + 1.3 * (sd or 0)] if mean is not None else [])]
+    return [min(known) - 0.05, max(known) + 0.05]
+
+
+def _in_words(heights: Mapping[str, float], mean: float | None, sd: float | None) -> Html:
+    """Mean and spread, and how many are outside two standard deviations."""
+    values = np.array(list(heights.values()))
+    spread = f", standard deviation {values.std(ddof=1):.2f} m" if len(values) > 1 else ""
+    told = f"Measured: {count(len(values), 'person', 'people')}, mean {values.mean():.2f} m{spread}."
+    if mean is not None and sd:
+        far = int(np.count_nonzero(np.abs(values - mean) > 2 * sd))
+        told += (
+            f" Assumed: {mean:.2f} ± {sd:.2f} m; {count(far, 'person is', 'people are')} more than two standard deviations off."
+        )
+    return element("p", told, class_="note")
+
+
+def scale_section(contents: Contents) -> Section:
+    """The scale cues, what each says and how much it counts."""
+    lead = (
+        "What tells how long a metre is. The pull is a cue's share in the answer; one that is off by more than three sigmas "
+        "contradicts the others: measure it again."
+    )
+    scale = table_of(contents.told, "figures", "scale")
+    cues = rows_of(scale.get("cues"))
+    if cues:
+        body = _cue_table(cues)
+    elif number_of(scale.get("factor")) is not None:
+        body = element("p", _geopose_scale(scale))
+    else:
+        body = nothing("There is no rig, so nothing was measured: the scale was not determined.")
+    return Section("scale", "What the scale rests on", lead, body, "Scale")
+
+
+def _geopose_scale(scale: Mapping[str, Any]) -> str:
+    """The scale of the method "geopose", in words."""
+    height, segments, people = (number_of(scale.get(key)) for key in ("height_m", "segments", "people"))
+    told = f"The scale comes from one cue: {scale.get('from', 'a known length')}"
+    told += f", {height:.2f} m for everybody" if height is not None else ""
+    told += f", over {segments:.0f} upright people" if segments is not None else ""
+    return told + (f" of {people:.0f} identities." if people is not None else ".")
+
+
+def _cue_table(cues: list[Mapping[str, Any]]) -> Html:
+    """A row for each cue, its pull as a bar."""
+    columns = [
+        Column("Cue", numeric=False),
+        Column("Stated", "m"),
+        Column("Measured", "m"),
+        Column("± one sigma", "m"),
+        Column("Off by", "sigmas"),
+        Column("Pull", "%"),
+    ]
+    rows = []
+    for cue in cues:
+        share, off = number_of(cue.get("share")), number_of(cue.get("residual_sigmas"))
+        percent = None if share is None else 100 * share
+        bar = element("span", class_="pull", style=f"width:{min(max(percent or 0.0, 0.0), 100.0):.1f}%", aria_hidden="true")
+        pull = number(percent, 1)
+        rows.append(
+            [
+                text(_cue_name(str(cue.get("cue", "")))),
+                number(number_of(cue.get("stated_m")), 3),
+                number(number_of(cue.get("measured_m")), 3),
+                number(number_of(cue.get("sd_m")), 3),
+                number(off, 1, kind="stands-out" if off is not None and abs(off) > 3 else "", sign=True),
+                type(pull)(join(element("span", bar, class_="pull-box"), pull.shown), percent, "pull-cell", numeric=True),
+            ]
+        )
+    return data_table("scale-table", "Scale cues", columns, rows)
+
+
+def _cue_name(cue: str) -> str:
+    """A cue as a reader calls it."""
+    return f"heights of {cue.removeprefix('population of ')} people" if cue.startswith("population of ") else cue

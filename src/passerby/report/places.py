@@ -1,0 +1,79 @@
+"""The rig in space and from above, and what each camera sees with the rig drawn in."""
+
+from __future__ import annotations
+
+from passerby.progress import Progress
+from passerby.report.camera_table import swatch
+from passerby.report.contents import Contents
+from passerby.report.fitted import Fitted
+from passerby.report.html import Html, Section, element, join, nothing, plot
+from passerby.report.pictures import camera_picture, residual_map
+from passerby.report.seen import people_seen
+from passerby.report.values import count, figure, number_of
+from passerby.report.weak_points import residuals_px
+
+LAYERS = (
+    ("grid", "ground grid"),
+    ("cameras", "other cameras"),
+    ("boxes", "boxes that were seen"),
+    ("model", "the model’s boxes"),
+    ("joints", "joints"),
+)
+
+
+def rig_section(contents: Contents, fit: Fitted) -> Section:
+    """The rig from above and in space."""
+    lead = (
+        "Where the cameras stand and look, and where the people walked. The ellipses hold a camera with 39 % probability (one "
+        "sigma); if the people walk through walls, or a camera looks away from them, something is wrong."
+    )
+    posed = contents.rig.posed()
+    if not len(posed):
+        return Section("rig", "The rig", lead, nothing("No camera has a pose: there is nothing to draw."))
+    try:
+        from passerby.report.rig_plots import rig_from_above, rig_in_space  # type: ignore[import-not-found,unused-ignore]
+    except ImportError:
+        return Section("rig", "The rig", lead, nothing("Not drawn yet."))
+    who = f"{count(len(posed), 'camera')} and the ways of the people"
+    above = plot("rig-above", rig_from_above(contents, fit), f"The rig from above: {who}")
+    space = plot("rig-space", rig_in_space(contents, fit), f"The rig in space: {who}", kind="space")
+    return Section("rig", "The rig", lead, element("div", above, space, class_="stack"))
+
+
+def pictures_section(contents: Contents, fit: Fitted, tell: Progress) -> Section:
+    """A panel for each camera: its picture with what was seen and what the rig makes of it, and its residuals."""
+    lead = (
+        "If the calibration is good, the grid lies flat on the ground and the model’s boxes lie on the boxes that were seen. "
+        "Arrows in the residual map that point the same way over a whole region tell of a wrong lens or a camera that moved."
+    )
+    panels = []
+    for place, name in enumerate(contents.rig.names):
+        tell("report", place, len(contents.rig))
+        panels.append(_panel(contents, fit, place, name))
+    tell("report", len(contents.rig), len(contents.rig))
+    return Section("views", "What the cameras see", lead, join(_switches(), panels), "Views")
+
+
+def _switches() -> Html:
+    """A box for each layer, for all pictures at once."""
+    boxes = [
+        element("label", element("input", type="checkbox", checked=True, data_layer=layer), name) for layer, name in LAYERS
+    ]
+    return element("fieldset", element("legend", "Draw in"), boxes, class_="layers")
+
+
+def _panel(contents: Contents, fit: Fitted, place: int, name: str) -> Html:
+    """One camera."""
+    told, residual = contents.cameras[name], residuals_px(contents)[name]
+    seen, boxes = people_seen(contents.observations[name]), number_of(told.get("boxes"))
+    facts = [count(seen, "person", "people"), f"{figure(boxes, 0)} boxes", f"residual {figure(residual, 1, ' px')}"]
+    if contents.rig[name].pose is None:
+        facts.append("no pose")
+    head = element("h3", element("span", swatch(place), name), element("small", ", ".join(facts)))
+    pictures = [
+        element("figure", Html(camera_picture(contents, fit, name)), element("figcaption", "What it sees")),
+        element("figure", Html(residual_map(contents, fit, name)), element("figcaption", "Residuals over its picture")),
+    ]
+    return element(
+        "article", head, element("div", pictures, class_="view-pictures"), class_="view", aria_label=f"Camera {name}"
+    )

@@ -1,0 +1,230 @@
+"""Which cameras are tied together, by whom, and how well each pair agrees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from passerby.report.camera_table import swatch
+from passerby.report.colours import camera_colour
+from passerby.report.contents import Contents
+from passerby.report.html import Html, Section, element, join, nothing
+from passerby.report.seen import shared_between
+from passerby.report.tables import Column, data_table, number, text
+from passerby.report.values import MISSING, number_of, rows_of, table_of
+from passerby.sharing import Shared
+
+STRONG, FAIR = 0.7, 0.4
+"""Confidence above which a pair is strong, or fair."""
+WIDTH, HEIGHT = 440.0, 400.0
+"""Of the picture in its own units: text of 13 units is still 11 pixels on a phone."""
+
+
+@dataclass(frozen=True)
+class Link:
+    """A pair of cameras."""
+
+    first: str
+    second: str
+    shared: Shared
+    agreeing: float | None = None
+    """Of what both saw, the share that agrees on one motion between them, 0 to 1."""
+    support: float | None = None
+    """How well the ways through third cameras agree with it, 0 to 1."""
+    routes: tuple[str, ...] = ()
+    runner_up: float | None = None
+    """Score of the best other placement, as a share of this one's."""
+    offset_s: float | None = None
+    used: bool = False
+
+    @property
+    def confidence(self) -> float | None:
+        """The product of both shares, as far as they are known; None where nothing is."""
+        known = [value for value in (self.agreeing, self.support) if value is not None]
+        return float(np.prod(np.clip(known, 0.0, 1.0))) if known else None
+
+    @property
+    def word(self) -> str:
+        """The confidence in a word."""
+        if not self.used:
+            return "not used"
+        if self.confidence is None:
+            return "used"
+        return "strong" if self.confidence >= STRONG else "fair" if self.confidence >= FAIR else "weak"
+
+
+def links_of(contents: Contents) -> list[Link]:
+    """All pairs that share somebody or that a stage tells of, in the rig's order."""
+    found = {pair: Link(*pair, shared) for pair, shared in shared_between(contents).items()}
+    several = len(contents.rig) > 2
+    for told in rows_of(table_of(contents.told, "association").get("pairs")):
+        _update(found, told.get("cameras"), lambda link, told=told: _associated(link, told, several))
+    for told in rows_of(table_of(contents.told, "figures").get("pairs")):
+        cameras = told.get("cameras") or [table_of(contents.told, "figures").get("reference"), told.get("camera")]
+        _update(found, cameras, lambda link, told=told: _solved(link, told, several))
+    return [link for link in found.values() if link.shared.sightings or link.routes]
+
+
+def _update(found: dict[tuple[str, str], Link], cameras: Any, change: Any) -> None:
+    """Change the link of two cameras, whichever order they are named in."""
+    if isinstance(cameras, list | tuple) and len(cameras) == 2:
+        pair = (str(cameras[0]), str(cameras[1]))
+        pair = pair if pair in found else (pair[1], pair[0])
+        if pair in found:
+            found[pair] = change(found[pair])
+
+
+def _associated(link: Link, told: Mapping[str, Any], several: bool) -> Link:
+    """A pair as association tells of it."""
+    return replace(
+        link,
+        agreeing=number_of(told.get("share")),
+        support=number_of(told.get("support")) if several else None,
+        routes=(str(told.get("route")),),
+        runner_up=number_of(told.get("runner_up")),
+        offset_s=number_of(told.get("offset_s")),
+        used=bool(told.get("used")),
+    )
+
+
+def _solved(link: Link, told: Mapping[str, Any], several: bool) -> Link:
+    """A pair as the solver tells of it, the best of its routes: its figures stand for those of association."""
+    inliers = number_of(told.get("inliers"))
+    matches = number_of(told.get("matches")) or number_of(told.get("correspondences"))
+    share = inliers / matches if inliers is not None and matches else None
+    support = number_of(told.get("support")) if several else None
+    route = str(told.get("route", "essential matrix"))
+    new = replace(link, agreeing=share, support=support, used=True)
+    earlier = [name for name in link.routes if name in ("ground", "epipolar", "essential matrix")]
+    routes = link.routes if route in link.routes else (*link.routes, route)
+    better = not earlier or (new.confidence or 0.0) > (link.confidence or 0.0)
+    return replace(new if better else link, routes=routes, used=True)
+
+
+def view_graph_section(contents: Contents) -> Section:
+    """The graph and its table."""
+    links = links_of(contents)
+    lead = (
+        "Each line is a pair of cameras that saw the same people at the same time: the thicker, the more they share. A camera "
+        "that hangs by one thin or broken line is the first that fails."
+    )
+    if not links:
+        body = nothing("No two cameras saw the same people at the same time: nothing ties them together.")
+    else:
+        body = element("div", element("div", _drawing(contents, links), _legend(), class_="graph"), _table(contents, links))
+    return Section("graph", "What ties the cameras together", lead, body, "View graph")
+
+
+def _legend() -> Html:
+    """What the lines mean."""
+    kinds = (("strong", "strong"), ("fair", "fair"), ("weak", "weak"), ("not-used", "seen together, not used"))
+    lines = [
+        element(
+            "li",
+            element(
+                "svg",
+                element("line", x1=0, y1=5, x2=34, y2=5, class_=f"link {kind}", stroke_width=4),
+                viewBox="0 0 34 10",
+                width=34,
+                height=10,
+                aria_hidden="true",
+            ),
+            name,
+        )
+        for kind, name in kinds
+    ]
+    return element("ul", lines, class_="legend")
+
+
+def _drawing(contents: Contents, links: list[Link]) -> Html:
+    """The cameras on a circle, in the rig's order."""
+    names = contents.rig.names
+    angle = -np.pi / 2 + 2 * np.pi * np.arange(len(names)) / len(names)
+    at = {name: (WIDTH / 2 + 150 * np.cos(a), HEIGHT / 2 + 150 * np.sin(a)) for name, a in zip(names, angle, strict=True)}
+    most = max(link.shared.sightings for link in links) or 1
+    lines = []
+    for link in sorted(links, key=lambda one: one.used):
+        (x1, y1), (x2, y2) = at[link.first], at[link.second]
+        told = (
+            f"{link.first} – {link.second}: {link.word}, {link.shared.people} people, {link.shared.sightings} sightings shared"
+        )
+        lines.append(
+            element(
+                "line",
+                element("title", told),
+                x1=f"{x1:.1f}",
+                y1=f"{y1:.1f}",
+                x2=f"{x2:.1f}",
+                y2=f"{y2:.1f}",
+                class_=f"link {link.word.replace(' ', '-')}",
+                stroke_width=f"{1.2 + 7 * np.sqrt(link.shared.sightings / most):.1f}",
+            )
+        )
+    nodes = [_node(place, name, at[name], contents.rig[name].pose is not None) for place, name in enumerate(names)]
+    label = f"Graph of {len(names)} cameras and {len(links)} pairs that share people; the table beside it holds its figures"
+    return element("svg", lines, nodes, viewBox=f"0 0 {WIDTH:.0f} {HEIGHT:.0f}", role="img", aria_label=label, class_="drawing")
+
+
+def _node(place: int, name: str, at: tuple[float, float], posed: bool) -> Html:
+    """A camera: a disc, hollow and dashed without a pose, and its name outside."""
+    x, y = at
+    outwards = (x - WIDTH / 2, y - HEIGHT / 2)
+    anchor = "middle" if abs(outwards[0]) < 40 else "start" if outwards[0] > 0 else "end"
+    shift = (0.0, np.sign(outwards[1]) * 24) if anchor == "middle" else (np.sign(outwards[0]) * 16, 0.0)
+    colour = camera_colour(place)
+    disc = element(
+        "circle",
+        element("title", name if posed else f"{name}: no pose"),
+        cx=f"{x:.1f}",
+        cy=f"{y:.1f}",
+        r=10,
+        fill=colour if posed else "var(--page)",
+        stroke=colour,
+        stroke_width=2.5,
+        stroke_dasharray=None if posed else "4 3",
+    )
+    short = name if len(name) <= 14 else name[:13] + "…"
+    label = element(
+        "text", short, x=f"{x + shift[0]:.1f}", y=f"{y + shift[1]:.1f}", text_anchor=anchor, dominant_baseline="central"
+    )
+    return join(disc, label)
+
+
+def _table(contents: Contents, links: list[Link]) -> Html:
+    """A row for each pair."""
+    columns = [
+        Column("Camera", numeric=False),
+        Column("with", numeric=False),
+        Column("Confidence", numeric=False, hint="the product of the shares that agree: strong from 70 %, fair from 40 %"),
+        Column("People", hint="seen by both at the same time"),
+        Column("Sightings", hint="shared, at the same time"),
+        Column("Agree", "%", hint="of what both saw, what agrees on one motion between them"),
+        Column("Third cameras", "%", hint="how well the ways through other cameras agree"),
+        Column("Runner-up", "%", hint="score of the best other placement, as a share of this one's: the lower, the surer"),
+        Column("Found by", numeric=False),
+    ]
+    place = {name: index for index, name in enumerate(contents.rig.names)}
+    rows = []
+    for link in links:
+        shown = element("span", link.word, class_=f"link-word {link.word.replace(' ', '-')}")
+        rows.append(
+            [
+                text(join(swatch(place[link.first]), link.first), link.first),
+                text(join(swatch(place[link.second]), link.second), link.second),
+                text(shown, link.word),
+                number(link.shared.people, 0),
+                number(link.shared.sightings, 0),
+                number(_percent(link.agreeing), 0),
+                number(_percent(link.support), 0),
+                number(_percent(link.runner_up), 0),
+                text(", ".join(link.routes) or MISSING),
+            ]
+        )
+    return data_table("pairs-table", "Pairs of cameras", columns, rows)
+
+
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share

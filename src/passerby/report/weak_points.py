@@ -1,0 +1,138 @@
+"""Where a calibration is weakest, and what would make it better: also where nothing speaks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from passerby.report.contents import Contents
+from passerby.report.distances import best_to_measure, distances_of
+from passerby.report.mends import Point
+from passerby.report.seen import shared_between
+from passerby.report.values import number_of, rows_of, table_of
+
+SURE_SCALE = 0.01
+"""Above a percent, measuring one distance with a tape is the cheapest gain there is."""
+STANDS_OUT = 1.5
+"""A camera whose figure is so many times the median is told; cameras of one rig differ by a third without any fault."""
+RESIDUAL_PX = 2.0
+"""Residuals below are those of good boxes."""
+VERTICAL_DEG = 1.0
+FEW_SHARED = 0.25
+"""Of what the rig's cameras share in the median."""
+
+
+def weak_points(contents: Contents) -> list[Point]:
+    """What is weakest, the most important first; empty where nothing stands out or no camera has a pose."""
+    if len(contents.rig.posed()) < 2:
+        return []
+    return [*_scale(contents), *_vertical(contents), *_uncertain(contents), *_residual(contents), *_lonely(contents)]
+
+
+def outstanding(values: Mapping[str, float | None]) -> list[str]:
+    """The cameras whose figure is `STANDS_OUT` times the median or more, the worst first."""
+    known = {name: value for name, value in values.items() if value is not None}
+    if len(known) < 3:
+        return []
+    limit = STANDS_OUT * float(np.median(list(known.values())))
+    return sorted((name for name, value in known.items() if value > limit), key=lambda name: -known[name])
+
+
+def own_sigmas_mm(contents: Contents) -> dict[str, float | None]:
+    """By camera, its position's sigma within the rig where the solver tells it, else that in the world, millimetres."""
+    shape = {
+        str(one.get("name")): number_of(one.get("shape_position_sigma_mm"))
+        for one in rows_of(table_of(contents.told, "figures").get("cameras"))
+    }
+    posed = contents.rig.posed().names
+    if all(shape.get(name) is not None for name in posed):
+        return {name: shape[name] for name in posed}
+    return {name: number_of(contents.cameras[name].get("position_sigma_mm")) for name in posed}
+
+
+def residuals_px(contents: Contents) -> dict[str, float | None]:
+    """By camera, how far its people are from where the rig has them, in the median, pixels."""
+    solved = {str(one.get("name")): one for one in rows_of(table_of(contents.told, "figures").get("cameras"))}
+    out = {}
+    for name, table in contents.cameras.items():
+        told = number_of(table.get("median_residual_px"))
+        out[name] = number_of(table_of(solved.get(name)).get("median_residual_px")) if told is None else told
+    return out
+
+
+def _scale(contents: Contents) -> list[Point]:
+    """All lengths, where they are uncertain."""
+    sigma = number_of(table_of(contents.told, "figures", "scale").get("relative_sigma"))
+    if sigma is None or sigma < SURE_SCALE:
+        return []
+    longest = best_to_measure(distances_of(contents))[0]
+    which = f"{longest.first} to {longest.second} ({longest.metres:.1f} m)"
+    told, state = f"All lengths are known to {100 * sigma:.1f} % only", "state it in the scene file under [[scale.distances]]."
+    if _by_people_alone(contents):
+        return [
+            Point(f"{told}: they rest on how tall people are.", f"Measure one distance with a tape, best {which}, and {state}")
+        ]
+    return [Point(f"{told}.", f"Measure another long distance between two cameras, such as {which}, and {state}")]
+
+
+def _by_people_alone(contents: Contents) -> bool:
+    """Whether nothing but people's heights told the scale."""
+    cues = rows_of(table_of(contents.told, "figures", "scale").get("cues"))
+    return all(str(cue.get("cue", "")).startswith("population") for cue in cues)
+
+
+def _vertical(contents: Contents) -> list[Point]:
+    """The direction of up, where it is uncertain."""
+    sigma = number_of(table_of(contents.told, "figures").get("vertical_sigma_deg"))
+    if sigma is None or sigma < VERTICAL_DEG:
+        return []
+    return [Point(f"The vertical is known to {sigma:.1f}° only.", "Record people who walk about, seen from head to feet.")]
+
+
+def _uncertain(contents: Contents) -> list[Point]:
+    """The least certain camera, where one stands out."""
+    sigmas = own_sigmas_mm(contents)
+    worst = outstanding(sigmas)
+    if not worst:
+        return []
+    usual = float(np.median([value for value in sigmas.values() if value is not None]))
+    return [
+        Point(
+            f"{worst[0]} is the least certain camera: {sigmas[worst[0]]:.0f} mm within the rig, {usual:.0f} mm are usual here.",
+            f"Record more people in the view of {worst[0]}, nearer to it and where other cameras see them too.",
+        )
+    ]
+
+
+def _residual(contents: Contents) -> list[Point]:
+    """The camera that the people fit worst, where one stands out."""
+    found = {name: value for name, value in residuals_px(contents).items() if contents.rig[name].pose is not None}
+    worst = [name for name in outstanding(found) if (found[name] or 0.0) > RESIDUAL_PX]
+    if not worst:
+        return []
+    usual = float(np.median([value for value in found.values() if value is not None]))
+    return [
+        Point(
+            f"{worst[0]} fits the people worst: {found[worst[0]]:.1f} px in the median, {usual:.1f} px are usual here.",
+            f"See its residuals below; if they grow towards the border, check the intrinsics of {worst[0]}.",
+        )
+    ]
+
+
+def _lonely(contents: Contents) -> list[Point]:
+    """The camera that shares fewest sightings, where it hangs by a thread."""
+    total: dict[str, int] = dict.fromkeys(contents.rig.posed().names, 0)
+    for (first, second), shared in shared_between(contents).items():
+        if first in total and second in total:
+            total[first] += shared.sightings
+            total[second] += shared.sightings
+    usual, least = float(np.median(list(total.values()))), min(total, key=lambda name: total[name])
+    if len(total) < 3 or usual == 0 or total[least] > FEW_SHARED * usual:
+        return []
+    return [
+        Point(
+            f"{least} hangs by few sightings: {total[least]} shared with other cameras, {usual:.0f} are usual here.",
+            f"Record people who walk where the view of {least} overlaps with others.",
+        )
+    ]
