@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from passerby.cameras import Rig
 from passerby.report.contents import Contents
-from passerby.report.sampling import MOST_SIGHTINGS, Sample, sampled
+from passerby.report.sampling import MOST_SIGHTINGS, Sample, grouped, sampled
 from passerby.report.skeletons import Joints, joints_of
 from passerby.report.upright import Bodies, BodyModel, SeenBoxes, body_model, model_boxes, upright_bodies
 from passerby.solver.evidence import BORDER_PX
@@ -191,17 +191,15 @@ def _joint_places(joints: Joints) -> tuple[Ints, Floats]:
     xyz = joints.xyz[joints.point[first]]
     known = np.isfinite(xyz[:, 0])
     rows = first[known]
-    key, number, count = np.unique(
-        np.column_stack([joints.identity[rows], joints.frame[rows]]), axis=0, return_inverse=True, return_counts=True
-    )
-    number = number.ravel()
-    total = np.column_stack([np.bincount(number, xyz[known, k], len(key)) for k in range(2)])
+    number = grouped(joints.identity[rows], joints.frame[rows])
+    first, count = np.unique(number, return_index=True, return_counts=True)[1:]
+    key = np.column_stack([joints.identity[rows], joints.frame[rows]])[first]
+    total = np.column_stack([np.bincount(number, xyz[known, k], len(first)) for k in range(2)])
     enough = count >= FEWEST_JOINTS
-    return key[enough].reshape(-1, 2), (total / np.maximum(count, 1)[:, None])[enough]
+    return key[enough], (total / np.maximum(count, 1)[:, None])[enough]
 
 
 def _in(rows: Ints, others: Ints) -> Bools:
     """(N,) whether rows (N, 2) stand among others (M, 2)."""
-    _, number = np.unique(np.concatenate([others, rows]), axis=0, return_inverse=True)
-    number = number.ravel()
+    number = grouped(*np.concatenate([others, rows]).T)
     return np.asarray(np.isin(number[len(others) :], number[: len(others)]))

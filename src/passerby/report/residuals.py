@@ -108,7 +108,7 @@ def residual_map(contents: Contents, fit: Fitted, name: str) -> str:
     residuals = residuals_of(fit, name)
     cells = residual_cells(residuals, size)
     strip = STRIP * size[0]
-    scale = _nice(float(np.quantile(cells.rms[cells.count >= FEWEST], 0.9))) if (cells.count >= FEWEST).any() else 1.0
+    scale = _above(float(np.quantile(cells.rms[cells.count >= FEWEST], 0.9))) if (cells.count >= FEWEST).any() else 1.0
     factor = _magnification(cells)
     body = [
         element("rect", width=size[0], height=size[1], fill="currentColor", fill_opacity=0.04, stroke="currentColor",
@@ -184,7 +184,7 @@ def _arrow(begin: Floats, along: Floats, sure: bool, head: float) -> Html:
 
 def _legend(residuals: Residuals, cells: Cells, size: tuple[int, int], scale: float, factor: int) -> Html:
     """A bar of so many pixels as the arrows are drawn, and what full colour means."""
-    letters = size[0] / 36
+    letters = size[0] / 40
     base = size[1] + 0.62 * STRIP * size[0]
     if not len(residuals.miss):
         return _words("nobody whom two cameras agree on: no residuals", letters * 0.5, base, letters)
@@ -200,7 +200,7 @@ def _legend(residuals: Residuals, cells: Cells, size: tuple[int, int], scale: fl
         _words(f"{bar:g} px, drawn {factor} times as long", left + bar * factor + 0.6 * letters, base, letters),
         element("rect", x=short(box), y=short(base - letters), width=short(1.6 * letters), height=short(1.2 * letters),
                 fill_opacity=0.8, style="fill:var(--cell,#ee6600)"),
-        _words(f"{scale:g} px and more, root mean square", box + 2.0 * letters, base, letters),
+        _words(f"RMS {scale:g} px or more", box + 2.0 * letters, base, letters),
     )  # fmt: skip
 
 
@@ -215,6 +215,11 @@ def _magnification(cells: Cells) -> int:
     room = LONGEST * min(cells.size)
     fitting = [factor for factor in MAGNIFICATIONS if factor * longest <= room]
     return fitting[-1] if fitting else MAGNIFICATIONS[0]
+
+
+def _above(value: float) -> float:
+    """The smallest round number of pixels that is not below `value`."""
+    return float(min((step for step in STEPS_PX if step >= value), default=STEPS_PX[-1]))
 
 
 def _nice(value: float) -> float:

@@ -89,14 +89,11 @@ def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
     clocks, timed = clocks_of(contents)
     seen = {}
     for name in rig.names:
-        clock, all_seen = clocks[name], contents.observations[name]
+        clock, own = clocks[name], contents.observations[name]
         # A sample between two instants is interpolated from neighbours within this reach; one frame more for rounding.
         reach = (max(MAX_GAP_FRAMES, MAX_GAP_S * clock.fps) + 1) * grid.fps / clock.fps + 1
-        boxes, joints = all_seen.boxes, all_seen.keypoints
-        near = [
-            _near(grid.frames(clock.seconds(rows.frame)), rows.frame, rows.identity, frames, reach) for rows in (boxes, joints)
-        ]
-        seen[name] = CameraObservations(_taken(boxes, near[0]), joints.take(near[1]))
+        boxes, joints = (_near(rows.frame, rows.identity, clock, grid, frames, reach) for rows in (own.boxes, own.keypoints))
+        seen[name] = CameraObservations(_taken(own.boxes, boxes), own.keypoints.take(joints))
     sizes = {camera.name: camera.lens.size for camera in rig}
     at_grid = common_instants(Observations(seen), clocks, sizes=sizes, grid=grid)
     kept = {
@@ -124,13 +121,31 @@ def _thinned(frames: Ints, weight: Floats, fps: float, most: int) -> Ints:
     return np.concatenate([part[: max(1, int(len(part) * most / total))] for part in parts])
 
 
-def _near(at: Floats, frame: Ints, identity: Ints, wanted: Ints, reach: float) -> Ints:
-    """Rows with an identity at places (N,) within `reach` of a wanted frame; the first of each identity in a frame."""
+def _near(frame: Ints, identity: Ints, clock: Clock, grid: Clock, wanted: Ints, reach: float) -> Ints:
+    """Rows with an identity, `reach` frames of the grid or less from a wanted one; the first of each identity in a frame."""
+    ends = clock.frames(grid.seconds(np.array([wanted[0] - reach, wanted[-1] + reach])))
+    rows = np.flatnonzero((frame >= ends[0]) & (frame <= ends[1]) & (identity != UNKNOWN))
+    at = grid.frames(clock.seconds(frame[rows]))
     after = np.searchsorted(wanted, at)
     before, after = wanted[np.maximum(after - 1, 0)], wanted[np.minimum(after, len(wanted) - 1)]
-    rows = np.flatnonzero((np.minimum(np.abs(at - before), np.abs(at - after)) <= reach) & (identity != UNKNOWN))
-    first = np.unique(np.column_stack([frame[rows], identity[rows]]), axis=0, return_index=True)[1]
+    rows = rows[np.minimum(np.abs(at - before), np.abs(at - after)) <= reach]
+    order = np.lexsort((rows, identity[rows], frame[rows]))
+    first = order[np.diff(grouped(frame[rows], identity[rows])[order], prepend=-1) != 0]
     return np.sort(rows[first])
+
+
+def grouped(*columns: Ints) -> Ints:
+    """(N,) number of each row's group of equal rows, counted in the order of the columns (N,), the first before the second.
+
+    `np.unique` of rows takes twenty times as long.
+    """
+    order = np.lexsort(columns[::-1])
+    new = np.zeros(len(order), bool)
+    for column in columns:
+        new[1:] |= np.diff(column[order]) != 0
+    number = np.empty(len(order), np.int64)
+    number[order] = np.cumsum(new)
+    return number
 
 
 def _taken(boxes: Boxes, rows: Ints) -> Boxes:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from passerby.cameras import Rig
 from passerby.observations import Observations
+from passerby.report.sampling import grouped
 from passerby.solver.consensus import agree
 from passerby.solver.evidence import MIN_JOINT_SCORE, MIN_JOINTS
 
@@ -60,9 +61,9 @@ def joints_of(rig: Rig, observations: Observations) -> Joints:
     values = np.concatenate([found for _, found in parts])
     camera, frame, identity, kind = index.T
     xy, size = values[:, :2], values[:, 2]
-    key, point = np.unique(np.column_stack([identity, frame, kind]), axis=0, return_inverse=True)
-    point = point.ravel()
-    xyz, agrees = np.full((len(key), 3), np.nan), np.zeros(len(camera), bool)
+    point = grouped(identity, frame, kind)
+    n_points = int(point.max(initial=-1)) + 1
+    xyz, agrees = np.full((n_points, 3), np.nan), np.zeros(len(camera), bool)
     bearing, tangent = np.full((len(camera), 3), np.nan), np.zeros((len(camera), 2, 3))
     for number, one in enumerate(rig):
         rows = np.flatnonzero(camera == number)
@@ -73,7 +74,7 @@ def joints_of(rig: Rig, observations: Observations) -> Joints:
         R = np.array([one.pose.R_cw for one in rig if one.pose is not None])
         centre = np.array([one.centre for one in rig])
         found = agree(
-            camera[known], point[known], bearing[known], tangent[known], TOLERANCE_PX + TOLERANCE_SHARE * size[known], len(key),
+            camera[known], point[known], bearing[known], tangent[known], TOLERANCE_PX + TOLERANCE_SHARE * size[known], n_points,
             R, centre,
         )  # fmt: skip
         xyz, agrees[known] = found.points, found.inlier

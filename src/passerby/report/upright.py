@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.report.sampling import grouped
 from passerby.report.values import number_of, rows_of, table_of
 from passerby.solver.people_state import Noise, Priors
 from passerby.solver.person_model import GAIT_SHARE, body_ends
@@ -135,19 +136,22 @@ def upright_bodies(rig: Rig, seen: SeenBoxes, model: BodyModel) -> tuple[Bodies,
     rays = _rays(rig, seen, model)
     rows = np.flatnonzero(rays.known)
     body_of = np.full(len(seen.frame), -1)
-    key, block = np.unique(np.column_stack([seen.identity[rows], seen.frame[rows]]), axis=0, return_inverse=True)
-    body_of[rows] = block.ravel()
+    identity, frame = seen.identity[rows], seen.frame[rows]
+    block = grouped(identity, frame)
+    first = np.unique(block, return_index=True)[1]
+    identity, frame = identity[first], frame[first]
+    body_of[rows] = block
     agrees = np.zeros(len(seen.frame), bool)
     if not len(rows):
         return Bodies.none(), body_of, agrees
-    height = np.array([model.heights.get(one, np.nan) for one in key[:, 0].tolist()])
+    height = np.array([model.heights.get(one, np.nan) for one in identity.tolist()])
     sd = np.where(np.isfinite(height), STANCE_SD, UNKNOWN_HEIGHT_SD)
     height = GAIT_SHARE * np.where(np.isfinite(height), height, model.usual_m)
-    body, covariance, off = _solved(rays.take(rows), block.ravel(), height, sd * height, model)
+    body, covariance, off = _solved(rays.take(rows), block, height, sd * height, model)
     agrees[rows] = off < AGREES_SIGMAS
-    count = np.bincount(body_of[agrees], minlength=len(key))
+    count = np.bincount(body_of[agrees], minlength=len(first))
     sigma = np.sqrt(np.trace(covariance[:, :2, :2], axis1=1, axis2=2))
-    return Bodies(key[:, 0], key[:, 1], body[:, :2], body[:, 2], sigma, count), body_of, agrees
+    return Bodies(identity, frame, body[:, :2], body[:, 2], sigma, count), body_of, agrees
 
 
 def model_boxes(
