@@ -27,6 +27,8 @@ __all__ = [
 ]
 
 MODULES: Mapping[str, str] = {
+    "colmap": "colmap",
+    "colmap-bin": "colmap",
     "anipose": "toml_rigs",
     "pose2sim": "toml_rigs",
     "caliscope": "toml_rigs",

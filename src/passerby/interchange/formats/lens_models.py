@@ -214,7 +214,7 @@ def _rounded_up(pixels: float) -> str:
     """Two significant digits, never less than the value itself. The grid misses the largest error by less than a hundredth."""
     value = max(1.01 * pixels, 1e-9)
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return f"{math.ceil(value / unit) * unit:.2g}"
+    return f"{float(f'{math.ceil(value / unit) * unit:.2g}'):g}"
 
 
 def _plain(lens: Lens, fisheye: bool) -> Lens:

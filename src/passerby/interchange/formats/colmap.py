@@ -1,0 +1,164 @@
+"""COLMAP's sparse models, as text and as binary files.
+
+A pose is world to camera, x_c = R X_w + t, its rotation as a quaternion w, x, y, z; the camera's axes are OpenCV's (x right,
+y down, z forward). The world is Passerby's, in metres; COLMAP itself has no unit. Pixels are counted from the corner of the
+first one: the principal point is half a pixel more than OpenCV's in both directions. Every camera is a camera of COLMAP with
+one image, NAME.png, without points; people's places, where there are any, are points that no image sees.
+
+Camera models written: PINHOLE, OPENCV (k1, k2, p1, p2), FULL_OPENCV (k1, k2, p1, p2, k3 to k6) and OPENCV_FISHEYE, the first
+that holds the lens. Read: also the models with one focal length or fewer coefficients, and those without tangential and thin
+prism terms whatever their name; FOV, DIVISION, EUCM and thin prisms on a fisheye are fitted, which is a loss.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.errors import InputError
+from passerby.interchange.formats.colmap_files import ColmapCamera, ColmapImage, as_binary, as_text, read_model
+from passerby.interchange.formats.colmap_models import MODELS, WRITTEN, lens_of, nearest_to, parameters_of
+from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.lens_models import expressed
+from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.names import tame_names
+
+MOST_POINTS = 100_000
+"""Of people's places; more are thinned evenly: COLMAP's viewer shows no more at a usable rate."""
+IMAGE_ENDING = ".png"
+PICTURE_ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+
+_NOT_IN_NAMES = re.compile(r"[^\w.+@-]")
+"""COLMAP's text files end an image's name at a space."""
+
+
+def _parts(export: Export, losses: Losses) -> tuple[list[ColmapCamera], list[ColmapImage], Floats]:
+    """Cameras, images and points of the model."""
+    rig = export.posed(losses)
+    cameras, images = [], []
+    names = tame_names(rig.names, _NOT_IN_NAMES)
+    for number, camera in enumerate(rig, start=1):
+        assert camera.pose is not None
+        lens, model = expressed(camera, tuple(WRITTEN), losses)
+        cameras.append(ColmapCamera(number, WRITTEN[model], lens.size, tuple(parameters_of(lens, model))))
+        x, y, z, w = Rotation.from_matrix(np.array(camera.pose.R_cw)).as_quat(canonical=True).tolist()
+        translation = tuple(camera.pose.t_cw.tolist())
+        images.append(ColmapImage(number, (w, x, y, z), translation, number, names[camera.name] + IMAGE_ENDING))
+    points = np.zeros((0, 3)) if export.trajectories is None else np.asarray(export.trajectories.xyz, dtype=np.float64)
+    return cameras, images, points[:: max(1, -(-len(points) // MOST_POINTS))]
+
+
+def _write_text(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    return as_text(*_parts(export, losses))
+
+
+def _write_binary(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    return as_binary(*_parts(export, losses))
+
+
+def _read_text(path: Path, given: Given) -> Rig:
+    return _read(path, given, binary_first=False)
+
+
+def _read_binary(path: Path, given: Given) -> Rig:
+    return _read(path, given, binary_first=True)
+
+
+def _read(path: Path, given: Given, binary_first: bool) -> Rig:
+    """A camera for every image, and one without a pose for every camera that has no image."""
+    folder = path if path.is_dir() else path.parent
+    files = read_model(folder, binary_first)
+    known = {camera.number: camera for camera in files.cameras}
+    images = sorted(files.images, key=lambda image: image.number)
+    for image in images:
+        if image.camera not in known:
+            raise InputError(f"{folder}: image {image.name} is of camera {image.camera}, which is not in its cameras")
+    posed = [(image.camera, _pose(image, given.metres_per_unit or 1.0, folder)) for image in images]
+    unseen = [(number, None) for number in sorted(known.keys() - {image.camera for image in images})]
+    names = _names([image.name for image in images], [number for number, _ in unseen])
+    lenses: dict[int, Lens | None] = {}
+    cameras = []
+    for name, (number, pose) in zip(names, [*posed, *unseen], strict=True):
+        if number not in lenses:
+            lenses[number] = _lens(known[number], given, f"{folder}: camera {name}", name)
+        lens = lenses[number]
+        if lens is not None:
+            cameras.append(Camera(name, lens, pose))
+    if not cameras:
+        raise InputError(f"{folder}: holds no camera with a lens")
+    try:
+        return Rig(tuple(cameras))
+    except InputError as error:
+        raise InputError(f"{folder}: {error}") from None
+
+
+def _names(images: list[str], unseen: list[int]) -> list[str]:
+    """The cameras' names: those of their images, without the ending where that leaves no two alike."""
+    short = [name[: -len(ending)] if (ending := _ending(name)) else name for name in images]
+    names = short if len(set(short)) == len(short) else images
+    names = [*names, *(f"camera{number}" for number in unseen)]
+    tame = tame_names(names)
+    return [tame[name] for name in names]
+
+
+def _ending(name: str) -> str:
+    """The ending of a picture's name; empty where it has none."""
+    return next((ending for ending in PICTURE_ENDINGS if name.lower().endswith(ending) and len(name) > len(ending)), "")
+
+
+def _pose(image: ColmapImage, metres_per_unit: float, folder: Path) -> Pose:
+    w, x, y, z = image.quaternion
+    if not np.linalg.norm(image.quaternion) > 0.5:
+        raise InputError(f"{folder}: image {image.name}: the quaternion {list(image.quaternion)} is no rotation")
+    return Pose(Rotation.from_quat([x, y, z, w]).as_matrix(), metres_per_unit * np.array(image.translation))
+
+
+def _lens(camera: ColmapCamera, given: Given, place: str, name: str) -> Lens | None:
+    """The lens of a camera; None, which is a loss, where it has none."""
+    if camera.model == "EQUIRECTANGULAR":
+        given.losses.add(f"camera {name}: COLMAP's model EQUIRECTANGULAR is no lens and is left out")
+        return None
+    if camera.model not in MODELS:
+        raise InputError(f"{place}: COLMAP's model {camera.model!r} is not known: there are {', '.join(MODELS)}")
+    model = MODELS[camera.model]
+    try:
+        lens = lens_of(model, camera.parameters, camera.size)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+    if lens is None:
+        lens, off = nearest_to(model, camera.parameters, camera.size, place)
+        given.losses.add(f"camera {name}: COLMAP's model {model.name} is none of OpenCV's and is fitted, {off}")
+    return lens
+
+
+_CONVENTIONS = (
+    "Poses are world to camera (quaternion w, x, y, z and translation), OpenCV's axes, metres; pixels from the corner of the "
+    "first one, half a pixel more than OpenCV's. One camera and one image NAME.png each. Writes PINHOLE, OPENCV, FULL_OPENCV "
+    "and OPENCV_FISHEYE; reads all models but EQUIRECTANGULAR, those that OpenCV's lenses do not hold only with --lossy."
+)
+
+FORMATS: Mapping[str, Format] = {
+    "colmap": Format(
+        "colmap",
+        "COLMAP's sparse model, text files",
+        ("COLMAP", "GLOMAP", "pycolmap", "3D Gaussian splatting"),
+        "folder",
+        conventions=_CONVENTIONS,
+        write=_write_text,
+        read=_read_text,
+    ),
+    "colmap-bin": Format(
+        "colmap-bin",
+        "COLMAP's sparse model, binary files",
+        ("COLMAP", "GLOMAP", "pycolmap", "3D Gaussian splatting"),
+        "folder",
+        conventions=_CONVENTIONS,
+        write=_write_binary,
+        read=_read_binary,
+    ),
+}
