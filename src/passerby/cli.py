@@ -26,6 +26,7 @@ from passerby.commands.import_ import import_
 from passerby.commands.init import init
 from passerby.commands.models import models_app
 from passerby.commands.reid import reid_app
+from passerby.commands.report import report
 from passerby.commands.simulate import simulate
 from passerby.commands.track import track
 from passerby.errors import InputError, PasserbyError
@@ -199,6 +200,7 @@ app.command()(benchmark)
 app.command()(simulate)
 app.command()(demo)
 app.command()(track)
+app.command()(report)
 app.command()(align)
 app.command()(dataset)
 app.command()(export)

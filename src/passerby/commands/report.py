@@ -1,0 +1,30 @@
+"""`passerby report`: the page that tells whether a calibration is good, made again from its output folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    context: typer.Context,
+    calibrated: Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of `passerby calibrate`.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file to write; OUT/report.html.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Name the stages.")] = False,
+) -> None:
+    """Make report.html again: also of a calibration that was refused, or that an older Passerby wrote.
+
+    Pictures are taken from the videos that the scene file names, where they still lie there.
+    """
+    from passerby.report.contents import contents_from
+    from passerby.report.page import REPORT_FILE, write_report
+    from passerby.terminal import stages
+
+    path = calibrated / REPORT_FILE if out is None else out
+    with stages(verbose or bool(context.obj)) as tell:
+        tell("reading")
+        contents = contents_from(calibrated)
+        write_report(contents, path, tell)
+    print(f"written to {path}")
