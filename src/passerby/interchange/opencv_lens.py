@@ -58,22 +58,26 @@ def read_opencv_lens(path: str | Path) -> StoredLens | None:
     that are no lens.
     """
     path = Path(path)
-    content = _content(path)
-    matrix = _first(content, _MATRIX)
+    return lens_in(path, read_values(path))
+
+
+def lens_in(path: Path, content: Mapping[str, Any]) -> StoredLens | None:
+    """The lens among a file's values, see `read_values`; None where they hold no camera matrix. Raises `InputError`."""
+    matrix = first_value(content, _MATRIX)
     if matrix is None:
         return None
-    distortions = _first(content, _DISTORTIONS)
+    distortions = first_value(content, _DISTORTIONS)
     if distortions is None:
         raise InputError(f"{path}: has a camera matrix, but no distortion coefficients: add them, zeros for a lens without")
-    model = _plain(str(_first(content, _MODEL) or ""))
+    model = _plain(str(first_value(content, _MODEL) or ""))
     if model not in _PINHOLE_MODELS + _FISHEYE_MODELS:
         raise InputError(f"{path}: the lens model '{model}' is not known: OpenCV's pinhole and fisheye models are")
-    flag = _first(content, _FISHEYE)
+    flag = first_value(content, _FISHEYE)
     fisheye = model in _FISHEYE_MODELS or flag in (1, 1.0, True, "1", "true", "True")
-    values = _numbers(path, "the camera matrix", matrix)
+    values = numbers_of(path, "the camera matrix", matrix)
     if values.size != 9:
         raise InputError(f"{path}: the camera matrix has {values.size} numbers: 3 x 3 are needed")
-    stored = StoredLens(_size(path, content), values.reshape(3, 3), _numbers(path, "the distortion", distortions), fisheye)
+    stored = StoredLens(_size(path, content), values.reshape(3, 3), numbers_of(path, "the distortion", distortions), fisheye)
     try:
         stored.lens(stored.size or (1, 1))
     except InputError as error:
@@ -81,8 +85,11 @@ def read_opencv_lens(path: str | Path) -> StoredLens | None:
     return stored
 
 
-def _content(path: Path) -> dict[str, Any]:
-    """The file's values by their keys in small letters without `_` and `-`."""
+def read_values(path: Path) -> dict[str, Any]:
+    """The file's values by their keys in small letters without `_`, `-` and spaces; a matrix as a mapping with its `data`.
+
+    Raises `InputError` for what OpenCV cannot read.
+    """
     text = read_text(path, "a calibration (OpenCV's YAML, XML or JSON)")
     try:
         storage = cv2.FileStorage(text, cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
@@ -111,11 +118,12 @@ def _plain(key: str) -> str:
     return key.casefold().replace("_", "").replace("-", "").replace(" ", "")
 
 
-def _first(content: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
+def first_value(content: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
+    """The value under the first of some keys that there is; None where there is none of them."""
     return next((content[key] for key in keys if content.get(key) is not None), None)
 
 
-def _numbers(path: Path, what: str, value: Any) -> Floats:
+def numbers_of(path: Path, what: str, value: Any) -> Floats:
     """(N,) the numbers of a matrix, or of lists in lists."""
     if isinstance(value, dict):
         value = value.get("data")
@@ -130,15 +138,15 @@ def _numbers(path: Path, what: str, value: Any) -> Floats:
 
 def _size(path: Path, content: Mapping[str, Any]) -> tuple[int, int] | None:
     """(width, height) as far as the file says."""
-    size = _first(content, _SIZE)
+    size = first_value(content, _SIZE)
     nested = size if isinstance(size, dict) and "data" not in size else content
-    width, height = _first(nested, _WIDTH), _first(nested, _HEIGHT)
+    width, height = first_value(nested, _WIDTH), first_value(nested, _HEIGHT)
     if (width is None or height is None) and size is not None and nested is content:
-        numbers = _numbers(path, "the picture's size", size)
+        numbers = numbers_of(path, "the picture's size", size)
         width, height = numbers if numbers.size == 2 else (None, None)
     if width is None or height is None:
         return None
-    numbers = _numbers(path, "the picture's size", [width, height])
+    numbers = numbers_of(path, "the picture's size", [width, height])
     if (numbers < 1).any() or (numbers != np.floor(numbers)).any():
         raise InputError(f"{path}: the picture's size is {numbers.tolist()}: whole numbers of pixels above 0 are needed")
     return int(numbers[0]), int(numbers[1])

@@ -29,6 +29,7 @@ __all__ = [
 MODULES: Mapping[str, str] = {
     "colmap": "colmap",
     "colmap-bin": "colmap",
+    "opencv": "opencv_yaml",
     "anipose": "toml_rigs",
     "pose2sim": "toml_rigs",
     "caliscope": "toml_rigs",
@@ -44,6 +45,9 @@ MODULES: Mapping[str, str] = {
     "glb": "gltf",
     "tsai": "tsai",
     "qualisys": "qualisys",
+    "openpose": "openpose",
+    "alphapose": "alphapose",
+    "coco": "coco",
 }
 """Name of a format -> its module here, which has `FORMAT`, or for several names `FORMATS`, a mapping of them."""
 

@@ -1,0 +1,246 @@
+"""OpenCV's own files (cv2.FileStorage): a folder with one YAML file a camera, as programs made with OpenCV take them.
+
+OpenCV fixes how matrices are written, but no layout for a rig. Each file has the names that OpenCV's own calibration sample
+(`samples/cpp/calibration.cpp`, and the tutorial's `camera_calibration.cpp`) writes for a camera, `image_width`, `image_height`,
+`camera_matrix`, `distortion_coefficients` and `fisheye_model`, and those of its stereo sample (`stereo_calib.cpp`) for a pose,
+`R` (3 x 3) and `T` (3 x 1): x_c = R X_w + T, metres, OpenCV's axes, pixels and distortions. `camera_name`, `camera_number`
+(the rig's order) and `units` are additions; a camera without a pose has no R and T.
+
+Read are such files, one or a folder of them, in YAML, XML or JSON and under the other names that are in use; the pair
+`intrinsics.yml` (M1, D1, M2, D2) and `extrinsics.yml` (R, T: first camera to second) of the stereo sample, whose first camera
+becomes the world; and the one file of the multi-view sample (`samples/python/multiview_calibration.py`: Ks, distortions, rvecs,
+Ts, is_fisheye, image_sizes, cam_ids). None of them tells the unit of T.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.errors import InputError
+from passerby.interchange.faults import FileFaults, faults_of
+from passerby.interchange.formats.format import Export, Format, Given
+from passerby.interchange.formats.lens_models import OPENCV, expressed, trimmed
+from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.names import tame_names
+from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, first_value, lens_in, numbers_of, read_values
+from passerby.interchange.rig_toml import METRES_PER_UNIT
+from passerby.starting.names import natural_key
+
+ENDING = ".yml"
+
+_NAME = ("cameraname", "name", "camname", "camera", "serial")
+_ROTATION = ("r", "rotation", "rotationmatrix", "rmat", "rvec", "rvector", "rotationvector", "rodrigues", "rot")
+_TRANSLATION = ("t", "translation", "translationvector", "tvec", "tvector", "trans")
+_STEREO = ("m1", "d1", "m2", "d2")
+_MULTIVIEW = ("ks", "distortions", "rvecs", "ts", "isfisheye", "imagesizes")
+
+
+def _write(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    files = tame_names(export.rig.names)
+    return {
+        files[camera.name] + ENDING: _file(camera, number, losses).encode() for number, camera in enumerate(export.rig, start=1)
+    }
+
+
+def _file(camera: Camera, number: int, losses: Losses) -> str:
+    """The text of the file of a rig's camera with that number."""
+    lens, _ = expressed(camera, OPENCV, losses)
+    storage = cv2.FileStorage(ENDING, cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
+    try:
+        if _bears(camera.name):
+            storage.write("camera_name", camera.name)
+        storage.write("camera_number", number)
+        storage.write("image_width", lens.size[0])
+        storage.write("image_height", lens.size[1])
+        storage.write("camera_matrix", np.array(lens.matrix))
+        storage.write("distortion_coefficients", trimmed(lens.distortions, lens.fisheye, 4 if lens.fisheye else 5)[:, None])
+        storage.write("fisheye_model", int(lens.fisheye))
+        if camera.pose is not None:
+            storage.write("R", np.array(camera.pose.R_cw))
+            storage.write("T", np.array(camera.pose.t_cw)[:, None])
+            storage.write("units", "m")
+        return str(storage.releaseAndGetString())
+    finally:
+        storage.release()
+
+
+def _bears(text: str) -> bool:
+    """Whether OpenCV reads a text back as it was written; it writes `true` and quotation marks so that it does not."""
+    try:
+        storage = cv2.FileStorage(ENDING, cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
+        storage.write("text", text)
+        reader = cv2.FileStorage(storage.releaseAndGetString(), cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
+        node = reader.getNode("text")
+        return node.isString() and node.string() == text
+    except (cv2.error, SystemError, UnicodeError):
+        return False
+
+
+def _read(path: Path, given: Given) -> Rig:
+    """The cameras of a file, or of all files in a folder, in the order of their names."""
+    files = [path] if path.is_file() else _files_in(path)
+    cameras: list[Camera] = []
+    faults: list[str] = []
+    contents: dict[Path, dict[str, Any]] = {}
+    for file in files:
+        try:
+            contents[file] = read_values(file)
+        except InputError as error:
+            faults += faults_of(error)
+    pairs = {key: value for content in contents.values() for key, value in content.items()}
+    if all(key in pairs for key in (*_STEREO, "r", "t")):
+        return Rig(tuple(_stereo(path, pairs, given)))
+    for file, content in sorted(contents.items(), key=lambda item: _number(item[1])):
+        try:
+            cameras += _cameras(file, content, given)
+        except InputError as error:
+            faults += faults_of(error)
+    if faults:
+        raise FileFaults(faults)
+    if not cameras:
+        raise InputError(f"{path}: holds no camera: a camera_matrix and distortion_coefficients are needed")
+    try:
+        return Rig(tuple(cameras))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _number(content: Mapping[str, Any]) -> float:
+    """A camera's place in the rig; those without one come last, in the order of their files."""
+    number = content.get("cameranumber")
+    return float(number) if isinstance(number, (int, float)) else float("inf")
+
+
+def _files_in(folder: Path) -> list[Path]:
+    """Files that may hold a camera; those of joints and other recordings are larger."""
+    found = [file for file in folder.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
+    small = [file for file in found if file.is_file() and file.stat().st_size <= LARGEST_BYTES]
+    if not small:
+        raise InputError(f"{folder}: has no file of OpenCV ({', '.join(ENDINGS)})")
+    return sorted(small, key=lambda file: natural_key(file.name))
+
+
+def _cameras(path: Path, content: Mapping[str, Any], given: Given) -> Iterator[Camera]:
+    """The cameras in one file: one, those of the multi-view sample, or one in each of its maps; none where it has none."""
+    if all(key in content for key in _MULTIVIEW):
+        yield from _multiview(path, content, given)
+        return
+    if (camera := _camera(path, content, given, path.stem)) is not None:
+        yield camera
+        return
+    for key, value in content.items():
+        if isinstance(value, dict) and "data" not in value and (camera := _camera(path, value, given, key)) is not None:
+            yield camera
+
+
+def _camera(path: Path, content: Mapping[str, Any], given: Given, name: str) -> Camera | None:
+    """The camera that a file, or a map in it, describes; None where it holds no camera matrix."""
+    stored = lens_in(path, content)
+    if stored is None:
+        return None
+    named = first_value(content, _NAME)
+    lens = stored.lens(stored.size or given.size_of(str(path)))
+    return Camera(named if isinstance(named, str) and named else name, lens, _pose(path, content, given))
+
+
+def _pose(path: Path, content: Mapping[str, Any], given: Given) -> Pose | None:
+    """The pose in a file; None where it has neither rotation nor translation."""
+    rotation, translation = first_value(content, _ROTATION), first_value(content, _TRANSLATION)
+    if rotation is None and translation is None:
+        return None
+    if rotation is None or translation is None:
+        missing = "rotation (R)" if rotation is None else "translation (T)"
+        raise InputError(f"{path}: has no {missing}: give both, or neither for a camera without a pose")
+    units = content.get("units")
+    metres = given.metres_per_unit or METRES_PER_UNIT.get(units if isinstance(units, str) else "")
+    return _posed(path, rotation, translation, _told(path, metres))
+
+
+def _told(path: Path, metres_per_unit: float | None) -> float:
+    """The unit. Raises `InputError` where nobody told it."""
+    if metres_per_unit is None:
+        raise InputError(f"{path}: does not tell the unit of its translation: give it, as in --units mm")
+    return metres_per_unit
+
+
+def _posed(path: Path, rotation: Any, translation: Any, metres_per_unit: float) -> Pose:
+    turned, moved = numbers_of(path, "the rotation", rotation), numbers_of(path, "the translation", translation)
+    if turned.size not in (3, 9) or moved.size != 3:
+        raise InputError(
+            f"{path}: the pose has {turned.size} and {moved.size} numbers: a 3 x 3 rotation, or a Rodrigues vector, and 3 of a "
+            "translation are needed"
+        )
+    matrix = turned.reshape(3, 3) if turned.size == 9 else np.asarray(cv2.Rodrigues(turned)[0], dtype=np.float64)
+    if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-4) or np.linalg.det(matrix) < 0:
+        raise InputError(f"{path}: the rotation {matrix.tolist()} is none: orthogonal rows and no mirror image are needed")
+    return Pose(matrix, metres_per_unit * moved)
+
+
+def _stereo(path: Path, content: Mapping[str, Any], given: Given) -> list[Camera]:
+    """OpenCV's stereo sample: the first camera is the world."""
+    size = given.size_of(str(path))
+    metres = _told(path, given.metres_per_unit)
+    poses = (Pose(np.eye(3), np.zeros(3)), _posed(path, content["r"], content["t"], metres))
+    return [
+        Camera(f"camera{number}", _lens(path, size, content[f"m{number}"], content[f"d{number}"], False), pose)
+        for number, pose in enumerate(poses, start=1)
+    ]
+
+
+def _multiview(path: Path, content: Mapping[str, Any], given: Given) -> list[Camera]:
+    """OpenCV's multi-view sample."""
+    sizes, matrices, distortions, rotations, translations, fisheye = (
+        numbers_of(path, key, content[key]) for key in ("imagesizes", "ks", "distortions", "rvecs", "ts", "isfisheye")
+    )
+    count = fisheye.size
+    if count < 1 or (sizes.size, matrices.size, rotations.size, translations.size) != (
+        2 * count,
+        9 * count,
+        3 * count,
+        3 * count,
+    ):
+        raise InputError(f"{path}: Ks, rvecs, Ts, image_sizes and is_fisheye tell of different numbers of cameras")
+    names = str(content.get("camids") or "").split(",")
+    names = names if len(names) == count else [str(number) for number in range(count)]
+    metres = _told(path, given.metres_per_unit)
+    coefficients = distortions.reshape(count, -1)
+    cameras = []
+    for index, (name, flat) in enumerate(zip(names, fisheye.astype(bool).tolist(), strict=True)):
+        size = int(sizes[2 * index]), int(sizes[2 * index + 1])
+        used = coefficients[index][:4] if flat else coefficients[index]
+        lens = _lens(path, size, matrices.reshape(-1, 9)[index].tolist(), used.tolist(), flat)
+        pose = _posed(path, rotations.reshape(-1, 3)[index].tolist(), translations.reshape(-1, 3)[index].tolist(), metres)
+        cameras.append(Camera(name, lens, pose))
+    return cameras
+
+
+def _lens(path: Path, size: tuple[int, int], matrix: Any, distortions: Any, fisheye: bool) -> Lens:
+    numbers: Floats = numbers_of(path, "the camera matrix", matrix)
+    if numbers.size != 9:
+        raise InputError(f"{path}: the camera matrix has {numbers.size} numbers: 3 x 3 are needed")
+    try:
+        return Lens(size, numbers.reshape(3, 3), numbers_of(path, "the distortion", distortions), fisheye)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+FORMAT = Format(
+    "opencv",
+    "OpenCV's files (FileStorage), one a camera",
+    ("OpenCV", "programs made with OpenCV"),
+    "folder",
+    conventions=(
+        "One NAME.yml a camera: image_width, image_height, camera_matrix, distortion_coefficients and fisheye_model as in "
+        "OpenCV's calibration sample; R and T as in its stereo sample, world to camera, metres. Pinhole of up to 14 "
+        "coefficients, fisheye; cameras without a pose are kept. Also reads single files, the stereo sample's pair and the "
+        "multi-view sample's file; --units tells their unit."
+    ),
+    write=_write,
+    read=_read,
+)
