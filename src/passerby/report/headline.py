@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element
-from passerby.report.mends import Point, point_of, sentence
+from passerby.report.mends import Point, points_of, sentence
 from passerby.report.seen import Spells
 from passerby.report.values import MISSING, count, number_of, table_of, texts_of
 from passerby.report.weak_points import weak_points
@@ -28,7 +28,7 @@ SHOWN_REASONS = 6
 def headline_section(contents: Contents, spells: Spells) -> Section:
     """The verdict and all that explains it."""
     verdict = contents.verdict if contents.verdict in WORDS else "refused"
-    reasons = [point_of(reason) for reason in texts_of(contents.told.get("reasons"))]
+    reasons = points_of(texts_of(contents.told.get("reasons")))
     banner = element(
         "div",
         icon(verdict),
@@ -72,7 +72,7 @@ def _figures(contents: Contents, spells: Spells) -> Html:
         ("lengths, one sigma", MISSING if scale is None else f"± {100 * scale:.1f} %"),
         ("position, least sure camera", MISSING if worst is None else f"± {_length(worst)}"),
         ("vertical, one sigma", MISSING if vertical is None else f"± {vertical:.1f}°"),
-        ("people" if used is None else "people it rests on", str(people) if people else MISSING),
+        (_people_label(contents, used is not None), str(people) if people else MISSING),
         ("recorded", lasted if len(spells) else MISSING),
     ]
     return element(
@@ -80,6 +80,12 @@ def _figures(contents: Contents, spells: Spells) -> Html:
         [element("div", element("dt", name), element("dd", value)) for name, value in told],
         class_="key-figures",
     )
+
+
+def _people_label(contents: Contents, used: bool) -> str:
+    """What the count of people counts: without a rig, who is who was not found, unless it was given."""
+    given = table_of(contents.told, "scene", "association").get("mode", "given") == "given"
+    return "people it rests on" if used else "people" if given or len(contents.rig.posed()) else "tracks of people"
 
 
 def _length(millimetres: float) -> str:

@@ -6,7 +6,10 @@ A reason is a sentence `what is wrong: what to do`. Where one tells no mend, a g
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+from passerby.report.values import listed
 
 IMPERATIVES = (
     "add",
@@ -86,6 +89,24 @@ def point_of(reason: str) -> Point:
     if found is not None and found.start() > 0:
         return Point(sentence(text[: found.start()]), sentence(text[found.end() :]))
     return Point(sentence(text), _general(text))
+
+
+_ONE_CAMERA = re.compile(r"camera (\S+)( .*|: .*)")
+
+
+def points_of(reasons: Sequence[str]) -> list[Point]:
+    """All reasons, parted at their mends; those that say the same of several cameras become one."""
+    alike: dict[str, list[str]] = {}
+    for reason in reasons:
+        one = _ONE_CAMERA.fullmatch(" ".join(reason.split()))
+        rest = one[2] if one is not None else ""
+        # The rest must not tell of figures: these are each camera's own.
+        key, name = (rest, one[1]) if one is not None and not re.search(r"\d", rest) else (reason, "")
+        alike.setdefault(key, []).append(name)
+    whole = [
+        f"camera{'s' if len(names) > 1 else ''} {listed(names)}{rest}" if names[0] else rest for rest, names in alike.items()
+    ]
+    return [point_of(text) for text in whole]
 
 
 def sentence(text: str) -> str:

@@ -51,13 +51,16 @@ def pictures_section(contents: Contents, fit: Fitted, tell: Progress) -> Section
         tell("report", place, len(contents.rig))
         panels.append(_panel(contents, fit, place, name))
     tell("report", len(contents.rig), len(contents.rig))
-    return Section("views", "What the cameras see", lead, join(_switches(), panels), "Views")
+    return Section("views", "What the cameras see", lead, join(_switches(contents), panels), "Views")
 
 
-def _switches() -> Html:
-    """A box for each layer, for all pictures at once."""
+def _switches(contents: Contents) -> Html:
+    """A box for each layer that a picture has, for all pictures at once."""
+    joints = any(len(seen.keypoints) for seen in contents.observations.cameras.values())
     boxes = [
-        element("label", element("input", type="checkbox", checked=True, data_layer=layer), name) for layer, name in LAYERS
+        element("label", element("input", type="checkbox", checked=True, data_layer=layer), name)
+        for layer, name in LAYERS
+        if (joints if layer == "joints" else layer == "boxes" or len(contents.rig.posed()))
     ]
     return element("fieldset", element("legend", "Draw in"), boxes, class_="layers")
 

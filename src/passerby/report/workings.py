@@ -87,9 +87,9 @@ def _observed(contents: Contents) -> Step:
         boxes, joints = number_of(told.get("boxes")), number_of(told.get("keypoints"))
         parts = [f"{boxes:.0f} boxes" if boxes else None, f"{joints:.0f} sightings with joints" if joints else None]
         width, height = contents.rig[name].lens.size
-        kind = "fisheye lens" if contents.rig[name].lens.fisheye else "lens"
+        kind = ", fisheye" if contents.rig[name].lens.fisheye else ""
         what = listed([part for part in parts if part]) or "nobody"
-        facts.append(f"{name} ({width} × {height}, {kind}): {what}, {count(people_seen(seen), 'person', 'people')}.")
+        facts.append(f"{name} ({width} × {height} px{kind}): {what}, {count(people_seen(seen), 'person', 'people')}.")
     return "What the cameras saw", facts
 
 
