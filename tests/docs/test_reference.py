@@ -1,0 +1,43 @@
+"""The pages of reference are what the code says, and nothing in them lacks a reason."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from types import ModuleType
+
+import pytest
+
+from documentation import DOCS
+
+
+@pytest.fixture(scope="module")
+def reference() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_reference", DOCS / "make_reference.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["make_reference"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["scene-file.md", "commands.md"])
+def test_pages_are_what_the_code_says(reference: ModuleType, name: str) -> None:
+    written = (DOCS / "reference" / name).read_text(encoding="utf-8")
+    assert written == reference.pages()[name], "the code has changed: run `python docs/make_reference.py`"
+
+
+@pytest.mark.parametrize("name", ["scene-file.md", "commands.md"])
+def test_everything_has_a_meaning(reference: ModuleType, name: str) -> None:
+    rows = [line for line in reference.pages()[name].splitlines() if line.startswith("| `")]
+    assert len(rows) > 30
+    assert [row for row in rows if row.rsplit("|", 2)[1].strip() == ""] == []
+
+
+def test_every_key_and_a_known_option_are_there(reference: ModuleType) -> None:
+    page = reference.pages()["commands.md"]
+    assert "| `--out`, `-o` | path | `out` |" in page
+    assert "## passerby models fetch { #passerby-models-fetch }" in page
+    keys = reference.pages()["scene-file.md"]
+    assert "| `fps` | number, above 0 |  | Pictures looked at in a second of video. Not given: 5, and more" in keys
