@@ -17,13 +17,13 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-MOST_SIGHTINGS = 24_000
-"""Sightings that are fitted at most, about: a quarter of a second of work."""
+MOST_SIGHTINGS = 30_000
+"""Sightings that are fitted at most, about: half a second of work."""
 ROW_OF_JOINTS = 4
 """A set of joints takes as long as so many boxes."""
 STEP_S = 0.5
 """People who walk are 0.7 m farther on by then, so that lines between places still show their way."""
-STRETCHES = 12
+STRETCHES = 8
 """Where every half second is too much: so many stretches without gaps, evenly spread."""
 
 

@@ -1,0 +1,42 @@
+"""What the drawings of a rig say of its cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from passerby.cameras import Camera
+from passerby.report.contents import Contents
+from passerby.report.sheet import clipped
+
+HARMLESS = {ord(letter): like for letter, like in zip("<>&%$", "‹›＆％＄", strict=True)}
+"""Plotly reads HTML, entities, `%{...}` and TeX in some of its texts, and none of them in others."""
+
+
+def told(name: str) -> str:
+    """A name as plotly may show it anywhere."""
+    return clipped(name).translate(HARMLESS)
+
+
+def unregistered(contents: Contents) -> list[str]:
+    """Names of the cameras without a pose."""
+    return [told(camera.name) for camera in contents.rig if camera.pose is None]
+
+
+def posed_cameras(contents: Contents) -> list[tuple[int, Camera]]:
+    """The cameras with poses and their places in the rig."""
+    return [(place, camera) for place, camera in enumerate(contents.rig) if camera.pose is not None]
+
+
+def hover_words(camera: Camera) -> str:
+    """What hovering over a camera tells."""
+    x, y, z = (round(float(value), 2) + 0.0 for value in camera.centre)
+    lines = [f"camera {told(camera.name)}", f"x {x:.2f}, y {y:.2f} m", f"height {z:.2f} m"]
+    if camera.sigma is not None and np.isfinite(camera.sigma.position_m):
+        lines.append(f"± {1000 * camera.sigma.position_m:.0f} mm, ± {camera.sigma.orientation_deg:.2f}°")
+    return "<br>".join(lines)
+
+
+def faint(colour: str, opacity: float) -> str:
+    """`#rrggbb` with an opacity."""
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{opacity})"

@@ -1,0 +1,137 @@
+"""The rig from above, as a plotly figure in plain values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.report.colours import camera_colour
+from passerby.report.contents import Contents
+from passerby.report.fitted import Fitted
+from passerby.report.rig_geometry import (
+    WEDGE_SHARE,
+    Stage,
+    density,
+    ellipse,
+    ground_covariance,
+    joined,
+    magnification,
+    semi_axes,
+    stage_of,
+    wedge,
+)  # fmt: skip
+from passerby.report.rig_labels import faint, hover_words, posed_cameras, told, unregistered
+
+Floats = NDArray[np.float64]
+Figure = dict[str, Any]
+Trace = dict[str, Any]
+
+CROWD = "76,141,246"
+"""Red, green, blue of where people were."""
+FEW_PLACES = 40
+"""Fewer are drawn as points."""
+
+
+def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
+    """The plan: cameras, what ground they see, how sure their places are, and where people were.
+
+    `layout.meta.magnification` tells how many times as large the ellipses are drawn.
+    """
+    stage = stage_of(contents.rig, fit)
+    extent = float((stage.high - stage.low)[:2].max())
+    ellipses, factor = _ellipses(contents, extent)
+    data = [*_crowd(fit, stage), *_wedges(contents, stage), *ellipses, *_cameras_from_above(contents, stage)]
+    missing = unregistered(contents)
+    layout: dict[str, Any] = {
+        "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
+        "yaxis": {
+            "title": {"text": "y, m"}, "range": _range(stage, 1), "zeroline": False, "scaleanchor": "x", "scaleratio": 1,
+            "constrain": "domain",
+        },
+        "height": 620, "margin": {"l": 56, "r": 16, "t": 16, "b": 52}, "hovermode": "closest",
+        "legend": {"itemsizing": "constant", "orientation": "h", "y": -0.1, "yanchor": "top"},
+        "meta": {"magnification": factor, "unregistered": missing},
+    }  # fmt: skip
+    if missing:
+        layout["annotations"] = [{
+            "text": "not registered: " + ", ".join(missing), "xref": "paper", "yref": "paper", "x": 0, "y": 1,
+            "xanchor": "left", "yanchor": "top", "showarrow": False,
+        }]  # fmt: skip
+    return {"data": data, "layout": layout}
+
+
+def _range(stage: Stage, axis: int) -> list[float]:
+    return [round(float(stage.low[axis]), 3), round(float(stage.high[axis]), 3)]
+
+
+def _crowd(fit: Fitted, stage: Stage) -> list[Trace]:
+    """Where people were: a map, or points where there are few."""
+    places = fit.ways.xy
+    if len(places) < FEW_PLACES:
+        xs, ys = joined([places]) if len(places) else ([], [])
+        marker = {"color": f"rgba({CROWD},0.7)", "size": 5}
+        few = {"type": "scatter", "mode": "markers", "x": xs, "y": ys, "marker": marker, "name": "people", "hoverinfo": "skip"}
+        return [few] if len(places) else []
+    x, y, share = density(places, stage.low[:2], stage.high[:2])
+    columns, rows = np.flatnonzero(share.any(axis=0)), np.flatnonzero(share.any(axis=1))
+    part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    # The root, so that one who stood still for long does not outshine everybody's ways.
+    values = np.sqrt(share[part] / share.max())
+    return [{
+        "type": "heatmap", "x": np.round(x[part[1]], 3).tolist(), "y": np.round(y[part[0]], 3).tolist(),
+        "z": [[round(value, 2) if value > 0 else None for value in row] for row in values.tolist()], "zmin": 0, "zmax": 1,
+        "colorscale": [[0, f"rgba({CROWD},0.12)"], [1, f"rgba({CROWD},0.85)"]], "showscale": False, "hoverinfo": "skip",
+        "name": "where people were", "showlegend": True,
+    }]  # fmt: skip
+
+
+def _wedges(contents: Contents, stage: Stage) -> list[Trace]:
+    """The ground that each camera sees nearby."""
+    out = []
+    for place, camera in posed_cameras(contents):
+        x, y = joined([wedge(camera, WEDGE_SHARE * stage.reach)])
+        colour = camera_colour(place)
+        out.append({
+            "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": faint(colour, 0.13),
+            "line": {"color": faint(colour, 0.7), "width": 1}, "hoverinfo": "skip", "showlegend": False,
+            "legendgroup": f"camera {place}", "name": told(camera.name),
+        })  # fmt: skip
+    return out
+
+
+def _ellipses(contents: Contents, extent: float) -> tuple[list[Trace], int]:
+    """One trace with the ellipses of all cameras that have sigmas, and by how much they are magnified."""
+    known = [(camera, found) for _, camera in posed_cameras(contents) if (found := ground_covariance(camera)) is not None]
+    longest = max((float(semi_axes(covariance)[0][0]) for _, (covariance, _) in known), default=0.0)
+    factor = magnification(longest, extent)
+    if not known:
+        return [], factor
+    x, y = joined([ellipse(camera.centre[:2], covariance, factor) for camera, (covariance, _) in known], 4)
+    name = "1 sigma" + (f", drawn {factor} times as large" if factor > 1 else "")
+    if not all(directed for _, (_, directed) in known):
+        name += " (circles: directions unknown)"
+    return [{
+        "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": "rgba(229,72,77,0.18)",
+        "line": {"color": "#e5484d", "width": 1.5}, "hoverinfo": "skip", "name": name,
+    }], factor  # fmt: skip
+
+
+def _cameras_from_above(contents: Contents, stage: Stage) -> list[Trace]:
+    """Of each camera a mark with its name, and a stroke where it looks."""
+    out = []
+    for place, camera in posed_cameras(contents):
+        assert camera.pose is not None
+        ahead = camera.pose.R_cw[2, :2]
+        level = float(np.hypot(*ahead))
+        tip = camera.centre[:2] + 0.07 * stage.reach * ahead / max(level, 1e-9)
+        x, y = joined([np.stack([camera.centre[:2], tip])], 3)
+        behind = "top" if ahead[1] <= 0 else "bottom"
+        out.append({
+            "type": "scatter", "mode": "lines+markers+text", "x": x, "y": y, "text": [told(camera.name), ""],
+            "textposition": f"{behind} center", "marker": {"color": camera_colour(place), "size": [10, 0], "symbol": "square"},
+            "line": {"color": camera_colour(place), "width": 3}, "hoverinfo": "text", "hovertext": [hover_words(camera), ""],
+            "name": told(camera.name), "legendgroup": f"camera {place}", "showlegend": False, "cliponaxis": False,
+        })  # fmt: skip
+    return out
