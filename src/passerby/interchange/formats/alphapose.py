@@ -1,0 +1,99 @@
+"""AlphaPose's `alphapose-results.json`: a list of all people in all pictures.
+
+    [{"image_id": "12.jpg", "category_id": 1, "keypoints": [x, y, confidence, ...], "score": 2.9, "box": [left, top, width,
+      height], "idx": 3}, ...]
+
+Joints: COCO's 17, Halpe's 26 or 136, COCO-WholeBody's 133. `score` is of the whole person (confidence of the box, mean and
+1.25 times the largest of the joints' confidences, so up to about 3). `idx` is the track: a number, or what the suppression of
+doubles made of it, a list; without a tracker everybody has 0. The frame is the number at the end of the picture's name.
+AlphaPose calls the pictures of a video `0.jpg`, `1.jpg` and on, and Passerby counts from 1: numbers without zeros before them,
+and nothing else in the name, are raised by one. Others stay. Pictures without people are not in the file.
+
+AlphaPose's documentation, `docs/output.md`, and its `write_json`.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from passerby.errors import InputError
+from passerby.interchange.formats.format import Format, Given, People
+from passerby.interchange.formats.found_people import Found, identity_in, numbers_in, people_of
+from passerby.interchange.formats.frame_numbers import frames_of_names
+from passerby.interchange.formats.values import load_json
+
+_OF_A_VIDEO = re.compile(r"(0|[1-9]\d*)\.jpg")
+
+
+def read_people(path: Path, given: Given) -> People:
+    """One camera's joints and boxes. Raises `InputError`."""
+    del given
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder: give the file alphapose-results.json in it")
+    content = load_json(path, "AlphaPose's results")
+    if isinstance(content, dict):
+        raise InputError(
+            f"{path}: is not a list of people: if it was made with `--format open`, give the folder sep-json beside it with "
+            "--format openpose; COCO annotations are --format coco"
+        )
+    if not isinstance(content, list):
+        raise InputError(f"{path}: is not a list of people: give alphapose-results.json")
+    people = [_checked(f"{path}: [{number}]", person) for number, person in enumerate(content)]
+    frames = _frames(path, [person["image_id"] for person in people])
+    found = [_found(f"{path}: [{number}]", person, frames[person["image_id"]]) for number, person in enumerate(people)]
+    return people_of(found, str(path))
+
+
+def _checked(place: str, person: Any) -> dict[str, Any]:
+    if not isinstance(person, dict) or "keypoints" not in person:
+        raise InputError(f"{place}: has no keypoints: give AlphaPose's results")
+    if type(person.get("image_id")) not in (str, int):
+        raise InputError(f"{place}: image_id is {person.get('image_id')!r}: the picture's name or number is needed")
+    return person
+
+
+def _frames(path: Path, images: list[str | int]) -> dict[str | int, int]:
+    """The frame of each picture's name; a number is its own."""
+    names = [image for image in images if isinstance(image, str)]
+    if len(names) not in (0, len(images)):
+        raise InputError(f"{path}: some image_id are names and others numbers: give one recording")
+    if not names:
+        return {image: _not_below_zero(path, image) for image in images if isinstance(image, int)}
+    video = all(_OF_A_VIDEO.fullmatch(name) for name in names)
+    return {name: frame + video for name, frame in frames_of_names(names, str(path)).items()}
+
+
+def _not_below_zero(path: Path, image: int) -> int:
+    if image < 0:
+        raise InputError(f"{path}: image_id is {image}: a number from 0 on is needed")
+    return image
+
+
+def _found(place: str, person: dict[str, Any], frame: int) -> Found:
+    box = person.get("box", person.get("bbox"))
+    (score,) = numbers_in([person.get("score", 1.0)], f"{place}: score")
+    return Found(
+        frame,
+        identity_in(person.get("idx"), f"{place}: idx"),
+        float(score),
+        None if box is None else numbers_in(box, f"{place}: box", 4),
+        numbers_in(person["keypoints"], f"{place}: keypoints"),
+    )
+
+
+FORMAT = Format(
+    name="alphapose",
+    title="Joints and boxes of people as AlphaPose writes them (JSON)",
+    tools=("AlphaPose",),
+    target="file",
+    suffixes=(".json",),
+    conventions=(
+        "Read only, one camera's file. 17 joints (COCO), 26 or 136 (Halpe) or 133 (COCO-WholeBody): COCO's 17 come first, "
+        "head, neck, hips' middle and feet are kept after them, face and hands are not. idx becomes the identity, unless "
+        "everybody has the same one. The frame is the number at the end of image_id; names such as 0.jpg are AlphaPose's own "
+        "count of a video from 0 and are raised by one, since Passerby counts from 1."
+    ),
+    read_people=read_people,
+)

@@ -1,0 +1,212 @@
+"""People as other tools' files have them, one record each, made into columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from passerby.errors import InputError
+from passerby.interchange.formats.format import People
+from passerby.interchange.formats.skeletons import known_joints, ordered_joints, told_counts
+from passerby.observations import UNKNOWN, Boxes, Floats, Keypoints
+
+VISIBILITIES = (0.0, 1.0, 2.0)
+HIDDEN_CONFIDENCE = 0.5
+"""Of a joint that an annotator placed though it was hidden, as `passerby.interchange.coco` has it."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """One person in one picture, as a file has it."""
+
+    frame: int
+    identity: int = UNKNOWN
+    score: float = 1.0
+    box: Sequence[float] | None = None
+    """left, top, width, height in pixels."""
+    joints: Sequence[float] | None = None
+    """x, y and confidence of each joint. 0 or less, or NaN: not found."""
+
+
+@dataclass
+class _Notes:
+    """What is odd about a file."""
+
+    told: list[str] = field(default_factory=list)
+
+    def count(self, number: int, one: str, many: str) -> None:
+        """Tell of so many, if any; `many` has a place for the number."""
+        if number:
+            self.told.append(one if number == 1 else many.format(number))
+
+
+def people_of(
+    found: Sequence[Found], place: str, *, names: tuple[str, ...] | None = None, visibilities: bool = False
+) -> People:
+    """The columns of one camera's people, sorted by frame and identity.
+
+    Args:
+        found: everybody, in the file's order. All have the same joints.
+        place: what a message begins with.
+        names: the joints' names; None: as their number tells.
+        visibilities: third numbers that are 0, 1 and 2, one of them 2, are COCO's: not labelled, hidden, visible.
+
+    Raises:
+        InputError: an unknown number of joints, people with different numbers, or a value that is not finite.
+
+    Confidences above 1 become 1. People without a joint, flat boxes, and what stands twice are left out; where an identity
+    stands twice in a frame, the surer one keeps it. All that is told in the notes.
+    """
+    notes = _Notes()
+    found = _with_single_identities(found, notes)
+    keypoints = _keypoints([one for one in found if one.joints is not None], place, names, visibilities, notes)
+    boxes = _boxes([one for one in found if one.box is not None], place, notes)
+    return People(boxes, keypoints, tuple(notes.told))
+
+
+def numbers_in(values: Any, place: str, length: int | None = None) -> list[float]:
+    """A list of numbers out of a JSON file; NaN, which some tools write for what they did not find, among them.
+
+    Raises `InputError` for another thing than a list of numbers, for infinite ones, and for another `length`.
+    """
+    if not isinstance(values, list):
+        raise InputError(f"{place} is {_shortened(values)}: a list of numbers is needed")
+    if length is not None and len(values) != length:
+        raise InputError(f"{place} has {len(values)} numbers: {length} are needed")
+    for value in values:
+        if type(value) not in (int, float) or value in (float("inf"), float("-inf")):
+            raise InputError(f"{place} holds {_shortened(value)}: finite numbers are needed")
+    return values
+
+
+def identity_in(value: Any, place: str) -> int:
+    """An identity out of a JSON file: a whole number, a list of one or of equal ones, or nothing.
+
+    Below 0, and several different ones in a list, are unknown. Raises `InputError` for other things.
+    """
+    if isinstance(value, list):
+        several = {identity_in(item, place) for item in value}
+        return several.pop() if len(several) == 1 else UNKNOWN
+    if value is None:
+        return UNKNOWN
+    if type(value) not in (int, float) or value != value // 1 or abs(value) > 2**53:
+        raise InputError(f"{place} is {_shortened(value)}: a whole number is needed, or nothing")
+    return int(value) if value >= 0 else UNKNOWN
+
+
+def _with_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found]:
+    """Nobody twice in a frame: the surest keeps the identity. One that everybody has was never given by a tracker."""
+    best: dict[tuple[int, int], int] = {}
+    doubled: set[int] = set()
+    for row, one in enumerate(found):
+        if one.identity == UNKNOWN:
+            continue
+        key = one.frame, one.identity
+        other = best.get(key)
+        if other is None:
+            best[key] = row
+            continue
+        surer = row if one.score > found[other].score else other
+        best[key] = surer
+        doubled.add(row + other - surer)
+    if doubled and len({one.identity for one in found}) == 1:
+        notes.told.append(f"everybody has the identity {found[0].identity}: the people were not tracked, and have none")
+        return [_without_identity(one) for one in found]
+    notes.count(
+        len(doubled),
+        "one identity stands twice in a frame: the less sure person has none now",
+        "{} times an identity stands twice in a frame: the less sure person has none now",
+    )
+    return [_without_identity(one) if row in doubled else one for row, one in enumerate(found)]
+
+
+def _without_identity(one: Found) -> Found:
+    return Found(one.frame, UNKNOWN, one.score, one.box, one.joints)
+
+
+def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, visibilities: bool, notes: _Notes) -> Keypoints:
+    """The joints of those who have any."""
+    if not found:
+        return Keypoints.empty()
+    lengths = sorted({len(one.joints or ()) for one in found})
+    if len(lengths) > 1:
+        raise InputError(
+            f"{place}: some people have {lengths[0]} numbers of joints and others {lengths[-1]}: give one recording"
+        )
+    names = _names(lengths[0], names, place)
+    kept = ordered_joints(names)
+    table = np.array([one.joints for one in found], dtype=np.float64).reshape(len(found), -1, 3)
+    table = table[:, [names.index(name) for name in kept]]
+    lost = np.isnan(table).any(axis=2) | (np.nan_to_num(table[..., 2]) <= 0)
+    table[lost] = 0.0
+    score = _confidences(table[..., 2], visibilities, notes)
+    frame, identity = _whole([one.frame for one in found]), _whole([one.identity for one in found])
+    order = np.lexsort((identity, frame))
+    order = order[(score[order] > 0).any(axis=1)]
+    empty = len(found) - len(order)
+    notes.count(empty, "one person without a joint is left out", "{} people without a joint are left out")
+    order = _once(order, np.column_stack([frame, identity, table.reshape(len(table), -1)]), "people", notes)
+    return Keypoints(frame[order], identity[order], table[order, :, :2], score[order], kept)
+
+
+def _names(length: int, given: tuple[str, ...] | None, place: str) -> tuple[str, ...]:
+    """The joints' names for so many numbers a person. Raises `InputError`."""
+    names = given or known_joints(length // 3)
+    if given is not None and length != 3 * len(given):
+        raise InputError(f"{place}: keypoints have {length} numbers, but the category has {len(given)} joints of 3 each")
+    if names is None or length % 3:
+        raise InputError(f"{place}: {length} numbers a person (x, y and confidence of each joint): joints are {told_counts()}")
+    return names
+
+
+def _confidences(third: Floats, visibilities: bool, notes: _Notes) -> Floats:
+    """(N, J) confidences from 0 to 1."""
+    if visibilities and third.size and third.max() == 2 and np.isin(third, VISIBILITIES).all():
+        return np.asarray(np.select([third == 1, third == 2], [HIDDEN_CONFIDENCE, 1.0], 0.0))
+    above = int(np.count_nonzero(third > 1))
+    most = float(third.max(initial=0.0))
+    notes.count(
+        above,
+        f"one joint has the confidence {most:.3g}: it becomes 1",
+        f"{{}} joints have confidences up to {most:.3g}: they become 1",
+    )
+    return np.minimum(third, 1.0)
+
+
+def _boxes(found: list[Found], place: str, notes: _Notes) -> Boxes:
+    """The boxes of those who have one."""
+    if not found:
+        return Boxes.empty()
+    ltwh = np.array([one.box for one in found], dtype=np.float64).reshape(-1, 4)
+    score = np.array([one.score for one in found], dtype=np.float64)
+    broken = np.flatnonzero(~np.isfinite(ltwh).all(axis=1) | ~np.isfinite(score))
+    if len(broken):
+        one = found[int(broken[0])]
+        raise InputError(f"{place}: a box of frame {one.frame} is {list(one.box or ())}, score {one.score}: not finite numbers")
+    frame, identity = _whole([one.frame for one in found]), _whole([one.identity for one in found])
+    order = np.lexsort((identity, frame))
+    order = order[(ltwh[order, 2:] > 0).all(axis=1)]
+    notes.count(len(found) - len(order), "one flat box is left out", "{} flat boxes are left out")
+    order = _once(order, np.column_stack([frame, identity, ltwh, score]), "boxes", notes)
+    return Boxes(frame[order], identity[order], ltwh[order], score[order])
+
+
+def _once(order: Any, rows: Floats, what: str, notes: _Notes) -> Any:
+    """The rows of `order` without those that repeat an earlier one."""
+    kept: dict[bytes, int] = {}
+    for row in order.tolist():
+        kept.setdefault(rows[row].tobytes(), row)
+    notes.count(len(order) - len(kept), f"one of the {what} stands twice", f"{{}} of the {what} stand twice")
+    return np.array(list(kept.values()), dtype=np.int64)
+
+
+def _whole(values: list[int]) -> Any:
+    return np.array(values, dtype=np.int64)
+
+
+def _shortened(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

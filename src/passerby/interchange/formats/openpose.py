@@ -1,0 +1,101 @@
+"""OpenPose's folders of JSON, one file a frame, as `--write_json` makes them; other tools write the same form.
+
+    {"people": [{"person_id": [-1], "pose_keypoints_2d": [x, y, confidence, x, y, confidence, ...]}, ...]}
+
+Joints: BODY_25 (25) or COCO (18), and what other tools put there: COCO's own 17, Halpe's 26 (Pose2Sim, RTMLib) or 136,
+COCO-WholeBody's 133. Confidence 0 is a joint that was not found. `person_id` is -1 where nobody tracked. The frame is the
+number at the end of a file's name, before `_keypoints`. OpenPose counts the frames of a video from 0, in twelve digits, and
+Passerby from 1: such numbers are raised by one. The numbers of pictures (their own names, whatever they are) stay.
+
+OpenPose's documentation, `doc/02_output.md`; pixels have (0, 0) at the first pixel's centre.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from passerby.errors import InputError
+from passerby.interchange.formats.format import Format, Given, People
+from passerby.interchange.formats.found_people import Found, identity_in, numbers_in, people_of
+from passerby.interchange.formats.frame_numbers import frames_of_names
+from passerby.interchange.formats.values import load_json
+
+ENDING = "_keypoints"
+_OF_A_VIDEO = re.compile(r"(?:^|.*\D)\d{12}" + ENDING)
+SCALED = 1.0
+"""No coordinate of a picture in pixels stays below it; those of `--keypoint_scale 3` and `4` all do."""
+
+
+def read_people(path: Path, given: Given) -> People:
+    """One camera's joints; a file without people is a picture without any. Raises `InputError`."""
+    del given
+    if not path.is_dir():
+        raise InputError(f"{path}: is a file: give the folder of --write_json, which has one file a frame")
+    files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".json" and not file.name.startswith("."))
+    if not files:
+        raise InputError(f"{path}: holds no JSON file: give the folder of --write_json, which has one file a frame")
+    found = [one for file, frame in _frames(path, files).items() for one in _people(file, frame)]
+    _check_pixels(path, found)
+    return people_of(found, str(path))
+
+
+def _frames(path: Path, files: list[Path]) -> Mapping[Path, int]:
+    """The frame of each file."""
+    stems = {file: file.stem.removesuffix(ENDING) for file in files}
+    frames = frames_of_names((f"{stem}.json" for stem in stems.values()), str(path))
+    video = all(_OF_A_VIDEO.fullmatch(file.stem) for file in files)
+    return {file: frames[f"{stem}.json"] + video for file, stem in stems.items()}
+
+
+def _people(file: Path, frame: int) -> list[Found]:
+    """Everybody in one file."""
+    content = load_json(file, "a frame of OpenPose")
+    people = content.get("people") if isinstance(content, dict) else None
+    if not isinstance(people, list):
+        raise InputError(f"{file}: has no list `people`: is it another kind of file? Move it out of the folder")
+    found = []
+    for number, person in enumerate(people):
+        place = f"{file}: people[{number}]"
+        if not isinstance(person, dict) or "pose_keypoints_2d" not in person:
+            raise InputError(f"{place}: has no pose_keypoints_2d: run OpenPose with body joints")
+        joints = numbers_in(person["pose_keypoints_2d"], f"{place}: pose_keypoints_2d")
+        if not joints:  # only a face or a hand was found
+            continue
+        identity = identity_in(person.get("person_id"), f"{place}: person_id")
+        found.append(Found(frame, identity, float(np.nansum(joints[2::3])), joints=joints))
+    return found
+
+
+def _check_pixels(path: Path, found: list[Found]) -> None:
+    """That coordinates are pixels."""
+    largest = max((abs(value) for one in found for value in _coordinates(one)), default=np.inf)
+    if largest <= SCALED:
+        raise InputError(
+            f"{path}: no coordinate is above {largest:.3g}: run OpenPose with --keypoint_scale 0, which gives pixels"
+        )
+
+
+def _coordinates(one: Found) -> list[float]:
+    """Coordinates of the joints that were found."""
+    joints = one.joints or ()
+    return [value for k in range(0, len(joints) - 2, 3) if joints[k + 2] > 0 for value in joints[k : k + 2]]
+
+
+FORMAT = Format(
+    name="openpose",
+    title="Joints of people as OpenPose writes them, one JSON file a frame",
+    tools=("OpenPose", "RTMLib", "Pose2Sim", "Sports2D"),
+    target="folder",
+    conventions=(
+        "Read only, one camera's folder. BODY_25 or COCO (18 joints), also COCO's 17, Halpe's 26 and 136 and "
+        "COCO-WholeBody's 133: COCO's 17 come first, neck, hips' middle, head and feet are kept after them, face and hands "
+        "are not. Confidence 0 is a joint that was not found. The frame is the number at the end of a file's name; twelve "
+        "digits before _keypoints are OpenPose's own count of a video from 0 and are raised by one, since Passerby counts "
+        "from 1."
+    ),
+    read_people=read_people,
+)
