@@ -32,6 +32,9 @@ CROWD = "76,141,246"
 """Red, green, blue of where people were."""
 FEW_PLACES = 40
 """Fewer are drawn as points."""
+CROWDED = 0.06
+"""Names of cameras nearer to each other than this share of what is drawn stand on different sides."""
+SIDES = ("middle right", "middle left", "top right", "bottom left")
 
 
 def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
@@ -121,16 +124,20 @@ def _ellipses(contents: Contents, extent: float) -> tuple[list[Trace], int]:
 def _cameras_from_above(contents: Contents, stage: Stage) -> list[Trace]:
     """Of each camera a mark with its name, and a stroke where it looks."""
     out = []
+    near, taken = CROWDED * float((stage.high - stage.low)[:2].max()), list[tuple[Floats, str]]()
     for place, camera in posed_cameras(contents):
         assert camera.pose is not None
         ahead = camera.pose.R_cw[2, :2]
         level = float(np.hypot(*ahead))
         tip = camera.centre[:2] + 0.07 * stage.reach * ahead / max(level, 1e-9)
         x, y = joined([np.stack([camera.centre[:2], tip])], 3)
-        behind = "top" if ahead[1] <= 0 else "bottom"
+        used = {side for where, side in taken if np.hypot(*(where - camera.centre[:2])) < near}
+        sides = ("top", "bottom") if ahead[1] <= 0 else ("bottom", "top")
+        side = next((one for one in (f"{sides[0]} center", f"{sides[1]} center", *SIDES) if one not in used), SIDES[0])
+        taken.append((camera.centre[:2], side))
         out.append({
             "type": "scatter", "mode": "lines+markers+text", "x": x, "y": y, "text": [told(camera.name), ""],
-            "textposition": f"{behind} center", "marker": {"color": camera_colour(place), "size": [10, 0], "symbol": "square"},
+            "textposition": side, "marker": {"color": camera_colour(place), "size": [10, 0], "symbol": "square"},
             "line": {"color": camera_colour(place), "width": 3}, "hoverinfo": "text", "hovertext": [hover_words(camera), ""],
             "name": told(camera.name), "legendgroup": f"camera {place}", "showlegend": False, "cliponaxis": False,
         })  # fmt: skip

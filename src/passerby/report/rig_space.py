@@ -20,7 +20,7 @@ Trace = dict[str, Any]
 
 MOST_PLACES = 6000
 """Of ways."""
-FAINT = "rgba(128,128,128,0.4)"
+FAINT = "rgba(128,128,128,0.6)"
 """Lines of the ground: seen on white and on near-black."""
 UP_COLOUR = "#3e7bfa"
 SCENE_SIZE = 1.6
@@ -42,15 +42,16 @@ def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
             "range": [round(float(stage.low[k]), 3), round(float(stage.high[k]), 3)],
             "title": {"text": f"{name}, m"},
             "showspikes": False,
+            "showgrid": False,
+            "zeroline": False,
         }
         for k, name in enumerate("xyz")
     }
     ratio = {name: round(float(size[k]) * unit, 4) for k, name in enumerate("xyz")}
     scene = {**axes, "aspectmode": "manual", "aspectratio": ratio, "camera": views[0]["camera"], "dragmode": "orbit"}
-    layout = {
-        "scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "legend": {"itemsizing": "constant"},
-        "meta": {"views": views, "unregistered": unregistered(contents)},
-    }  # fmt: skip
+    legend = {"itemsizing": "constant", "orientation": "h", "y": 0, "yanchor": "bottom"}
+    meta = {"views": views, "unregistered": unregistered(contents)}
+    layout = {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "legend": legend, "meta": meta}
     return {"data": data, "layout": layout}
 
 
@@ -66,7 +67,7 @@ def _ground(stage: Stage) -> Trace:
     lines = [np.clip(np.stack([a, b]), low, high) for a, b in zip(begin, end, strict=True)]
     # A line that lies outside what is drawn would be moved onto its border.
     inside = [line for line, a, b in zip(lines, begin, end, strict=True) if _on_itself(line, a, b)]
-    return _lines(joined(inside), name=f"ground, {stage.spacing:g} m", line={"color": FAINT, "width": 1})
+    return _lines(joined(inside), name=f"ground, {stage.spacing:g} m", line={"color": FAINT, "width": 1.5})
 
 
 def _on_itself(line: Floats, begin: Floats, end: Floats) -> bool:
@@ -140,7 +141,7 @@ def _views(contents: Contents, stage: Stage, unit: float) -> list[dict[str, Any]
     """Where the eye may be, in plotly's units: the middle of what is drawn is 0."""
     around = 0.5 * (stage.low + stage.high)
     middle = (stage.middle + (0, 0, 1.0) - around) * unit
-    far = np.clip(2.4 * stage.reach * unit, 0.5, 2.0)
+    far = np.clip(2.9 * stage.reach * unit, 0.5, 2.2)
     up = np.array([0.0, 0.0, 1.0])
     whole = np.zeros(3)
     found = [
