@@ -14,8 +14,9 @@ have to change, the list `passerby_names` in `intri.yml`, which EasyMocap does n
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,12 @@ from passerby.interchange.faults import read_text
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, expressed
 from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import tame_names
-from passerby.interchange.formats.values import padded, rodrigues, rotation
+from passerby.interchange.formats.values import ANYTHING, led_names, padded, rodrigues, rotation
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 NAMES, TRUE_NAMES = "names", "passerby_names"
+HEAD = "%YAML:1.0\n---\n"
+"""What OpenCV of every version reads; 5 writes %YAML 1.2 itself."""
 FORBIDDEN = re.compile(r"[^A-Za-z0-9_-]")
 
 
@@ -40,27 +42,33 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """Both files."""
     rig = export.posed(losses)
     lenses = {camera.name: expressed(camera, (RADTAN_5,), losses)[0] for camera in rig}
-    names = tame_names(rig.names, FORBIDDEN)
+    names = led_names(rig.names, FORBIDDEN, ANYTHING)
+    # In quotes: OpenCV's own writer leaves those out where its reader then finds numbers (1e5).
+    head = f"{HEAD}{NAMES}:\n" + "".join(f'  - "{name}"\n' for name in names.values())
+    intrinsics, extrinsics = [head], [head]
+    if any(name != tame for name, tame in names.items()):
+        intrinsics.append(f"{TRUE_NAMES}: {json.dumps(json.dumps(list(names)))}\n")
+    for camera in rig:
+        assert camera.pose is not None
+        name, lens = names[camera.name], lenses[camera.name]
+        intrinsics += [
+            _matrix_text(f"K_{name}", lens.matrix),
+            _matrix_text(f"dist_{name}", np.array([padded(lens.distortions, 5)])),
+            f"H_{name}: {lens.size[1]}\n",
+            f"W_{name}: {lens.size[0]}\n",
+        ]
+        extrinsics += [
+            _matrix_text(f"R_{name}", rodrigues(camera.pose.R_cw)[:, None]),
+            _matrix_text(f"Rot_{name}", camera.pose.R_cw),
+            _matrix_text(f"T_{name}", camera.pose.t_cw[:, None]),
+        ]
+    return {INTRINSICS: "".join(intrinsics).encode(), EXTRINSICS: "".join(extrinsics).encode()}
 
-    def intrinsics(file: cv2.FileStorage) -> None:
-        _write_list(file, NAMES, list(names.values()))
-        if any(name != tame for name, tame in names.items()):
-            _write_list(file, TRUE_NAMES, list(names))
-        for name, lens in lenses.items():
-            file.write(f"K_{names[name]}", np.array(lens.matrix))
-            file.write(f"dist_{names[name]}", np.array([padded(lens.distortions, 5)]))
-            file.write(f"H_{names[name]}", lens.size[1])
-            file.write(f"W_{names[name]}", lens.size[0])
 
-    def extrinsics(file: cv2.FileStorage) -> None:
-        _write_list(file, NAMES, list(names.values()))
-        for camera in rig:
-            assert camera.pose is not None
-            file.write(f"R_{names[camera.name]}", rodrigues(camera.pose.R_cw)[:, None])
-            file.write(f"Rot_{names[camera.name]}", np.array(camera.pose.R_cw))
-            file.write(f"T_{names[camera.name]}", camera.pose.t_cw[:, None].copy())
-
-    return {INTRINSICS: _storage(intrinsics), EXTRINSICS: _storage(extrinsics)}
+def _matrix_text(key: str, values: Floats) -> str:
+    """A matrix with all digits."""
+    numbers = ", ".join(map(repr, values.ravel().tolist()))
+    return f"{key}: !!opencv-matrix\n  rows: {values.shape[0]}\n  cols: {values.shape[1]}\n  dt: d\n  data: [ {numbers} ]\n"
 
 
 def read(path: Path, given: Given) -> Rig:
@@ -70,8 +78,7 @@ def read(path: Path, given: Given) -> Rig:
     names = _list(file, NAMES)
     if not names:
         raise InputError(f"{intrinsics}: has no list `names`: is it another kind of file?")
-    true = _list(file, TRUE_NAMES)
-    true = true if len(true) == len(names) else names
+    true = _true_names(file, names)
     extrinsics = intrinsics.with_name(EXTRINSICS)
     poses = _opened(extrinsics) if extrinsics.is_file() else None
     cameras = []
@@ -113,22 +120,6 @@ def _pose(place: str, file: cv2.FileStorage, name: str, metres: float) -> Pose |
     return Pose(np.asarray(R, dtype=np.float64), metres * translation)
 
 
-def _storage(fill: Callable[[cv2.FileStorage], None]) -> bytes:
-    """The text of a FileStorage, with the first line that OpenCV of any version reads (5 writes %YAML 1.2)."""
-    file = cv2.FileStorage(".yml", cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY | cv2.FileStorage_FORMAT_YAML)
-    fill(file)
-    body = file.releaseAndGetString().split("\n", 1)[1]
-    return f"%YAML:1.0\n{body}".encode()
-
-
-def _write_list(file: cv2.FileStorage, key: str, values: list[str]) -> None:
-    """A list of texts."""
-    file.startWriteStruct(key, cv2.FileNode_SEQ)
-    for value in values:
-        file.write("", value)
-    file.endWriteStruct()
-
-
 def _opened(path: Path) -> cv2.FileStorage:
     """A file as OpenCV reads it. Raises `InputError`."""
     text = read_text(path, "EasyMocap's calibration (OpenCV's YAML)")
@@ -146,6 +137,17 @@ def _list(file: cv2.FileStorage, key: str) -> list[str]:
     node = file.getNode(key)
     items = [node.at(index) for index in range(node.size())] if node.isSeq() else []
     return [item.string() if item.isString() else str(int(item.real())) for item in items]
+
+
+def _true_names(file: cv2.FileStorage, names: list[str]) -> list[str]:
+    """The names before they had to change; `names` where the file does not tell."""
+    node = file.getNode(TRUE_NAMES)
+    try:
+        told = json.loads(node.string()) if node.isString() else names
+    except ValueError:
+        return names
+    fits = isinstance(told, list) and len(told) == len(names) and all(isinstance(name, str) and name for name in told)
+    return told if fits else names
 
 
 def _number(file: cv2.FileStorage, key: str) -> int:

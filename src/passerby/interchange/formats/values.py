@@ -21,16 +21,21 @@ ROTATION_TOLERANCE = 1e-3
 """Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
 
 
-LETTER = re.compile(r"[A-Za-z]")
+LETTER, ANYTHING = re.compile(r"[A-Za-z]"), re.compile("")
 
 
 class _Loader(yaml.SafeLoader):
     """Plain YAML 1.1, but numbers such as 1e-05, which YAML writers of other languages make, are numbers and not text."""
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
+class _Dumper(yaml.SafeDumper):
+    """Plain YAML 1.1, with quotes around text that other readers, and `_Loader`, would take for a number."""
+
+
+for _kind in (_Loader, _Dumper):
+    _kind.add_implicit_resolver(
+        "tag:yaml.org,2002:float", re.compile(r"^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
+    )
 
 
 def load_yaml(path: Path, kind: str) -> Any:
@@ -51,7 +56,8 @@ def parse_yaml(path: Path, text: str) -> Any:
 
 def dump_yaml(value: Any) -> bytes:
     """YAML text of plain values: keys as they come, lists of numbers on one line."""
-    return yaml.safe_dump(value, sort_keys=False, default_flow_style=None, width=1000, allow_unicode=True).encode("utf-8")
+    text = yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=1000, allow_unicode=True)
+    return text.encode("utf-8")
 
 
 def load_json(path: Path, kind: str) -> Any:
@@ -138,15 +144,18 @@ def led_names(
 ) -> dict[str, str]:
     """As `tame_names`, and each begins as `first` says: where it would not, `prefix` is put before it.
 
-    Names that can stay do stay, whatever the others are.
+    Names that can stay do stay, but for those that differ from an earlier one in case alone: they may become file names.
     """
     names = list(names)
     tame = tame_names(names, forbidden)
-    stays = {name for name in names if tame[name] == name and first.match(name)}
-    taken = {name.casefold() for name in stays}
+    taken: set[str] = set()
+    changing = []
     for name in names:
-        if name in stays:
-            continue
+        if tame[name] == name and first.match(name) and name.casefold() not in taken:
+            taken.add(name.casefold())
+        else:
+            changing.append(name)
+    for name in changing:
         base = tame[name] if first.match(tame[name]) else prefix + tame[name]
         led, number = base, 2
         while led.casefold() in taken:

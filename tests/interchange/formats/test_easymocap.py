@@ -1,0 +1,146 @@
+import cv2
+import numpy as np
+import pytest
+
+from facing_cameras import (
+    CENTRE,
+    LOOKING_NORTH,
+    MATRIX,
+    NASTY_NAMES,
+    PIXELS,
+    POINTS,
+    SIZE,
+    TRANSLATION,
+    facing,
+    read_back,
+    same_cameras,
+    turned_rig,
+    written,
+)
+from passerby.cameras import Rig
+from passerby.errors import InputError
+
+# As EasyMocap's own writer has it: six digits, Windows' line ends, no picture size.
+INTRI = """%YAML:1.0\r
+---\r
+names:\r
+  - "01"\r
+  - "02"\r
+K_01: !!opencv-matrix\r
+  rows: 3\r
+  cols: 3\r
+  dt: d\r
+  data: [1000.000000, 0.000000, 960.000000, 0.000000, 1100.000000, 540.000000, 0.000000, 0.000000, 1.000000]\r
+dist_01: !!opencv-matrix\r
+  rows: 1\r
+  cols: 5\r
+  dt: d\r
+  data: [-0.100000, 0.020000, 0.001000, -0.002000, 0.003000]\r
+K_02: !!opencv-matrix\r
+  rows: 3\r
+  cols: 3\r
+  dt: d\r
+  data: [1000.000000, 0.000000, 960.000000, 0.000000, 1100.000000, 540.000000, 0.000000, 0.000000, 1.000000]\r
+dist_02: !!opencv-matrix\r
+  rows: 1\r
+  cols: 5\r
+  dt: d\r
+  data: [0.000000, 0.000000, 0.000000, 0.000000, 0.000000]\r
+"""
+EXTRI = """%YAML:1.0\r
+---\r
+names:\r
+  - "01"\r
+R_01: !!opencv-matrix\r
+  rows: 3\r
+  cols: 1\r
+  dt: d\r
+  data: [1.570796, 0.000000, 0.000000]\r
+T_01: !!opencv-matrix\r
+  rows: 3\r
+  cols: 1\r
+  dt: d\r
+  data: [-4.000000, 2.500000, 3.000000]\r
+"""
+
+
+def node(path, key):
+    """A matrix as EasyMocap reads it."""
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    return file.getNode(key).mat()
+
+
+def test_a_camera_at_a_known_place(tmp_path):
+    written("easymocap", Rig((facing("north", distortions=(-0.1, 0.02, 0.001, -0.002, 0.003)),)), tmp_path)
+    extri, intri = tmp_path / "extri.yml", tmp_path / "intri.yml"
+    assert intri.read_text().startswith("%YAML:1.0\n---\n")
+    assert extri.read_text().startswith("%YAML:1.0\n---\n")
+    np.testing.assert_allclose(node(extri, "R_north"), [[np.pi / 2], [0], [0]], atol=1e-12)
+    np.testing.assert_allclose(node(extri, "Rot_north"), LOOKING_NORTH, atol=1e-12)
+    np.testing.assert_allclose(node(extri, "T_north"), np.reshape(TRANSLATION, (3, 1)), atol=1e-12)
+    np.testing.assert_array_equal(node(intri, "K_north"), MATRIX)
+    np.testing.assert_array_equal(node(intri, "dist_north"), [[-0.1, 0.02, 0.001, -0.002, 0.003]])
+    file = cv2.FileStorage(str(intri), cv2.FILE_STORAGE_READ)
+    assert (int(file.getNode("W_north").real()), int(file.getNode("H_north").real())) == SIZE
+    assert file.getNode("names").at(0).string() == "north"
+
+
+def test_easymocaps_own_projection(tmp_path):
+    written("easymocap", Rig((facing(),)), tmp_path)
+    extri = tmp_path / "extri.yml"
+    P = node(tmp_path / "intri.yml", "K_north") @ np.hstack([cv2.Rodrigues(node(extri, "R_north"))[0], node(extri, "T_north")])
+    seen = np.column_stack([POINTS, np.ones(3)]) @ P.T
+    np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], PIXELS, atol=1e-9)
+
+
+def test_a_file_of_easymocap(tmp_path):
+    (tmp_path / "intri.yml").write_bytes(INTRI.encode())
+    (tmp_path / "extri.yml").write_bytes(EXTRI.encode())
+    with pytest.raises(InputError, match=r"camera 01: tells no picture size.*--size"):
+        read_back("easymocap", tmp_path)
+    rig, _ = read_back("easymocap", tmp_path, size=SIZE)
+    assert rig.names == ("01", "02")
+    np.testing.assert_allclose(rig["01"].centre, CENTRE, atol=1e-5)
+    np.testing.assert_array_equal(rig["01"].lens.distortions, [-0.1, 0.02, 0.001, -0.002, 0.003])
+    assert rig["02"].pose is None
+
+
+def test_names_are_kept(tmp_path):
+    rig = turned_rig(NASTY_NAMES)
+    assert written("easymocap", rig, tmp_path) == ()
+    back, _ = read_back("easymocap", tmp_path)
+    assert back.names == rig.names
+    assert same_cameras(rig, back)
+    file = cv2.FileStorage(str(tmp_path / "intri.yml"), cv2.FILE_STORAGE_READ)
+    names = [file.getNode("names").at(index).string() for index in range(len(rig))]
+    assert len({name.lower() for name in names}) == len(rig)
+    for name in names:
+        assert file.getNode(f"K_{name}").mat().shape == (3, 3)
+
+
+def test_a_fisheye_is_a_loss(tmp_path):
+    with pytest.raises(InputError, match=r"camera north: its lens \(fisheye.*k1, k2, p1, p2, k3, up to .* px off"):
+        written("easymocap", Rig((facing(distortions=(0.01, 0, 0, 0), fisheye=True),)), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("intri", "extri", "match"),
+    [
+        ("nothing: 1", None, "has no list `names`|OpenCV can read"),
+        ("\x00", None, "OpenCV can read"),
+        (INTRI.replace("K_02", "K_03"), None, "camera 02: K_02 is missing"),
+        (INTRI.replace("1100.000000", "-1100.000000"), None, "camera 01: matrix .* focal lengths"),
+        (INTRI.replace('"02"', '"01"'), None, "camera 01 stands twice"),
+        (INTRI, EXTRI.replace("T_01", "T_1"), "camera 01: R_01 or T_01 is missing"),
+        (INTRI, EXTRI.replace("rows: 3", "rows: 1"), "camera 01: R_01 is not a matrix of 3"),
+    ],
+)
+def test_bad_files(tmp_path, intri, extri, match):
+    (tmp_path / "intri.yml").write_text(intri)
+    if extri is not None:
+        (tmp_path / "extri.yml").write_text(extri)
+    with pytest.raises(InputError, match=match) as error:
+        read_back("easymocap", tmp_path, size=SIZE)
+    assert str(tmp_path) in str(error.value)
+    assert "\n" not in str(error.value)

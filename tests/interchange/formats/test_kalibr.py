@@ -1,0 +1,185 @@
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from facing_cameras import (
+    CENTRE,
+    LOOKING_NORTH,
+    NASTY_NAMES,
+    SIZE,
+    TRANSLATION,
+    facing,
+    largest_told_px,
+    read_back,
+    same_cameras,
+    turned_rig,
+    written,
+)
+from passerby.cameras import Rig
+from passerby.errors import InputError
+
+# From the sample in Kalibr's wiki (yaml formats), shortened.
+CHAIN = """\
+cam0:
+  camera_model: pinhole
+  intrinsics: [461.629, 460.152, 362.680, 246.049]
+  distortion_model: radtan
+  distortion_coeffs: [-0.27695497, 0.06712482, 0.00087538, 0.00011556]
+  T_cam_imu:
+  - [0.01779318, 0.99967549, -0.01822936, 0.07008565]
+  - [-0.9998017, 0.01795239, 0.00860714, -0.01771023]
+  - [0.00893160, 0.01807260, 0.99979678, 0.00399246]
+  - [0.0, 0.0, 0.0, 1.0]
+  timeshift_cam_imu: -8.121e-05
+  rostopic: /cam0/image_raw
+  resolution: [752, 480]
+cam1:
+  camera_model: omni
+  intrinsics: [0.8, 833.006, 830.345, 373.850, 253.749]
+  distortion_model: radtan
+  distortion_coeffs: [-0.33518750, 0.13211436, 0.00055967, 5e-05]
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, -0.1]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  rostopic: /cam1/image_raw
+  resolution: [752, 480]
+"""
+
+
+def test_cameras_at_known_places(tmp_path):
+    fisheye = facing("b", (6.0, -3.0, 2.5), (0.1, 0.2, 0.3, 0.4), fisheye=True)
+    written("kalibr", Rig((facing("a", distortions=(-0.1, 0.02, 0.001, -0.002)), fisheye)), tmp_path / "chain.yaml")
+    chain = yaml.safe_load((tmp_path / "chain.yaml").read_text())
+    assert list(chain) == ["cam0", "cam1"]
+    one, two = chain.values()
+    world = np.eye(4)
+    world[:3, :3], world[:3, 3] = LOOKING_NORTH, TRANSLATION
+    np.testing.assert_allclose(one["T_cam_world"], world, atol=1e-12)
+    assert "T_cn_cnm1" not in one
+    step = np.eye(4)
+    step[0, 3] = -2.0  # the second camera stands two metres to the right of the first, so points lie two farther left
+    np.testing.assert_allclose(two["T_cn_cnm1"], step, atol=1e-12)
+    assert (one["camera_model"], one["distortion_model"]) == ("pinhole", "radtan")
+    assert (two["camera_model"], two["distortion_model"]) == ("pinhole", "equidistant")
+    assert one["distortion_coeffs"] == [-0.1, 0.02, 0.001, -0.002]
+    assert two["distortion_coeffs"] == [0.1, 0.2, 0.3, 0.4]
+    assert one["intrinsics"] == [1000.0, 1100.0, 960.0, 540.0]
+    assert one["resolution"] == list(SIZE)
+
+
+def test_what_kalibr_asks_of_values(tmp_path):
+    """`CameraParameters` of kalibr_common/ConfigReader.py checks types so; every key at the top is a camera to it."""
+    written("kalibr", turned_rig(("1", "b")), tmp_path / "chain.yaml")
+    chain = yaml.safe_load((tmp_path / "chain.yaml").read_text())
+    assert list(chain) == [f"cam{index}" for index in range(len(chain))]
+    for values in chain.values():
+        assert all(isinstance(number, float) for number in values["intrinsics"])
+        assert all(isinstance(number, int) for number in values["resolution"])
+        assert len(values["distortion_coeffs"]) == 4
+        assert isinstance(values["rostopic"], str)
+    assert chain["cam0"]["rostopic"] == "/camera_1/image_raw"
+
+
+def test_round_trip_with_names_and_world(tmp_path):
+    rig = turned_rig(NASTY_NAMES)
+    written("kalibr", rig, tmp_path / "chain.yaml")
+    back, losses = read_back("kalibr", tmp_path / "chain.yaml")
+    assert back.names == rig.names
+    assert losses == ()
+    assert same_cameras(rig, back)
+
+
+def test_a_chain_of_kalibr(tmp_path):
+    (tmp_path / "chain.yaml").write_text(CHAIN)
+    rig, losses = read_back("kalibr", tmp_path / "chain.yaml")
+    assert rig.names == ("cam0", "cam1")
+    assert rig["cam0"].lens.size == (752, 480)
+    np.testing.assert_array_equal(rig["cam0"].pose.R_cw, np.eye(3))
+    np.testing.assert_allclose(rig["cam1"].centre, (0.1, 0, 0), atol=1e-12)
+    np.testing.assert_array_equal(rig["cam0"].lens.distortions, [-0.27695497, 0.06712482, 0.00087538, 0.00011556])
+    assert len(losses) == 1
+    assert "camera cam1: omni with radtan is fitted" in losses[0]
+    # OpenCV's omnidirectional model, by hand: a point a little to the right of the axis.
+    point = np.array([[0.3, 0.1, 2.0]])
+    x, y = (point[0, :2] / (point[0, 2] + 0.8 * np.linalg.norm(point))).tolist()
+    seen = cv2.projectPoints(
+        np.array([[x, y, 1.0]]), np.zeros(3), np.zeros(3), np.array([[833.006, 0, 373.85], [0, 830.345, 253.749], [0, 0, 1]]),
+        np.array([-0.33518750, 0.13211436, 0.00055967, 5e-05]),
+    )[0][0, 0]  # fmt: skip
+    np.testing.assert_allclose(rig["cam1"].lens.project_rays(point)[0], seen, atol=largest_told_px(losses))
+
+
+@pytest.mark.parametrize(
+    ("model", "intrinsics", "distortion", "coefficients", "plane"),
+    [
+        # Where each model has a point at 45 degrees to the right, in units of the focal length, by its paper's formula.
+        ("ds", [-0.2, 0.6], "none", [], lambda: 1 / (0.6 * np.hypot(1, 1 - 0.2 * 2**0.5) + 0.4 * (1 - 0.2 * 2**0.5))),
+        ("eucm", [0.6, 1.1], "none", [], lambda: 1 / (0.6 * np.sqrt(1.1 + 1) + 0.4)),
+        ("omni", [1.2], "none", [], lambda: 1 / (1 + 1.2 * 2**0.5)),
+        ("pinhole", [], "fov", [0.9], lambda: np.arctan(2 * np.tan(0.45)) / 0.9),
+    ],
+)
+def test_models_that_are_fitted(tmp_path, model, intrinsics, distortion, coefficients, plane):
+    camera = {
+        "camera_model": model, "intrinsics": [*intrinsics, 400.0, 410.0, 640.0, 480.0], "distortion_model": distortion,
+        "distortion_coeffs": coefficients, "resolution": [1280, 960],
+    }  # fmt: skip
+    (tmp_path / "chain.yaml").write_text(yaml.safe_dump({"cam0": camera}))
+    rig, losses = read_back("kalibr", tmp_path / "chain.yaml")
+    assert rig["cam0"].pose is None
+    seen = rig["cam0"].lens.project_rays(np.array([[1.0, 0, 1]]))[0]
+    np.testing.assert_allclose(seen, (640 + 400 * plane(), 480), atol=largest_told_px(losses))
+    assert largest_told_px(losses) < 0.2
+
+
+def test_a_third_radial_coefficient_is_a_loss_of_the_told_size(tmp_path):
+    rig = Rig((facing(distortions=(-0.1, 0.02, 0.001, 0.001, 0.01)),))
+    with pytest.raises(InputError, match=r"camera north: .*5 distortion coefficients.*--lossy"):
+        written("kalibr", rig, tmp_path / "chain.yaml")
+    told = written("kalibr", rig, tmp_path / "chain.yaml", lossy=True)
+    back, _ = read_back("kalibr", tmp_path / "chain.yaml")
+    pixels = np.random.default_rng(2).uniform((0, 0), SIZE, (300, 2))
+    rays = rig["north"].lens.bearings(pixels)
+    off = np.linalg.norm(back["north"].lens.project_rays(rays) - pixels, axis=1).max()
+    assert 0.3 * largest_told_px(told) < off <= largest_told_px(told)
+
+
+def test_cameras_without_a_pose_are_left_out(tmp_path):
+    rig = Rig((facing("a"), facing("b")))
+    rig = Rig((rig["a"], type(rig["b"])("b", rig["b"].lens)))
+    told = written("kalibr", rig, tmp_path / "chain.yaml", lossy=True)
+    assert told == ("camera b has no pose and is left out",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("camera_model: pinhole", "camera_model: fancy", "cam0: camera_model fancy"),
+        ("resolution: [752, 480]", "resolution: 752", "cam0: resolution is 752: 2 numbers"),
+        ("intrinsics: [461.629,", "intrinsics: [", "cam0: intrinsics is .*: 4 numbers"),
+        ("[1.0, 0.0, 0.0, -0.1]", "[2.0, 0.0, 0.0, -0.1]", "cam1: T_cn_cnm1: .* is no rotation"),
+        ("[0.8, 833.006", "[.nan, 833.006", "cam1: intrinsics .* finite"),
+        ("cam0:", "cam7:", "cam1: T_cn_cnm1 is there, but no camera before it"),
+        ("cam0:", "cam0: [", "is not YAML"),
+        (CHAIN, "[]", "holds no camera chain"),
+        (CHAIN, "a: {}", "has no table cam0"),
+        (CHAIN, "cam0: 3", "cam0: holds no camera"),
+        (CHAIN, "[" * 1100, "is not YAML"),
+    ],
+)
+def test_bad_files(tmp_path, old, new, match):
+    path = tmp_path / "chain.yaml"
+    path.write_text(CHAIN.replace(old, new))
+    with pytest.raises(InputError, match=match) as error:
+        read_back("kalibr", path)
+    assert str(error.value).startswith(str(path))
+    assert "\n" not in str(error.value)
+
+
+def test_unit_of_lengths(tmp_path):
+    written("kalibr", Rig((facing(),)), tmp_path / "chain.yaml")
+    rig, _ = read_back("kalibr", tmp_path / "chain.yaml", metres_per_unit=0.5)
+    np.testing.assert_allclose(rig["north"].centre, np.array(CENTRE) / 2, atol=1e-12)

@@ -1,0 +1,173 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from facing_cameras import (
+    CENTRE,
+    LOOKING_NORTH,
+    NASTY_NAMES,
+    PIXELS,
+    POINTS,
+    SIZE,
+    facing,
+    largest_told_px,
+    read_back,
+    same_cameras,
+    turned_rig,
+    written,
+)
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.errors import InputError
+
+# As docs/quickstart/data_conventions.md of nerfstudio shows it: one lens at the top, for all frames.
+DOCUMENTED = {
+    "fl_x": 1072.281897246229,
+    "fl_y": 1068.6906965388932,
+    "cx": 1504.0,
+    "cy": 1000.0,
+    "w": 3008,
+    "h": 2000,
+    "camera_model": "OPENCV_FISHEYE",
+    "k1": 0.03126218448029553,
+    "k2": 0.005177020067511987,
+    "k3": 0.0006640977794272005,
+    "k4": 0.00010067035656515042,
+    "frames": [
+        {
+            "file_path": f"images/frame_0000{index}.jpeg",
+            "transform_matrix": [[1.0, 0.0, 0.0, index], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+        }
+        for index in (1, 2)
+    ],
+}
+
+
+def test_a_camera_at_a_known_place(tmp_path):
+    written("nerfstudio", Rig((facing("north", distortions=(-0.1, 0.02, 0.001, -0.002, 0.003)),)), tmp_path / "t.json")
+    content = json.loads((tmp_path / "t.json").read_text())
+    frame = content["frames"][0]
+    # Columns: right, up, backward, place.
+    np.testing.assert_allclose(
+        frame["transform_matrix"], [[1, 0, 0, 4], [0, 0, -1, -3], [0, 1, 0, 2.5], [0, 0, 0, 1]], atol=1e-12
+    )
+    assert (frame["fl_x"], frame["fl_y"], frame["cx"], frame["cy"]) == (1000.0, 1100.0, 960.5, 540.5)
+    assert (frame["w"], frame["h"]) == SIZE
+    assert (frame["k1"], frame["k2"], frame["p1"], frame["p2"]) == (-0.1, 0.02, 0.001, -0.002)
+    assert (frame["k3"], frame["k4"]) == (0.003, 0.0)
+    assert content["camera_model"] == "OPENCV"
+    assert content["orientation_override"] == "none"
+    assert frame["file_path"] == "images/north.png"
+    # nerfstudio takes numbers at the top for all cameras, so none may stand there.
+    assert set(content) == {"camera_model", "orientation_override", "frames"}
+
+
+def test_the_rays_of_nerfstudio_meet_the_points(tmp_path):
+    """Pixel (column, row) is looked through at (column + 0.5, row + 0.5), y up, along -z (`Cameras.generate_rays`)."""
+    written("nerfstudio", Rig((facing(),)), tmp_path / "t.json")
+    frame = json.loads((tmp_path / "t.json").read_text())["frames"][0]
+    x, y = (PIXELS + 0.5).T
+    directions = np.column_stack([(x - frame["cx"]) / frame["fl_x"], -(y - frame["cy"]) / frame["fl_y"], np.full(3, -1.0)])
+    to_world = np.array(frame["transform_matrix"])
+    rays = directions @ to_world[:3, :3].T
+    away = POINTS - to_world[:3, 3]
+    np.testing.assert_allclose(rays / np.linalg.norm(rays, axis=1)[:, None], away / np.linalg.norm(away, axis=1)[:, None])
+
+
+def test_the_documented_file(tmp_path):
+    (tmp_path / "transforms.json").write_text(json.dumps(DOCUMENTED))
+    rig, _ = read_back("nerfstudio", tmp_path)
+    assert rig.names == ("frame_00001", "frame_00002")
+    camera = rig["frame_00002"]
+    assert camera.lens.fisheye
+    assert camera.lens.size == (3008, 2000)
+    np.testing.assert_array_equal(camera.lens.matrix[:2, 2], (1503.5, 999.5))
+    np.testing.assert_array_equal(camera.lens.distortions, [DOCUMENTED[key] for key in ("k1", "k2", "k3", "k4")])
+    # The identity looks along the world's -z, up is y.
+    np.testing.assert_array_equal(camera.centre, (2, 0, 0))
+    np.testing.assert_array_equal(camera.pose.R_cw, np.diag([1, -1, -1]))
+    point = np.array([[2.3, 0.2, -1.5]])
+    seen = cv2.fisheye.projectPoints(
+        np.array([[[0.3, -0.2, 1.5]]]), np.zeros(3), np.zeros(3), camera.lens.matrix, camera.lens.distortions
+    )[0][0, 0]
+    np.testing.assert_allclose(camera.project(point)[0], seen, atol=1e-9)
+
+
+def test_names_are_kept(tmp_path):
+    rig = turned_rig(NASTY_NAMES)
+    assert written("nerfstudio", rig, tmp_path / "t.json") == ()
+    back, _ = read_back("nerfstudio", tmp_path / "t.json")
+    assert back.names == rig.names
+    assert same_cameras(rig, back)
+    paths = [frame["file_path"] for frame in json.loads((tmp_path / "t.json").read_text())["frames"]]
+    assert len({path.lower() for path in paths}) == len(paths)
+    assert all(path.count("/") == 1 and path.startswith("images/") and "/." not in path for path in paths)
+
+
+def test_frames_of_the_same_name_in_different_folders(tmp_path):
+    frames = [{**frame, "file_path": f"./{folder}/0.png"} for folder, frame in zip("ab", DOCUMENTED["frames"], strict=True)]
+    (tmp_path / "t.json").write_text(json.dumps({**DOCUMENTED, "frames": frames}))
+    assert read_back("nerfstudio", tmp_path / "t.json")[0].names == ("a/0", "b/0")
+
+
+def test_fisheyes_are_held_and_mixed_rigs_lose(tmp_path):
+    fisheye = facing("wide", distortions=(0.01, -0.002, 0.001, 0.0005), fisheye=True)
+    assert written("nerfstudio", Rig((fisheye,)), tmp_path / "t.json") == ()
+    assert same_cameras(Rig((fisheye,)), read_back("nerfstudio", tmp_path / "t.json")[0])
+    mixed = Rig((fisheye, facing("narrow", distortions=(-0.05, 0.01, 0, 0, 0))))
+    with pytest.raises(InputError, match=r"camera narrow: .*fisheye"):
+        written("nerfstudio", mixed, tmp_path / "mixed.json")
+    told = written("nerfstudio", mixed, tmp_path / "mixed.json", lossy=True)
+    back, _ = read_back("nerfstudio", tmp_path / "mixed.json")
+    assert len(told) == 1
+    assert same_cameras(mixed, back, at_most_px=largest_told_px(told))
+
+
+def test_size_and_unit_as_told(tmp_path):
+    content = {key: value for key, value in DOCUMENTED.items() if key not in ("w", "h")}
+    (tmp_path / "t.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="tells no picture size"):
+        read_back("nerfstudio", tmp_path / "t.json")
+    rig, _ = read_back("nerfstudio", tmp_path / "t.json", size=(3008, 2000), metres_per_unit=0.01)
+    np.testing.assert_allclose(rig["frame_00002"].centre, (0.02, 0, 0))
+
+
+def test_cameras_without_a_pose(tmp_path):
+    lens = Lens(SIZE, facing().lens.matrix, np.zeros(0))
+    rig = Rig((Camera("a", lens, Pose.from_centre(LOOKING_NORTH, CENTRE)), Camera("b", lens)))
+    assert written("nerfstudio", rig, tmp_path / "t.json", lossy=True) == ("camera b has no pose and is left out",)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"frames": []}, "has no list `frames`"),
+        ({"frames": [3]}, r"frames\[0\]: holds no frame"),
+        ({"camera_model": "EQUIRECTANGULAR"}, "camera_model 'EQUIRECTANGULAR' is not known"),
+        ({"fl_x": None}, "fl_x is missing"),
+        ({"fl_x": -5}, "focal lengths above 0"),
+        ({"fl_x": True}, "fl_x is True: a number is needed"),
+        ({"cx": float("nan")}, "cx is nan"),
+        ({"w": 12.5}, "w is 12.5: a whole number"),
+        ({"p1": 0.1}, "a fisheye has no tangential"),
+        ({"camera_model": "OPENCV"}, "k4 = 0.00010067: OpenCV's pinhole has no such"),
+        ({"frames": [{"file_path": "a", "transform_matrix": [[1, 0, 0, 0]] * 4}]}, "is no rotation"),
+        ({"frames": [{"file_path": "a", "transform_matrix": 5}]}, "16 numbers are needed"),
+        ({"frames": [{"file_path": "a"}]}, "transform_matrix is missing"),
+    ],
+)
+def test_bad_files(tmp_path, change, match):
+    path = tmp_path / "t.json"
+    path.write_text(json.dumps({**DOCUMENTED, **change}))
+    with pytest.raises(InputError, match=match) as error:
+        read_back("nerfstudio", path)
+    assert str(error.value).startswith(str(path))
+
+
+def test_other_files(tmp_path):
+    path = tmp_path / "t.json"
+    for text, match in (("[]", "holds no table"), ("{", "line 1: is not JSON"), ("[" * 100_000, "is not JSON")):
+        path.write_text(text)
+        with pytest.raises(InputError, match=match):
+            read_back("nerfstudio", path)
