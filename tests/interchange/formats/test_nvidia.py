@@ -1,0 +1,212 @@
+import json
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+from facing_cameras import (
+    CENTRE,
+    LOOKING_NORTH,
+    NASTY_NAMES,
+    PIXELS,
+    POINTS,
+    SIZE,
+    facing,
+    largest_told_px,
+    read_back,
+    same_cameras,
+    turned_rig,
+    written,
+)
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.errors import InputError
+
+# K [R | t] of `facing()`, by hand: rows 1000 x + 960 z, -1100 (z - 2.5) + 540 (y + 3), y + 3.
+NORTH = [[1000.0, 960, 0, -1120], [0, 540, -1100, 4370], [0, 1, 0, 3]]
+SAFE_ID = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+"""What generate_cam_info_configs.py of NVIDIA's video-search-and-summarization takes for a sensor's id."""
+
+
+def looking_down(name="down", **lens):
+    """A camera that sees the ground: 30 degrees below the horizon."""
+    sine, cosine = 0.5, 0.75**0.5
+    R_cw = np.array([[1, 0, 0], [0, -sine, -cosine], [0, cosine, -sine]])
+    return Camera(name, facing(**lens).lens, Pose.from_centre(R_cw, CENTRE))
+
+
+def test_camera_files_of_mv3dt(tmp_path):
+    written("mv3dt", Rig((facing("north"),)), tmp_path)
+    text = (tmp_path / "camInfo/north.yml").read_text()
+    stored = yaml.safe_load(text)
+    assert list(stored) == ["projectionMatrix_3x4_w2p", "modelInfo"]
+    matrix = np.reshape(stored["projectionMatrix_3x4_w2p"], (3, 4))
+    np.testing.assert_allclose(matrix, NORTH, atol=1e-9)
+    assert all(isinstance(value, float) for value in stored["projectionMatrix_3x4_w2p"])
+    seen = np.column_stack([POINTS, np.ones(3)]) @ matrix.T
+    np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], PIXELS, atol=1e-9)
+    assert 1.5 < stored["modelInfo"]["height"] < 2
+    assert 0.1 < stored["modelInfo"]["radius"] < 0.5
+
+
+def test_small_numbers_are_numbers_to_pyyaml(tmp_path):
+    rig = Rig((Camera("a", facing().lens, Pose(np.eye(3), (0, 0, 1e-9))),))
+    written("mv3dt", rig, tmp_path)
+    values = yaml.safe_load((tmp_path / "camInfo/a.yml").read_text())["projectionMatrix_3x4_w2p"]
+    assert all(isinstance(value, float) for value in values)
+    assert values[-1] == 1e-9
+
+
+def test_calibration_json(tmp_path):
+    written("amc", Rig((looking_down(),)), tmp_path / "calibration.json")
+    content = json.loads((tmp_path / "calibration.json").read_text())
+    assert {key: content[key] for key in ("version", "osmURL", "calibrationType")} == {
+        "version": "1.0", "osmURL": "", "calibrationType": "cartesian",
+    }  # fmt: skip
+    (sensor,) = content["sensors"]
+    assert (sensor["type"], sensor["id"]) == ("camera", "down")
+    assert sensor["coordinates"] == dict(zip("xyz", CENTRE, strict=True))
+    assert {item["name"]: item["value"] for item in sensor["attributes"]} == {"frameWidth": "1920", "frameHeight": "1080"}
+    K, Rt = np.array(sensor["intrinsicMatrix"]), np.array(sensor["extrinsicMatrix"])
+    assert (K.shape, Rt.shape) == ((3, 3), (3, 4))
+    np.testing.assert_allclose(Rt @ [*CENTRE, 1], 0, atol=1e-12)
+    np.testing.assert_allclose(np.array(sensor["cameraMatrix"]), K @ Rt, atol=1e-9)
+    assert "homography" not in sensor  # its direction differs from reader to reader; they compute it from these points:
+    pixels = np.array([[point["x"], point["y"]] for point in sensor["imageCoordinates"]])
+    ground = np.array([[point["x"], point["y"], point["z"], 1] for point in sensor["globalCoordinates"]])
+    assert len(pixels) == len(ground) >= 4
+    seen = ground @ np.array(sensor["cameraMatrix"]).T
+    assert (seen[:, 2] > 0).all()
+    np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], pixels, atol=1e-6)
+    # The middle of the picture's lower part is ahead of the camera, between its foot and the horizon.
+    assert (ground[:, 1] > CENTRE[1]).all()
+    assert (ground[:, 2] == 0).all()
+
+
+def test_a_level_camera_by_hand(tmp_path):
+    written("amc", Rig((facing(),)), tmp_path / "calibration.json")
+    (sensor,) = json.loads((tmp_path / "calibration.json").read_text())["sensors"]
+    np.testing.assert_allclose(sensor["extrinsicMatrix"], [[1, 0, 0, -4], [0, 0, -1, 2.5], [0, 1, 0, 3]], atol=1e-12)
+    np.testing.assert_allclose(sensor["cameraMatrix"], NORTH, atol=1e-9)
+
+
+def test_a_camera_that_sees_no_ground(tmp_path):
+    up = Camera("up", facing().lens, Pose.from_centre(np.diag([1.0, -1, -1]) @ np.diag([1.0, -1, -1]), (0, 0, 2)))
+    written("amc", Rig((up,)), tmp_path / "calibration.json")
+    (sensor,) = json.loads((tmp_path / "calibration.json").read_text())["sensors"]
+    assert sensor["imageCoordinates"] == sensor["globalCoordinates"] == []
+
+
+@pytest.mark.parametrize("form", ["mv3dt", "amc"])
+def test_round_trip_with_names(tmp_path, form):
+    skewed = np.array([[1000.0, 7, 960], [0, 1100, 540], [0, 0, 1]])
+    rig = turned_rig(
+        NASTY_NAMES, [Lens(SIZE, skewed if index == 3 else facing().lens.matrix, np.zeros(0)) for index in range(12)]
+    )
+    target = tmp_path / "out"
+    assert written(form, rig, target) == ()
+    assert same_cameras(rig, read_back(form, target)[0])
+    if form == "mv3dt":
+        ids = [path.stem for path in (target / "camInfo").iterdir()]
+    else:
+        ids = [sensor["id"] for sensor in json.loads(target.read_text())["sensors"]]
+    assert len({name.lower() for name in ids}) == len(rig)
+    assert all(SAFE_ID.fullmatch(name) for name in ids)
+    assert "01" in ids
+
+
+@pytest.mark.parametrize("form", ["mv3dt", "amc"])
+def test_distortion_is_a_loss_of_the_told_size(tmp_path, form):
+    rig = Rig((looking_down(distortions=(-0.05, 0.01, 0, 0)),))
+    with pytest.raises(InputError, match=r"camera down: .*a pinhole without distortion, up to .* px off"):
+        written(form, rig, tmp_path / "out")
+    told = written(form, rig, tmp_path / "out", lossy=True)
+    back, _ = read_back(form, tmp_path / "out")
+    assert back["down"].lens.matrix[0, 1] == 0
+    assert same_cameras(rig, back, at_most_px=largest_told_px(told))
+    assert not same_cameras(rig, back, at_most_px=0.02 * largest_told_px(told))
+
+
+def test_zero_centred_projection_matrices_are_read(tmp_path):
+    """Before `_w2p`, DeepStream added half the picture's size itself (DS_plugin_gst-nvtracker.html)."""
+    centred = np.array([[1.0, 0, -960], [0, 1, -540], [0, 0, 1]]) @ NORTH
+    values = "".join(f"  - {value}\n" for value in (-2 * centred).ravel())
+    path = tmp_path / "camInfo-01.yml"
+    path.write_text(f"%YAML:1.0\n---\n# of a test\nprojectionMatrix_3x4:\n{values}modelInfo:\n  height: 205\n  radius: 33\n")
+    with pytest.raises(InputError, match=r"camInfo-01.yml: tells no picture size"):
+        read_back("mv3dt", path)
+    rig, _ = read_back("mv3dt", tmp_path, size=SIZE, metres_per_unit=0.01)
+    np.testing.assert_allclose(rig["camInfo-01"].lens.matrix, facing().lens.matrix, atol=1e-9)
+    np.testing.assert_allclose(rig["camInfo-01"].pose.R_cw, LOOKING_NORTH, atol=1e-12)
+    np.testing.assert_allclose(rig["camInfo-01"].centre, np.array(CENTRE) / 100, atol=1e-12)
+
+
+def test_results_of_automagiccalib_are_read(tmp_path):
+    """K, R, t and a matrix that is called zero-centred but is not, as README.md of auto-magic-calib shows them."""
+    content = {
+        "K": facing().lens.matrix.tolist(), "R": LOOKING_NORTH.tolist(), "projectionMatrix_3x4": NORTH,
+        "t": [[-4.0], [2.5], [3.0]],
+    }  # fmt: skip
+    (tmp_path / "camInfo").mkdir()
+    (tmp_path / "camInfo/camInfo_00.yaml").write_text(yaml.safe_dump(content))
+    (tmp_path / "camInfo/other.yaml").write_text("a: 1")
+    rig, _ = read_back("mv3dt", tmp_path, size=SIZE)
+    assert rig.names == ("camInfo_00",)
+    np.testing.assert_allclose(rig["camInfo_00"].project(POINTS), PIXELS, atol=1e-9)
+
+
+def test_sensors_of_others(tmp_path):
+    """A matrix of any scale and sign, as fitted ones have; a 4 x 4 extrinsic matrix; what is no camera."""
+    sensors = [
+        {"type": "camera", "id": "Camera_01", "cameraMatrix": (-0.3 * np.array(NORTH)).tolist()},
+        {
+            "type": "camera", "id": "Camera_02", "intrinsicMatrix": facing().lens.matrix.tolist(),
+            "extrinsicMatrix": [[1, 0, 0, -4], [0, 0, -1, 2.5], [0, 1, 0, 3], [0, 0, 0, 1]], "cameraMatrix": [[0] * 4] * 3,
+            "attributes": [{"name": "frameWidth", "value": 1280}, {"name": "frameHeight", "value": "720"}],
+        },
+        {"type": "lidar", "id": "x"},
+    ]  # fmt: skip
+    (tmp_path / "calibration.json").write_text(json.dumps({"calibrationType": "cartesian", "sensors": sensors}))
+    rig, _ = read_back("amc", tmp_path, size=SIZE)
+    assert rig.names == ("Camera_01", "Camera_02")
+    assert (rig["Camera_01"].lens.size, rig["Camera_02"].lens.size) == (SIZE, (1280, 720))
+    for camera in rig:
+        np.testing.assert_allclose(camera.project(POINTS), PIXELS, atol=1e-8)
+        np.testing.assert_allclose(camera.centre, CENTRE, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"cameraMatrix": [[1, 0, 0, 0]] * 3}, "is not that of a camera"),
+        ({"cameraMatrix": None}, "sensor 'c': has neither intrinsicMatrix .* a homography is not enough"),
+        ({"cameraMatrix": [[1]]}, "cameraMatrix is .*: 12 numbers"),
+        ({"id": None}, "sensor None: id is None"),
+        (
+            {"attributes": [{"name": "frameWidth", "value": "wide"}, {"name": "frameHeight", "value": 1}]},
+            "frameWidth is 'wide'",
+        ),
+        ({"intrinsicMatrix": np.eye(3).tolist(), "extrinsicMatrix": [[1, 2, 3]] * 3}, "extrinsicMatrix has 9 numbers"),
+        ({"intrinsicMatrix": np.eye(3).tolist(), "extrinsicMatrix": np.ones((3, 4)).tolist()}, "is no rotation"),
+    ],
+)
+def test_bad_sensors(tmp_path, change, match):
+    path = tmp_path / "calibration.json"
+    path.write_text(json.dumps({"sensors": [{"type": "camera", "id": "c", "cameraMatrix": NORTH, **change}]}))
+    with pytest.raises(InputError, match=match) as error:
+        read_back("amc", path, size=SIZE)
+    assert str(error.value).startswith(str(path))
+
+
+def test_other_files(tmp_path):
+    path = tmp_path / "a"
+    for text, match in (("[]", "holds no list"), ("{}", "has no list `sensors`"), ('{"sensors": []}', "holds no camera")):
+        path.write_text(text)
+        with pytest.raises(InputError, match=match):
+            read_back("amc", path)
+    path.write_text("modelInfo: 1")
+    with pytest.raises(InputError, match="projectionMatrix_3x4 is missing"):
+        read_back("mv3dt", path, size=SIZE)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="holds no camera"):
+        read_back("mv3dt", tmp_path / "empty")

@@ -1,0 +1,252 @@
+import re
+import sys
+import types
+
+import numpy as np
+import pytest
+import yaml
+
+from facing_cameras import (
+    CENTRE,
+    LOOKING_NORTH,
+    NASTY_NAMES,
+    PIXELS,
+    POINTS,
+    SIZE,
+    facing,
+    largest_told_px,
+    read_back,
+    same_cameras,
+    turned_rig,
+    written,
+)
+from passerby.cameras import Camera, Lens, Rig
+from passerby.errors import InputError
+
+# As camera_calibration writes it (ost.yaml).
+OST = """\
+image_width: 640
+image_height: 480
+camera_name: narrow_stereo
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [ 698.12,    0.     ,  319.5  ,
+            0.     ,  698.5  ,  239.5  ,
+            0.     ,    0.     ,    1.     ]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.36, 0.14, 0.0005, -1e-04, 0.]
+rectification_matrix:
+  rows: 3
+  cols: 3
+  data: [1., 0., 0.,
+         0., 1., 0.,
+         0., 0., 1.]
+projection_matrix:
+  rows: 3
+  cols: 4
+  data: [650.0,    0.     ,  318.0  ,    0.     ,
+            0.     ,  670.0  ,  240.0  ,    0.     ,
+            0.     ,    0.     ,    1.     ,    0.     ]
+"""
+# As `ros2 topic echo --once /tf_static` prints it: the camera's body in the world, the optical frame in the body (REP 103).
+ECHOED = """\
+transforms:
+- header:
+    stamp:
+      sec: 1700000000
+      nanosec: 5
+    frame_id: map
+  child_frame_id: narrow_stereo_link
+  transform:
+    translation:
+      x: 4.0
+      y: -3.0
+      z: 2.5
+    rotation:
+      x: 0.0
+      y: 0.0
+      z: 0.7071067811865476
+      w: 0.7071067811865476
+- header:
+    stamp:
+      sec: 1700000000
+      nanosec: 5
+    frame_id: narrow_stereo_link
+  child_frame_id: narrow_stereo_optical_frame
+  transform:
+    translation:
+      x: 0.0
+      y: 0.0
+      z: 0.0
+    rotation:
+      x: -0.5
+      y: 0.5
+      z: -0.5
+      w: 0.5
+---
+"""
+
+
+def info(path, name):
+    return yaml.safe_load((path / "camera_info" / f"{name}.yaml").read_text())
+
+
+def launched(path, monkeypatch):
+    """The nodes that the launch file starts, with stand-ins for ROS 2's modules."""
+    launch, actions = types.ModuleType("launch"), types.ModuleType("launch_ros.actions")
+    launch.LaunchDescription, actions.Node = list, dict
+    monkeypatch.setitem(sys.modules, "launch", launch)
+    monkeypatch.setitem(sys.modules, "launch_ros", types.ModuleType("launch_ros"))
+    monkeypatch.setitem(sys.modules, "launch_ros.actions", actions)
+    known = {}
+    exec(compile((path / "static_transforms.launch.py").read_text(), "launch file", "exec"), known)
+    return known["generate_launch_description"]()
+
+
+def test_a_camera_at_a_known_place(tmp_path, monkeypatch):
+    written("ros", Rig((facing("north", distortions=(-0.1, 0.02, 0.001, -0.002, 0.003)),)), tmp_path)
+    stored = info(tmp_path, "north")
+    assert list(stored) == [
+        "image_width", "image_height", "camera_name", "camera_matrix", "distortion_model", "distortion_coefficients",
+        "rectification_matrix", "projection_matrix",
+    ]  # fmt: skip
+    assert stored["camera_matrix"] == {"rows": 3, "cols": 3, "data": [1000.0, 0, 960, 0, 1100, 540, 0, 0, 1]}
+    assert stored["distortion_model"] == "plumb_bob"
+    assert stored["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [-0.1, 0.02, 0.001, -0.002, 0.003]}
+    assert stored["rectification_matrix"]["data"] == [1, 0, 0, 0, 1, 0, 0, 0, 1]
+    assert stored["projection_matrix"] == {"rows": 3, "cols": 4, "data": [1000.0, 0, 960, 0, 0, 1100, 540, 0, 0, 0, 1, 0]}
+    (transform,) = yaml.safe_load((tmp_path / "static_transforms.yaml").read_text())["transforms"]
+    assert transform["header"]["frame_id"] == "world"
+    assert transform["child_frame_id"] == "north_optical_frame"
+    half = 0.5**0.5  # a quarter turn back about the world's x takes the optical frame's z from up to north
+    np.testing.assert_allclose([transform["transform"]["translation"][axis] for axis in "xyz"], CENTRE, atol=1e-12)
+    np.testing.assert_allclose([transform["transform"]["rotation"][axis] for axis in "xyzw"], [-half, 0, 0, half], atol=1e-12)
+    (node,) = launched(tmp_path, monkeypatch)
+    assert (node["package"], node["executable"]) == ("tf2_ros", "static_transform_publisher")
+    told = dict(zip(node["arguments"][::2], node["arguments"][1::2], strict=True))
+    assert told["--frame-id"] == "world"
+    assert told["--child-frame-id"] == "north_optical_frame"
+    np.testing.assert_allclose([float(told[f"--{axis}"]) for axis in "xyz"], CENTRE, atol=1e-12)
+    np.testing.assert_allclose([float(told[f"--q{axis}"]) for axis in "xyzw"], [-half, 0, 0, half], atol=1e-12)
+
+
+def test_ros_projects_points_of_the_world(tmp_path):
+    """tf2 takes the point into the optical frame by the inverse of the transform, image_geometry projects it by P."""
+    written("ros", Rig((facing(),)), tmp_path)
+    (transform,) = yaml.safe_load((tmp_path / "static_transforms.yaml").read_text())["transforms"]
+    x, y, z, w = (transform["transform"]["rotation"][axis] for axis in "xyzw")
+    rotation = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    optical = (POINTS - [transform["transform"]["translation"][axis] for axis in "xyz"]) @ rotation
+    P = np.reshape(info(tmp_path, "north")["projection_matrix"]["data"], (3, 4))
+    seen = np.column_stack([optical, np.ones(3)]) @ P.T
+    np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], PIXELS, atol=1e-9)
+
+
+def test_files_of_ros(tmp_path):
+    (tmp_path / "camera_info").mkdir()
+    (tmp_path / "camera_info/narrow_stereo.yaml").write_text(OST)
+    (tmp_path / "static_transforms.yaml").write_text(ECHOED)
+    rig, _ = read_back("ros", tmp_path)
+    camera = rig["narrow_stereo"]
+    np.testing.assert_array_equal(camera.lens.matrix, [[698.12, 0, 319.5], [0, 698.5, 239.5], [0, 0, 1]])
+    np.testing.assert_array_equal(camera.lens.distortions, [-0.36, 0.14, 0.0005, -0.0001, 0])
+    assert camera.lens.size == (640, 480)
+    # A body turned by 90 degrees to the left looks along y.
+    np.testing.assert_allclose(camera.pose.R_cw, LOOKING_NORTH, atol=1e-12)
+    np.testing.assert_allclose(camera.centre, CENTRE, atol=1e-12)
+
+
+def test_one_camera_info_is_a_lens(tmp_path):
+    (tmp_path / "ost.yaml").write_text(OST)
+    for path in (tmp_path, tmp_path / "ost.yaml"):
+        rig, _ = read_back("ros", path)
+        assert rig.names == ("narrow_stereo",)
+        assert rig["narrow_stereo"].pose is None
+
+
+def test_names_are_kept_and_valid(tmp_path, monkeypatch):
+    rig = turned_rig(NASTY_NAMES)
+    assert written("ros", rig, tmp_path) == ()
+    assert same_cameras(rig, read_back("ros", tmp_path)[0])
+    names = [path.stem for path in (tmp_path / "camera_info").iterdir()]
+    assert len({name.lower() for name in names}) == len(rig)
+    assert all(re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) for name in names)
+    assert all(info(tmp_path, name)["camera_name"] == name for name in names)
+    assert {node["name"] for node in launched(tmp_path, monkeypatch)} == {f"static_transform_{name}" for name in names}
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "fisheye", "model", "count"),
+    [
+        ((), False, "plumb_bob", 5),
+        ((-0.1, 0.02, 0, 0, 0, 0.01, 0.02, 0), False, "rational_polynomial", 8),
+        ((0.1, 0.01, 0.001, 0), True, "equidistant", 4),
+    ],
+)
+def test_lens_models(tmp_path, coefficients, fisheye, model, count):
+    rig = Rig((facing(distortions=coefficients, fisheye=fisheye),))
+    assert written("ros", rig, tmp_path) == ()
+    stored = info(tmp_path, "north")
+    assert (stored["distortion_model"], stored["distortion_coefficients"]["cols"]) == (model, count)
+    assert same_cameras(rig, read_back("ros", tmp_path)[0])
+
+
+def test_a_thin_prism_is_a_loss(tmp_path):
+    rig = Rig((facing(distortions=(-0.1, 0.02, 0, 0, 0, 0, 0, 0, 0.01, 0, 0, 0)),))
+    with pytest.raises(InputError, match=r"camera north: .*rational"):
+        written("ros", rig, tmp_path)
+    told = written("ros", rig, tmp_path, lossy=True)
+    assert same_cameras(rig, read_back("ros", tmp_path)[0], at_most_px=largest_told_px(told))
+
+
+def test_a_camera_without_a_pose_is_kept_as_a_lens(tmp_path):
+    rig = Rig((facing("a"), Camera("b", Lens(SIZE, facing().lens.matrix, np.zeros(0)))))
+    assert written("ros", rig, tmp_path) == ()
+    back, _ = read_back("ros", tmp_path)
+    assert back["a"].pose is not None
+    assert back["b"].pose is None
+
+
+@pytest.mark.parametrize(
+    ("info_change", "transforms_change", "match"),
+    [
+        (("image_width: 640", ""), None, "ost.yaml: image_width is missing"),
+        (("plumb_bob", "thin"), None, "distortion_model 'thin' is not known"),
+        (("[-0.36, 0.14, 0.0005, -1e-04, 0.]", "[1.0, 2.0]"), None, "has 2 values: plumb_bob takes 5"),
+        (("camera_matrix:", "camera_matri:"), None, "camera_matrix is missing"),
+        ((OST, "- 1"), None, "holds no camera_info"),
+        (None, (ECHOED, "transforms: 1"), "has no list `transforms`"),
+        (None, ("w: 0.5", "w: 0.6"), "is no unit quaternion"),
+        (None, ("frame_id: map", "frame_id: narrow_stereo_optical_frame"), "is its own ancestor"),
+        (None, ("x: 4.0", "x: four"), r"transforms\[0\]: narrow_stereo_link: translation: x is 'four'"),
+        (None, ("narrow_stereo_optical_frame", "narrow_stereo_link"), "each frame needs one parent"),
+    ],
+)
+def test_bad_files(tmp_path, info_change, transforms_change, match):
+    (tmp_path / "ost.yaml").write_text(OST.replace(*info_change) if info_change else OST)
+    (tmp_path / "static_transforms.yaml").write_text(ECHOED.replace(*transforms_change) if transforms_change else ECHOED)
+    with pytest.raises(InputError, match=match) as error:
+        read_back("ros", tmp_path)
+    assert str(error.value).startswith(str(tmp_path))
+
+
+def test_cameras_below_different_roots(tmp_path):
+    other = ECHOED.partition("---")[0].replace("narrow_stereo", "b").replace("map", "odom").removeprefix("transforms:\n")
+    (tmp_path / "a.yaml").write_text(OST)
+    (tmp_path / "b.yaml").write_text(OST.replace("narrow_stereo", "b"))
+    (tmp_path / "static_transforms.yaml").write_text(ECHOED.partition("---")[0] + other)
+    with pytest.raises(InputError, match=r"a.yaml stands below frame map, b.yaml below odom"):
+        read_back("ros", tmp_path)
+
+
+def test_an_empty_folder(tmp_path):
+    with pytest.raises(InputError, match="holds no camera_info"):
+        read_back("ros", tmp_path)
