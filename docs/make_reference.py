@@ -145,8 +145,8 @@ def scene_page() -> str:
         "# Every key of the scene file",
         WRITTEN,
         "The scene file is TOML. An unknown key, a wrong value or a camera that does not exist is an error that names the "
-        "place and the mend. Paths are relative to the scene file, or absolute. [The scene file](../scene-file.md) shows by example "
-        "what to write; `passerby init` writes one with comments.",
+        "place and the mend. Paths are relative to the scene file, or absolute. [The scene file](../scene-file.md) shows by "
+        "example what to write; `passerby init` writes one with comments.",
     ]
     for place, kind in scene.TABLES.items():
         if place:
