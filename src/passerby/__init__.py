@@ -2,9 +2,9 @@
 
     import passerby
     calibration = passerby.calibrate("scene.toml")
-    calibration.write("out")
+    calibration.rig["C1"].centre
 
-Names are imported when they are first used, so that `import passerby` is quick.
+`docs/api.md` tells what else there is. Names are imported when they are first used, so that `import passerby` is quick.
 """
 
 from __future__ import annotations
@@ -13,44 +13,87 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from passerby.cameras import Camera, Lens, Pose, Rig
+    from passerby.api import align, evaluate, export_rig, import_rig, read_calibration, trajectories
+    from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
     from passerby.errors import EvidenceError, InputError, PasserbyError
+    from passerby.evaluation.metrics import Comparison
+    from passerby.in_memory import calibrate_observations
+    from passerby.interchange.rig_toml import read_rig, write_rig
     from passerby.observations import Boxes, Keypoints, Observations
+    from passerby.output_folder import OutputFolder
     from passerby.pipeline import Calibration, calibrate
     from passerby.scene import Scene
+    from passerby.solver.solution import Verdict
+    from passerby.tracks3d.trajectories import Trajectories
+    from passerby.world import Aligned
+    from passerby.world_residuals import KnownPoint, KnownPosition
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Aligned",
     "Boxes",
     "Calibration",
     "Camera",
+    "Comparison",
     "EvidenceError",
     "InputError",
     "Keypoints",
+    "KnownPoint",
+    "KnownPosition",
     "Lens",
     "Observations",
+    "OutputFolder",
     "PasserbyError",
     "Pose",
+    "PoseSigma",
     "Rig",
     "Scene",
+    "Trajectories",
+    "Verdict",
+    "align",
     "calibrate",
+    "calibrate_observations",
+    "evaluate",
+    "export_rig",
+    "import_rig",
+    "read_calibration",
+    "read_rig",
+    "trajectories",
+    "write_rig",
 ]
 
 _HOMES = {
+    "Aligned": "world",
     "Boxes": "observations",
     "Calibration": "pipeline",
     "Camera": "cameras",
+    "Comparison": "evaluation.metrics",
     "EvidenceError": "errors",
     "InputError": "errors",
     "Keypoints": "observations",
+    "KnownPoint": "world_residuals",
+    "KnownPosition": "world_residuals",
     "Lens": "cameras",
     "Observations": "observations",
+    "OutputFolder": "output_folder",
     "PasserbyError": "errors",
     "Pose": "cameras",
+    "PoseSigma": "cameras",
     "Rig": "cameras",
     "Scene": "scene",
+    "Trajectories": "tracks3d.trajectories",
+    "Verdict": "solver.solution",
+    "align": "api",
     "calibrate": "pipeline",
+    "calibrate_observations": "in_memory",
+    "evaluate": "api",
+    "export_rig": "api",
+    "import_rig": "api",
+    "read_calibration": "api",
+    "read_rig": "interchange.rig_toml",
+    "trajectories": "api",
+    "write_rig": "interchange.rig_toml",
 }
 
 

@@ -24,6 +24,9 @@ FISHEYE_DISTORTION_LENGTHS = (0, 4)
 # A pixel whose undistorted ray does not come back to within this many pixels lies outside what the lens model can express.
 INVERSION_TOLERANCE_PX = 0.05
 
+NAMED = 8
+"""Cameras beyond are not named on one line."""
+
 
 @dataclass(frozen=True, eq=False)
 class Lens:
@@ -60,6 +63,11 @@ class Lens:
             raise InputError(
                 f"distortions has {distortions.size} values; a {kind} lens takes {', '.join(map(str, lengths))} finite ones"
             )
+
+    def __repr__(self) -> str:
+        kind = "fisheye" if self.fisheye else "pinhole"
+        bent = f"{self.distortions.size} distortions" if self.distortions.any() else "no distortion"
+        return f"Lens({kind}, {self.size[0]} x {self.size[1]}, focal {self.focal:.1f} px, {bent})"
 
     @property
     def focal(self) -> float:
@@ -215,6 +223,9 @@ class Pose:
         object.__setattr__(self, "R_cw", _frozen(self.R_cw).reshape(3, 3))
         object.__setattr__(self, "t_cw", _frozen(self.t_cw).reshape(3))
 
+    def __repr__(self) -> str:
+        return f"Pose({_pose_in_words(self)})"
+
     @classmethod
     def from_centre(cls, R_cw: Floats, centre: Floats) -> Pose:
         """Pose of a camera with its centre at `centre` (3,), world frame, metres."""
@@ -257,6 +268,13 @@ class Pose:
         return Pose.from_centre(R_cw, centre)
 
 
+def _pose_in_words(pose: Pose) -> str:
+    """Where a camera is and where it looks."""
+    x, y, z = (round(float(value), 3) + 0.0 for value in pose.centre)
+    heading = "straight up or down" if pose.heading_deg is None else f"heading {pose.heading_deg:.1f} deg"
+    return f"at ({x:.3f}, {y:.3f}, {z:.3f}) m, {heading}, tilt {pose.tilt_deg:.1f} deg"
+
+
 @dataclass(frozen=True, eq=False)
 class PoseSigma:
     """One-sigma uncertainty of a camera's pose, after the best rigid placement of the rig as a whole."""
@@ -267,6 +285,9 @@ class PoseSigma:
     """Root of the trace of the rotation vector's covariance, degrees."""
     covariance: Floats | None = None
     """(6, 6): centre (metres, world), then rotation vector (radians, camera frame)."""
+
+    def __repr__(self) -> str:
+        return f"PoseSigma({1000 * self.position_m:.0f} mm, {self.orientation_deg:.2f} deg)"
 
     def moved(self, rotation: Floats, scale: float = 1.0) -> PoseSigma:
         """The uncertainty after the world is moved by `X -> scale rotation X + translation`, as if that motion were exact.
@@ -289,6 +310,11 @@ class Camera:
     lens: Lens
     pose: Pose | None = None
     sigma: PoseSigma | None = None
+
+    def __repr__(self) -> str:
+        pose = "without a pose" if self.pose is None else _pose_in_words(self.pose)
+        sure = "" if self.sigma is None else f", sigma {1000 * self.sigma.position_m:.0f} mm"
+        return f"Camera({self.name!r}, {self.lens.size[0]} x {self.lens.size[1]}, {pose}{sure})"
 
     @property
     def centre(self) -> Floats:
@@ -320,6 +346,19 @@ class Rig:
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise InputError(f"camera {twice[0]} stands twice in one rig: camera names must differ")
+
+    def __repr__(self) -> str:
+        lost = len(self) - len(self.posed())
+        named = ", ".join(self.names[:NAMED]) + (", ..." if len(self) > NAMED else "")
+        without = f"; {lost} without a pose" if lost else ""
+        verdict = f"; {self.verdict}" if self.verdict else ""
+        return f"Rig({len(self)} camera{'s' if len(self) != 1 else ''}: {named}{without}{verdict})"
+
+    def _repr_html_(self) -> str:
+        """In a notebook: a table of the cameras and the rig from above."""
+        from passerby.notebook import rig_html
+
+        return rig_html(self)
 
     @property
     def names(self) -> tuple[str, ...]:

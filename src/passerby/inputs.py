@@ -58,6 +58,12 @@ def read_inputs(scene: Scene, watch: Watch | None = None) -> SceneInputs:
     if watch is not None and any(wants_video(scene, reading) for reading in readings):
         watch(scene, readings)
         _raise_faults(scene, readings)
+    return inputs_of(scene, readings)
+
+
+def inputs_of(scene: Scene, readings: list[CameraReading]) -> SceneInputs:
+    """What readings of all cameras hold. Raises `FileFaults` (an `InputError`) with everything that is wrong with them."""
+    _raise_faults(scene, readings)
     rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     return SceneInputs(rig, observations_of(scene, readings), tuple(findings))

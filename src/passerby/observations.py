@@ -63,6 +63,14 @@ def _unit_vectors(values: object) -> Vectors:
     return np.asarray(unit, dtype=np.float32)
 
 
+def _in_words(frame: Ints, identity: Ints) -> str:
+    """How many rows, who, and when."""
+    if not len(frame):
+        return "none"
+    known = len(np.unique(identity[identity != UNKNOWN]))
+    return f"{len(frame)} in frames {frame.min()} to {frame.max()}, {known} identit{'y' if known == 1 else 'ies'}"
+
+
 @dataclass(frozen=True)
 class Clock:
     """From a camera's frame numbers to the rig's time."""
@@ -113,6 +121,10 @@ class Boxes:
                 f"{self.ltwh[row, 2:].tolist()}: both must be above 0"
             )
 
+    def __repr__(self) -> str:
+        looks = "" if self.embedding is None else f", embeddings of {self.embedding.shape[1]}"
+        return f"Boxes({_in_words(self.frame, self.identity)}{looks})"
+
     @classmethod
     def empty(cls) -> Boxes:
         """No boxes."""
@@ -150,6 +162,9 @@ class Keypoints:
         if not len(self.frame) == len(self.identity) == len(self.xy) == len(self.score):
             raise InputError("the columns of the keypoints differ in length")
 
+    def __repr__(self) -> str:
+        return f"Keypoints({_in_words(self.frame, self.identity)}, {len(self.joints)} joints)"
+
     @classmethod
     def empty(cls, joints: tuple[str, ...] = BODY_17) -> Keypoints:
         """No keypoints."""
@@ -181,6 +196,12 @@ class Observations:
     """Frames per second of the frame numbers, when known; of the first camera's where they differ."""
     clocks: Mapping[str, Clock] = field(default_factory=dict)
     """Each camera's clock. Empty: the same frame number is the same instant in all cameras."""
+
+    def __repr__(self) -> str:
+        boxes = sum(len(seen.boxes) for seen in self.cameras.values())
+        joints = sum(len(seen.keypoints) for seen in self.cameras.values())
+        bodies = f", {joints} bodies of joints" if joints else ""
+        return f"Observations({len(self.cameras)} cameras, {boxes} boxes{bodies})"
 
     def __getitem__(self, name: str) -> CameraObservations:
         return self.cameras[name]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -34,6 +34,8 @@ from passerby.videos import Videos
 from passerby.wanted_world import in_world
 
 if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
     from passerby.solver.geopose import GeoPoseOptions
 
 
@@ -67,6 +69,17 @@ class Calibration:
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage; never written to a file, so that the same input gives the same files."""
 
+    def __repr__(self) -> str:
+        return (
+            f"Calibration({self.scene.name!r}: {self.verdict}, {len(self.rig.posed())} of {len(self.rig)} cameras registered)"
+        )
+
+    def _repr_html_(self) -> str:
+        """In a notebook: the verdict with its reasons, the cameras, and the rig from above."""
+        from passerby.notebook import calibration_html
+
+        return calibration_html(self)
+
     @property
     def accepted(self) -> bool:
         """Whether the rig can be relied upon."""
@@ -92,11 +105,34 @@ class Calibration:
         return calibration_dict(self)
 
     def write(self, folder: str | Path) -> None:
-        """Write `rig.toml`, `calibration.json` and, in `tracks/`, CAMERA.txt (boxes) and CAMERA.json (joints) into a folder, each file whole or not at all.
+        """Write `rig.toml`, `calibration.json` and what was seen into a folder, each file whole or not at all.
+
+        `tracks/` gets CAMERA.txt (boxes) and CAMERA.json (joints), with identities over all cameras.
 
         Files of an earlier run are replaced. Raises `InputError` where the folder is not writable.
         """
         write_calibration(self, Path(folder))
+
+    def report(self, path: str | Path) -> None:
+        """Write the report, one HTML file that opens anywhere. Raises `InputError` where `path` is not writable."""
+        from passerby.report.contents import contents_of
+        from passerby.report.page import write_report
+
+        write_report(contents_of(self), Path(path))
+
+    def plot(self, view: Literal["space", "above"] = "space") -> Figure:
+        """The rig with people's ways as a plotly figure, in space or from above; a notebook shows it."""
+        from plotly.graph_objects import Figure
+
+        from passerby.report.contents import contents_of
+        from passerby.report.fitted import fitted
+        from passerby.report.rig_plots import rig_from_above, rig_in_space
+
+        views = {"space": rig_in_space, "above": rig_from_above}
+        if view not in views:
+            raise InputError(f"view {view!r}: choose one of {', '.join(views)}")
+        contents = contents_of(self)
+        return Figure(views[view](contents, fitted(contents)))
 
 
 PASSING_SIGHTINGS = 8000
@@ -130,10 +166,26 @@ def calibrate(
     began = time.perf_counter()
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
-    options = solver_options(scene)
+    solver_options(scene)  # what is wrong with them is told before hours are spent on videos
     watch = Videos(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watch)
     read = time.perf_counter()
+    found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor)
+    return replace(
+        found,
+        findings=(*watch.notes, *found.findings),
+        perception=watch.figures,
+        seconds={"reading": read - began, **watch.seconds, **found.seconds},
+    )
+
+
+def calibrate_inputs(
+    scene: Scene, inputs: SceneInputs, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None
+) -> Calibration:
+    """Calibrate from inputs that were read; arguments and errors as of `calibrate`."""
+    tell = progress or silent
+    began = time.perf_counter()
+    options = solver_options(scene)
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
         solution, association = _solved(scene, inputs, options, np.random.default_rng(seed), tell, executor)
@@ -150,12 +202,11 @@ def calibrate(
         seed=seed,
         options=asdict(options),
         figures=placed.figures,
-        findings=(*watch.notes, *inputs.findings, *association.findings, *placed.findings),
+        findings=(*inputs.findings, *association.findings, *placed.findings),
         association=association,
         clocked=bool(inputs.observations.clocks),
-        perception=watch.figures,
         world=placed.world,
-        seconds={"reading": read - began, **watch.seconds, "solving": solved - read},
+        seconds={"solving": solved - began},
     )
 
 

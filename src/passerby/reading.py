@@ -110,6 +110,15 @@ def read_camera(scene: Scene, name: str) -> CameraReading:
     return reading
 
 
+def reading_in_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraReading:
+    """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
+    reading = CameraReading(name, scene.association.given, lens, boxes, Path("boxes"), keypoints, fps=scene.fps_of(name))
+    reading.keypoints_path = Path("keypoints") if len(keypoints) else None
+    check_principal_point(scene, reading, lens)
+    _check_people(scene, reading)
+    return reading
+
+
 def wants_video(scene: Scene, reading: CameraReading) -> bool:
     """Whether something of a camera is still to be got from its video: its people, how they look, or their joints."""
     if reading.video is None or reading.faults:

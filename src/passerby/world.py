@@ -48,6 +48,10 @@ class Aligned:
     notes: tuple[str, ...] = ()
     """What is odd, one sentence each, with the mend."""
 
+    def __repr__(self) -> str:
+        left = f", {self.figures['left_out']} left out" if self.figures.get("left_out") else ""
+        return f"Aligned(by {self.figures['by']}, {len(self.rig)} cameras{left})"
+
     @property
     def residuals(self) -> list[dict[str, Any]]:
         """One row a sighting of a point, or a camera with a known position; empty where a camera sets the frame."""

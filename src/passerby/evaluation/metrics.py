@@ -57,6 +57,12 @@ class Comparison:
     ground_error_mm: float | None
     """Height of the estimated ground over the true one, below the cameras' centroid, after the similarity."""
 
+    def __repr__(self) -> str:
+        mean, turn = self.similarity.mean_position_mm, self.similarity.mean_orientation_deg
+        errors = "" if mean is None or turn is None else f", mean {mean:.1f} mm and {turn:.2f} deg after the best similarity"
+        scale = "" if self.scale_ratio is None else f", scale {self.scale_ratio:.4f}"
+        return f"Comparison({len(self.names)} cameras, {len(self.missing)} missing{errors}{scale})"
+
     def to_dict(self) -> dict[str, Any]:
         """As plain values for JSON: no NaN, None where undefined."""
         cameras = [

@@ -82,6 +82,10 @@ class Trajectories:
     figures: dict[str, Any] = field(default_factory=dict)
     """JSON-ready: options, people, boxes used and voted down and disagreement by camera."""
 
+    def __repr__(self) -> str:
+        seconds = float(np.ptp(self.time_s)) if len(self) else 0.0
+        return f"Trajectories({len(self.people)} people, {len(self)} places, {seconds:.1f} s)"
+
     def __len__(self) -> int:
         return len(self.identity)
 

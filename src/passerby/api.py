@@ -1,0 +1,183 @@
+"""What `import passerby` offers beside `calibrate`: other tools' rigs, the world frame, errors against a truth, ways."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from passerby.cameras import Rig
+from passerby.errors import EvidenceError, InputError
+from passerby.evaluation.metrics import Comparison, compare
+from passerby.following import folder_clocks, track_options, ways_by
+from passerby.interchange.formats import Export, Given, export, read_rig_as
+from passerby.interchange.rig_toml import read_rig
+from passerby.interchange.world_files import read_known_points, read_known_positions
+from passerby.observations import Clock
+from passerby.output_folder import OutputFolder, read_output
+from passerby.pipeline import Calibration
+from passerby.results import RIG_FILE
+from passerby.tracks3d import trajectories as following
+from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions, Trajectories
+from passerby.world import Aligned, align_to_camera, align_to_points, align_to_positions
+from passerby.world_residuals import KnownPoint, KnownPosition
+
+RigLike = Rig | Calibration | OutputFolder | str | Path
+
+
+def read_calibration(folder: str | Path) -> OutputFolder:
+    """A calibration that was written into a folder: its rig, verdict, boxes and clocks.
+
+        passerby.read_calibration("out").rig["C1"].centre
+
+    Raises:
+        InputError: something is missing or broken, with its name and its mend.
+        EvidenceError: the calibration was refused, or no camera has a pose.
+    """
+    return read_output(Path(folder))
+
+
+def export_rig(rig: RigLike, format: str, path: str | Path, *, name: str = "rig", lossy: bool = False) -> tuple[str, ...]:
+    """Write a rig for another tool, as `passerby export`.
+
+        passerby.export_rig("out", "colmap", "for_colmap")
+
+    Args:
+        rig: a rig, a calibration, or the path of a rig file or an output folder.
+        format: one of those that `passerby formats` lists.
+        path: the file or folder to write.
+        name: of the scene, for formats that have a place for it.
+        lossy: go on where the format cannot hold everything.
+
+    Returns:
+        What was lost, one sentence each.
+
+    Raises:
+        InputError: an unknown format, a rig that it cannot hold, a path that cannot be written.
+    """
+    return export(Export(_rig(rig), name), format, path, lossy=lossy)
+
+
+def import_rig(
+    path: str | Path, format: str, *, size: tuple[int, int] | None = None, metres_per_unit: float | None = None,
+    lossy: bool = False,
+) -> Rig:  # fmt: skip
+    """Read cameras from another tool's file or folder, as `passerby import`.
+
+        passerby.import_rig("for_colmap", "colmap")
+
+    Args:
+        path: the file or folder.
+        format: one of those that `passerby formats` lists.
+        size: (width, height) of the pictures, where the file does not tell it.
+        metres_per_unit: of lengths, where the file does not tell them in metres.
+        lossy: go on where not everything in the file can be kept.
+
+    Raises:
+        InputError: an unknown format, or a file that cannot be read so.
+    """
+    return read_rig_as(format, Path(path), Given(size, metres_per_unit), lossy=lossy)[0]
+
+
+def evaluate(rig: RigLike, truth: RigLike, reference: str | None = None) -> Comparison:
+    """How far a rig lies from the true one, as `passerby evaluate`.
+
+        passerby.evaluate("out", "truth.toml").similarity.mean_position_mm
+
+    Args:
+        rig: to be judged: a rig, a calibration, or the path of a rig file or an output folder.
+        truth: likewise, with the true poses.
+        reference: the camera that coincides in the metric placement; the first.
+
+    Raises:
+        InputError: no camera has a pose in both, or the reference has none.
+    """
+    return compare(_rig(rig), _rig(truth), reference)
+
+
+def trajectories(
+    calibration: Calibration | OutputFolder | str | Path, *, method: Method = "smoothed", max_gap_s: float = 2.0,
+    fps: float | None = None,
+) -> Trajectories:  # fmt: skip
+    """Everybody's way over the ground, as `passerby track`.
+
+        found = passerby.trajectories("out")
+        found.xyz[found.identity == found.people[0]]
+
+    Args:
+        calibration: as it was made, or as it was written.
+        method: smoothed, or pairwise as in the paper.
+        max_gap_s: seconds without sight of a person that are bridged.
+        fps: of the frames, where the calibration does not know it.
+
+    Raises:
+        InputError: nobody knows the frames' rate, or an option is out of range.
+        EvidenceError: no camera has a pose, or nobody has an identity.
+    """
+    if method not in METHODS:
+        raise InputError(f"method {method!r} does not exist: choose one of {', '.join(METHODS)}")
+    if not isinstance(calibration, Calibration):
+        folder = calibration if isinstance(calibration, OutputFolder) else read_output(Path(calibration))
+        return ways_by(folder, folder.rig, folder_clocks(folder, fps), track_options(folder, method, max_gap_s))
+    names = calibration.rig.posed().names
+    if not names:
+        raise EvidenceError("no camera has a pose: nobody can be followed")
+    told = calibration.association.clocks if calibration.association else {}
+    rate = fps or calibration.scene.scene.fps
+    if not told and rate is None:
+        raise InputError("the calibration does not know the frames' rate: give fps")
+    clocks = {name: told[name] if told else Clock(rate or 1.0) for name in names}
+    options = TrackOptions(method, max_gap_s, calibration.scene.scale.person_height_m)
+    return following.trajectories(calibration.rig, calibration.observations, clocks, options)
+
+
+def align(
+    rig: RigLike, *, camera: str | None = None, towards: str | None = None,
+    points: str | Path | Sequence[KnownPoint] | None = None, positions: str | Path | Sequence[KnownPosition] | None = None,
+    geodetic: bool = False, scale: bool = False, tilt: bool = False,
+) -> Aligned:  # fmt: skip
+    """A rig in another frame of the world, as `passerby align`.
+
+        aligned = passerby.align("out", camera="C1")
+        passerby.write_rig("aligned.toml", aligned.rig)
+
+    Args:
+        rig: a rig, a calibration, or the path of a rig file or an output folder.
+        camera: origin on the ground below this camera, x along what it looks at.
+        towards: with `camera`: x towards this other camera.
+        points: points with known coordinates, or a file of them.
+        positions: known positions of cameras, or a file of them.
+        geodetic: whether positions that are not a file are latitude, longitude and altitude.
+        scale: points or positions set the scale too.
+        tilt: they set the vertical and the height too.
+
+    Raises:
+        InputError: not one of camera, points and positions; a camera that the rig does not have; left-handed coordinates.
+        EvidenceError: the places do not fix the frame, or a camera has no pose.
+    """
+    if sum(way is not None for way in (camera, points, positions)) != 1:
+        raise InputError("give one of camera, points, positions")
+    if camera is not None:
+        if scale or tilt:
+            raise InputError("scale and tilt need points or positions: a camera tells neither")
+        return align_to_camera(_rig(rig), camera, towards)
+    if towards is not None:
+        raise InputError("towards goes with camera")
+    if points is not None:
+        known = read_known_points(points) if isinstance(points, str | Path) else points
+        return align_to_points(_rig(rig), known, with_scale=scale, tilt=tilt)
+    assert positions is not None
+    if isinstance(positions, str | Path):
+        places, geodetic = read_known_positions(positions)
+    else:
+        places = tuple(positions)
+    return align_to_positions(_rig(rig), places, geodetic=geodetic, with_scale=scale, tilt=tilt)
+
+
+def _rig(given: RigLike) -> Rig:
+    """The rig of what was handed in."""
+    if isinstance(given, Calibration | OutputFolder):
+        return given.rig
+    if isinstance(given, Rig):
+        return given
+    path = Path(given)
+    return read_rig(path / RIG_FILE if path.is_dir() else path)
