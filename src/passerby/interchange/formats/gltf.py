@@ -1,10 +1,10 @@
 """glTF 2.0: the rig, the ground and people's ways as a scene; `.gltf` (JSON with the data inside) or `.glb` (binary).
 
 glTF's world is right-handed with y up; a camera looks along its -z with y up in the picture. A root node turns the rig's world
-(z up) by -90 degrees about x; below it everything has the rig's own coordinates, metres. Each camera is a node with its name, a
-perspective camera (vertical field of view, aspect ratio) and, as a child, its frustum as a mesh, drawn through its true lens.
-glTF's perspective camera has its axis in the middle of the picture and no distortion: a lens that is different is a loss of
-that node, not of the frustum; the nearest camera is written, and the true lens, in OpenCV's terms, is kept in the node's
+(z up) by -90 degrees about x; below it everything has the rig's own coordinates, metres. Each camera is a node with its name
+and a perspective camera (vertical field of view, aspect ratio); beside it is its frustum as a mesh, drawn through its true
+lens. glTF's perspective camera has its axis in the middle of the picture and no distortion: a lens that is different is a loss
+of that node, not of the frustum; the nearest camera is written, and the true lens, in OpenCV's terms, is kept in the node's
 `extras`. Each person is a node with a line strip a stretch; the vertex attributes `_TIME_S` and `_CAMERAS` are the rig's time
 and how many cameras saw the person (0: a place between others).
 
@@ -116,7 +116,7 @@ def _built(rig: Export, losses: Losses) -> tuple[dict[str, Any], _Builder]:
     """The scene and all it refers to."""
     drawing = draw(rig.posed(losses), rig.trajectories)
     built = _Builder()
-    cameras = [_camera(built, frustum, losses) for frustum in drawing.frusta]
+    cameras = [node for frustum in drawing.frusta for node in _camera(built, frustum, losses)]
     children = [built.add("nodes", name="cameras", children=cameras), _ground(built, drawing)]
     if drawing.ways:
         people = [_person(built, way) for way in drawing.ways]
@@ -125,8 +125,8 @@ def _built(rig: Export, losses: Losses) -> tuple[dict[str, Any], _Builder]:
     return {"name": rig.name, "nodes": [root]}, built
 
 
-def _camera(built: _Builder, frustum: Frustum, losses: Losses) -> int:
-    """The node of a camera, with its frustum below."""
+def _camera(built: _Builder, frustum: Frustum, losses: Losses) -> tuple[int, int]:
+    """The nodes of a camera and of its frustum, beside each other: some readers lose what hangs below a camera."""
     camera = frustum.camera
     lens, _ = expressed(camera, (PERSPECTIVE,), losses, " (the frustum keeps the true lens)")
     (width, height), matrix = lens.size, lens.matrix
@@ -155,12 +155,12 @@ def _camera(built: _Builder, frustum: Frustum, losses: Losses) -> int:
             for mode, rows, material in parts
         ],
     )
-    shown = built.add("nodes", name=f"{camera.name}: what it sees", mesh=mesh)
     turn = Rotation.from_matrix(frustum.pose.R_cw.T @ CV_TO_GLTF).as_quat()
-    return built.add(
-        "nodes", name=camera.name, camera=seen, children=[shown], translation=frustum.pose.centre.tolist(),
-        rotation=turn.tolist(), extras=_lens_as_text(camera.lens),
-    )  # fmt: skip
+    place = {"translation": frustum.pose.centre.tolist(), "rotation": turn.tolist()}
+    return (
+        built.add("nodes", name=camera.name, camera=seen, extras=_lens_as_text(camera.lens), **place),
+        built.add("nodes", name=f"{camera.name}: what it sees", mesh=mesh, **place),
+    )
 
 
 def _lens_as_text(lens: Lens) -> dict[str, Any]:

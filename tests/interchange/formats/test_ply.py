@@ -1,0 +1,159 @@
+"""PLY of rig and people's ways: read back with an own parser, and by other readers where they are installed."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from drawn_rigs import BENT, CENTRED, FISHEYE, NASTY, rig, ways
+from passerby.cameras import Camera, Rig
+from passerby.errors import InputError
+from passerby.interchange.formats import Export, export
+from passerby.report.colours import camera_colour, person_colour
+
+TYPES = {"float": "<f4", "uchar": "u1", "int": "<i4"}
+
+
+def parsed(data):
+    """The comments, and the elements as record arrays; every byte has to be used."""
+    header, _, body = data.partition(b"end_header\n")
+    lines = header.decode("ascii").splitlines()
+    assert lines[:2] == ["ply", "format binary_little_endian 1.0"]
+    elements, comments = {}, []
+    for line in lines[2:]:
+        kind, *rest = line.split(" ", 1)[0], line.split(" ", 1)[1]
+        if kind == "comment":
+            comments.append(rest[0])
+        elif kind == "element":
+            name, count = rest[0].split()
+            elements[name] = (int(count), [])
+        else:
+            words = rest[0].split()
+            field = ("n", "u1", words[3]) if words[0] == "list" else (words[1], TYPES[words[0]], None)
+            elements[name][1].append(field)
+    tables, at = {}, 0
+    for name, (count, fields) in elements.items():
+        if fields[0][0] == "n":
+            record = np.dtype([("n", "u1"), (fields[0][2], "<i4", (3,))])
+        else:
+            record = np.dtype([(field, kind) for field, kind, _ in fields])
+        tables[name] = np.frombuffer(body, record, count, at)
+        at += count * record.itemsize
+    assert at == len(body)
+    return comments, tables
+
+
+def written(tmp_path, made, trajectories=None):
+    assert export(Export(made, "ha\nll", trajectories), "ply", tmp_path / "rig.ply") == ()
+    return (tmp_path / "rig.ply").read_bytes()
+
+
+def places(table):
+    return np.column_stack([table["x"], table["y"], table["z"]]).astype(float)
+
+
+@pytest.mark.parametrize(("lens", "border"), [(CENTRED, 4), (BENT, 32), (FISHEYE, 32)])
+def test_frusta_end_at_the_pictures_border_through_the_true_lens(tmp_path, lens, border):
+    made = rig(lens, lens)
+    _, tables = parsed(written(tmp_path, made))
+    for index, camera in enumerate(made):
+        points = places(tables["vertex"][tables["vertex"]["camera"] == index])
+        assert len(points) == 1 + border + 3
+        np.testing.assert_allclose(points[0], camera.centre, atol=1e-6)
+        pixels = camera.project(points[1 : 1 + border])
+        corners = [[-0.5, -0.5], [639.5, -0.5], [639.5, 479.5], [-0.5, 479.5]]
+        np.testing.assert_allclose(pixels[:: border // 4], corners, atol=2e-3)
+        on_border = (np.abs(pixels - (-0.5, -0.5)) < 2e-3) | (np.abs(pixels - (639.5, 479.5)) < 2e-3)
+        assert on_border.any(axis=1).all()
+        # The triangle is above the picture: higher than its upper edge, in front of the camera.
+        assert camera.project(points[-1:])[0, 1] < -1
+
+
+def test_a_level_camera_by_hand(tmp_path):
+    # Twin cameras 9.3 m apart have frusta 0.15 times as deep; the picture is 640 / 500 as wide as it is deep, 480 / 400 high.
+    _, tables = parsed(written(tmp_path, rig()))
+    points = places(tables["vertex"][tables["vertex"]["camera"] == 0])
+    depth = 0.15 * np.linalg.norm(np.array([1, 2, 3]) - (0, 10, 4))
+    left, right, top, bottom = (np.array([-0.64, 0.64, 0.6, -0.6]) * depth).tolist()
+    corners = [[1 + x, 2 + depth, 3 + z] for x, z in ((left, top), (right, top), (right, bottom), (left, bottom))]
+    np.testing.assert_allclose(points[1:5], corners, atol=1e-5)
+
+
+def test_a_fisheye_that_sees_behind_itself_has_a_frustum(tmp_path):
+    wide = type(FISHEYE)((640, 480), np.array([[110.0, 0, 319], [0, 110, 241], [0, 0, 1]]), np.zeros(4), fisheye=True)
+    _, tables = parsed(written(tmp_path, rig(wide, wide)))
+    assert np.isfinite(places(tables["vertex"])).all()
+
+
+def test_ways_are_whole_and_in_their_colours(tmp_path):
+    found = ways()
+    _, tables = parsed(written(tmp_path, rig(), found))
+    vertex = tables["vertex"]
+    for person in (3, 11):
+        rows = vertex[vertex["person"] == person]
+        mine = found.identity == person
+        np.testing.assert_allclose(places(rows), found.xyz[mine], atol=1e-6)
+        np.testing.assert_allclose(rows["time_s"], found.time_s[mine], atol=1e-5)
+        colour = "#{:02x}{:02x}{:02x}".format(*[int(rows[name][0]) for name in ("red", "green", "blue")])
+        assert colour == person_colour(person)
+    edges = np.column_stack([tables["edge"]["vertex1"], tables["edge"]["vertex2"]])
+    ends = vertex[edges]
+    steps = ends[ends["person"][:, 0] >= 0]
+    # Two steps of person 3, none over the gap; one of person 11.
+    assert steps["person"].tolist() == [[3, 3], [3, 3], [11, 11]]
+    np.testing.assert_allclose(steps["time_s"], [[0.25, 0.35], [0.35, 0.45], [0.65, 0.75]], atol=1e-6)
+
+
+def test_faces_and_edges_are_of_one_thing(tmp_path):
+    _, tables = parsed(written(tmp_path, rig(BENT, FISHEYE), ways()))
+    vertex, face = tables["vertex"], tables["face"]
+    assert (face["n"] == 3).all()
+    assert face["vertex_indices"].min() >= 0
+    assert face["vertex_indices"].max() < len(vertex)
+    for column in ("camera", "person"):
+        assert (np.ptp(vertex[column][face["vertex_indices"]], axis=1) == 0).all()
+        edges = np.column_stack([tables["edge"]["vertex1"], tables["edge"]["vertex2"]])
+        assert (np.ptp(vertex[column][edges], axis=1) == 0).all()
+
+
+def test_the_ground_lies_below_everything(tmp_path):
+    _, tables = parsed(written(tmp_path, rig(), ways()))
+    vertex = tables["vertex"]
+    ground = places(vertex[(vertex["camera"] < 0) & (vertex["person"] < 0)])
+    others = places(vertex[vertex["person"] >= 0])
+    assert (ground[:, 2] == 0).all()
+    assert (ground[:, :2].min(axis=0) < others[:, :2].min(axis=0)).all()
+    assert (ground[:, :2].max(axis=0) > others[:, :2].max(axis=0)).all()
+
+
+def test_names_stay_in_their_comment(tmp_path):
+    comments, _ = parsed(written(tmp_path, rig()))
+    assert comments[1] == 'scene "ha\\nll"'
+    name = re.fullmatch(r"camera 0 (\".*\") (#\w+)", comments[2])
+    assert json.loads(name[1]) == NASTY
+    assert name[2] == camera_colour(0)
+    assert comments[3] == f'camera 1 "C2" {camera_colour(1)}'
+
+
+def test_the_same_rig_is_the_same_file(tmp_path):
+    assert written(tmp_path, rig(BENT), ways()) == written(tmp_path, rig(BENT), ways())
+
+
+def test_a_camera_without_a_pose_is_a_loss(tmp_path):
+    made = Rig((*rig(), Camera("C3", CENTRED)))
+    with pytest.raises(InputError, match="camera C3 has no pose and is left out"):
+        export(Export(made), "ply", tmp_path / "rig.ply")
+    assert export(Export(made), "ply", tmp_path / "rig.ply", lossy=True) == ("camera C3 has no pose and is left out",)
+    alone = Rig((rig().cameras[0],))
+    assert export(Export(alone), "ply", tmp_path / "one.ply") == ()
+
+
+def test_other_readers_open_it(tmp_path):
+    trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed: pip install trimesh")
+    _, tables = parsed(written(tmp_path, rig(BENT), ways()))
+    mesh = trimesh.load(tmp_path / "rig.ply", process=False)
+    assert len(mesh.faces) == len(tables["face"])
+    np.testing.assert_allclose(mesh.vertices, places(tables["vertex"]), atol=1e-6)
+    colours = np.column_stack([tables["vertex"][name] for name in ("red", "green", "blue")])
+    np.testing.assert_array_equal(np.asarray(mesh.visual.vertex_colors)[:, :3], colours)
