@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from passerby.cameras import Camera
 from passerby.report.contents import Contents
 from passerby.report.sheet import clipped
 
-HARMLESS = {ord(letter): like for letter, like in zip("<>&%$", "‹›＆％＄", strict=True)}
-"""Plotly reads HTML, entities, `%{...}` and TeX in some of its texts, and none of them in others."""
+ENTITY = re.compile(r"&(?=#?\w+;)")
 
 
 def told(name: str) -> str:
-    """A name as plotly may show it anywhere."""
-    return clipped(name).translate(HARMLESS)
+    """A name as plotly may show it anywhere: it reads tags and entities in some of its texts, and not in others."""
+    return ENTITY.sub("& ", clipped(name).replace("<", "‹").replace(">", "›"))
 
 
 def unregistered(contents: Contents) -> list[str]:
