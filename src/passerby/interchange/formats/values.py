@@ -55,9 +55,8 @@ def parse_yaml(path: Path, text: str) -> Any:
 
 
 def dump_yaml(value: Any) -> bytes:
-    """YAML text of plain values: keys as they come, lists of numbers on one line."""
-    text = yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=1000, allow_unicode=True)
-    return text.encode("utf-8")
+    """YAML text of plain values: keys as they come, lists of numbers on one line, ASCII (line ends of Unicode survive so)."""
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=1000).encode("ascii")
 
 
 def load_json(path: Path, kind: str) -> Any:
