@@ -6,12 +6,12 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from passerby.cameras import Camera
+from passerby.cameras import Camera, Pose
 from passerby.report.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join
 from passerby.report.mends import point_of
-from passerby.report.seen import people_seen
+from passerby.report.seen import Seen
 from passerby.report.tables import Cell, Column, data_table, number, text
 from passerby.report.values import MISSING, count, figure, number_of, texts_of
 from passerby.report.weak_points import RESIDUAL_PX, outstanding, own_sigmas_mm, residuals_px
@@ -38,7 +38,7 @@ LEAD = (
 )
 
 
-def camera_section(contents: Contents) -> Section:
+def camera_section(contents: Contents, seen: Seen) -> Section:
     """The table, one row a camera, in the rig's order."""
     keys = [index for index, column in enumerate(COLUMNS) if _told(contents, column.title)]
     positions, residuals = outstanding(own_sigmas_mm(contents)), residuals_px(contents)
@@ -48,7 +48,7 @@ def camera_section(contents: Contents) -> Section:
     }
     rows = []
     for place, camera in enumerate(contents.rig):
-        cells = _row(contents, place, camera, weak, residuals[camera.name])
+        cells = _row(contents, seen, place, camera, weak, residuals[camera.name])
         rows.append([cells[index] for index in keys])
     table = data_table("cameras-table", "Cameras", [COLUMNS[index] for index in keys], rows)
     return Section("cameras", "Cameras", LEAD, table)
@@ -65,15 +65,14 @@ def _told(contents: Contents, column: str) -> bool:
 
 
 def _row(
-    contents: Contents, place: int, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None
+    contents: Contents, seen: Seen, place: int, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None
 ) -> list[Cell]:
     """All cells of one camera; dashes where it has no pose."""
     told, name = contents.cameras[camera.name], camera.name
     pose = camera.pose
-    x, y, z = (None, None, None) if pose is None else (float(value) for value in pose.centre)
+    x, y, z = (None, None, None) if pose is None else _centre(told, pose)
     heading, tilt, roll = (None, None, None) if pose is None else (pose.heading_deg, pose.tilt_deg, pose.roll_deg)
     people = number_of(told.get("people"))
-    seen = contents.observations[name]
     return [
         text(join(swatch(place), element("span", name, class_="name"), _why(contents, camera)), name),
         number(x, 3),
@@ -85,11 +84,18 @@ def _row(
         number(number_of(told.get("position_sigma_mm")), 0, kind="stands-out" if name in weak["± position"] else ""),
         number(number_of(told.get("orientation_sigma_deg")), 2),
         number(residual_px, 1, kind="stands-out" if name in weak["Residual"] else ""),
-        number(people_seen(seen) if people is None else people, 0),
+        number(seen.people[name] if people is None else people, 0),
         number(number_of(told.get("boxes")), 0),
         number(number_of(told.get("keypoints")), 0),
         _clock(told),
     ]
+
+
+def _centre(told: Mapping[str, Any], pose: Pose) -> list[float]:
+    """Where a camera stands, with all digits that are told."""
+    centre = told.get("centre_m")
+    known = [value for one in centre if (value := number_of(one)) is not None] if isinstance(centre, list) else []
+    return known if len(known) == 3 else [float(value) for value in pose.centre]
 
 
 def _first(told: Mapping[str, Any], key: str, otherwise: float | None) -> float | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element
 from passerby.report.mends import Point, points_of, sentence
-from passerby.report.seen import Spells
+from passerby.report.seen import Seen, Spells
 from passerby.report.values import MISSING, count, number_of, table_of, texts_of
 from passerby.report.weak_points import weak_points
 
@@ -25,7 +25,7 @@ SHOWN_REASONS = 6
 """More would push all else off the first screen; the rest can be opened."""
 
 
-def headline_section(contents: Contents, spells: Spells) -> Section:
+def headline_section(contents: Contents, seen: Seen) -> Section:
     """The verdict and all that explains it."""
     verdict = contents.verdict if contents.verdict in WORDS else "refused"
     reasons = points_of(texts_of(contents.told.get("reasons")))
@@ -41,9 +41,9 @@ def headline_section(contents: Contents, spells: Spells) -> Section:
     )
     parts = [
         banner,
-        _figures(contents, spells),
+        _figures(contents, seen.spells),
         _points("What speaks against it", "reasons", reasons),
-        _points("What would make it better", "weak", weak_points(contents)) if verdict != "refused" else None,
+        _points("What would make it better", "weak", weak_points(contents, seen)) if verdict != "refused" else None,
         _findings(texts_of(contents.told.get("findings"))),
     ]
     return Section("summary", "", "", element("div", parts, class_=f"summary verdict-{verdict}"), "Verdict")

@@ -18,7 +18,7 @@ from passerby.report.headline import headline_section, scene_name, verdict_pill
 from passerby.report.html import Html, Section, element
 from passerby.report.people import heights_section, scale_section
 from passerby.report.places import pictures_section, rig_section
-from passerby.report.seen import spells_of
+from passerby.report.seen import seen_in
 from passerby.report.timeline import timeline_section
 from passerby.report.view_graph import view_graph_section
 from passerby.report.workings import files_section, settings_section, stages_section
@@ -34,18 +34,18 @@ def report_page(contents: Contents, progress: Progress | None = None) -> str:
         progress: told of "report", camera by camera, as their pictures are drawn.
     """
     tell = progress or silent
-    spells, fit = spells_of(contents), fitted(contents)
+    seen, fit = seen_in(contents), fitted(contents)
     makers: list[Callable[[], Section]] = [
-        lambda: headline_section(contents, spells),
-        lambda: camera_section(contents),
+        lambda: headline_section(contents, seen),
+        lambda: camera_section(contents, seen),
         lambda: rig_section(contents, fit),
-        lambda: pictures_section(contents, fit, tell),
-        lambda: view_graph_section(contents),
-        lambda: timeline_section(contents, spells),
+        lambda: pictures_section(contents, fit, seen, tell),
+        lambda: view_graph_section(contents, seen),
+        lambda: timeline_section(contents, seen.spells),
         lambda: heights_section(contents),
         lambda: scale_section(contents),
         lambda: distances_section(contents),
-        lambda: stages_section(contents),
+        lambda: stages_section(contents, seen),
         lambda: settings_section(contents),
         lambda: files_section(contents),
     ]

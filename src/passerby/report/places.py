@@ -8,7 +8,8 @@ from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.pictures import camera_picture, residual_map
-from passerby.report.seen import people_seen
+from passerby.report.rig_plots import rig_from_above, rig_in_space
+from passerby.report.seen import Seen
 from passerby.report.values import count, figure, number_of
 from passerby.report.weak_points import residuals_px
 
@@ -30,17 +31,13 @@ def rig_section(contents: Contents, fit: Fitted) -> Section:
     posed = contents.rig.posed()
     if not len(posed):
         return Section("rig", "The rig", lead, nothing("No camera has a pose: there is nothing to draw."))
-    try:
-        from passerby.report.rig_plots import rig_from_above, rig_in_space  # type: ignore[import-not-found,unused-ignore]
-    except ImportError:
-        return Section("rig", "The rig", lead, nothing("Not drawn yet."))
     who = f"{count(len(posed), 'camera')} and the ways of the people"
     above = plot("rig-above", rig_from_above(contents, fit), f"The rig from above: {who}")
     space = plot("rig-space", rig_in_space(contents, fit), f"The rig in space: {who}", kind="space")
     return Section("rig", "The rig", lead, element("div", above, space, class_="stack"))
 
 
-def pictures_section(contents: Contents, fit: Fitted, tell: Progress) -> Section:
+def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress) -> Section:
     """A panel for each camera: its picture with what was seen and what the rig makes of it, and its residuals."""
     lead = (
         "If the calibration is good, the grid lies flat on the ground and the model’s boxes lie on the boxes that were seen. "
@@ -49,14 +46,14 @@ def pictures_section(contents: Contents, fit: Fitted, tell: Progress) -> Section
     panels = []
     for place, name in enumerate(contents.rig.names):
         tell("report", place, len(contents.rig))
-        panels.append(_panel(contents, fit, place, name))
+        panels.append(_panel(contents, fit, seen, place, name))
     tell("report", len(contents.rig), len(contents.rig))
     return Section("views", "What the cameras see", lead, join(_switches(contents), panels), "Views")
 
 
 def _switches(contents: Contents) -> Html:
     """A box for each layer that a picture has, for all pictures at once."""
-    joints = any(len(seen.keypoints) for seen in contents.observations.cameras.values())
+    joints = any(len(one.keypoints) for one in contents.observations.cameras.values())
     boxes = [
         element("label", element("input", type="checkbox", checked=True, data_layer=layer), name)
         for layer, name in LAYERS
@@ -65,11 +62,15 @@ def _switches(contents: Contents) -> Html:
     return element("fieldset", element("legend", "Draw in"), boxes, class_="layers")
 
 
-def _panel(contents: Contents, fit: Fitted, place: int, name: str) -> Html:
+def _panel(contents: Contents, fit: Fitted, seen: Seen, place: int, name: str) -> Html:
     """One camera."""
     told, residual = contents.cameras[name], residuals_px(contents)[name]
-    seen, boxes = people_seen(contents.observations[name]), number_of(told.get("boxes"))
-    facts = [count(seen, "person", "people"), f"{figure(boxes, 0)} boxes", f"residual {figure(residual, 1, ' px')}"]
+    boxes = number_of(told.get("boxes"))
+    facts = [
+        count(seen.people[name], "person", "people"),
+        f"{figure(boxes, 0)} boxes",
+        f"residual {figure(residual, 1, ' px')}",
+    ]
     if contents.rig[name].pose is None:
         facts.append("no pose")
     head = element("h3", element("span", swatch(place), name), element("small", ", ".join(facts)))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.observations import CameraObservations, Clock, Floats, Ints
+from passerby.observations import UNKNOWN, Clock, Floats, Ints
 from passerby.report.contents import Contents
-from passerby.sharing import Shared, person_instants
+from passerby.sharing import Shared
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,20 +40,31 @@ class Spells:
         return (float(self.begin.min()), float(self.end.max())) if len(self) else (0.0, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Who was seen, counted once for the whole page."""
+
+    spells: Spells
+    people: Mapping[str, int]
+    """By camera, how many known people it saw."""
+    shared: Mapping[tuple[str, str], Shared]
+    """For every two cameras, by their order in the rig, the people that both saw at the same time."""
+
+
 BREAK_STEPS = 3.5
 """A person who is missed in this many samples in a row is not seen without a break: a detector misses one or two."""
 
 
-def spells_of(contents: Contents) -> Spells:
-    """The stretches, with breaks of a few samples closed."""
+def seen_in(contents: Contents) -> Seen:
+    """Who was seen where and when.
+
+    Breaks of a few samples are closed. With clocks, samples within half a step of the slower camera's are at the same time.
+    """
+    looks = {name: _looks(contents, name) for name in contents.rig.names}
     timed = bool(contents.clocks) or contents.observations.fps is not None
-    parts = []
-    for place, name in enumerate(contents.rig.names):
-        rows = person_instants(contents.observations[name])
-        if len(rows):
-            parts.append(_of_camera(place, rows, _clock(contents, name)))
-    table = np.concatenate(parts) if parts else np.zeros((0, 4))
-    return Spells(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2], table[:, 3], timed)
+    parts = [_stretches(place, look) for place, look in enumerate(looks.values()) if len(look.who)]
+    people = {name: len(np.unique(look.who)) for name, look in looks.items()}
+    return Seen(_sorted(np.concatenate(parts) if parts else np.zeros((0, 4)), timed), people, _all_shared(looks))
 
 
 def merged(spells: Spells, most: int) -> Spells:
@@ -87,69 +98,65 @@ def lanes_of(begin: Floats, end: Floats) -> Ints:
     return lanes
 
 
-def people_seen(seen: CameraObservations) -> int:
-    """How many known people a camera saw."""
-    return len(np.unique(person_instants(seen)[:, 1]))
+@dataclass(frozen=True, eq=False)
+class _Looks:
+    """What one camera saw: N sightings of known people, by person, then by time."""
+
+    who: Ints
+    """(N,) identities."""
+    time: Floats
+    """(N,) seconds, or frames where no frame rate is known."""
+    step: float
+    """The usual one between two sightings of a person."""
 
 
-def shared_between(contents: Contents) -> Mapping[tuple[str, str], Shared]:
-    """For every two cameras, by their order in the rig, the people that both saw, and their instants.
+def _looks(contents: Contents, name: str) -> _Looks:
+    """The sightings of a camera, each once, whether by a box or by joints."""
+    seen, clock = contents.observations[name], contents.clocks.get(name) or Clock(contents.observations.fps or 1.0)
+    frame = np.concatenate([seen.boxes.frame, seen.keypoints.frame])
+    who = np.concatenate([seen.boxes.identity, seen.keypoints.identity])
+    known = who > UNKNOWN
+    order = np.lexsort((frame[known], who[known]))
+    frame, who = frame[known][order], who[known][order]
+    first = np.r_[True, (np.diff(frame) != 0) | (np.diff(who) != 0)] if len(who) else np.zeros(0, dtype=bool)
+    frame, who = frame[first], who[first]
+    time = clock.seconds(frame.astype(np.float64))
+    steps = np.diff(time)[np.diff(who) == 0]
+    return _Looks(who, time, float(np.median(steps)) if len(steps) else 1.0 / clock.fps)
 
-    With clocks, samples within half a step of the slower camera's are one instant.
-    """
-    names = contents.rig.names
-    instants = {name: _ticks(contents, name) for name in names}
-    found = {}
+
+def _stretches(place: int, look: _Looks) -> Floats:
+    """(N, 4) camera, identity, begin, end of one camera's stretches."""
+    starts = np.flatnonzero(np.r_[True, (np.diff(look.who) != 0) | (np.diff(look.time) > BREAK_STEPS * look.step)])
+    ends = np.r_[starts[1:], len(look.who)] - 1
+    columns = [np.full(len(starts), place), look.who[starts], look.time[starts], look.time[ends] + look.step]
+    return np.asarray(np.column_stack(columns), dtype=np.float64)
+
+
+def _all_shared(looks: Mapping[str, _Looks]) -> dict[tuple[str, str], Shared]:
+    """What every two cameras have in common."""
+    everybody = np.unique(np.concatenate([look.who for look in looks.values()])) if looks else np.zeros(0, dtype=np.int64)
+    times = [look.time for look in looks.values() if len(look.time)]
+    begin = min((float(time.min()) for time in times), default=0.0)
+    # One axis for all: everybody's time follows the one before's, at a distance that no step bridges.
+    pitch = 3.0 * (max((float(time.max()) for time in times), default=0.0) - begin) + 10.0
+    axis = {name: np.searchsorted(everybody, look.who) * pitch + look.time - begin for name, look in looks.items()}
+    names, found = list(looks), {}
     for index, first in enumerate(names):
         for second in names[index + 1 :]:
-            found[first, second] = _shared(instants[first], instants[second])
+            step = max(looks[first].step, looks[second].step)
+            found[first, second] = _shared(axis[first], axis[second], step, looks[first].who)
     return found
 
 
-def _shared(first: tuple[Floats, Ints], second: tuple[Floats, Ints]) -> Shared:
-    """What two cameras have in common, from (times, identities) of each."""
-    (time_a, who_a), (time_b, who_b) = first, second
-    if not len(time_a) or not len(time_b):
+def _shared(first: Floats, second: Floats, step: float, who: Ints) -> Shared:
+    """What two cameras have in common, by sorted places on the axis of everybody's time; `who` are those of the first."""
+    if not len(first) or not len(second):
         return Shared(0, 0)
-    step = max(_step(time_a, who_a), _step(time_b, who_b))
-    sightings, people = 0, 0
-    for identity in np.intersect1d(who_a, who_b):
-        a, b = np.sort(time_a[who_a == identity]), np.sort(time_b[who_b == identity])
-        near = np.searchsorted(b, a)
-        distance = np.minimum(np.abs(a - b[np.clip(near - 1, 0, len(b) - 1)]), np.abs(a - b[np.clip(near, 0, len(b) - 1)]))
-        both = int(np.count_nonzero(distance <= step / 2))
-        sightings, people = sightings + both, people + (both > 0)
-    return Shared(people, sightings)
-
-
-def _ticks(contents: Contents, name: str) -> tuple[Floats, Ints]:
-    """Times and identities of a camera's sightings."""
-    rows = person_instants(contents.observations[name])
-    return _clock(contents, name).seconds(rows[:, 0].astype(np.float64)), rows[:, 1]
-
-
-def _step(time: Floats, who: Ints) -> float:
-    """The usual step between two samples of one person; of frames without a clock at most 1."""
-    order = np.lexsort((time, who))
-    steps = np.diff(time[order])[np.diff(who[order]) == 0]
-    steps = steps[steps > 0]
-    return float(np.median(steps)) if len(steps) else 0.0
-
-
-def _clock(contents: Contents, name: str) -> Clock:
-    """A camera's clock; frames count as seconds where no frame rate is known."""
-    return contents.clocks.get(name) or Clock(contents.observations.fps or 1.0)
-
-
-def _of_camera(place: int, rows: Ints, clock: Clock) -> Floats:
-    """(N, 4) camera, identity, begin, end of one camera's stretches."""
-    rows = rows[np.lexsort((rows[:, 0], rows[:, 1]))]
-    time, who = clock.seconds(rows[:, 0].astype(np.float64)), rows[:, 1]
-    step = _step(time, who) or 1.0 / clock.fps
-    starts = np.flatnonzero(np.r_[True, (np.diff(who) != 0) | (np.diff(time) > BREAK_STEPS * step)])
-    ends = np.r_[starts[1:], len(rows)] - 1
-    table = np.column_stack([np.full(len(starts), place), who[starts], time[starts], time[ends] + step])
-    return np.asarray(table[np.argsort(table[:, 2], kind="stable")], dtype=np.float64)
+    after = np.searchsorted(second, first)
+    before, after = np.maximum(after - 1, 0), np.minimum(after, len(second) - 1)
+    both = np.minimum(np.abs(first - second[before]), np.abs(second[after] - first)) <= 0.5 * step + 1e-9
+    return Shared(len(np.unique(who[both])), int(np.count_nonzero(both)))
 
 
 def _sorted(table: Floats, in_seconds: bool) -> Spells:

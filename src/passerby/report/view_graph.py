@@ -12,7 +12,7 @@ from passerby.report.camera_table import swatch
 from passerby.report.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
-from passerby.report.seen import shared_between
+from passerby.report.seen import Seen
 from passerby.report.tables import Column, data_table, number, text
 from passerby.report.values import MISSING, number_of, rows_of, table_of
 from passerby.sharing import Shared
@@ -56,9 +56,9 @@ class Link:
         return "strong" if self.confidence >= STRONG else "fair" if self.confidence >= FAIR else "weak"
 
 
-def links_of(contents: Contents) -> list[Link]:
+def links_of(contents: Contents, seen: Seen) -> list[Link]:
     """All pairs that share somebody or that a stage tells of, in the rig's order."""
-    found = {pair: Link(*pair, shared) for pair, shared in shared_between(contents).items()}
+    found = {pair: Link(*pair, shared) for pair, shared in seen.shared.items()}
     several = len(contents.rig) > 2
     for told in rows_of(table_of(contents.told, "association").get("pairs")):
         _update(found, told.get("cameras"), lambda link, told=told: _associated(link, told, several))
@@ -104,9 +104,9 @@ def _solved(link: Link, told: Mapping[str, Any], several: bool) -> Link:
     return replace(new if better else link, routes=routes, used=True)
 
 
-def view_graph_section(contents: Contents) -> Section:
+def view_graph_section(contents: Contents, seen: Seen) -> Section:
     """The graph and its table."""
-    links = links_of(contents)
+    links = links_of(contents, seen)
     lead = (
         "Each line is a pair of cameras that saw the same people at the same time: the thicker, the more they share. A camera "
         "that hangs by one thin or broken line is the first that fails."

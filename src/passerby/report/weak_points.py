@@ -9,7 +9,7 @@ import numpy as np
 from passerby.report.contents import Contents
 from passerby.report.distances import best_to_measure, distances_of
 from passerby.report.mends import Point
-from passerby.report.seen import shared_between
+from passerby.report.seen import Seen
 from passerby.report.values import number_of, rows_of, table_of
 
 SURE_SCALE = 0.01
@@ -23,11 +23,11 @@ FEW_SHARED = 0.25
 """Of what the rig's cameras share in the median."""
 
 
-def weak_points(contents: Contents) -> list[Point]:
+def weak_points(contents: Contents, seen: Seen) -> list[Point]:
     """What is weakest, the most important first; empty where nothing stands out or no camera has a pose."""
     if len(contents.rig.posed()) < 2:
         return []
-    return [*_scale(contents), *_vertical(contents), *_uncertain(contents), *_residual(contents), *_lonely(contents)]
+    return [*_scale(contents), *_vertical(contents), *_uncertain(contents), *_residual(contents), *_lonely(contents, seen)]
 
 
 def outstanding(values: Mapping[str, float | None]) -> list[str]:
@@ -120,10 +120,10 @@ def _residual(contents: Contents) -> list[Point]:
     ]
 
 
-def _lonely(contents: Contents) -> list[Point]:
+def _lonely(contents: Contents, seen: Seen) -> list[Point]:
     """The camera that shares fewest sightings, where it hangs by a thread."""
     total: dict[str, int] = dict.fromkeys(contents.rig.posed().names, 0)
-    for (first, second), shared in shared_between(contents).items():
+    for (first, second), shared in seen.shared.items():
         if first in total and second in total:
             total[first] += shared.sightings
             total[second] += shared.sightings

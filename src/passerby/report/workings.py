@@ -7,7 +7,7 @@ from typing import Any
 
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
-from passerby.report.seen import people_seen
+from passerby.report.seen import Seen
 from passerby.report.tables import Column, data_table, text
 from passerby.report.values import count, figure, listed, number_of, rows_of, table_of
 
@@ -28,9 +28,9 @@ FILES = (
 )
 
 
-def stages_section(contents: Contents) -> Section:
+def stages_section(contents: Contents, seen: Seen) -> Section:
     """What was done, in the order in which it was done."""
-    steps = [_observed(contents), _watched(contents), _associated(contents), _solved(contents), _scaled(contents)]
+    steps = [_observed(contents, seen), _watched(contents), _associated(contents), _solved(contents), _scaled(contents)]
     body = element(
         "ol",
         [
@@ -79,17 +79,16 @@ def _camera_video(name: str, one: Mapping[str, Any]) -> str:
     return told + (f" (at {ended:.1f} s)." if ended is not None else ".")
 
 
-def _observed(contents: Contents) -> Step:
+def _observed(contents: Contents, seen: Seen) -> Step:
     """What the rig was computed from."""
     facts = []
     for name, told in contents.cameras.items():
-        seen = contents.observations[name]
         boxes, joints = number_of(told.get("boxes")), number_of(told.get("keypoints"))
         parts = [f"{boxes:.0f} boxes" if boxes else None, f"{joints:.0f} sightings with joints" if joints else None]
         width, height = contents.rig[name].lens.size
         kind = ", fisheye" if contents.rig[name].lens.fisheye else ""
         what = listed([part for part in parts if part]) or "nobody"
-        facts.append(f"{name} ({width} × {height} px{kind}): {what}, {count(people_seen(seen), 'person', 'people')}.")
+        facts.append(f"{name} ({width} × {height} px{kind}): {what}, {count(seen.people[name], 'person', 'people')}.")
     return "What the cameras saw", facts
 
 

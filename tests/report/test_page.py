@@ -1,0 +1,193 @@
+"""The page holds what the calibration tells, whatever came of it, and no more than that."""
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from reading import Page, busy_place, named, without_poses
+
+from conftest import solved, without
+from passerby.cli import run
+from passerby.report.contents import contents_from, contents_of
+from passerby.report.page import report_page
+
+SECTIONS = (
+    "summary", "cameras", "rig", "views", "graph", "timeline", "heights", "scale", "distances", "stages", "settings", "files",
+)  # fmt: skip
+HOSTILE = ("<script>alert(1)</script>", "</script><b onclick=alert(2)>", "\"quoted' & <!--", "Küche %{x} Ⅲ 🎥")
+
+
+@pytest.fixture(scope="session")
+def page(calibrated):
+    return Page(report_page(contents_from(calibrated[1])))
+
+
+def test_all_sections_are_there_and_the_verdict_comes_first(page, calibrated):
+    assert tuple(page.sections) == SECTIONS
+    assert page.title == f"{calibrated[0].scene.name}: accepted – Passerby"
+    assert "Accepted" in page.sections["summary"]
+    assert "4 of 4" in page.sections["summary"]
+
+
+def test_the_table_of_cameras_is_what_calibration_json_holds(page, calibrated):
+    told = json.loads((calibrated[1] / "calibration.json").read_text())
+    rows = page.rows("cameras-table")
+    assert [row["Camera"] for row in rows] == [one["name"] for one in told["cameras"]]
+    keys = {
+        "Heading °": "heading_deg", "Tilt °": "tilt_deg", "Roll °": "roll_deg", "± position mm": "position_sigma_mm",
+        "± orientation °": "orientation_sigma_deg", "Residual px": "median_residual_px", "People": "people", "Boxes": "boxes",
+    }  # fmt: skip
+    for row, one in zip(rows, told["cameras"], strict=True):
+        assert [float(row[key]) for key in ("x m", "y m", "Height m")] == pytest.approx(one["centre_m"], abs=1e-12)
+        assert {key: float(row[key]) for key in keys} == {key: one[name] for key, name in keys.items()}
+
+
+def test_a_calibration_and_its_folder_give_the_same_figures_and_the_same_bytes(page, calibrated):
+    calibration, out = calibrated
+    fresh = Page(report_page(contents_of(calibration)))
+    # A rig file keeps rotations as vectors, so distances differ in the last digit.
+    assert {name: rows for name, rows in fresh.tables.items() if name != "distances-table"} == {
+        name: rows for name, rows in page.tables.items() if name != "distances-table"
+    }
+    assert report_page(contents_from(out)) == report_page(contents_from(out))
+
+
+def test_the_distances_are_those_of_the_centres(page, calibrated):
+    centres = {camera.name: camera.centre for camera in calibrated[0].rig}
+    for row in page.rows("distances-table"):
+        for name, centre in centres.items():
+            if name != row["Camera"]:
+                assert float(row[f"{name} m"]) == pytest.approx(sum((centre - centres[row["Camera"]]) ** 2) ** 0.5)
+
+
+def test_a_doubtful_one_tells_what_is_wrong_and_what_to_do(calibrated):
+    contents = contents_from(calibrated[1])
+    told = {**contents.told, "verdict": "doubtful", "reasons": ["camera C2 hangs by a thread: record longer"]}
+    summary = Page(report_page(replace(contents, told=told))).sections["summary"]
+    assert "Doubtful" in summary
+    assert "Camera C2 hangs by a thread." in summary
+    assert "Record longer." in summary
+
+
+def test_a_refused_one_has_dashes_and_says_why_in_every_section(calibrated):
+    contents = without_poses(contents_from(calibrated[1]), ["no two cameras share a person: record more people"])
+    page = Page(report_page(contents))
+    assert "Refused" in page.sections["summary"]
+    assert "0 of 4" in page.sections["summary"]
+    assert all(row["x m"] == row["± position mm"] == row["Residual px"] == "" for row in page.rows("cameras-table"))
+    for section, words in {
+        "rig": "No camera has a pose", "heights": "no heights", "scale": "was not determined", "distances": "Fewer than two",
+    }.items():  # fmt: skip
+        assert words in page.sections[section]
+    assert page.rows("cameras-table")[0]["Boxes"] == str(float(contents.told["cameras"][0]["boxes"]))
+
+
+def test_a_scene_that_shares_nobody_is_refused_and_told(tmp_path):
+    from scenes import rows, write_scene
+
+    path = write_scene(tmp_path, files={"A.txt": rows(identities=(1,)), "B.txt": rows(identities=(2,))})
+    assert run(["calibrate", str(path), "-o", str(tmp_path / "out")]) == 3
+    page = Page(report_page(contents_from(tmp_path / "out")))
+    assert "Refused" in page.sections["summary"]
+    assert "nothing ties them together" in page.sections["graph"]
+
+
+def test_a_camera_without_a_pose_is_told_with_its_reason(calibrated):
+    contents = contents_from(calibrated[1])
+    lost = replace(contents.rig["C3"], pose=None, sigma=None)
+    rig = replace(contents.rig, cameras=tuple(lost if one.name == "C3" else one for one in contents.rig))
+    told = {**contents.told, "verdict": "doubtful", "reasons": ["camera C3 shares nobody with C1: record more people"]}
+    page = Page(report_page(replace(contents, told=told, rig=rig)))
+    assert "no pose: Camera C3 shares nobody with C1." in page.sections["cameras"]
+    assert "3 of 4" in page.sections["summary"]
+    assert [row["x m"] == "" for row in page.rows("cameras-table")] == [False, False, True, False]
+
+
+def test_the_papers_method_and_joints_give_sound_pages(scene):
+    geopose, joints = (
+        solved(scene, name, change)[1]
+        for name, change in {
+            "geopose": lambda text: without(text, "keypoints").replace('method = "people"', 'method = "geopose"'),
+            "joints": lambda text: without(text, "tracks"),
+        }.items()
+    )
+    page = Page(report_page(contents_from(geopose)))
+    assert tuple(page.sections) == SECTIONS
+    assert "equally tall" in page.sections["heights"]
+    assert "essential matrix" in page.sections["graph"]
+    page = Page(report_page(contents_from(joints)))
+    assert tuple(page.sections) == SECTIONS
+    row = page.rows("cameras-table")[0]
+    assert float(row["Joints"]) > 0
+    assert float(row["People"]) == 5
+    assert len(page.rows("pairs-table")) == 6
+
+
+def test_a_folder_of_an_older_passerby_gives_a_sound_page(calibrated, tmp_path):
+    told = json.loads((calibrated[1] / "calibration.json").read_text())
+    cameras = [{key: one[key] for key in ("name", "registered", "centre_m", "boxes", "keypoints")} for one in told["cameras"]]
+    old = {"name": told["name"], "verdict": "accepted", "reasons": [], "cameras": cameras}
+    (tmp_path / "calibration.json").write_text(json.dumps(old))
+    (tmp_path / "rig.toml").write_bytes((calibrated[1] / "rig.toml").read_bytes())
+    page = Page(report_page(contents_from(tmp_path)))
+    assert tuple(page.sections) == SECTIONS
+    assert "No tracks of known people" in page.sections["timeline"]
+    new = Page(report_page(contents_from(calibrated[1]))).rows("cameras-table")
+    for row, other in zip(page.rows("cameras-table"), new, strict=True):
+        assert float(row["Heading °"]) == pytest.approx(float(other["Heading °"]))
+
+
+def test_names_are_text_and_nothing_else(calibrated):
+    contents = named(contents_from(calibrated[1]), HOSTILE)
+    told = {**contents.told, "name": HOSTILE[0], "reasons": [f"camera {HOSTILE[1]} is odd"], "findings": [HOSTILE[2]]}
+    page = Page(report_page(replace(contents, told=told)))
+    assert [row["Camera"] for row in page.rows("cameras-table")] == list(HOSTILE)
+    runs = [attributes for attributes, _ in page.scripts if attributes.get("type") != "application/json"]
+    assert runs == [{}, {}]  # plotly and the page's own
+    assert not any(name.startswith("on") for _, attributes in page.elements for name in attributes)
+    figures = [json.loads(text) for attributes, text in page.scripts if attributes.get("type") == "application/json"]
+    assert all({"data", "layout"} <= figure.keys() for figure in figures)
+
+
+def test_nothing_is_fetched_and_only_its_two_scripts_may_run(page):
+    policy = next(attributes["content"] for tag, attributes in page.elements if tag == "meta" and "http-equiv" in attributes)
+    assert "default-src 'none'" in policy
+    assert "connect-src 'none'" in policy
+    assert "unsafe" not in policy.split("script-src")[1].split(";")[0]
+    assert not [attributes for _, attributes in page.elements if "src" in attributes]
+    links = [attributes["href"] for tag, attributes in page.elements if tag == "a"]
+    assert all(link.startswith("#") for link in links)
+    assert {link[1:] for link in links} <= {attributes.get("id") for _, attributes in page.elements}
+
+
+def test_identifiers_are_unique_and_labels_lead_somewhere(page):
+    identifiers = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(identifiers) == len(set(identifiers))
+    for tag, attributes in page.elements:
+        if "aria-labelledby" in attributes:
+            assert attributes["aria-labelledby"] in identifiers, (tag, attributes)
+
+
+def test_an_hour_of_a_hundred_people_before_sixteen_cameras_stays_small():
+    contents = busy_place(cameras=16, people=100, seconds=3600, fps=2.0)
+    assert sum(len(seen.boxes) for seen in contents.observations.cameras.values()) > 300_000
+    html = report_page(contents)
+    assert len(html.encode()) < 8_400_000  # sixteen pictures of 100 kB fit into 10 MB beside it
+    timeline = json.loads(next(text for told, text in Page(html).scripts if told.get("id") == "timeline-plot-figure"))
+    bars = sum(len(trace["x"]) for trace in timeline["data"])
+    assert len(timeline["data"]) == 100
+    assert 1000 < bars <= 4000
+
+
+def test_the_command_makes_the_page_again(calibrated, tmp_path, capsys):
+    out, there = calibrated[1], tmp_path / "page.html"
+    assert run(["report", str(out), "-o", str(there)]) == 0
+    assert str(there) in capsys.readouterr().out
+    assert there.read_text() == report_page(contents_from(out))
+    assert run(["report", str(tmp_path / "nowhere")]) == 2
+    assert "calibration.json" in capsys.readouterr().err
+
+
+def test_no_date_and_no_wall_time_stands_in_it(page):
+    assert not re.search(r"\b20[23]\d-\d\d-\d\d\b", page.text)

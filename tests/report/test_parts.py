@@ -1,0 +1,187 @@
+"""What the page is put together from: escaping, mends, stretches of time, weak points, distances."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from reading import busy_place
+
+from passerby.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.report.contents import contents_from
+from passerby.report.distances import best_to_measure, distances_of
+from passerby.report.html import Html, data_script, element, join
+from passerby.report.mends import Point, point_of, points_of
+from passerby.report.seen import lanes_of, merged, seen_in
+from passerby.report.view_graph import links_of
+from passerby.report.weak_points import outstanding, weak_points
+
+
+@given(st.text())
+def test_no_text_becomes_markup(text):
+    inside = element("p", text, title=text)
+    assert inside.count("<") == 2
+    assert inside.count(">") == 2
+    assert '"' not in inside[len('<p title="') : inside.index('">')]
+
+
+@given(st.dictionaries(st.text(), st.text()))
+def test_no_json_ends_its_script(value):
+    script = data_script("one", value)
+    inside = script[script.index(">") + 1 : -len("</script>")]
+    assert "<" not in inside
+    assert json.loads(inside) == value
+
+
+def test_html_is_not_escaped_twice():
+    assert element("p", element("b", "a < b"), None, ["x", Html("<i>")]) == "<p><b>a &lt; b</b>x<i></p>"
+    assert join("&") == "&amp;"
+    assert element("input", checked=True, disabled=False, value=None, data_layer="x") == '<input checked data-layer="x">'
+
+
+@pytest.mark.parametrize(
+    ("reason", "what", "mend"),
+    [
+        ("camera C1 is uncertain: record longer", "Camera C1 is uncertain.", "Record longer."),
+        ("V1.mp4: camera V1: 3 of 5 agree: check its lens", "V1.mp4: camera V1: 3 of 5 agree.", "Check its lens."),
+        ("no better than chance: in any pair; take them from a network", "No better than chance: in any pair.", None),
+        ("C1 fits badly: check its clock: it may drift", "C1 fits badly.", "Check its clock: it may drift."),
+    ],
+)
+def test_a_reason_is_parted_at_its_mend(reason, what, mend):
+    assert point_of(reason) == Point(what, mend or "Take them from a network.")
+
+
+@pytest.mark.parametrize("reason", ["the vertical is off", "the clock of C1 drifts", "something else", "check"])
+def test_a_reason_without_a_mend_gets_a_general_one(reason):
+    point = point_of(reason)
+    assert point.what.lower() == f"{reason.lower()}."
+    assert len(point.mend) > 20
+
+
+def test_what_is_said_of_several_cameras_is_said_once():
+    reasons = [f"camera {name} saw too few people: record more" for name in "ABC"]
+    assert points_of(reasons) == [Point("Cameras A, B and C saw too few people.", "Record more.")]
+    own = [f"camera {name} is uncertain by {size} mm: record longer" for name, size in (("A", 1), ("B", 1))]
+    assert len(points_of(own)) == 2
+
+
+def seen_at(*frames_of_people):
+    rows = [(frame, identity) for identity, frames in enumerate(frames_of_people, start=1) for frame in frames]
+    frame, identity = np.array(rows).T
+    return CameraObservations(Boxes(frame, identity, np.tile([0.0, 0, 10, 30], (len(rows), 1)), np.ones(len(rows))))
+
+
+def contents_with(seen, clocks=None, fps=5.0):
+    contents = busy_place(cameras=3, people=2, seconds=20, fps=5.0)
+    empty = dict.fromkeys(contents.rig.names, CameraObservations())
+    observations = Observations(empty | dict(zip(contents.rig.names, seen, strict=False)), fps, clocks or {})
+    return replace(contents, observations=observations, clocks=clocks or {})
+
+
+def test_short_breaks_are_closed_and_long_ones_kept():
+    spells = seen_in(contents_with([seen_at([1, 2, 4, 5, 6, 20, 21], [3, 4])])).spells
+    assert spells.identity.tolist() == [1, 2, 1]
+    assert spells.begin.tolist() == pytest.approx([0.0, 0.4, 3.8])
+    assert spells.end.tolist() == pytest.approx([1.2, 0.8, 4.2])
+    assert spells.in_seconds
+
+
+def test_stretches_follow_the_cameras_clocks():
+    contents = contents_with([seen_at([1, 2]), seen_at([11, 12])], fps=None)
+    assert not seen_in(contents).spells.in_seconds
+    names = contents.rig.names
+    clocks = {names[0]: Clock(5.0), names[1]: Clock(10.0, 3.0), names[2]: Clock(5.0)}
+    spells = seen_in(replace(contents, clocks=clocks)).spells
+    assert spells.begin.tolist() == [0.0, 4.0]
+
+
+def test_merging_closes_the_shortest_breaks_and_loses_nobody():
+    spells = seen_in(busy_place(cameras=2, people=20, seconds=900, fps=2.0)).spells
+    fewer = merged(spells, len(spells) // 2)
+    assert len(fewer) == len(spells) // 2
+    assert set(fewer.people) == set(spells.people)
+    for camera in range(2):
+        for identity in spells.people:
+            before, after = (
+                (one.begin[rows], one.end[rows])
+                for one in (spells, fewer)
+                for rows in [(one.camera == camera) & (one.identity == identity)]
+            )
+            assert len(before[0]) == 0 or (before[0].min(), before[1].max()) == (after[0].min(), after[1].max())
+    assert merged(spells, len(spells)) is spells
+
+
+@given(st.lists(st.tuples(st.integers(0, 50), st.integers(1, 20)), max_size=40))
+def test_no_two_stretches_overlap_in_a_lane(stretches):
+    begin = np.array(sorted(start for start, _ in stretches), dtype=float)
+    end = begin + np.array([length for _, length in stretches], dtype=float)
+    lanes = lanes_of(begin, end)
+    for lane in range(int(lanes.max()) + 1 if len(lanes) else 0):
+        own = lanes == lane
+        assert (begin[own][1:] >= end[own][:-1]).all()
+    if len(lanes):
+        assert lanes.max() + 1 == max(np.count_nonzero((begin <= at) & (end > at)) for at in begin)
+
+
+def test_shared_sightings_are_those_at_the_same_time():
+    first, second = seen_at([1, 2, 3], [1, 2]), seen_at([2, 3, 4], [7])
+    contents = contents_with([first, second])
+    shared = seen_in(contents).shared[contents.rig.names[:2]]
+    assert (shared.people, shared.sightings) == (1, 2)
+    clocks = dict.fromkeys(contents.rig.names, Clock(5.0)) | {contents.rig.names[1]: Clock(5.0, -0.2)}
+    shifted = seen_in(replace(contents, clocks=clocks)).shared[contents.rig.names[:2]]
+    assert (shifted.people, shifted.sightings) == (1, 3)
+
+
+def test_a_camera_that_stands_out_is_named_with_a_mend():
+    assert outstanding({"A": 1.0, "B": 1.1, "C": 5.0, "D": None}) == ["C"]
+    assert outstanding({"A": 1.0, "B": 5.0}) == []
+    contents = busy_place(cameras=4, people=5, seconds=60, fps=2.0)
+    bad = contents.rig.names[2]
+    figures = contents.told["figures"]
+    cameras = [{**one, "shape_position_sigma_mm": 300.0} if one["name"] == bad else one for one in figures["cameras"]]
+    worse = replace(contents, told={**contents.told, "figures": {**figures, "cameras": cameras}})
+    points = weak_points(worse, seen_in(worse))
+    assert any(bad in point.what and "300 mm" in point.what and point.mend for point in points)
+    assert "3.0 %" in points[0].what
+    assert "[[scale.distances]]" in points[0].mend
+
+
+def test_distances_and_their_sigmas():
+    contents = busy_place(cameras=4, people=3, seconds=20, fps=2.0)
+    for one in distances_of(contents):
+        centres = [contents.rig[name].centre for name in (one.first, one.second)]
+        assert one.metres == pytest.approx(np.linalg.norm(centres[0] - centres[1]))
+        assert one.sigma_m == pytest.approx(np.hypot(0.03 * one.metres, 0.03 * np.sqrt(2 / 3)))
+    assert best_to_measure(distances_of(contents))[0].metres == max(one.metres for one in distances_of(contents))
+
+
+def test_links_take_the_best_route_and_tell_all():
+    contents = busy_place(cameras=3, people=4, seconds=60, fps=2.0)
+    a, b, c = contents.rig.names
+    pairs = [
+        {"cameras": [b, a], "route": "ground", "inliers": 30, "matches": 100, "support": 0.5},
+        {"cameras": [a, b], "route": "epipolar", "inliers": 90, "matches": 100, "support": 1.0},
+        {"cameras": [a, c], "route": "ground", "inliers": 50, "matches": 100, "support": 1.0},
+    ]
+    told = {**contents.told, "figures": {**contents.told["figures"], "pairs": pairs}}
+    links = {(link.first, link.second): link for link in links_of(replace(contents, told=told), seen_in(contents))}
+    assert links[a, b].confidence == pytest.approx(0.9)
+    assert (links[a, b].word, links[a, c].word, links[b, c].word) == ("strong", "fair", "not used")
+    assert links[a, b].routes == ("ground", "epipolar")
+
+
+def test_a_rigs_names_do_not_lead_out_of_the_folder(calibrated, tmp_path):
+    out = calibrated[1]
+    (tmp_path / "inner" / "tracks").mkdir(parents=True)
+    (tmp_path / "secret.txt").write_text((out / "tracks" / "C1.txt").read_text())
+    for name in ("calibration.json", "rig.toml"):
+        (tmp_path / "inner" / name).write_text((out / name).read_text().replace("C1", "../../secret"))
+    text = (tmp_path / "inner" / "rig.toml").read_text().replace("[../../secret]", '["../../secret"]')
+    (tmp_path / "inner" / "rig.toml").write_text(text)
+    contents = contents_from(tmp_path / "inner")
+    assert contents.rig.names[0] == "../../secret"
+    assert len(contents.observations["../../secret"].boxes) == 0
