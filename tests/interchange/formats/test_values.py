@@ -60,6 +60,14 @@ def test_numbers_are_counted_and_finite():
             numbers("p", {"a": value}, "a", (2,))
 
 
+@pytest.mark.parametrize("inmost", ["1", ""])
+def test_a_few_bytes_that_stand_for_endless_lists_are_refused_at_once(inmost):
+    """Nine levels of nine references each: 400 million lists, were they counted."""
+    text = f"a0: &a0 [{inmost}]\n" + "".join(f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]\n" for n in range(1, 10))
+    with pytest.raises(InputError, match=r"^p: a9 is .*: 9 numbers are needed"):
+        numbers("p", parse_yaml(Path("a"), text), "a9", (3, 3))
+
+
 def test_rounded_rotations_are_made_rotations():
     found = rotation("p", np.round(np.array([[np.cos(1), -np.sin(1), 0], [np.sin(1), np.cos(1), 0], [0, 0, 1]]), 4))
     np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-14)

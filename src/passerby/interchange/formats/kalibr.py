@@ -32,7 +32,17 @@ from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.kalibr_models import INTRINSICS, projection
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5, Rays, expressed, how_far, nearest_lens
 from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.values import dump_yaml, homogeneous, led_names, load_yaml, numbers, padded, rigid, table
+from passerby.interchange.formats.values import (
+    dump_yaml,
+    homogeneous,
+    led_names,
+    load_yaml,
+    numbers,
+    padded,
+    rigid,
+    table,
+    whole,
+)
 
 CAMERA_KEY = re.compile(r"cam(\d+)")
 FORBIDDEN_IN_ROS = re.compile(r"[^A-Za-z0-9_]")
@@ -114,13 +124,15 @@ def _lens(place: str, values: dict[Any, Any], losses: Losses) -> Lens:
             f"{place}: camera_model {model} with distortion_model {distortion}: known are {', '.join(MODELS)} with "
             f"{', '.join(COEFFICIENTS)}"
         )
-    width, height = numbers(place, values, "resolution", (2,)).tolist()
+    width, height = (
+        whole(place, {"resolution": side}, "resolution") for side in numbers(place, values, "resolution", (2,)).tolist()
+    )
     intrinsics = numbers(place, values, "intrinsics", (INTRINSICS[model],))
     count = COEFFICIENTS[distortion]
     coefficients = numbers(place, values, "distortion_coeffs", (count,)) if count else np.zeros(0)
     fx, fy, cx, cy = intrinsics[-4:].tolist()
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    size = (int(width), int(height))
+    size = (width, height)
     try:
         if model == "pinhole" and distortion != "fov":
             return Lens(size, matrix, coefficients, distortion == "equidistant")

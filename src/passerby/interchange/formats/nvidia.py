@@ -285,7 +285,8 @@ FORMATS: Mapping[str, Format] = {
         title="DeepStream MV3DT camera files",
         tools=("NVIDIA DeepStream",),
         target="folder",
-        conventions="Projection matrices from the world to pixels (3 x 4), metres; pinhole without distortion.",
+        conventions="Projection matrices from the world to pixels (3 x 4), metres; pinhole without distortion, so rectify "
+        "videos first.",
         write=_write_mv3dt,
         read=_read_mv3dt,
     ),
@@ -295,7 +296,8 @@ FORMATS: Mapping[str, Format] = {
         tools=("NVIDIA AutoMagicCalib", "NVIDIA Metropolis"),
         target="file",
         suffixes=(".json",),
-        conventions="World to camera (3 x 4), OpenCV's axes and pixels, metres; pinhole without distortion.",
+        conventions="World to camera (3 x 4), OpenCV's axes and pixels, metres; pinhole without distortion, so rectify "
+        "videos first.",
         write=_write_amc,
         read=_read_amc,
     ),

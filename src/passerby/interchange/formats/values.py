@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import reprlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ ROTATION_TOLERANCE = 1e-3
 """Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
 
 
+MOST_VALUES = 1000
+"""Numbers and lists below one key that are looked at: no key of any format has more."""
 LETTER, ANYTHING = re.compile(r"[A-Za-z]"), re.compile("")
 
 
@@ -101,8 +104,10 @@ def whole(place: str, values: dict[Any, Any], key: str) -> int:
 
 
 def shortened(value: Any) -> str:
-    """A value as a message shows it."""
-    text = repr(value)
+    """A value as a message shows it; quick even where a few bytes of YAML stand for endless lists."""
+    short = reprlib.Repr()
+    short.maxlevel, short.maxlist, short.maxdict, short.maxstring = 3, 16, 8, 90
+    text = short.repr(value)
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 
@@ -165,5 +170,14 @@ def led_names(
 
 
 def _flat(value: Any) -> list[Any]:
-    """Lists in lists as one list."""
-    return [inner for item in value for inner in _flat(item)] if isinstance(value, list) else [value]
+    """What is in lists in lists, one by one; of an endless one only the first `MOST_VALUES`."""
+    found, left = [], [value]
+    for _ in range(MOST_VALUES):
+        if not left:
+            break
+        item = left.pop()
+        if isinstance(item, list):
+            left += reversed(item)
+        else:
+            found.append(item)
+    return found + left[:1]
