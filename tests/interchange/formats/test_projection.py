@@ -1,0 +1,241 @@
+"""Every format that is written and read: points stay at their pixels, or it is told how far they are off."""
+
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.errors import InputError
+from passerby.interchange.formats import Export, Given, all_formats, export, read_rig_as
+
+SIZE = (1280, 720)
+NAMES = ("Hall 1.north", "C-2")
+TOLERANCE_PX = 1e-6
+
+RADTAN = (-0.21, 0.06, 0.0012, -0.0017)
+PRISM = (0.0011, -0.0006, 0.0008, 0.0003)
+KINDS = {
+    "pinhole": (),
+    "radtan 4": RADTAN,
+    "radtan 5": (*RADTAN, -0.009),
+    "rational 8": (*RADTAN, 0.01, 0.021, -0.012, 0.004),
+    "prism 12": (*RADTAN, 0.01, 0.021, -0.012, 0.004, *PRISM),
+    "tilted 14": (*RADTAN, 0.01, 0.021, -0.012, 0.004, *PRISM, 0.013, -0.021),
+    "fisheye": (0.031, -0.012, 0.0021, -0.0004),
+    "skewed": (),
+}
+"""Distortion of the lenses."""
+
+RADTANS = {"pinhole", "radtan 4", "radtan 5"}
+ALL_BUT_SKEW = {*RADTANS, "rational 8", "prism 12", "tilted 14", "fisheye"}
+HOLDS = {
+    "colmap": {*RADTANS, "rational 8", "fisheye"},
+    "colmap-bin": {*RADTANS, "rational 8", "fisheye"},
+    "opencv": ALL_BUT_SKEW,
+    "anipose": ALL_BUT_SKEW,
+    "pose2sim": ALL_BUT_SKEW - {"fisheye"},
+    "caliscope": ALL_BUT_SKEW,
+    "freemocap": ALL_BUT_SKEW,
+    "easymocap": RADTANS,
+    "kalibr": {"pinhole", "radtan 4", "fisheye"},
+    "ros": {*RADTANS, "rational 8", "fisheye"},
+    "nerfstudio": {*RADTANS, "fisheye"},
+    "mv3dt": {"pinhole", "skewed"},
+    "amc": {"pinhole", "skewed"},
+}
+"""Which lenses each format holds as they are."""
+KEEPS_UNPOSED = {"opencv", "caliscope", "ros"}
+
+ROUND_TRIPS = {form.name: form for form in all_formats() if form.write and form.read}
+FORMATS = sorted(ROUND_TRIPS)
+
+
+def lens(kind, rng):
+    """A lens of a kind, its numbers a little different each time."""
+    fisheye = kind == "fisheye"
+    focal = rng.uniform(420, 480) if fisheye else rng.uniform(850, 1100)
+    matrix = np.array([[focal, 0, 655.3], [0, focal * 1.004, 349.8], [0, 0, 1.0]])
+    matrix[:2, 2] += rng.uniform(-9, 9, 2)
+    if kind == "skewed":
+        matrix[0, 1] = 2.5
+    return Lens(SIZE, matrix, np.array(KINDS[kind]) * rng.uniform(0.9, 1.1, len(KINDS[kind])), fisheye)
+
+
+def pose(rng):
+    """A camera that stands some metres off and looks about the middle of the world, a little rolled."""
+    turn = rng.uniform(0, 2 * np.pi)
+    centre = np.array([9 * np.cos(turn), 9 * np.sin(turn), rng.uniform(2.5, 5)])
+    ahead = -centre / np.linalg.norm(centre)
+    right = np.cross(ahead, (0, 0, 1.0))
+    right /= np.linalg.norm(right)
+    looking = np.array([right, np.cross(ahead, right), ahead])
+    return Pose.from_centre(cv2.Rodrigues(rng.normal(0, 0.08, 3))[0] @ looking, centre)
+
+
+def rig_of(kind, seed=5, names=NAMES):
+    rng = np.random.default_rng(seed)
+    return Rig(tuple(Camera(name, lens(kind, rng), pose(rng)) for name in names))
+
+
+def seen_points(camera, rng, widest_deg):
+    """World points all over a camera's picture and along its border, where its own lens has one ray for each pixel."""
+    angle, turn = np.radians(rng.uniform(0, widest_deg, 3000)), rng.uniform(0, 2 * np.pi, 3000)
+    rays = np.column_stack([np.sin(angle) * np.cos(turn), np.sin(angle) * np.sin(turn), np.cos(angle)])
+    share = np.linspace(0, 1, 60)
+    border = [np.column_stack([share, np.full(60, side)]) for side in (0, 1)]
+    border = np.vstack([*border, *(edge[:, ::-1] for edge in border)]) * (np.array(SIZE) - 1)
+    rim = np.radians(widest_deg)
+    rim = np.column_stack([np.sin(rim) * np.cos(turn), np.sin(rim) * np.sin(turn), np.full(len(turn), np.cos(rim))])
+    rays = np.vstack([rays, rim, back_projected(camera.lens, border)])
+    pixels = camera.lens.project_rays(rays)
+    keep = (pixels > -0.4).all(axis=1) & (pixels < np.array(SIZE) - 0.6).all(axis=1)
+    keep &= (back_projected(camera.lens, pixels) * rays).sum(axis=1) > 1 - 1e-9
+    keep &= rays[:, 2] >= np.cos(np.radians(widest_deg)) - 1e-12
+    depth = rng.uniform(1, 30, (len(rays), 1))
+    return ((rays * depth)[keep] - camera.pose.t_cw) @ camera.pose.R_cw
+
+
+def back_projected(lens, pixels):
+    """Rays of pixels; `Lens.bearings` knows no skew."""
+    if not lens.matrix[0, 1]:
+        return lens.bearings(pixels)
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(lens.matrix).T
+    return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def counterpart(camera, rig, back):
+    """The same camera in what was read back: of the same name, or where names had to change in the same place."""
+    return back[camera.name] if camera.name in back.names else back.cameras[rig.names.index(camera.name)]
+
+
+def largest_difference(camera, other, widest_deg=85.0, seed=11):
+    points = seen_points(camera, np.random.default_rng(seed), widest_deg)
+    assert len(points) > 500
+    return np.linalg.norm(camera.project(points) - other.project(points), axis=1).max()
+
+
+def target(name, folder):
+    form = ROUND_TRIPS[name]
+    return folder / ("rig" + form.suffixes[0] if form.target == "file" else "rig")
+
+
+def there_and_back(name, rig, folder, lossy=False):
+    told = export(Export(rig, "a scene"), name, target(name, folder), lossy=lossy)
+    given = Given(SIZE)
+    back, _ = read_rig_as(name, target(name, folder), given)
+    return back, told
+
+
+def test_every_format_that_is_written_and_read_is_tested():
+    assert set(HOLDS) == set(ROUND_TRIPS)
+
+
+HELD = [(name, kind) for name in FORMATS for kind in KINDS if kind in HOLDS.get(name, ())]
+LOST = [(name, kind) for name in FORMATS for kind in KINDS if kind not in HOLDS.get(name, ())]
+
+
+@pytest.mark.parametrize(("name", "kind"), HELD)
+def test_points_stay_at_their_pixels(name, kind, tmp_path):
+    rig = rig_of(kind)
+    back, told = there_and_back(name, rig, tmp_path)
+    assert told == ()
+    assert len(back) == len(rig)
+    for camera in rig:
+        other = counterpart(camera, rig, back)
+        assert other.lens.size == SIZE
+        assert largest_difference(camera, other) < TOLERANCE_PX
+
+
+@pytest.mark.parametrize(("name", "kind"), LOST)
+def test_what_a_loss_says_is_true(name, kind, tmp_path):
+    rig = rig_of(kind)
+    back, told = there_and_back(name, rig, tmp_path, lossy=True)
+    for camera in rig:
+        other = counterpart(camera, rig, back)
+        said = next(line for line in told if line.startswith(f"camera {camera.name}: "))
+        stated = float(re.search(r"up to ([\d.e+-]+) px off", said)[1])
+        # Of a fisheye as a pinhole only what is within 80 degrees of the axis is told of.
+        found = largest_difference(camera, other, widest_deg=80.0)
+        assert 0.7 * stated < found <= stated
+
+
+@pytest.mark.parametrize(("name", "kind"), list({name: (name, kind) for name, kind in LOST}.values()))
+def test_a_loss_is_an_error(name, kind, tmp_path):
+    rig = rig_of(kind)
+    with pytest.raises(InputError, match="--lossy") as refused:
+        export(Export(rig), name, target(name, tmp_path))
+    assert all(f"camera {camera.name}: its lens" in str(refused.value) for camera in rig)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_camera_without_a_pose(name, tmp_path):
+    posed = rig_of("pinhole")
+    rig = Rig((*posed, Camera("later", lens("pinhole", np.random.default_rng(3)))))
+    if name in KEEPS_UNPOSED:
+        back, told = there_and_back(name, rig, tmp_path)
+        later = counterpart(rig["later"], rig, back)
+        rays = np.random.default_rng(4).uniform((-0.5, -0.3, 1), (0.5, 0.3, 1), (50, 3))
+        assert told == ()
+        assert later.pose is None
+        np.testing.assert_allclose(later.lens.project_rays(rays), rig["later"].lens.project_rays(rays), atol=TOLERANCE_PX)
+        return
+    with pytest.raises(InputError, match=r"camera later has no pose.*--lossy"):
+        export(Export(rig), name, target(name, tmp_path))
+    back, told = there_and_back(name, rig, tmp_path, lossy=True)
+    assert told == ("camera later has no pose and is left out",)
+    assert len(back) == 2
+    assert max(largest_difference(camera, counterpart(camera, posed, back)) for camera in posed) < TOLERANCE_PX
+
+
+ODD_NAMES = ("true", "metadata", "cam 1", "cam_1", "Überblick", "../up", 'a"b<c>&', "#1: x", "a", "A", "it's", "7")
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_odd_names(name, tmp_path):
+    rig = rig_of("pinhole", names=ODD_NAMES)
+    inside = tmp_path / "below" / "below"
+    back, told = there_and_back(name, rig, inside)
+    assert told == ()
+    assert len(back) == len(rig)
+    assert all(inside in path.parents for path in tmp_path.rglob("*") if path.is_file())
+    for camera in rig:
+        nearest = min(back, key=lambda other: np.linalg.norm(other.centre - camera.centre))
+        assert largest_difference(camera, nearest) < TOLERANCE_PX
+        if camera.name in back.names:
+            assert nearest.name == camera.name
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_same_rig_makes_the_same_files(name, tmp_path):
+    there = [ROUND_TRIPS[name].write(Export(rig_of("pinhole", names=ODD_NAMES)), _NoLosses()) for _ in range(2)]
+    assert there[0] == there[1]
+
+
+class _NoLosses:
+    told = ()
+
+    def add(self, what):
+        raise AssertionError(what)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_broken_files_are_told_of(name, tmp_path):
+    """Whatever is cut off or is something else ends in an `InputError` that names the place, or in fewer cameras."""
+    rig = rig_of("pinhole")
+    export(Export(rig), name, target(name, tmp_path))
+    for path in sorted(path for path in tmp_path.rglob("*") if path.is_file()):
+        whole = path.read_bytes()
+        for broken in (b"", whole[: len(whole) // 2], whole[: len(whole) - 3], b"\xff\xfe\x00 nonsense", b"{}\n", b"[1, 2]\n"):
+            path.write_bytes(broken)
+            fault, cameras = "", 0
+            try:
+                cameras = len(read_rig_as(name, target(name, tmp_path), Given(SIZE, 1.0), lossy=True)[0])
+            except InputError as error:
+                fault = str(error)
+            assert bool(fault) != bool(cameras)
+            assert cameras <= len(rig)
+            assert not fault or (str(tmp_path) in fault and "\n" not in fault)
+        path.write_bytes(whole)
