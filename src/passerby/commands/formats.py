@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from passerby.interchange.formats import Format
 
 
 def formats(
     name: Annotated[str | None, typer.Argument(metavar="[FORMAT]", help="Tell more of this one.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print a table and their conventions as Markdown.")] = False,
 ) -> None:
     """List the formats of other tools that `passerby export` writes and `passerby import` reads."""
     from passerby.interchange.formats import all_formats, find_format
@@ -21,6 +24,8 @@ def formats(
     found = [find_format(name)] if name is not None else list(all_formats())
     if json:
         print(to_json({"formats": [_plain(form) for form in found]}), end="")
+    elif markdown:
+        print(as_markdown(found), end="")
     elif name is None:
         _list(found)
     else:
@@ -46,6 +51,24 @@ def _list(found: list[Format]) -> None:
     for form in found:
         print(f"{form.name.ljust(width)}  {_can(form).ljust(can)}  {form.title}")
     print("\npasserby formats FORMAT tells more of one.")
+
+
+def as_markdown(found: Sequence[Format]) -> str:
+    """Formats as a table and a section each: what `docs/formats.md` holds."""
+    lines = ["| format | what it is | target | export | import |", "|---|---|---|---|---|"]
+    for form in found:
+        reads = [what for what, reader in (("cameras", form.read), ("people", form.read_people)) if reader is not None]
+        target = " ".join([form.target, *(f"`{suffix}`" for suffix in form.suffixes)])
+        export = "yes" if form.write else ""
+        lines.append(f"| [`{form.name}`](#{form.name}) | {_safe(form.title)} | {target} | {export} | {', '.join(reads)} |")
+    for form in found:
+        lines += ["", f"### {form.name}", "", f"{_safe(form.title)}. For {', '.join(form.tools)}.", "", _safe(form.conventions)]
+    return "\n".join(lines) + "\n"
+
+
+def _safe(text: str) -> str:
+    """Text that Markdown takes for neither a tag nor a column's end."""
+    return text.replace("<", "&lt;").replace("|", "\\|")
 
 
 def _detail(form: Format) -> None:
