@@ -37,6 +37,9 @@ class OutputFolder:
     clocks: Mapping[str, Clock]
     """Of each camera with a pose; empty where frames are counted alike and no frame rate was needed."""
 
+    def __repr__(self) -> str:
+        return f"OutputFolder({str(self.path)!r}: {self.verdict}, {len(self.rig)} of {self.all_cameras} cameras registered)"
+
     @property
     def fps(self) -> float | None:
         """The frame rate that the scene file tells of; None where it tells none."""

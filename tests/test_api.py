@@ -1,0 +1,293 @@
+"""What `import passerby` offers: every name, calibrating from arrays, one line and a picture for each result."""
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.cli import run
+from passerby.observations import CameraObservations
+from passerby.simulation import SimulationOptions, simulate, write_scene
+
+
+@pytest.fixture(scope="module")
+def made():
+    return simulate(SimulationOptions(seconds=12.0, box_noise=0.02, seed=4))
+
+
+@pytest.fixture(scope="module")
+def scene(made, tmp_path_factory):
+    """Path of the scene file of a terrace with identities given."""
+    return write_scene(made, tmp_path_factory.mktemp("api") / "scene")
+
+
+@pytest.fixture(scope="module")
+def calibration(scene):
+    return passerby.calibrate(scene)
+
+
+@pytest.fixture(scope="module")
+def out(calibration, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("api") / "out"
+    calibration.write(folder)
+    return folder
+
+
+def arrays(made):
+    """Rows as in the files: rounded as they are, sorted by frame and identity."""
+    found = {}
+    for name in made.rig.names:
+        boxes = made.observations[name].boxes
+        rows = np.column_stack([boxes.frame, boxes.identity, boxes.ltwh, boxes.score])
+        found[name] = rows[np.lexsort((boxes.identity, boxes.frame))]
+    return found
+
+
+def lenses(made):
+    return {camera.name: camera.lens for camera in made.rig}
+
+
+def apart(a, b):
+    return max(np.abs(x.centre - y.centre).max() for x, y in zip(a, b, strict=True))
+
+
+def test_every_name_is_there_and_told():
+    text = (Path(passerby.__file__).parents[2] / "docs" / "api.md").read_text()
+    for name in passerby.__all__:
+        assert getattr(passerby, name) is not None
+        assert f"`{name}`" in text, f"docs/api.md does not tell of {name}"
+        assert name in dir(passerby)
+    with pytest.raises(AttributeError, match="no attribute 'calibrat'"):
+        passerby.calibrat  # noqa: B018
+    for name in ("align", "calibrate_observations", "evaluate", "export_rig", "import_rig", "read_calibration", "trajectories"):
+        assert getattr(passerby, name).__doc__.count("passerby.") >= 1, f"{name} has no example"
+
+
+def test_import_loads_nothing_heavy():
+    code = (
+        "import sys, passerby; print([n for n in ('numpy', 'cv2', 'scipy', 'pydantic', 'plotly', 'torch') if n in sys.modules])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+
+
+def test_arrays_give_what_files_give(made, calibration):
+    found = passerby.calibrate_observations(lenses(made), arrays(made), fps=made.options.fps, association={"mode": "given"})
+    assert found.accepted
+    assert apart(found.rig, calibration.rig) < 0.02  # the files' boxes are rounded
+    assert found.scene.name == "scene"
+    assert found.to_dict()["cameras"][0]["boxes"] == calibration.to_dict()["cameras"][0]["boxes"]
+    same = passerby.calibrate_observations(
+        made.rig,
+        {name: made.observations[name].boxes for name in made.rig.names},
+        fps=dict.fromkeys(made.rig.names, made.options.fps),
+        association={"mode": "given"},
+    )
+    assert apart(found.rig, same.rig) < 1e-3
+    assert same.clocked == found.clocked
+
+
+def test_a_calibration_from_arrays_is_written_and_read(made, tmp_path):
+    found = passerby.calibrate_observations(
+        lenses(made), arrays(made), fps=5.0, name="<b>", association={"mode": "given"}, world={"camera": "C3"}
+    )
+    assert found.rig["C3"].centre[:2] == pytest.approx((0, 0), abs=1e-9)
+    found.write(tmp_path / "out")
+    found.report(tmp_path / "out" / "report.html")
+    assert "<b></b>" not in (tmp_path / "out" / "report.html").read_text()
+    again = passerby.read_calibration(tmp_path / "out")
+    assert apart(again.rig, found.rig) < 1e-9
+    assert again.verdict == "accepted"
+    assert run(["track", str(tmp_path / "out")]) == 0
+
+
+def test_identities_are_found_from_arrays():
+    made = simulate(SimulationOptions(seconds=15.0, unrelated_ids=True, embeddings="distinct", cameras=3, seed=1))
+    boxes = {name: made.observations[name].boxes for name in made.rig.names}
+    found = passerby.calibrate_observations(lenses(made), boxes, fps=made.options.fps, association={"mode": "appearance"})
+    assert passerby.evaluate(found, made.rig).similarity.mean_position_mm < 100
+
+
+def test_joints_alone_from_arrays(made):
+    joints = {name: made.observations[name].keypoints for name in made.rig.names}
+    joints = {name: one.take(one.frame % 3 == 0) for name, one in joints.items()}
+    found = passerby.calibrate_observations(lenses(made), keypoints=joints, fps=5.0, association={"mode": "given"})
+    assert passerby.evaluate(found, made.rig).similarity.mean_position_mm < 100
+    assert isinstance(found.observations["C1"], CameraObservations)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"boxes": {"X": np.zeros((0, 6))}}, "camera X has people, but no lens: add it to the lenses (C1, C2, C3, C4)"),
+        ({"boxes": {"C1": np.zeros((3, 4))}}, "boxes of camera C1 have the shape (3, 4): give rows of frame, id"),
+        ({"boxes": {"C1": [["a"] * 6]}}, "boxes of camera C1 are no numbers"),
+        ({"boxes": {"C1": [[1, 1, 0, 0, -5, 9]]}}, "boxes of camera C1: box of frame 1, identity 1 has width and height"),
+        ({"boxes": {"C1": [[1, 1, 0, 0, 5, 9]] * 2}}, "boxes of camera C1: id 1 stands twice in frame 1"),
+        ({"fps": {"C9": 5.0}}, "fps: camera C9 has no lens"),
+        ({"fps": -1.0}, "scene scene: [scene] fps"),
+        ({"association": {"mode": "givn"}}, "scene scene: [association] mode is 'givn'"),
+        ({"scale": {"person_hight_m": 1.7}}, "did you mean 'person_height_m'?"),
+        ({"solver": {"options": {"round": 1}}}, "unknown key 'round': did you mean 'rounds'?"),
+        ({"perception": {}}, "'perception' is no table of the scene file that counts here"),
+        ({"boxes": {name: [[1, -1, 9, 9, 9, 9]] for name in ("C1", "C2", "C3", "C4")}}, "no row has an identity"),
+    ],
+)
+def test_what_cannot_be_is_told(made, change, says):
+    given = {"boxes": arrays(made), "fps": 5.0, "association": {"mode": "given"}}
+    with pytest.raises(passerby.InputError, match=re.escape(says)):
+        passerby.calibrate_observations(lenses(made), **{**given, **change})
+
+
+def test_too_few_cameras_from_arrays(made):
+    with pytest.raises(passerby.InputError, match="a calibration needs two or more"):
+        passerby.calibrate_observations({"C1": made.rig["C1"].lens}, {"C1": np.zeros((0, 6))})
+
+
+def test_rigs_go_to_other_tools_and_back(calibration, out, tmp_path):
+    lost = passerby.export_rig(calibration, "opencv", tmp_path / "cv", lossy=True)
+    assert isinstance(lost, tuple)
+    again = passerby.import_rig(tmp_path / "cv", "opencv", lossy=True)
+    assert {camera.name for camera in again} == set(calibration.rig.names)
+    assert max(np.abs(again[name].centre - calibration.rig[name].centre).max() for name in again.names) < 1e-6
+    passerby.write_rig(tmp_path / "copy.toml", calibration.rig)
+    assert apart(passerby.read_rig(tmp_path / "copy.toml"), calibration.rig) < 1e-9
+    with pytest.raises(passerby.InputError, match="no format is called 'opncv': did you mean 'opencv'"):
+        passerby.export_rig(out, "opncv", tmp_path / "x")
+
+
+def test_errors_and_ways(made, scene, calibration, out):
+    truth = scene.parent / "truth.toml"
+    by_path, by_value = passerby.evaluate(out, truth), passerby.evaluate(calibration, made.rig)
+    assert by_path.similarity.mean_position_mm == pytest.approx(by_value.similarity.mean_position_mm, rel=1e-6)
+    written, fresh = passerby.trajectories(out), passerby.trajectories(calibration)
+    assert len(written) == len(fresh) > 300
+    assert np.abs(written.xyz - fresh.xyz).max() < 0.02
+    assert len(passerby.trajectories(passerby.read_calibration(out), method="pairwise", max_gap_s=1.0)) > 300
+    with pytest.raises(passerby.InputError, match="method 'x' does not exist"):
+        passerby.trajectories(out, method="x")
+    lost = replace(calibration, rig=replace(calibration.rig, cameras=tuple(replace(c, pose=None) for c in calibration.rig)))
+    with pytest.raises(passerby.EvidenceError, match="no camera has a pose"):
+        passerby.trajectories(lost)
+
+
+def test_align_by_values_and_by_files(calibration, out, tmp_path):
+    aligned = passerby.align(out, camera="C2", towards="C1")
+    assert aligned.rig["C1"].centre[1] == pytest.approx(0, abs=1e-9)
+    moved = [passerby.KnownPosition(camera.name, camera.centre + np.array([10.0, 20.0, 0.0])) for camera in calibration.rig]
+    assert passerby.align(calibration, positions=moved).rig["C1"].centre[:2] == pytest.approx((10, 20), abs=1e-6)
+    rows = [f"{known.camera},{known.place[0]:.9f},{known.place[1]:.9f}" for known in moved]
+    (tmp_path / "p.csv").write_text("\n".join(["camera,x,y", *rows]) + "\n")
+    assert passerby.align(calibration.rig, positions=tmp_path / "p.csv").rig["C1"].centre[:2] == pytest.approx(
+        (10, 20), abs=1e-6
+    )
+    for wrong in ({}, {"camera": "C1", "points": []}, {"camera": "C1", "scale": True}, {"positions": moved, "towards": "C1"}):
+        with pytest.raises(passerby.InputError):
+            passerby.align(calibration, **wrong)
+
+
+def test_one_clear_line_each(made, calibration, out):
+    lost = replace(calibration.rig["C1"], pose=None, sigma=None)
+    for value, wanted in (
+        (calibration, r"Calibration\('scene': accepted, 4 of 4 cameras registered\)"),
+        (calibration.rig, r"Rig\(4 cameras: C1, C2, C3, C4; accepted\)"),
+        (passerby.Rig((lost, calibration.rig["C2"])), r"Rig\(2 cameras: C1, C2; 1 without a pose\)"),
+        (passerby.Rig(tuple(replace(lost, name=f"C{k}") for k in range(9))), r"Rig\(9 cameras: C0, .*, C7, \.\.\.; 9 .*\)"),
+        (calibration.rig["C1"], r"Camera\('C1', 720 x 576, at \(0\.000, 0\.000, \d\.\d{3}\) m, heading 90.*sigma \d+ mm\)"),
+        (lost, r"Camera\('C1', 720 x 576, without a pose\)"),
+        (lost.lens, r"Lens\(pinhole, 720 x 576, focal \d+\.\d px, .*\)"),
+        (calibration.rig["C1"].pose, r"Pose\(at \(0\.000, .*\) m, heading 90\.0 deg, tilt \d+\.\d deg\)"),
+        (calibration.rig["C1"].sigma, r"PoseSigma\(\d+ mm, 0\.\d\d deg\)"),
+        (calibration.observations, r"Observations\(4 cameras, \d+ boxes\)"),
+        (calibration.observations["C1"].boxes, r"Boxes\(\d+ in frames 1 to 60, 7 identities\)"),
+        (passerby.Boxes.empty(), r"Boxes\(none\)"),
+        (made.observations["C1"].keypoints, r"Keypoints\(\d+ in frames 1 to 60, 7 identities, 17 joints\)"),
+        (passerby.trajectories(out), r"Trajectories\(7 people, \d+ places, 11\.8 s\)"),
+        (passerby.evaluate(out, made.rig), r"Comparison\(4 cameras, 0 missing, mean \d+\.\d mm and 0\.\d\d deg after .*\)"),
+        (passerby.read_calibration(out), r"OutputFolder\('.*out': accepted, 4 of 4 cameras registered\)"),
+        (passerby.align(out, camera="C1"), r"Aligned\(by camera C1, 4 cameras\)"),
+    ):  # fmt: skip
+        assert re.fullmatch(wanted, repr(value)), repr(value)
+
+
+class Checked(HTMLParser):
+    """Counts elements, and fails where one is not closed or where a script or something from elsewhere is named."""
+
+    VOID = frozenset({"br", "meta"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.count, self.words = [], {}, []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        assert tag not in ("script", "link", "iframe", "img", "style")
+        for key, value in attrs:
+            assert not key.startswith("on")
+            assert "://" not in (value or "")
+            assert "url(" not in (value or "")
+        self.count[tag] = self.count.get(tag, 0) + 1
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+def test_notebooks_show_a_rig(calibration):
+    page = Checked(calibration.rig._repr_html_())
+    assert page.count["tr"] == 5
+    assert page.count["circle"] == 4
+    for camera in calibration.rig:
+        assert camera.name in page.words
+        assert f"{camera.centre[2]:.3f}" in page.words
+    assert "✓ accepted" in page.words
+    bare = passerby.Rig(tuple(replace(camera, pose=None, sigma=None) for camera in calibration.rig))
+    page = Checked(bare._repr_html_())
+    assert "svg" not in page.count
+    assert "0 of 4 cameras with a pose" in page.words
+    assert Checked(passerby.Rig(())._repr_html_()).count["tr"] == 1
+
+
+def test_notebooks_show_a_calibration(calibration):
+    page = Checked(calibration._repr_html_())
+    assert page.count["tr"] == 5
+    assert "residual px" in page.words
+    doubtful = replace(calibration, verdict="doubtful", reasons=("too <few> people",), findings=("odd & strange",) * 20)
+    page = Checked(doubtful._repr_html_())
+    assert "! doubtful" in page.words
+    assert "too <few> people" in page.words
+    assert "and 8 more" in page.words
+
+
+def test_names_from_elsewhere_stay_text(calibration):
+    evil = '<img src="http://x/y" onerror=alert(1)>'
+    rig = passerby.Rig((replace(calibration.rig["C1"], name=evil), *calibration.rig.cameras[1:]), evil)
+    page = Checked(rig._repr_html_())
+    assert page.words.count(evil) == 2  # the table and the picture
+    assert any(evil in word and word != evil for word in page.words)  # the verdict
+
+
+def test_pictures_have_no_colour_of_paper(calibration):
+    """Readable on light and dark: text and lines take the notebook's colour, and nothing is filled behind them."""
+    text = calibration._repr_html_()
+    assert "currentColor" in text
+    assert not re.search(r"(?:color|fill|background)[:=]\"?\s*(?:#fff|#000|white|black)", text)
+
+
+def test_figures_for_notebooks(calibration):
+    space, above = calibration.plot(), calibration.plot("above")
+    assert {trace.type for trace in space.data} >= {"scatter3d"}
+    assert any("C3" in str(trace.name) for trace in above.data)
+    with pytest.raises(passerby.InputError, match="view 'below': choose one of space, above"):
+        calibration.plot("below")
