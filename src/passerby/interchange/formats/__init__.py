@@ -43,6 +43,7 @@ MODULES: Mapping[str, str] = {
     "ply": "ply",
     "gltf": "gltf",
     "glb": "gltf",
+    "rerun": "rerun",
     "tsai": "tsai",
     "qualisys": "qualisys",
     "openpose": "openpose",
