@@ -27,6 +27,8 @@ Bools = NDArray[np.bool_]
 
 ROUNDS = 8
 """Of weighing and solving; the last moves a body by less than a millimetre."""
+SOFT_ROUNDS = 4
+"""After so many, boxes that disagree with a body that others agree with no longer pull at it: some pixels, for one 100 off."""
 AGREES_SIGMAS = 5.0
 """A box whose centre is farther off is another person's, or shows a part of one: the Cauchy scale of the solver's loss."""
 UNKNOWN_HEIGHT_SD = 0.07
@@ -215,6 +217,9 @@ def _solved(rays: Rays, block: Ints, height: Floats, height_sd: Floats, model: B
         if number == ROUNDS - 1:
             break
         weight = 1 / (1 + (off / AGREES_SIGMAS) ** 2)
+        if number >= SOFT_ROUNDS:
+            agrees = off < AGREES_SIGMAS
+            weight[~agrees & (np.bincount(block[agrees], minlength=n) > 0)[block]] = 0.0
         information = _sums(block, (found.information * weight[:, None, None]).reshape(-1, 9), n).reshape(-1, 3, 3)
         pull = _sums(block, found.pull * weight[:, None], n)
         # Who crouches or jumps is let go, as by the solver's loss on stance.
