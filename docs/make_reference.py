@@ -44,8 +44,8 @@ OPTIONS = (
     ("geopose", "passerby.solver.geopose", "GeoPoseOptions"),
 )
 """`[solver.options]` by method: where its dataclass is defined."""
-NOT_FOR_USERS = frozenset({"refine_time"})
-"""Options that the pipeline sets by itself."""
+ELSEWHERE = frozenset({"reference"})
+"""Options that have a key of their own."""
 
 
 # --- words ----------------------------------------------------------------------------------------------------------------
@@ -191,7 +191,7 @@ def _options_of(method: str, kind: type) -> str:
     texts, types_of = attribute_docstrings(kind), typing.get_type_hints(kind, include_extras=True)
     rows = []
     for field in dataclasses.fields(kind):
-        if field.name in NOT_FOR_USERS or field.name == "reference":
+        if field.name in ELSEWHERE:
             continue
         default = "" if field.default in (dataclasses.MISSING, None) else f"`{shown(field.default)}`"
         rows.append([f"`{field.name}`", in_words(types_of[field.name]), default, texts.get(field.name, "")])

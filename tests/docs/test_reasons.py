@@ -16,12 +16,34 @@ from documentation import DOCS, ROOT
 
 SOURCE = ROOT / "src" / "passerby"
 MODULES = (
-    "verdict", "sharing", "given_clocks", "inputs", "reading", "picture_checks", "output_folder", "videos",
-    "association/drift", "association/starting", "association/unregistered", "association/joint_graph",
-    "association/joint_pairs", "solver/body_extent", "solver/evidence", "solver/findings", "solver/geopose",
-    "solver/geopose_pairs", "solver/geopose_points", "solver/geopose_star", "solver/people", "solver/stages", "geometry/two_view", "perception/background", "perception/plan",
-    "perception/watching", "tracks3d/trajectories",
-)  # fmt: skip
+    "verdict",
+    "sharing",
+    "given_clocks",
+    "inputs",
+    "reading",
+    "picture_checks",
+    "output_folder",
+    "videos",
+    "association/drift",
+    "association/starting",
+    "association/unregistered",
+    "association/joint_graph",
+    "association/joint_pairs",
+    "solver/body_extent",
+    "solver/evidence",
+    "solver/findings",
+    "solver/geopose",
+    "solver/geopose_pairs",
+    "solver/geopose_points",
+    "solver/geopose_star",
+    "solver/people",
+    "solver/stages",
+    "geometry/two_view",
+    "perception/background",
+    "perception/plan",
+    "perception/watching",
+    "tracks3d/trajectories",
+)
 WORDS = 4
 OTHERWISE = (
     "is out of range",
