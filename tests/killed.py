@@ -69,7 +69,7 @@ def _watch_over(fate: Fate) -> None:
     atomic.os = _Os(fate)
     results.write_rig = fate.before("rig", results.write_rig)
     results.write_boxes = fate.before("tracks", results.write_boxes)
-    terminal.silent = lambda stage, done=0, total=0, *, part="": fate(stage) if not part else None
+    terminal._Log = lambda: lambda stage, done=0, total=0, *, part="": fate(stage) if not part else None
 
 
 class _Os:

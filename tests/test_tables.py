@@ -10,9 +10,10 @@ from passerby.cameras import Pose, PoseSigma, Rig
 from passerby.inputs import read_inputs
 from passerby.observations import Clock
 from passerby.pipeline import Calibration
+from passerby.progress import tell_note
 from passerby.scene import Scene
 from passerby.tables import show_calibration
-from passerby.terminal import stages
+from passerby.terminal import _Log, stages
 from scenes import write_scene
 
 PAIR = {
@@ -108,3 +109,40 @@ def test_stages_are_a_bar_on_a_terminal(monkeypatch, capsys):
     shown = capsys.readouterr().err
     assert "reading [odd name]" in shown
     assert "0 of 21" in shown
+
+
+def test_a_long_run_tells_now_and_then_how_far_it_is_where_there_is_no_terminal(capsys):
+    now = [0.0]
+    log = _Log(lambda: now[0])
+    log("reading")
+    for second in range(121):
+        now[0] = second
+        for camera in ("C1", "C2"):
+            log("watching", second, 120, part=camera)
+    log("solving")
+    now[0] = 170.0
+    log("solving")
+    told = capsys.readouterr().err.splitlines()
+    assert told == [
+        "watching: 59 of 240 (24 %), about 2 min left",
+        "watching: 119 of 240 (49 %), about 61 s left",
+        "watching: 179 of 240 (74 %), about 31 s left",
+        "watching: 239 of 240 (99 %), about 1 s left",
+        "solving",
+    ]
+
+
+def test_what_is_found_on_the_way_stays_on_the_terminal(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "100")
+    with stages() as tell:
+        tell("pairs of cameras", 5, 21)
+        tell_note(tell, "camera [C1] saw nobody")
+        tell("solving")
+    shown = capsys.readouterr().err
+    assert "camera [C1] saw nobody" in shown
+    assert "\u2713" in shown
+
+
+def test_a_listener_without_notes_is_told_none():
+    tell_note(lambda stage, done=0, total=0, *, part="": None, "nothing happens")

@@ -27,7 +27,7 @@ from passerby.association.unregistered import nobody_walks, reasons_of_lost
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
 from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
-from passerby.progress import Progress, silent
+from passerby.progress import Progress, silent, tell_note
 from passerby.solver.pairs import PairHypothesis
 from passerby.solver.solution import Solution
 
@@ -98,10 +98,18 @@ def solve_unidentified(
             joints = JointEvidence([camera.lens for camera in rig], options.body_m, rng)
             beginning = begin_with_tracks(cameras, tracklets, search_s, likeness, executor, tell, joints)
             run = replace(run, cameras=_unmirrored(cameras, tracklets, beginning))
+            _tell_pairs(tell, beginning)
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", error.reasons), nobody
     return _alternate(run, beginning, solve, refine=search_s > 0, tell=tell)
+
+
+def _tell_pairs(tell: Progress, beginning: Beginning) -> None:
+    """How many pairs of cameras could be registered."""
+    if beginning.graph is not None:
+        edges = beginning.graph.edges
+        tell_note(tell, f"{sum(edge.used for edge in edges)} pairs of cameras used, of {len(edges)} that might be registered")
 
 
 def _unmirrored(cameras: Sequence[PreparedCamera], tracklets: Tracklets, beginning: Beginning) -> Sequence[PreparedCamera]:
@@ -247,6 +255,7 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
             )
         same = _alike(before, person)
         rounds.append({"registered": sum(pose is not None for pose in poses), "unchanged": same})
+        tell_note(tell, f"{rounds[-1]['registered']} of {len(poses)} cameras have poses")
         if same > SETTLED:
             break
     tell("solving")

@@ -22,7 +22,7 @@ from passerby.errors import EvidenceError, InputError
 from passerby.given_clocks import solve_with_clocks
 from passerby.inputs import SceneInputs, read_inputs
 from passerby.observations import Observations
-from passerby.progress import Progress, silent
+from passerby.progress import Progress, silent, tell_note
 from passerby.results import calibration_dict, write_calibration
 from passerby.scene import Scene
 from passerby.sharing import connected_groups, missing_overlap, shared_people
@@ -169,6 +169,8 @@ def calibrate(
     solver_options(scene)  # what is wrong with them is told before hours are spent on videos
     watch = Videos(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watch)
+    for note in (_amount(inputs), *watch.notes, *inputs.findings):
+        tell_note(tell, note)
     read = time.perf_counter()
     found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor)
     return replace(
@@ -193,6 +195,12 @@ def calibrate_inputs(
         solution = judged(solution, association.instants, given=given, why=association.lost, doubts=association.notes)
         placed = in_world(scene, solution)
     solved = time.perf_counter()
+    for note in (
+        *association.findings,
+        *placed.findings,
+        f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
+    ):
+        tell_note(tell, note)
     return Calibration(
         scene=scene,
         rig=replace(placed.rig, verdict=solution.verdict),
@@ -208,6 +216,14 @@ def calibrate_inputs(
         world=placed.world,
         seconds={"solving": solved - began},
     )
+
+
+def _amount(inputs: SceneInputs) -> str:
+    """How much there is to calibrate from, in words."""
+    seen = inputs.observations
+    boxes = sum(len(seen[name].boxes) for name in inputs.rig.names)
+    joints = sum(len(seen[name].keypoints) for name in inputs.rig.names)
+    return f"{len(inputs.rig)} cameras, {boxes} boxes" + (f", {joints} bodies of joints" if joints else "")
 
 
 def solver_options(scene: Scene) -> PeopleOptions | GeoPoseOptions:

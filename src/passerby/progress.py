@@ -17,3 +17,12 @@ class Progress(Protocol):
 
 def silent(stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
     """Tells nobody."""
+
+
+def tell_note(tell: Progress, note: str) -> None:
+    """Tell what was just found, such as an odd input, to a listener that has a method `note` for it; others miss nothing that
+    the result does not tell.
+    """
+    take = getattr(tell, "note", None)
+    if take is not None:
+        take(note)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,7 +15,6 @@ from rich.table import Table
 from rich.text import Text
 
 from passerby.progress import Progress as Told
-from passerby.progress import silent
 
 MISSING = "-"
 
@@ -43,19 +43,28 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     console.print(table)
 
 
+LOG_AFTER_S, LOG_EVERY_S = 30.0, 30.0
+"""Where there is no terminal: runs that are over sooner tell nothing on their way, longer ones a line so often."""
+
+
 @contextmanager
 def stages(verbose: bool = False) -> Iterator[Told]:
-    """A bar on standard error that names the stage at work and counts its parts.
+    """On standard error: the stage at work with a bar, its parts and the time that is left, and what is found on the way.
 
-    Where standard error is no terminal: a line for each stage with `verbose`, else nothing.
+    Where standard error is no terminal: a plain log. With `verbose` it tells each stage as it begins, and every note; else a
+    run that takes long tells now and then how far it is.
     """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield _Lines() if verbose else silent
+        yield _Lines() if verbose else _Log()
         return
-    columns = SpinnerColumn(), TextColumn("{task.description}"), _Counted(bar_width=24), _Count(), TimeElapsedColumn()
+    columns = (
+        SpinnerColumn(), TextColumn("{task.description}"), _Counted(bar_width=24), _Count(), TimeElapsedColumn(), _Left(),
+    )  # fmt: skip
     with Progress(*columns, console=console, transient=True) as bar:
-        yield _Bar(bar)
+        shown = _Bar(bar)
+        yield shown
+        shown.end_stage()
 
 
 class _Lines:
@@ -73,6 +82,46 @@ class _Lines:
         name = f"{stage} {part}".strip()
         print(f"{name}: {total}" if total else name, file=sys.stderr)
 
+    def note(self, text: str) -> None:
+        """A line."""
+        print(f"  {' '.join(text.split())}", file=sys.stderr)
+
+
+class _Log:
+    """Tells now and then how far a run is that takes long."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._next = clock() + LOG_AFTER_S
+        self._stage, self._began = "", clock()
+        self._parts: dict[str, tuple[int, int]] = {}
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
+        now = self._clock()
+        if stage != self._stage:
+            self._stage, self._began, self._parts = stage, now, {}
+        self._parts[part] = done, total
+        if now < self._next:
+            return
+        self._next = now + LOG_EVERY_S
+        print(self._line(now - self._began), file=sys.stderr)
+
+    def _line(self, seconds: float) -> str:
+        """How far the stage is, all its parts together, and how long it will take at this pace."""
+        done, total = (sum(values) for values in zip(*self._parts.values(), strict=True))
+        if not total or not all(part_total for _, part_total in self._parts.values()):
+            return self._stage
+        left = f", about {_duration(seconds * (total - done) / done)} left" if done else ""
+        return f"{self._stage}: {done} of {total} ({100 * done // total} %){left}"
+
+
+def _duration(seconds: float) -> str:
+    """45 s, 3 min, 1 h 20 min."""
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
 
 class _Counted(BarColumn):
     """A bar where there is something to count."""
@@ -80,6 +129,17 @@ class _Counted(BarColumn):
     def render(self, task: Task) -> Any:
         """The bar, or nothing where the total is unknown."""
         return "" if task.total is None else super().render(task)
+
+
+class _Left(ProgressColumn):
+    """How long it will take at this pace."""
+
+    max_refresh = 0.5
+
+    def render(self, task: Task) -> Text:
+        """Nothing where that is unknown, or nothing is left."""
+        left = task.time_remaining
+        return Text("" if task.total is None or not left else f"about {_duration(left)} left", style="dim")
 
 
 class _Count(ProgressColumn):
@@ -91,18 +151,30 @@ class _Count(ProgressColumn):
 
 
 class _Bar:
-    """Draws one stage at a time, a bar for each thing that it works on at once."""
+    """Draws one stage at a time, a bar for each thing that it works on at once; stages that are over stay as lines."""
 
     def __init__(self, bar: Progress) -> None:
-        self._bar, self._stage = bar, ""
+        self._bar, self._stage, self._began = bar, "", 0.0
         self._tasks: dict[str, TaskID] = {}
 
     def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
         if stage != self._stage:
+            self.end_stage()
             for task in self._tasks.values():
                 self._bar.remove_task(task)
-            self._stage, self._tasks = stage, {}
+            self._stage, self._began, self._tasks = stage, time.monotonic(), {}
         if part in self._tasks:
             self._bar.update(self._tasks[part], completed=done, total=total or None)
         else:
             self._tasks[part] = self._bar.add_task(escape(f"{stage} {part}".strip()), total=total or None, completed=done)
+
+    def end_stage(self) -> None:
+        """Leave a line of the stage that is over, with the time that it took."""
+        if self._stage:
+            took = Text(f"  {time.monotonic() - self._began:.1f} s", style="dim")
+            self._bar.console.print(Text.assemble(("\u2713 ", "green"), self._stage, took), highlight=False)
+            self._stage = ""
+
+    def note(self, text: str) -> None:
+        """A line that stays."""
+        self._bar.console.print(Text(f"  {' '.join(text.split())}", style="yellow"), highlight=False)
