@@ -28,6 +28,8 @@ from passerby.world_residuals import (
 
 CLICK_SD_PX = 2.0
 """How well a person clicks on a mark."""
+OWN_SHARE = 0.1
+"""Of a camera's sigma at least so much is its own: 2 to 50 per cent by the adjustment, mostly about 10 (PETS, WILDTRACK)."""
 UNKNOWN_ORIENTATION_DEG = 0.2
 """Of a rig without sigmas."""
 STRAIGHT_DOWN = 0.1
@@ -97,12 +99,13 @@ def align_to_points(
     names = [(point.name, camera.name) for point, camera, _ in rows]
     known = list(dict.fromkeys(point.name for point, _, _ in rows))
     _enough(len(known), [point.xyz for point, _, _ in rows], with_scale, tilt, "point", notes)
+    own = _position_sds(rig, with_scale)
     places = SeenPoints(
         centre=np.array([camera.centre for _, camera, _ in rows]),
         ray=np.array([ray for _, _, ray in rows]),
         target=np.array([point.xyz for point, _, _ in rows]),
         group=np.array([known.index(name) for name, _ in names], dtype=np.int64),
-        sd=np.array([np.hypot(point.sd_m, _position_sd(camera)) for point, camera, _ in rows]),
+        sd=np.array([np.hypot(point.sd_m, own[camera.name]) for point, camera, _ in rows]),
         angle_sd=np.array([np.hypot(CLICK_SD_PX / camera.lens.focal, _angle_sd(camera)) for _, camera, _ in rows]),
     )
     fit = _fitted(places, with_scale, tilt, "points")
@@ -138,10 +141,11 @@ def align_to_positions(
     if geodetic and len(rows):
         target, origin = _local(place, cameras)
     _enough(len(rows), list(target), with_scale, tilt, "camera with a known position", notes)
+    own = _position_sds(rig, with_scale)
     places = KnownPositions(
         centre=np.array([camera.centre for camera in cameras]),
         target=target,
-        sd=np.array([np.hypot(known.sd_m, _position_sd(camera)) for known, camera in zip(rows, cameras, strict=True)]),
+        sd=np.array([np.hypot(known.sd_m, own[known.camera]) for known in rows]),
         heights=tilt,
     )
     fit = _fitted(places, with_scale, tilt, "positions")
@@ -210,9 +214,22 @@ def _sightings(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[Known
     ]
 
 
-def _position_sd(camera: Camera) -> float:
-    """Of one coordinate of the camera's place in the rig, metres."""
-    return 0.0 if camera.sigma is None else camera.sigma.position_m / np.sqrt(3)
+def _position_sds(rig: Rig, with_scale: bool) -> dict[str, float]:
+    """By camera, of one coordinate of its place in the rig, metres.
+
+    The largest part of a sigma is mostly the scale, which all cameras share and which moves each by its distance from the
+    middle. Where the scale is fitted it says nothing: as much of it as fits into everybody's sigma is taken off.
+    """
+    posed = rig.posed()
+    total = {camera.name: 0.0 if camera.sigma is None else camera.sigma.position_m for camera in posed}
+    if with_scale and len(posed):
+        middle = np.mean([camera.centre for camera in posed], axis=0)
+        distance = {camera.name: max(float(np.linalg.norm(camera.centre - middle)), 1e-9) for camera in posed}
+        common = min(total[name] / distance[name] for name in total)
+        total = {
+            name: np.sqrt(max(sd**2 - (common * distance[name]) ** 2, (OWN_SHARE * sd) ** 2)) for name, sd in total.items()
+        }
+    return {name: float(sd / np.sqrt(3)) for name, sd in total.items()}
 
 
 def _angle_sd(camera: Camera) -> float:

@@ -1,6 +1,7 @@
 """A rig laid upon points or positions: truth from rigs that were moved by a known motion."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -336,3 +337,19 @@ def test_the_same_digits_each_time():
     points = points_in(square(), 6, np.random.default_rng(11), noise_px=2.0)
     first, second = (align_to_points(square(), points).figures for _ in range(2))
     assert first == second
+
+
+def test_what_all_cameras_are_unsure_of_together_is_the_scale():
+    """With the scale fitted, a position that is off by a metre stands out, though every sigma is about a metre."""
+    rig = Rig((*square(), looking((0.0, 6.0, 3.0), name="C5"), looking((6.0, 0.0, 3.0), name="C6")))
+    middle = np.mean([camera.centre for camera in rig], axis=0)
+    unsure = Rig(tuple(
+        replace(camera, sigma=PoseSigma(float(np.hypot(0.1 * np.linalg.norm(camera.centre - middle), 0.02)), 0.2))
+        for camera in rig
+    ))  # fmt: skip
+    wanted = unsure.moved(*turned(0.3, (5.0, 6.0, 0.0), 1.08))
+    known = positions_in(wanted)
+    known[4] = KnownPosition("C5", known[4].place + (1.0, 0.0, 0.0), 0.01)
+    aligned = align_to_positions(unsure, known, with_scale=True)
+    assert aligned.notes[0].startswith("the position of camera C5 is off by 1.0 m")
+    assert apart(aligned.rig, wanted) < 0.01
