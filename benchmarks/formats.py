@@ -1,0 +1,145 @@
+"""What other tools make of Passerby's files, by the tools' own libraries: `python benchmarks/formats.py [--install]`.
+
+Each tool has an environment of its own, `.venv-peer-NAME`, which `--install` makes where it is missing. Writes
+`docs/results/formats.md`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from format_tools.rigs import cases_of, read_back
+
+from datasets import ROOT
+from passerby.benchmark.page import Page, write_page
+from passerby.interchange.formats import all_formats
+
+HERE = Path(__file__).resolve().parent / "format_tools"
+LIMIT_S = 300
+HELPERS = ("__init__", "case", "rigs", "run_check")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a tool made of a format's files."""
+
+    name: str
+    tool: str
+    """With its version."""
+    lenses: tuple[str, ...]
+    """The kinds that the format holds."""
+    read_px: float | None = None
+    """Largest difference of what the tool has read; None: see `failure`."""
+    back_px: float | None = None
+    """The same of what the tool wrote itself and Passerby read; None: it does not write."""
+    failure: str = ""
+
+
+def checks() -> dict[str, ModuleType]:
+    """The modules of `format_tools` by the name of their format, in the registry's order."""
+    known = {path.stem for path in HERE.glob("*.py")} - set(HELPERS)
+    names = {form.name.replace("-", "_"): form.name for form in all_formats()}
+    strange = known - names.keys()
+    assert not strange, f"no format is called {', '.join(sorted(strange))}"
+    return {name: importlib.import_module(f"format_tools.{stem}") for stem, name in names.items() if stem in known}
+
+
+def environment(module: ModuleType) -> Path:
+    """The folder of a tool's environment."""
+    home = Path(os.environ["PASSERBY_PEERS"]) if os.environ.get("PASSERBY_PEERS") else ROOT
+    return home / f".venv-peer-{module.ENVIRONMENT}"
+
+
+def install(module: ModuleType) -> None:
+    """Make a tool's environment where it is missing."""
+    folder = environment(module)
+    if (folder / ".installed").is_file():
+        return
+    print(f"installing {' '.join(module.PACKAGES)}", file=sys.stderr)
+    pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+    if module.NEEDS:
+        subprocess.run([*pip, *module.NEEDS], check=True)
+    subprocess.run([*pip, *(["--no-deps"] if getattr(module, "WITHOUT", False) else []), *module.PACKAGES], check=True)
+    (folder / ".installed").touch()
+
+
+def outcome(name: str, module: ModuleType, scratch: Path) -> Outcome:
+    """Write all cases of a format, have the tool check them, and read what it wrote."""
+    cases = list(cases_of(name, scratch))
+    lenses = tuple(kind for kind, _, _ in cases)
+    python = environment(module) / "bin" / "python"
+    if not python.is_file():
+        return Outcome(name, module.TOOL, lenses, failure="not run: not installed")
+    result = scratch / name / "result.json"
+    command = [
+        str(python),
+        str(HERE / "run_check.py"),
+        module.__name__.split(".")[-1],
+        str(result),
+        *(str(folder) for _, _, folder in cases),
+    ]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
+    if ended.returncode != 0:
+        last = (ended.stderr.strip().splitlines() or ["no word"])[-1]
+        return Outcome(name, module.TOOL, lenses, failure=f"failed: {last[:200]}")
+    made = json.loads(result.read_text())
+    back = [px for _, _, folder in cases if (px := read_back(name, folder)) is not None]
+    return Outcome(name, f"{module.TOOL} {made['version']}", lenses, max(made["pixels"]), max(back) if back else None)
+
+
+def page(outcomes: list[Outcome]) -> Page:
+    """The table."""
+    lines = [
+        "# Formats, read by the tools themselves",
+        "",
+        "Each format's files are written for rigs of three cameras, one rig for each kind of lens that the format holds, and "
+        "read by the library of the tool that they are for. Points in the cameras' pictures are projected by the tool and by "
+        "Passerby; the table has the largest difference of all points, cameras and lenses, in pixels. Where the tool writes "
+        "the format itself, it writes what it has read, Passerby reads that, and projects again.",
+        "",
+        "| format | read by | lenses | tool against Passerby, px | written by the tool, read by Passerby, px |",
+        "|---|---|---|---:|---:|",
+    ]
+    for one in outcomes:
+        read = one.failure or _pixels(one.read_px)
+        lines.append(f"| {one.name} | {one.tool} | {', '.join(one.lenses)} | {read} | {_pixels(one.back_px)} |")
+    without = [form.name for form in all_formats() if form.write and form.name not in {one.name for one in outcomes}]
+    if without:
+        lines += ["", f"Written by Passerby, without such a check here: {', '.join(without)}."]
+    return Page("formats", "\n".join(lines) + "\n")
+
+
+def _pixels(value: float | None) -> str:
+    return "" if value is None else f"{value:.0e}" if value else "0"
+
+
+def main() -> None:
+    """Run all checks."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--install", action="store_true", help="make the tools' environments where they are missing")
+    parser.add_argument("--only", nargs="+", metavar="FORMAT", help="these formats; the page is printed, not written")
+    parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs" / "results", help="folder for the page; docs/results")
+    arguments = parser.parse_args()
+    modules = {name: module for name, module in checks().items() if name in (arguments.only or [name])}
+    if arguments.install:
+        for module in modules.values():
+            install(module)
+    with tempfile.TemporaryDirectory(prefix="passerby-formats-") as scratch:
+        found = page([outcome(name, module, Path(scratch)) for name, module in modules.items()])
+    print(found.text)
+    if not arguments.only:
+        write_page(found, arguments.out, "python benchmarks/formats.py --install")
+
+
+if __name__ == "__main__":
+    main()
