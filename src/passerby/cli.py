@@ -116,9 +116,11 @@ def calibrate(
     context: typer.Context,
     scene: SceneFile,
     out: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for rig.toml, calibration.json, tracks/, and what was seen in videos.")
+        Path,
+        typer.Option("--out", "-o", help="Folder for rig.toml, report.html, calibration.json, tracks/, what videos showed."),
     ] = Path("out"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files.")] = 0,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")] = True,
     json: AsJson = False,
     verbose: Verbose = False,
 ) -> None:
@@ -131,6 +133,7 @@ def calibrate(
     """
     from passerby.parallel import local_processes
     from passerby.pipeline import calibrate as run_calibration
+    from passerby.results import REPORT_FILE
     from passerby.scene import Scene
     from passerby.tables import show_calibration, tell_reasons
     from passerby.terminal import stages
@@ -141,12 +144,19 @@ def calibrate(
     with stages(verbose) as tell, processes as executor:
         calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
         tell("writing")
-        calibration.write(out)
+        calibration.write(out, report=report, progress=tell)
     if json:
-        _print_json({**calibration.to_dict(), "seconds": calibration.seconds, "out": str(out)})
+        _print_json(
+            {
+                **calibration.to_dict(),
+                "seconds": calibration.seconds,
+                "out": str(out),
+                **({"report": str(out / REPORT_FILE)} if report else {}),
+            }
+        )
     else:
         show_calibration(calibration, verbose)
-        print(f"written to {out}")
+        print(f"written to {out}" + (f"; a page to look at: {out / REPORT_FILE}" if report else ""))
     tell_reasons(calibration)
     raise typer.Exit(calibration.exit_status)
 

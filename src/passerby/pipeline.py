@@ -104,14 +104,18 @@ class Calibration:
         """Everything but the observations and the wall times, as plain values for JSON."""
         return calibration_dict(self)
 
-    def write(self, folder: str | Path) -> None:
-        """Write `rig.toml`, `calibration.json` and what was seen into a folder, each file whole or not at all.
+    def write(self, folder: str | Path, *, report: bool = True, progress: Progress | None = None) -> None:
+        """Write `rig.toml`, `calibration.json`, what was seen, and the report into a folder, each file whole or not at all.
 
-        `tracks/` gets CAMERA.txt (boxes) and CAMERA.json (joints), with identities over all cameras.
+        `tracks/` gets CAMERA.txt (boxes) and CAMERA.json (joints), with identities over all cameras. Files of an earlier run
+        are replaced. Raises `InputError` where the folder is not writable.
 
-        Files of an earlier run are replaced. Raises `InputError` where the folder is not writable.
+        Args:
+            folder: made where it does not exist.
+            report: write `report.html` too.
+            progress: told of the report's parts.
         """
-        write_calibration(self, Path(folder))
+        write_calibration(self, Path(folder), report=report, progress=progress)
 
     def report(self, path: str | Path) -> None:
         """Write the report, one HTML file that opens anywhere. Raises `InputError` where `path` is not writable."""

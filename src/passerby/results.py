@@ -1,4 +1,4 @@
-"""The output folder of a calibration: `rig.toml`, `calibration.json` and `tracks/`."""
+"""The output folder of a calibration: `rig.toml`, `calibration.json`, `tracks/` and `report.html`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from passerby import __version__
 from passerby.association.result import Association
 from passerby.cameras import Camera
 from passerby.evaluation.reprojection import median_residuals
-from passerby.interchange.atomic import write_text
+from passerby.interchange.atomic import remove, write_text
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.json_text import plain, to_json
 from passerby.interchange.motchallenge import write_boxes
@@ -22,27 +22,43 @@ from passerby.observations import UNKNOWN, CameraObservations
 
 if TYPE_CHECKING:
     from passerby.pipeline import Calibration
+    from passerby.progress import Progress
 
-RIG_FILE, CALIBRATION_FILE, TRACKS_FOLDER = "rig.toml", "calibration.json", "tracks"
+RIG_FILE, CALIBRATION_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "calibration.json", "tracks", "report.html"
 COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")
 """Whose versions can change a figure."""
 
 
-def write_calibration(calibration: Calibration, folder: Path) -> None:
-    """Write a calibration; `calibration.json` last, so that a new one stands for a complete folder.
+def write_calibration(calibration: Calibration, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
+    """Write a calibration; `calibration.json` after the files that it tells of, so that a new one stands for a complete folder.
 
-    The same input, seed and libraries give the same bytes. Raises `InputError` where the folder is not writable.
+    The report comes last and can be made again from the others; one of an earlier run does not stay beside new figures. The
+    same input, seed and libraries give the same bytes. Raises `InputError` where the folder is not writable.
     """
+    remove(folder / REPORT_FILE)
     for camera in calibration.rig:
-        boxes = calibration.observations[camera.name].boxes
-        if len(boxes):
-            write_boxes(folder / TRACKS_FOLDER / f"{camera.name}.txt", boxes)
-        joints = calibration.observations[camera.name].keypoints
-        if len(joints):
-            write_keypoints(folder / TRACKS_FOLDER / f"{camera.name}.json", joints)
+        _write_seen(folder / TRACKS_FOLDER, camera.name, calibration.observations[camera.name])
     write_rig(folder / RIG_FILE, calibration.rig)
     content = {"scene_file": scene_file(calibration.scene.path)} | calibration_dict(calibration)
     write_text(folder / CALIBRATION_FILE, to_json(content))
+    if report:
+        from passerby.report.contents import contents_of
+        from passerby.report.page import write_report
+
+        write_report(contents_of(calibration), folder / REPORT_FILE, progress)
+
+
+def _write_seen(folder: Path, name: str, seen: CameraObservations) -> None:
+    """A camera's boxes and joints; files of an earlier run that has others go."""
+    boxes, joints = folder / f"{name}.txt", folder / f"{name}.json"
+    if len(seen.boxes):
+        write_boxes(boxes, seen.boxes)
+    else:
+        remove(boxes)
+    if len(seen.keypoints):
+        write_keypoints(joints, seen.keypoints)
+    else:
+        remove(joints)
 
 
 def scene_file(scene: Path | None) -> str | None:

@@ -46,7 +46,7 @@ def demo(
             path = write_scene(simulate(options), folder / "scene", video=RenderOptions(), executor=executor, tell=tell)
             scene = Scene.load(path).with_perception(PerceptionTable(detector=detector, embedder=embedder))
             calibration = calibrate(scene, progress=tell, executor=executor, keep=folder / "out")
-        calibration.write(folder / "out")
+            calibration.write(folder / "out", report=out is not None, progress=tell)
         comparison = compare(read_rig(folder / "out" / "rig.toml"), read_rig(path.parent / "truth.toml"))
     print(
         f"A simulated terrace of 7 x 11 m, filmed by {options.n_cameras} cameras for {options.seconds:g} s: people walk about, "
@@ -57,5 +57,6 @@ def demo(
     show_comparison(comparison)
     if out is not None:
         print(f"\nwritten to {out}: the videos and scene.toml in scene/, the rig and the tracks in out/")
+        print(f"a page to look at: {out / 'out' / 'report.html'}")
     tell_reasons(calibration)
     raise typer.Exit(calibration.exit_status)

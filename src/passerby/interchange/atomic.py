@@ -49,6 +49,14 @@ def write_text(path: str | Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
+def remove(path: str | Path) -> None:
+    """Delete a file if it is there. Raises `InputError` where that is not allowed."""
+    try:
+        Path(path).unlink(missing_ok=True)
+    except OSError as error:
+        raise cannot_write(Path(path), error) from None
+
+
 def _umask() -> int:
     """The process's file mask; it can only be read by setting it."""
     mask = os.umask(0o022)
