@@ -25,11 +25,20 @@ import numpy as np
 
 from passerby.cameras import Camera, Floats, Lens, Pose, Rig
 from passerby.errors import InputError
-from passerby.interchange.faults import read_text
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, expressed
 from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.values import ANYTHING, led_names, padded, rodrigues, rotation
+from passerby.interchange.formats.values import (
+    ANYTHING,
+    led_names,
+    load_yaml,
+    matrix_data,
+    numbers,
+    padded,
+    rodrigues,
+    rotation,
+    table,
+)
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 NAMES, TRUE_NAMES = "names", "passerby_names"
@@ -67,109 +76,79 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 def _matrix_text(key: str, values: Floats) -> str:
     """A matrix with all digits."""
-    numbers = ", ".join(map(repr, values.ravel().tolist()))
-    return f"{key}: !!opencv-matrix\n  rows: {values.shape[0]}\n  cols: {values.shape[1]}\n  dt: d\n  data: [ {numbers} ]\n"
+    data = ", ".join(map(repr, values.ravel().tolist()))
+    return f"{key}: !!opencv-matrix\n  rows: {values.shape[0]}\n  cols: {values.shape[1]}\n  dt: d\n  data: [ {data} ]\n"
 
 
 def read(path: Path, given: Given) -> Rig:
     """The cameras of `intri.yml` in a folder, with the poses that `extri.yml` has; the file `intri.yml` itself will do too."""
     intrinsics = path / INTRINSICS if path.is_dir() else path
-    file = _opened(intrinsics)
-    names = _list(file, NAMES)
+    values = _content(intrinsics)
+    listed = values.get(NAMES)
+    # Numbers count as texts, as for EasyMocap.
+    names = [str(name) for name in listed if isinstance(name, (str, int))] if isinstance(listed, list) else []
     if not names:
         raise InputError(f"{intrinsics}: has no list `names`: is it another kind of file?")
-    true = _true_names(file, names)
     extrinsics = intrinsics.with_name(EXTRINSICS)
-    poses = _opened(extrinsics) if extrinsics.is_file() else None
+    poses = _content(extrinsics) if extrinsics.is_file() else {}
     cameras = []
-    for name, true_name in zip(names, true, strict=True):
-        lens = _lens(f"{intrinsics}: camera {name}", file, name, given)
-        pose = None if poses is None else _pose(f"{extrinsics}: camera {name}", poses, name, given.metres_per_unit or 1.0)
-        cameras.append(Camera(true_name, lens, pose))
+    for name, true_name in zip(names, _true_names(values.get(TRUE_NAMES), names), strict=True):
+        lens = _lens(f"{intrinsics}: camera {name}", values, name, given)
+        cameras.append(
+            Camera(true_name, lens, _pose(f"{extrinsics}: camera {name}", poses, name, given.metres_per_unit or 1.0))
+        )
     try:
         return Rig(tuple(cameras))
     except InputError as error:
         raise InputError(f"{intrinsics}: {error}") from None
 
 
-def _lens(place: str, file: cv2.FileStorage, name: str, given: Given) -> Lens:
+def _content(path: Path) -> dict[Any, Any]:
+    """A file's values. Read as YAML, not by OpenCV: `FileNode.mat` of OpenCV 5.0 writes beyond a matrix that lacks `cols`."""
+    return table(str(path), load_yaml(path, "EasyMocap's calibration"), "table of OpenCV's matrices")
+
+
+def _true_names(told: Any, names: list[str]) -> list[str]:
+    """The names before they had to change; `names` where the file does not tell."""
+    try:
+        found = json.loads(told) if isinstance(told, str) else None
+    except ValueError:
+        return names
+    if isinstance(found, list) and len(found) == len(names) and all(isinstance(name, str) and name for name in found):
+        return found
+    return names
+
+
+def _lens(place: str, values: dict[Any, Any], name: str, given: Given) -> Lens:
     """A camera's lens; older files call the distortion `D_NAME`, or have none."""
-    matrix = _matrix(place, file, f"K_{name}", 9)
+    matrix = _matrix(place, values, f"K_{name}", (3, 3))
     if matrix is None:
         raise InputError(f"{place}: K_{name} is missing: a 3 x 3 camera matrix is needed")
-    distortions = _matrix(place, file, f"dist_{name}", None)
-    if distortions is None:
-        distortions = _matrix(place, file, f"D_{name}", None)
-    width, height = (_number(file, f"{axis}_{name}") for axis in "WH")
-    size = (width, height) if min(width, height) > 0 else given.size_of(place)
+    found = (_matrix(place, values, f"{key}_{name}", (-1,)) for key in ("dist", "D"))
+    distortions = next((coefficients for coefficients in found if coefficients is not None), np.zeros(5))
+    sized = all(isinstance(values.get(f"{side}_{name}"), int) and values[f"{side}_{name}"] > 0 for side in "WH")
+    size = (values[f"W_{name}"], values[f"H_{name}"]) if sized else given.size_of(place)
     try:
-        return Lens(size, matrix.reshape(3, 3), np.zeros(5) if distortions is None else distortions)
+        return Lens(size, matrix, distortions)
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
 
 
-def _pose(place: str, file: cv2.FileStorage, name: str, metres: float) -> Pose | None:
+def _pose(place: str, values: dict[Any, Any], name: str, metres: float) -> Pose | None:
     """A camera's pose; None where the file has none. The rotation vector counts, as for EasyMocap; else the matrix."""
-    vector, matrix = _matrix(place, file, f"R_{name}", 3), _matrix(place, file, f"Rot_{name}", 9)
-    translation = _matrix(place, file, f"T_{name}", 3)
+    vector, matrix = _matrix(place, values, f"R_{name}", (3,)), _matrix(place, values, f"Rot_{name}", (3, 3))
+    translation = _matrix(place, values, f"T_{name}", (3,))
     if vector is None and matrix is None and translation is None:
         return None
     if translation is None or (vector is None and matrix is None):
         raise InputError(f"{place}: R_{name} or T_{name} is missing: give both, or neither for a camera without a pose")
-    R = cv2.Rodrigues(vector)[0] if vector is not None else rotation(place, np.reshape(np.asarray(matrix), (3, 3)))
+    R = cv2.Rodrigues(vector)[0] if vector is not None else rotation(place, np.asarray(matrix))
     return Pose(np.asarray(R, dtype=np.float64), metres * translation)
 
 
-def _opened(path: Path) -> cv2.FileStorage:
-    """A file as OpenCV reads it. Raises `InputError`."""
-    text = read_text(path, "EasyMocap's calibration (OpenCV's YAML)")
-    try:
-        file = cv2.FileStorage(text, cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
-        if file.isOpened() and file.root().isMap():
-            return file
-    except (cv2.error, SystemError, UnicodeDecodeError):
-        pass
-    raise InputError(f"{path}: is not a file that OpenCV can read: EasyMocap writes YAML that begins with %YAML:1.0") from None
-
-
-def _list(file: cv2.FileStorage, key: str) -> list[str]:
-    """A list of texts; numbers count as texts, as EasyMocap takes them."""
-    node = file.getNode(key)
-    items = [node.at(index) for index in range(node.size())] if node.isSeq() else []
-    return [item.string() if item.isString() else str(int(item.real())) for item in items]
-
-
-def _true_names(file: cv2.FileStorage, names: list[str]) -> list[str]:
-    """The names before they had to change; `names` where the file does not tell."""
-    node = file.getNode(TRUE_NAMES)
-    try:
-        told = json.loads(node.string()) if node.isString() else names
-    except ValueError:
-        return names
-    fits = isinstance(told, list) and len(told) == len(names) and all(isinstance(name, str) and name for name in told)
-    return told if fits else names
-
-
-def _number(file: cv2.FileStorage, key: str) -> int:
-    """A whole number; 0 where there is none."""
-    node = file.getNode(key)
-    value = node.real() if node.isInt() or node.isReal() else 0.0
-    return int(value) if np.isfinite(value) else 0
-
-
-def _matrix(place: str, file: cv2.FileStorage, key: str, size: int | None) -> Floats | None:
-    """The numbers of a matrix in their order, None where there is none. Raises `InputError` unless `size` finite ones."""
-    node = file.getNode(key)
-    if node.empty() or node.isNone():
-        return None
-    try:
-        found: Any = node.mat()
-    except cv2.error:
-        found = None
-    values = np.array([]) if found is None else np.asarray(found, dtype=np.float64).ravel()
-    if (size is not None and values.size != size) or not np.isfinite(values).all():
-        raise InputError(f"{place}: {key} is not a matrix of {size or 'some'} finite numbers: is the file damaged?")
-    return values
+def _matrix(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]) -> Floats | None:
+    """The numbers of a matrix, None where there is none. Raises `InputError` for others than `shape` takes."""
+    return None if values.get(key) is None else numbers(place, {key: matrix_data(values, key)}, key, shape)
 
 
 FORMAT = Format(

@@ -159,7 +159,7 @@ def _read_mv3dt(path: Path, given: Given) -> Rig:
     cameras = []
     for file in files:
         text = read_text(file, "a camera file of MV3DT (YAML)")
-        values = table(str(file), parse_yaml(file, re.sub(r"\A%YAML.*\n", "", text)), "projection matrix")
+        values = table(str(file), parse_yaml(file, text), "projection matrix")
         if path.is_file() or {"K", "projectionMatrix_3x4_w2p", "projectionMatrix_3x4"} & values.keys():
             cameras.append(_camera_file(file, values, _told(text), given))
     return _rig(folder, cameras)

@@ -40,6 +40,7 @@ from passerby.interchange.formats.values import (
     dump_yaml,
     led_names,
     load_yaml,
+    matrix_data,
     numbers,
     padded,
     shortened,
@@ -172,9 +173,9 @@ def read(path: Path, given: Given) -> Rig:
 def _lens(place: str, values: dict[Any, Any]) -> Lens:
     """The lens of a `camera_info`, from its raw picture's matrix and distortion."""
     size = (whole(place, values, "image_width"), whole(place, values, "image_height"))
-    matrix = numbers(place, {"camera_matrix": _data(values, "camera_matrix")}, "camera_matrix", (3, 3))
+    matrix = numbers(place, {"camera_matrix": matrix_data(values, "camera_matrix")}, "camera_matrix", (3, 3))
     key = "distortion_coefficients"
-    coefficients = numbers(place, {key: _data(values, key)}, key, (-1,))
+    coefficients = numbers(place, {key: matrix_data(values, key)}, key, (-1,))
     model = str(values.get("distortion_model", "plumb_bob"))
     if model not in DISTORTIONS:
         raise InputError(f"{place}: distortion_model {shortened(model)} is not known: {', '.join(DISTORTIONS)} are")
@@ -184,12 +185,6 @@ def _lens(place: str, values: dict[Any, Any]) -> Lens:
         return Lens(size, matrix, coefficients, model == "equidistant")
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
-
-
-def _data(values: dict[Any, Any], key: str) -> Any:
-    """The numbers of a matrix; None where there are none."""
-    matrix = values.get(key)
-    return matrix.get("data") if isinstance(matrix, dict) else None
 
 
 def _poses(path: Path, metres: float) -> dict[str, tuple[str, Pose]]:

@@ -7,7 +7,7 @@ import re
 import reprlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -31,6 +31,14 @@ class _Loader(yaml.SafeLoader):
     """Plain YAML 1.1, but numbers such as 1e-05, which YAML writers of other languages make, are numbers and not text."""
 
 
+def _opencv_matrix(loader: _Loader, node: yaml.Node) -> Any:
+    """A matrix of OpenCV's FileStorage as the table that it is."""
+    return loader.construct_mapping(cast(yaml.MappingNode, node), deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+
+
 class _Dumper(yaml.SafeDumper):
     """Plain YAML 1.1, with quotes around text that other readers, and `_Loader`, would take for a number."""
 
@@ -47,7 +55,8 @@ def load_yaml(path: Path, kind: str) -> Any:
 
 
 def parse_yaml(path: Path, text: str) -> Any:
-    """The first document of YAML text; `path` is for messages. Raises `InputError`."""
+    """The first document of YAML text, a matrix of OpenCV as a table; `path` is for messages. Raises `InputError`."""
+    text = re.sub(r"\A%YAML.*", "", text)  # OpenCV's %YAML:1.0 is no YAML
     try:
         return next(iter(yaml.load_all(text, Loader=_Loader)), None)
     except yaml.MarkedYAMLError as error:
@@ -60,6 +69,12 @@ def parse_yaml(path: Path, text: str) -> Any:
 def dump_yaml(value: Any) -> bytes:
     """YAML text of plain values: keys as they come, lists of numbers on one line, ASCII (line ends of Unicode survive so)."""
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=1000).encode("ascii")
+
+
+def matrix_data(values: dict[Any, Any], key: str) -> Any:
+    """The numbers of a matrix that is stored with `rows`, `cols` and `data`; None where there is none."""
+    matrix = values.get(key)
+    return matrix.get("data") if isinstance(matrix, dict) else None
 
 
 def load_json(path: Path, kind: str) -> Any:
