@@ -84,3 +84,12 @@ def moved(boxes, frames):
 def scripts(svg):
     """Anything in a drawing that could run or fetch."""
     return re.findall(r"<script|<foreignObject|\bon\w+\s*=\s*[\"']|javascript:|(?:href|src)=\"(?!data:image/jpeg;base64,)", svg)
+
+
+def distance_to(points, stroke):
+    """(N,) distances of points from a line of strokes (K, 2)."""
+    a, b = stroke[:-1], stroke[1:]
+    along = b - a
+    share = ((points[:, None] - a) * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12)
+    nearest = a + np.clip(share, 0, 1)[:, :, None] * along
+    return np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)

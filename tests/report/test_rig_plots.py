@@ -1,0 +1,266 @@
+"""The rig in space and from above: what is drawn stands where the cameras, the sigmas and the people are."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn import contents, only_boxes, simulated
+from scipy.spatial.transform import Rotation
+
+from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.observations import CameraObservations, Observations
+from passerby.report.fitted import fitted
+from passerby.report.rig_geometry import (
+    border_rays,
+    density,
+    ellipse,
+    frustum,
+    ground_covariance,
+    magnification,
+    semi_axes,
+    stage_of,
+    wedge,
+)  # fmt: skip
+from passerby.report.rig_labels import told as told_name
+from passerby.report.rig_plots import rig_from_above, rig_in_space
+
+HOSTILE = ('<a href="javascript:alert(1)">A</a>', "<b>B</b>&lt;i&gt;&#60;", "%{x}$\\frac{1}{2}$", "x" * 300 + "\n\x00")
+
+
+def covariance(longer, shorter, degrees):
+    """(6, 6) of a place with these semi-axes, metres, the longer one at an angle from x."""
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    out = np.zeros((6, 6))
+    out[:3, :3] = turn @ np.diag([longer**2, shorter**2, 0.01**2]) @ turn.T
+    return out
+
+
+def with_sigmas(rig, longer=0.04, shorter=0.01, degrees=30.0):
+    """The rig with the same uncertainty of each camera."""
+    matrix = covariance(longer, shorter, degrees)
+    sigma = PoseSigma(float(np.sqrt(np.trace(matrix[:3, :3]))), 0.1, matrix)
+    return Rig(tuple(replace(one, sigma=sigma) for one in rig))
+
+
+@pytest.fixture(scope="module")
+def made():
+    return simulated("terrace")
+
+
+@pytest.fixture(scope="module")
+def drawn_rig(made):
+    """Contents, fit and both figures."""
+    told = contents(made, rig=with_sigmas(made.rig), seen=only_boxes(made))
+    fit = fitted(told)
+    return told, fit, rig_from_above(told, fit), rig_in_space(told, fit)
+
+
+def trace(figure, start):
+    """The first trace whose name begins so."""
+    return next(one for one in figure["data"] if one.get("name", "").startswith(start))
+
+
+def points(one, axes="xy"):
+    """(N, D) of a trace, NaN at gaps."""
+    return np.array([[np.nan if value is None else value for value in one[axis]] for axis in axes], dtype=float).T
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 90.0, 135.0])
+def test_an_ellipse_has_the_axes_of_its_covariance(degrees):
+    camera = Camera("C", simulated().rig.cameras[0].lens, sigma=PoseSigma(0.2, 0.1, covariance(0.2, 0.05, degrees)))
+    ground, directed = ground_covariance(camera)
+    assert directed
+    lengths, directions = semi_axes(ground)
+    assert lengths == pytest.approx((0.2, 0.05))
+    angle = np.rad2deg(np.arctan2(directions[0, 1], directions[0, 0])) % 180
+    assert min(abs(angle - degrees), 180 - abs(angle - degrees)) < 1e-6
+    outline = ellipse(np.array([3.0, 4.0]), ground, 10) - (3.0, 4.0)
+    # Every point of it is 10 sigmas away by the covariance itself.
+    assert np.sqrt(np.einsum("ni,ij,nj->n", outline, np.linalg.inv(ground), outline)) == pytest.approx(10.0)
+    assert np.linalg.norm(outline, axis=1).max() == pytest.approx(2.0, rel=1e-3)
+
+
+def test_ellipses_stand_at_their_cameras_as_large_as_they_say(drawn_rig):
+    told, _, plan, _ = drawn_rig
+    factor = plan["layout"]["meta"]["magnification"]
+    one = trace(plan, "1 sigma")
+    assert f"drawn {factor} times as large" in one["name"]
+    outline = points(one)
+    parts = np.split(outline, np.flatnonzero(np.isnan(outline[:, 0])))
+    assert len(parts) == len(told.rig)
+    for part, camera in zip(parts, told.rig, strict=True):
+        own = part[np.isfinite(part[:, 0])]
+        assert own[:-1].mean(axis=0) == pytest.approx(camera.centre[:2], abs=1e-3)
+        assert np.linalg.norm(own - camera.centre[:2], axis=1).max() == pytest.approx(0.04 * factor, rel=0.01)
+
+
+def test_sigmas_without_directions_are_circles_and_said_to_be(made):
+    rig = Rig(tuple(replace(one, sigma=PoseSigma(0.3, 0.1)) for one in made.rig))
+    told = contents(made, rig=rig, seen=only_boxes(made))
+    plan = rig_from_above(told, fitted(told))
+    one = trace(plan, "1 sigma")
+    assert "directions unknown" in one["name"]
+    outline = points(one)[:49]
+    radius = np.linalg.norm(outline - made.rig.cameras[0].centre[:2], axis=1)
+    assert radius == pytest.approx(0.3 / np.sqrt(3) * plan["layout"]["meta"]["magnification"], abs=2e-4)
+    without = contents(made, rig=Rig(tuple(replace(one, sigma=None) for one in made.rig)), seen=only_boxes(made))
+    assert not [one for one in rig_from_above(without, fitted(without))["data"] if one["name"].startswith("1 sigma")]
+
+
+def test_magnification_is_a_whole_factor():
+    assert magnification(0.001, 20.0) == 1000
+    assert magnification(0.1, 20.0) == 10
+    assert magnification(5.0, 20.0) == 1
+    assert magnification(0.0, 20.0) == 1
+
+
+def test_cameras_stand_where_they_are(drawn_rig):
+    told, _, plan, space = drawn_rig
+    for camera in told.rig:
+        mark = next(one for one in plan["data"] if camera.name in one.get("text", []))
+        assert (mark["x"][0], mark["y"][0]) == pytest.approx(camera.centre[:2], abs=2e-3)
+        ahead = np.array([mark["x"][1] - mark["x"][0], mark["y"][1] - mark["y"][0]])
+        assert ahead @ camera.pose.R_cw[2, :2] / np.linalg.norm(ahead) == pytest.approx(
+            np.linalg.norm(camera.pose.R_cw[2, :2]), abs=0.01
+        )
+        mark = next(one for one in space["data"] if one.get("text") == [camera.name])
+        assert points(mark, "xyz")[0] == pytest.approx(camera.centre, abs=2e-3)
+        assert f"height {camera.centre[2]:.2f} m" in mark["hovertext"][0]
+        assert "± 42 mm" in mark["hovertext"][0]
+
+
+def test_a_frustum_is_the_border_of_the_picture(made):
+    for camera in made.rig:
+        corners = frustum(camera, 2.0)[::8]
+        size = np.array(camera.lens.size)
+        assert np.abs(camera.project(corners) - np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * size + 0.5).max() < 0.01
+        assert (corners - camera.centre) @ camera.pose.R_cw[2] == pytest.approx(2.0)
+
+
+def test_a_fisheye_with_black_corners_has_a_frustum():
+    lens = Lens(
+        (1000, 1000), np.array([[290.0, 0, 500], [0, 290.0, 500], [0, 0, 1]]), np.array([-0.05, 0.0, 0.0, 0.0]), fisheye=True
+    )
+    camera = Camera("F", lens, Pose.from_centre(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0])))
+    assert np.isfinite(border_rays(camera)).all()
+    border = frustum(camera, 1.0)
+    assert np.linalg.norm(border - camera.centre, axis=1).max() < 5
+    # It looks straight down: the ground that it sees surrounds it.
+    around = wedge(camera, 6.0)
+    angle = np.sort(np.arctan2(around[:, 1], around[:, 0]))
+    assert np.diff(angle).max() < 1.0
+    assert np.linalg.norm(around, axis=1).max() <= 6.0 + 1e-6
+
+
+def test_a_wedge_is_what_the_camera_sees_of_the_ground(made):
+    for camera in made.rig:
+        outline = wedge(camera, 5.0)
+        away = np.linalg.norm(outline - camera.centre[:2], axis=1)
+        assert away.min() < 1e-5
+        assert away.max() == pytest.approx(5.0, abs=1e-3)
+        far = outline[away > 4.9]
+        pixels = camera.project(np.column_stack([far, np.zeros(len(far))]))
+        assert (pixels[:, 0] > -3).all()
+        assert (pixels[:, 0] < camera.lens.size[0] + 3).all()
+
+
+def test_people_are_drawn_where_they_walked(drawn_rig, made):
+    _, fit, plan, space = drawn_rig
+    crowd = trace(plan, "where people were")
+    z = np.array([[np.nan if v is None else v for v in row] for row in crowd["z"]])
+    assert np.nanmax(z) == 1.0
+    x, y = np.array(crowd["x"]), np.array(crowd["y"])
+    true = made.ground_positions[np.isfinite(made.ground_positions[:, :, 0])]
+    row, column = np.nonzero(np.isfinite(z))
+    cells = np.column_stack([x[column], y[row]])
+    away = np.linalg.norm(cells[:, None] - true, axis=2).min(axis=1)
+    assert np.quantile(away, 0.95) < 0.5
+    ways = [points(one, "xyz") for one in space["data"] if one.get("legendgroup") == "ways"]
+    every = np.concatenate(ways)
+    every = every[np.isfinite(every[:, 0])]
+    assert len(every) >= 0.95 * len(fit.ways)
+    assert np.quantile(np.linalg.norm(every[:, None, :2] - true, axis=2).min(axis=1), 0.95) < 0.4
+
+
+def test_density_counts_every_place_once():
+    rng = np.random.default_rng(0)
+    places = rng.uniform(0, 10, (500, 2))
+    x, y, share = density(places, np.zeros(2), np.full(2, 10.0))
+    assert share.shape == (len(y), len(x))
+    assert share.sum() == pytest.approx(1.0)
+    one = density(np.array([[1.1, 7.3]]), np.zeros(2), np.full(2, 10.0))
+    row, column = np.argwhere(one[2] > 0)[0]
+    assert abs(one[0][column] - 1.1) <= 0.13
+    assert abs(one[1][row] - 7.3) <= 0.13
+
+
+def test_views_look_at_the_people_and_out_of_each_camera(drawn_rig):
+    told, fit, _, space = drawn_rig
+    layout, stage = space["layout"], stage_of(told.rig, fit)
+    scene = layout["scene"]
+    size = np.array([scene[f"{k}axis"]["range"][1] - scene[f"{k}axis"]["range"][0] for k in "xyz"])
+    low = np.array([scene[f"{k}axis"]["range"][0] for k in "xyz"])
+    ratio = np.array([scene["aspectratio"][k] for k in "xyz"])
+    # Metres are as long in all directions.
+    assert ratio / size == pytest.approx(np.full(3, ratio[0] / size[0]), rel=1e-3)
+    views = {view["label"]: view["camera"] for view in layout["meta"]["views"]}
+    assert list(views)[:4] == ["Oblique", "From above", "Along x", "Along y"]
+    assert scene["camera"] == views["Oblique"]
+
+    def metres(point):
+        return np.array([point[k] for k in "xyz"]) * size[0] / ratio[0] + low + size / 2
+
+    for camera in told.rig:
+        view = views[f"From {camera.name}"]
+        assert metres(view["eye"]) == pytest.approx(camera.centre, abs=0.01)
+        ahead = metres(view["center"]) - metres(view["eye"])
+        assert ahead / np.linalg.norm(ahead) == pytest.approx(camera.pose.R_cw[2], abs=1e-3)
+    assert metres(views["Oblique"]["center"])[:2] == pytest.approx(stage.middle[:2], abs=0.01)
+    assert metres(views["Oblique"]["eye"])[2] > stage.high[2]
+
+
+def test_cameras_without_a_pose_are_listed_and_not_drawn(made):
+    cameras = [replace(one, pose=None, sigma=None) if k == 1 else one for k, one in enumerate(made.rig)]
+    told = contents(made, rig=Rig(tuple(cameras)), seen=only_boxes(made))
+    fit = fitted(told)
+    for figure in (rig_from_above(told, fit), rig_in_space(told, fit)):
+        assert figure["layout"]["meta"]["unregistered"] == [made.rig.names[1]]
+        assert not [one for one in figure["data"] if one.get("name") == made.rig.names[1]]
+    assert "not registered: " + made.rig.names[1] in rig_from_above(told, fit)["layout"]["annotations"][0]["text"]
+
+
+def test_a_refused_calibration_gives_empty_figures(made):
+    nothing = Observations({name: CameraObservations() for name in made.rig.names})
+    rig = Rig(tuple(replace(one, pose=None) for one in made.rig))
+    told = contents(made, rig=rig, seen=nothing)
+    for figure in (rig_from_above(told, fitted(told)), rig_in_space(told, fitted(told))):
+        assert json.dumps(figure, allow_nan=False)
+    alone = contents(made, rig=Rig(made.rig.cameras[:1]), seen=nothing)
+    assert json.dumps(rig_in_space(alone, fitted(alone)), allow_nan=False)
+
+
+def test_names_are_inert_and_figures_are_plain_small_and_the_same_again(made):
+    rig = Rig(tuple(replace(one, name=name) for one, name in zip(with_sigmas(made.rig), HOSTILE, strict=True)))
+    seen = Observations(
+        {new: CameraObservations(made.observations[old].boxes) for new, old in zip(HOSTILE, made.rig.names, strict=True)}
+    )
+    told = contents(made, rig=rig, seen=seen)
+    fit = fitted(told)
+    for draw in (rig_from_above, rig_in_space):
+        text = json.dumps(draw(told, fit), allow_nan=False, ensure_ascii=False)
+        assert text == json.dumps(draw(told, fitted(told)), allow_nan=False, ensure_ascii=False)
+        assert all(rest.startswith("br>") for rest in text.split("<")[1:])
+        assert "&lt;" not in text
+        assert "hovertemplate" not in text
+        assert "template" not in text
+        assert len(text) < 300_000
+    assert told_name("R&D, a < b") == "R&D, a ‹ b"
+    assert told_name("&#60;&amp;") == "& #60;& amp;"
+
+
+def test_figures_leave_the_colours_of_page_and_text_to_the_page(drawn_rig):
+    for figure in drawn_rig[2:]:
+        assert not {"paper_bgcolor", "plot_bgcolor", "font", "template"} & set(figure["layout"])
+        axes = [figure["layout"], *([figure["layout"]["scene"]] if "scene" in figure["layout"] else [])]
+        assert not any("gridcolor" in value for one in axes for value in one.values() if isinstance(value, dict))
