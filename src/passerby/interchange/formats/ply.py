@@ -24,7 +24,7 @@ from passerby.interchange.formats.format import Export, Format
 from passerby.interchange.formats.losses import Losses
 
 NOBODY = -1
-LINE_SHARE = 0.01
+LINE_SHARE = 0.02
 """Width of the ground's lines, as a share of their distance."""
 VERTEX = np.dtype([
     ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1"),
