@@ -88,7 +88,7 @@ def _figure(contents: Contents, spells: Spells) -> dict[str, Any]:
         "xaxis": {"title": {"text": unit}, "range": [begin / factor, end / factor], "zeroline": False},
         "yaxis": {
             "tickvals": middles,
-            "ticktext": [_short(name) for name in names],
+            "ticktext": [plot_text(_short(name)) for name in contents.rig.names],
             "range": [float(heights.sum()), 0.0],
             "fixedrange": True,
             "automargin": True,

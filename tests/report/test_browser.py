@@ -1,0 +1,365 @@
+"""The page in a real browser: drawn, silent, offline, readable on a laptop and a phone, light and dark, by keyboard."""
+
+import csv
+import io
+import json
+import shutil
+import time
+from dataclasses import replace
+
+import pytest
+from reading import busy_place, named, without_poses
+
+from passerby.report.contents import contents_from
+from passerby.report.page import report_page
+
+playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")
+
+LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
+HOSTILE = (
+    "<script>alert(1)</script>", "</script><img src=x onerror=alert(2)>", "\"'><b onmouseover=alert(3)>", "Küche %{x} Ⅲ 🎥",
+)  # fmt: skip
+READABLE = 4.5
+"""Least contrast of text (WCAG 2.2, 1.4.3)."""
+PATIENCE_S = 120
+"""A busy machine without a graphics card draws in space slowly; this only bounds a test that fails."""
+LIMIT_MS = 1000 * PATIENCE_S
+
+
+@pytest.fixture(scope="session")
+def browser():
+    with playwright.sync_playwright() as running:
+        # Without a graphics card, WebGL is drawn by the processor.
+        flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        browser = running.chromium.launch(executable_path=CHROMIUM, args=flags, timeout=LIMIT_MS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def contents(calibrated):
+    return contents_from(calibrated[1])
+
+
+class Opened:
+    """A page in the browser, and whatever it said, asked for, or ran."""
+
+    def __init__(self, browser, folder, contents, size=LAPTOP, scheme="light", before=None, **more):
+        self.path = folder / "page.html"
+        self.path.write_text(report_page(contents), encoding="utf-8")
+        context = browser.new_context(viewport=size, color_scheme=scheme, **more)
+        context.set_default_timeout(LIMIT_MS)
+        if before is not None:
+            context.add_init_script(before)
+        self.page, self.said, self.fetched = context.new_page(), [], []
+        self.page.on("console", lambda one: self.said.append(one.text) if one.type == "error" else None)
+        self.page.on("pageerror", lambda error: self.said.append(str(error)))
+        self.page.on("dialog", lambda one: (self.said.append(f"dialog {one.message}"), one.dismiss()))
+        self.page.on(
+            "request", lambda one: self.fetched.append(one.url) if not one.url.startswith(("data:", "blob:")) else None
+        )
+        self.page.goto(self.path.as_uri())
+        self.settle()
+
+    def settle(self):
+        """Wait until all plots are drawn; the page's own policy forbids the browser's waiting functions."""
+        self.until("document.documentElement.dataset.plots === 'drawn'")
+
+    def until(self, condition):
+        """Wait until a condition holds."""
+        end = time.monotonic() + PATIENCE_S
+        while not self.told(condition):
+            assert time.monotonic() < end, f"never: {condition}"
+            self.page.wait_for_timeout(50)
+
+    def told(self, script, *given):
+        """What a script returns."""
+        return self.page.evaluate(script, *given)
+
+    def quiet(self):
+        """Whether nothing was said, run or fetched, but the page itself."""
+        return (self.said, self.fetched) == ([], [self.path.as_uri()])
+
+
+@pytest.fixture
+def opened(browser, tmp_path):
+    """Opens contents as a page; fails at the end where it said or fetched anything."""
+    pages = []
+
+    def opens(contents, *given, **more):
+        pages.append(Opened(browser, tmp_path, contents, *given, **more))
+        return pages[-1]
+
+    yield opens
+    for one in pages:
+        assert one.said == []
+        assert one.quiet()
+        one.page.context.close()
+
+
+@pytest.fixture(scope="session")
+def shared(browser, contents, tmp_path_factory):
+    """The accepted calibration on a laptop, opened once; tests leave it as they found it."""
+    one = Opened(browser, tmp_path_factory.mktemp("shared"), contents, permissions=["clipboard-read", "clipboard-write"])
+    yield one
+    one.page.context.close()
+
+
+@pytest.fixture
+def laptop(shared):
+    yield shared
+    assert shared.said == []
+    assert shared.quiet()
+
+
+def doubtful(contents):
+    """The same contents, doubtful, with C2 lost."""
+    lost = replace(contents.rig["C2"], pose=None, sigma=None)
+    rig = replace(contents.rig, cameras=tuple(lost if one.name == "C2" else one for one in contents.rig))
+    cameras = [{**one, "centre_m": None} if one["name"] == "C2" else one for one in contents.told["cameras"]]
+    told = {**contents.told, "verdict": "doubtful", "cameras": cameras, "findings": ["the sky is green"]}
+    return replace(contents, rig=rig, told={**told, "reasons": ["camera C2 shares nobody with C1: record more people"]})
+
+
+OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+DRAWN = """() => Array.from(document.querySelectorAll(".plot"), (place) => [
+    place.id, place.querySelectorAll(".main-svg").length,
+    place.querySelectorAll("canvas, .scatterlayer .trace, .barlayer .point").length,
+])"""
+
+
+def colours(page, selector):
+    """Colour of an element's text and of what lies behind it."""
+    return page.evaluate(
+        """(selector) => {
+            const solid = (text) => text.match(/[\\d.]+/g).map(Number);
+            const element = document.querySelector(selector);
+            let behind = element, back = [0, 0, 0, 0];
+            while (behind && back.length === 4 && back[3] === 0) {
+                back = solid(getComputedStyle(behind).backgroundColor); behind = behind.parentElement;
+            }
+            return [solid(getComputedStyle(element).color).slice(0, 3), back.slice(0, 3)];
+        }""",
+        selector,
+    )
+
+
+def contrast(first, second):
+    """WCAG's contrast of two colours, 0 to 255."""
+    bright = []
+    for colour in (first, second):
+        linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (one / 255 for one in colour)]
+        bright.append(0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2])
+    return (max(bright) + 0.05) / (min(bright) + 0.05)
+
+
+def test_every_plot_is_drawn_and_nothing_is_said_or_fetched(laptop):
+    drawn = laptop.told(DRAWN)
+    assert {name for name, _, _ in drawn} == {"rig-above", "rig-space", "timeline-plot", "heights-plot"}
+    for name, sheets, marks in drawn:
+        assert sheets, name
+        assert marks, name
+
+
+def test_the_table_of_cameras_is_what_calibration_json_holds(laptop, calibrated):
+    told = json.loads((calibrated[1] / "calibration.json").read_text())["cameras"]
+    rows = laptop.told(
+        """Array.from(document.querySelectorAll('#cameras-table tbody tr'),
+            (row) => Array.from(row.cells, (cell) => cell.innerText))"""
+    )
+    for row, one in zip(rows, told, strict=True):
+        places = [f"{round(value, 3) + 0.0:.3f}" for value in one["centre_m"]]
+        sigmas = [f"{one['position_sigma_mm']:.0f}", f"{one['orientation_sigma_deg']:.2f}"]
+        turns = [f"{round(one[key], 1) + 0.0:.1f}" for key in ("heading_deg", "tilt_deg", "roll_deg")]
+        seen = [f"{one['median_residual_px']:.1f}", str(one["people"]), str(one["boxes"])]
+        assert [cell.strip() for cell in row] == [one["name"], *places, *turns, *sigmas, *seen]
+
+
+@pytest.mark.parametrize("verdict", ["accepted", "refused"])
+def test_a_phone_never_scrolls_sideways(opened, contents, verdict):
+    shown = contents if verdict == "accepted" else without_poses(contents, ["camera C1 saw nobody: record more people"])
+    one = opened(shown, PHONE, has_touch=True)
+    assert one.told(OVERFLOW) == 0
+    one.told("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+    assert one.told(OVERFLOW) == 0
+    assert one.told("document.querySelector('#cameras .table-box').scrollWidth > innerWidth")  # there is something to scroll
+
+
+@pytest.mark.parametrize("verdict", ["accepted", "doubtful", "refused"])
+def test_text_is_readable_in_light_and_dark(opened, laptop, contents, verdict):
+    shown = doubtful(contents) if verdict == "doubtful" else without_poses(contents, ["camera C1 saw nobody"])
+    one = laptop if verdict == "accepted" else opened(shown)
+    selectors = [
+        "#verdict", ".meaning", ".lead", ".key-figures dt", ".key-figures dd", "thead th", "tbody td", "tbody th", ".what",
+        ".to-do", "button.quiet", ".pill", "nav a", "footer p", "summary", "code", ".stages li li",
+        *{"accepted": [".note"], "doubtful": [".findings li", ".why"], "refused": [".nothing"]}[verdict],
+    ]  # fmt: skip
+    seen = {}
+    for scheme in ("light", "dark"):
+        one.page.emulate_media(color_scheme=scheme)
+        seen[scheme] = {selector: colours(one.page, selector) for selector in selectors}
+        assert not {which: contrast(*pair) for which, pair in seen[scheme].items() if contrast(*pair) < READABLE}
+    one.page.emulate_media(color_scheme="light")
+    one.settle()
+    assert all(seen["light"][which] != seen["dark"][which] for which in selectors)
+
+
+INK = "getComputedStyle(document.querySelector('#heights-plot .xtitle')).fill"
+
+
+def test_the_switch_changes_page_and_plots(laptop):
+    before = laptop.told(INK), colours(laptop.page, "#verdict")
+    for _ in range(2):
+        laptop.page.click("#theme")
+        laptop.settle()
+    assert laptop.page.text_content("#theme") == "Dark"
+    assert "dark" in laptop.page.get_attribute("#theme", "aria-label")
+    assert laptop.told(INK) != before[0]
+    assert colours(laptop.page, "#verdict") != before[1]
+    laptop.page.click("#theme")
+    laptop.settle()
+    assert laptop.page.text_content("#theme") == "Auto"
+    assert (laptop.told(INK), colours(laptop.page, "#verdict")) == before
+
+
+def test_a_change_of_the_systems_theme_is_followed(laptop):
+    before = laptop.told(INK)
+    laptop.page.emulate_media(color_scheme="dark")
+    laptop.until(f"{INK} !== '{before}'")
+    laptop.settle()
+    laptop.page.emulate_media(color_scheme="light")
+    laptop.until(f"{INK} === '{before}'")
+    laptop.settle()
+
+
+def column(page, number):
+    """What a column of the table of cameras is sorted by."""
+    return page.evaluate(
+        f"Array.from(document.querySelectorAll('#cameras-table tbody tr'), (row) => row.cells[{number}].dataset.value)"
+    )
+
+
+def test_a_table_is_sorted_by_mouse_and_by_keyboard(opened, contents):
+    page = opened(doubtful(contents)).page
+    head = page.locator("#cameras-table thead th").nth(1)
+    head.locator("button").click()
+    values = column(page, 1)
+    assert values[-1] == ""
+    assert values[:-1] == sorted(values[:-1], key=float)
+    assert head.get_attribute("aria-sort") == "ascending"
+    head.locator("button").focus()
+    page.keyboard.press("Enter")
+    assert column(page, 1) == [*values[-2::-1], ""]
+    assert head.get_attribute("aria-sort") == "descending"
+    page.locator("#cameras-table thead th").nth(0).locator("button").click()
+    assert column(page, 0) == ["C1", "C2", "C3", "C4"]
+    assert head.get_attribute("aria-sort") == "none"
+
+
+def test_a_table_is_copied_as_csv(laptop, contents):
+    laptop.page.click("[data-copies=cameras-table]")
+    laptop.until("document.querySelector('[data-copies=cameras-table]').textContent === 'Copied'")
+    rows = list(csv.DictReader(io.StringIO(laptop.told("navigator.clipboard.readText()"))))
+    assert [row["Camera"] for row in rows] == list(contents.rig.names)
+    assert [float(row["x m"]) for row in rows] == [one["centre_m"][0] for one in contents.told["cameras"]]
+
+
+def test_the_keyboard_reaches_everything(laptop):
+    page = laptop.page
+    wanted = laptop.told(
+        """() => Array.from(document.querySelectorAll("a[href], button, input, select, summary, [tabindex='0']"))
+            .filter((one) => one.checkVisibility())
+            .map((one, number) => { one.dataset.number = number; return number; })"""
+    )
+    assert laptop.told("document.querySelector('[data-number=\"0\"]').className") == "skip"
+    laptop.told("document.querySelector('.skip').focus()")
+    page.keyboard.press("Shift+Tab")
+    page.keyboard.press("Tab")
+    assert laptop.told("document.activeElement.className") == "skip"
+    assert laptop.told("document.activeElement.getBoundingClientRect().left") >= 0  # seen while it has the focus
+    reached, outlines = set(), set()
+    for _ in range(2 * len(wanted)):
+        told = laptop.told("[document.activeElement.dataset.number, getComputedStyle(document.activeElement).outlineStyle]")
+        if told[0] is None or reached == set(wanted):
+            break
+        reached.add(int(told[0]))
+        outlines.add(told[1])
+        page.keyboard.press("Tab")
+    assert reached == set(wanted)
+    assert "none" not in outlines  # where the focus is can be seen
+
+
+def test_the_view_in_space_is_turned_by_buttons(laptop):
+    eye = "JSON.stringify(document.getElementById('rig-space')._fullLayout.scene._scene.getCamera().eye)"
+    seen = [laptop.told(eye)]
+    for name in ("From above", "From the side", "Oblique", "Turn left", "Nearer"):
+        laptop.page.click(f".view-buttons button:has-text('{name}')")
+        laptop.until(f"{eye} !== '{seen[-1]}'")
+        seen.append(laptop.told(eye))
+    assert len(set(seen[1:])) == 5
+
+
+def test_one_person_is_shown_in_the_timeline(laptop):
+    laptop.page.select_option("#timeline-person", "2")
+    opacity = laptop.told("document.getElementById('timeline-plot').data.map((one) => [one.name, one.opacity])")
+    assert {name for name, one in opacity if one == 1} == {"person 2"}
+    laptop.page.select_option("#timeline-person", "")
+    assert set(laptop.told("document.getElementById('timeline-plot').data.map((one) => one.opacity)")) == {1}
+
+
+def test_layers_of_the_pictures_are_switched(laptop):
+    shown = "getComputedStyle(document.querySelector('.layer-boxes')).display"
+    assert laptop.told(shown) != "none"
+    laptop.page.uncheck("[data-layer=boxes]")
+    assert laptop.told(shown) == "none"
+    assert laptop.told("getComputedStyle(document.querySelector('.layer-grid')).display") != "none"
+    laptop.page.check("[data-layer=boxes]")
+    assert laptop.told(shown) != "none"
+
+
+def test_without_webgl_a_note_stands_where_the_view_would_be(opened, contents):
+    none = """const usual = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+            return kind.includes("webgl") ? null : usual.call(this, kind, ...more);
+        };"""
+    page = opened(contents, before=none).page
+    assert "needs WebGL" in page.text_content("#rig-space")
+    assert page.locator(".view-buttons").count() == 0
+    assert page.locator("#rig-above .main-svg").count()
+
+
+def test_names_run_nothing_and_are_shown_as_they_are(opened, contents):
+    shown = named(contents, HOSTILE)
+    told = {
+        **shown.told,
+        "name": HOSTILE[0],
+        "verdict": "doubtful",
+        "reasons": [f"camera {HOSTILE[1]} is odd: see {HOSTILE[2]}"],
+    }
+    one = opened(replace(shown, told=told))
+    names = one.told("Array.from(document.querySelectorAll('#cameras-table tbody .name'), (name) => name.textContent)")
+    assert names == list(HOSTILE)
+    assert one.told("document.querySelectorAll('img').length") == 0
+    assert one.page.title().startswith(HOSTILE[0])
+    labels = one.told("Array.from(document.querySelectorAll('#timeline-plot .ytick'), (tick) => tick.textContent)")
+    assert any(label.startswith("<script>alert") for label in labels)
+
+
+def test_a_busy_hour_is_drawn(opened):
+    one = opened(busy_place(cameras=16, people=100, seconds=3600, fps=0.5))
+    assert all(sheets and marks for _, sheets, marks in one.told(DRAWN))
+    assert one.told(OVERFLOW) == 0
+
+
+def test_paper_shows_what_is_folded_on_white(laptop):
+    laptop.told("dispatchEvent(new Event('beforeprint'))")
+    assert laptop.page.locator("details:not([open])").count() == 0
+    laptop.told("dispatchEvent(new Event('afterprint'))")
+    assert laptop.page.locator("details[open]").count() == 0
+    laptop.page.emulate_media(media="print", color_scheme="dark")
+    assert laptop.told("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    laptop.page.emulate_media(media="screen", color_scheme="light")
+    laptop.settle()
