@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from passerby.solver.solution import Verdict
     from passerby.tracks3d.trajectories import Trajectories
     from passerby.world import Aligned
-    from passerby.world_residuals import KnownPoint, KnownPosition
+    from passerby.world_places import KnownPoint, KnownPosition
 
 __version__ = "0.1.0"
 
@@ -72,8 +72,8 @@ _HOMES = {
     "EvidenceError": "errors",
     "InputError": "errors",
     "Keypoints": "observations",
-    "KnownPoint": "world_residuals",
-    "KnownPosition": "world_residuals",
+    "KnownPoint": "world_places",
+    "KnownPosition": "world_places",
     "Lens": "cameras",
     "Observations": "observations",
     "OutputFolder": "output_folder",

@@ -8,26 +8,30 @@ from pathlib import Path
 from typing import Any
 
 from passerby.errors import InputError
-from passerby.interchange.atomic import write_text
+from passerby.interchange.atomic import remove, write_text
 from passerby.interchange.json_text import plain, to_json
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.whole_folder import whole_folder
 from passerby.output_folder import camera_tables, read_report, unlike
-from passerby.results import CALIBRATION_FILE, RIG_FILE, TRACKS_FOLDER, pose_figures
+from passerby.progress import Progress, silent
+from passerby.results import CALIBRATION_FILE, REPORT_FILE, RIG_FILE, TRACKS_FOLDER, pose_figures
 from passerby.wanted_world import scaled_figures
 from passerby.world import Aligned
 
-OLD_FRAME = {"trajectories": "passerby track", "report.html": "passerby report"}
+OLD_FRAME = {"trajectories": "passerby track"}
 """What other commands leave in an output folder that holds places in the world, and the command that makes it again."""
 
 
-def write_aligned(out: Path, target: Path, aligned: Aligned) -> list[str]:
+def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = silent) -> list[str]:
     """Write a whole output folder in another frame, into a new folder or in place; tracks are in pixels and stay as they are.
+
+    The report is made again where there was one.
 
     Args:
         out: output folder of `passerby calibrate`.
         target: the same folder, a new one or an empty one.
         aligned: its rig in the new frame.
+        tell: told of the report, camera by camera.
 
     Returns:
         What in the target still shows the old frame, or is not there, one sentence each.
@@ -36,10 +40,13 @@ def write_aligned(out: Path, target: Path, aligned: Aligned) -> list[str]:
         InputError: `out` is no output folder; `target` holds something else, or cannot be written.
     """
     report = _in_new_frame(out, read_report(out), aligned)
+    with_report = (out / REPORT_FILE).is_file()
     old = [name for name in OLD_FRAME if (out / name).exists()]
     if target.resolve() == out.resolve():
+        remove(out / REPORT_FILE)
         write_rig(out / RIG_FILE, aligned.rig)
         write_text(out / CALIBRATION_FILE, to_json(report))
+        _report_again(with_report, out, tell)
         return [f"{out / name} still shows the old frame: make it again by `{OLD_FRAME[name]} {out}`" for name in old]
     if target.is_dir() and any(target.iterdir()):
         raise InputError(f"{target}: is not empty: give a new folder, or {out} itself")
@@ -48,7 +55,17 @@ def write_aligned(out: Path, target: Path, aligned: Aligned) -> list[str]:
             shutil.copytree(out / TRACKS_FOLDER, new / TRACKS_FOLDER)
         write_rig(new / RIG_FILE, aligned.rig)
         write_text(new / CALIBRATION_FILE, to_json(report))
+    _report_again(with_report, target, tell)
     return [f"{out / name} shows the old frame: make it in the new one by `{OLD_FRAME[name]} {target}`" for name in old]
+
+
+def _report_again(wanted: bool, folder: Path, tell: Progress) -> None:
+    """Make the folder's report, if it is wanted."""
+    if wanted:
+        from passerby.report.contents import contents_from
+        from passerby.report.page import write_report
+
+        write_report(contents_from(folder), folder / REPORT_FILE, tell)
 
 
 def _in_new_frame(out: Path, report: Mapping[str, Any], aligned: Aligned) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from passerby.results import RIG_FILE
 from passerby.tracks3d import trajectories as following
 from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions, Trajectories
 from passerby.world import Aligned, align_to_camera, align_to_points, align_to_positions
-from passerby.world_residuals import KnownPoint, KnownPosition
+from passerby.world_places import KnownPoint, KnownPosition
 
 RigLike = Rig | Calibration | OutputFolder | str | Path
 

@@ -38,7 +38,7 @@ class OutputFolder:
     """Of each camera with a pose; empty where frames are counted alike and no frame rate was needed."""
 
     def __repr__(self) -> str:
-        return f"OutputFolder({str(self.path)!r}: {self.verdict}, {len(self.rig)} of {self.all_cameras} cameras registered)"
+        return f"OutputFolder({str(self.path)!r}: {self.verdict}, {len(self.rig)} of {self.all_cameras} cameras)"
 
     @property
     def fps(self) -> float | None:

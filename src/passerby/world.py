@@ -8,17 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats, Pose, Rig
+from passerby.cameras import Floats, Pose, Rig
 from passerby.errors import EvidenceError, InputError
 from passerby.geometry.alignment import WorldFit, fit_world, fits_mirrored
-from passerby.geometry.geodesy import east_north_up, mean_place
 from passerby.geometry.known_places import KnownPositions, Places, SeenPoints
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import Similarity
-from passerby.world_residuals import (
-    WEAK_SCALE,
+from passerby.world_places import (
+    CLICK_SD_PX,
     KnownPoint,
     KnownPosition,
+    angle_sd,
+    camera_of,
+    local_places,
+    position_sds,
+    sightings,
+)
+from passerby.world_residuals import (
+    WEAK_SCALE,
     doubts,
     gross_points,
     ground_note,
@@ -26,12 +33,6 @@ from passerby.world_residuals import (
     position_residuals,
 )
 
-CLICK_SD_PX = 2.0
-"""How well a person clicks on a mark."""
-OWN_SHARE = 0.1
-"""Of a camera's sigma at least so much is its own: 2 to 50 per cent by the adjustment, mostly about 10 (PETS, WILDTRACK)."""
-UNKNOWN_ORIENTATION_DEG = 0.2
-"""Of a rig without sigmas."""
 STRAIGHT_DOWN = 0.1
 """Sine of 6 degrees: a camera that looks down more steeply has no direction on the ground to speak of."""
 WEAK_TURN_DEG = 15.0
@@ -70,13 +71,13 @@ def align_to_camera(rig: Rig, name: str, towards: str | None = None) -> Aligned:
     """
     pose = _posed(rig, name)
     if towards is None:
-        along, mend = pose.R_cw[2, :2], "give --towards another camera"
+        along, mend = pose.R_cw[2, :2], "name another camera as `towards`"
         if np.linalg.norm(along) < STRAIGHT_DOWN:
             raise EvidenceError(f"camera {name} looks straight down, so that it points nowhere on the ground: {mend}")
     else:
         along = _posed(rig, towards).centre[:2] - pose.centre[:2]
         if np.linalg.norm(along) < 0.01:
-            raise EvidenceError(f"camera {towards} is where camera {name} is: give --towards a camera that stands elsewhere")
+            raise EvidenceError(f"camera {towards} is where camera {name} is: name one that stands elsewhere")
     turn = exp_rotation(np.array([0.0, 0.0, -np.arctan2(along[1], along[0])]))
     motion = Similarity(1.0, turn, -turn @ np.array([*pose.centre[:2], 0.0]))
     how = f"camera {name}" + ("" if towards is None else f" towards {towards}")
@@ -95,18 +96,18 @@ def align_to_points(
         InputError: a camera that the rig does not have, a pixel outside its picture, left-handed coordinates.
         EvidenceError: the points are too few, or too close together, for what is to be fitted.
     """
-    rows, notes = _sightings(rig, points)
+    rows, notes = sightings(rig, points)
     names = [(point.name, camera.name) for point, camera, _ in rows]
     known = list(dict.fromkeys(point.name for point, _, _ in rows))
     _enough(len(known), [point.xyz for point, _, _ in rows], with_scale, tilt, "point", notes)
-    own = _position_sds(rig, with_scale)
+    own = position_sds(rig, with_scale)
     places = SeenPoints(
         centre=np.array([camera.centre for _, camera, _ in rows]),
         ray=np.array([ray for _, _, ray in rows]),
         target=np.array([point.xyz for point, _, _ in rows]),
         group=np.array([known.index(name) for name, _ in names], dtype=np.int64),
         sd=np.array([np.hypot(point.sd_m, own[camera.name]) for point, camera, _ in rows]),
-        angle_sd=np.array([np.hypot(CLICK_SD_PX / camera.lens.focal, _angle_sd(camera)) for _, camera, _ in rows]),
+        angle_sd=np.array([np.hypot(CLICK_SD_PX / camera.lens.focal, angle_sd(camera)) for _, camera, _ in rows]),
     )
     fit = _fitted(places, with_scale, tilt, "points")
     aligned = _aligned(rig, fit.motion, source, _fit_figures(fit, with_scale, tilt), tilt=tilt)
@@ -126,7 +127,7 @@ def align_to_positions(
     """
     notes, rows = [], []
     for known in positions:
-        _of(rig, known.camera)
+        camera_of(rig, known.camera)
         if rig[known.camera].pose is None:
             notes.append(f"camera {known.camera} has no pose: its position is left out")
         else:
@@ -135,13 +136,13 @@ def align_to_positions(
     place = np.array([known.place for known in rows]).reshape(-1, 3)
     if tilt and np.isnan(place[:, 2]).any():
         lacking = rows[int(np.flatnonzero(np.isnan(place[:, 2]))[0])].camera
-        raise InputError(f"{source}: camera {lacking} has no height: --tilt needs all of them; add it, or leave --tilt out")
+        raise InputError(f"{source}: camera {lacking} has no height: `tilt` needs all of them; add it, or leave `tilt` out")
     origin = None
     target = np.where(np.isfinite(place), place, 0.0)
     if geodetic and len(rows):
-        target, origin = _local(place, cameras)
+        target, origin = local_places(place, cameras)
     _enough(len(rows), list(target), with_scale, tilt, "camera with a known position", notes)
-    own = _position_sds(rig, with_scale)
+    own = position_sds(rig, with_scale)
     places = KnownPositions(
         centre=np.array([camera.centre for camera in cameras]),
         target=target,
@@ -161,81 +162,13 @@ def align_to_positions(
     return _with(aligned, residuals, notes + doubts(places, fit, with_scale, tilt, "positions", len(rows)))
 
 
-def _of(rig: Rig, name: str) -> Camera:
-    """A camera by name. Raises `InputError` where there is none."""
-    if name not in rig.names:
-        raise InputError(f"the rig has no camera {name}: it has {', '.join(rig.names)}")
-    return rig[name]
-
-
 def _posed(rig: Rig, name: str) -> Pose:
     """A camera's pose. Raises `InputError` or `EvidenceError` where there is none."""
-    pose = _of(rig, name).pose
+    pose = camera_of(rig, name).pose
     if pose is None:
         others = ", ".join(rig.posed().names)
         raise EvidenceError(f"camera {name} has no pose: " + (f"choose one of {others}" if others else "nor has any other"))
     return pose
-
-
-def _local(place: Floats, cameras: Sequence[Camera]) -> tuple[Floats, Floats]:
-    """Geodetic places (N, 3) as metres, and their origin: amid them, and as high as the ground by their altitudes."""
-    origin = mean_place(np.where(np.isfinite(place), place, 0.0))
-    above = np.array([camera.centre[2] for camera in cameras])
-    known = np.isfinite(place[:, 2])
-    origin[2] = float((place[known, 2] - above[known]).mean()) if known.any() else 0.0
-    filled = np.column_stack([place[:, :2], np.where(known, place[:, 2], origin[2] + above)])
-    return east_north_up(filled, origin), origin
-
-
-def _sightings(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[KnownPoint, Camera, Floats]], list[str]]:
-    """Each sighting with its camera and its ray in the rig's world; notes on those that cannot be used."""
-    rows, lost = [], dict[str, int]()
-    for point in points:
-        for name, (u, v) in point.pixels.items():
-            camera = _of(rig, name)
-            width, height = camera.lens.size
-            if not (-0.5 <= u <= width and -0.5 <= v <= height):
-                raise InputError(
-                    f"point {point.name} in camera {name}: ({u:g}, {v:g}) lies outside its {width} x {height} picture: give "
-                    "pixels of that picture"
-                )
-            if camera.pose is None:
-                lost[name] = lost.get(name, 0) + 1
-                continue
-            bearing = camera.lens.bearings(np.array([[u, v]]))[0]
-            if not np.isfinite(bearing).all():
-                raise InputError(
-                    f"point {point.name} in camera {name}: ({u:g}, {v:g}) is no pixel of its lens model: choose another"
-                )
-            rows.append((point, camera, np.asarray(bearing @ camera.pose.R_cw)))
-    return rows, [
-        f"camera {name} has no pose: its {count} point{'s are' if count > 1 else ' is'} left out"
-        for name, count in lost.items()
-    ]
-
-
-def _position_sds(rig: Rig, with_scale: bool) -> dict[str, float]:
-    """By camera, of one coordinate of its place in the rig, metres.
-
-    The largest part of a sigma is mostly the scale, which all cameras share and which moves each by its distance from the
-    middle. Where the scale is fitted it says nothing: as much of it as fits into everybody's sigma is taken off.
-    """
-    posed = rig.posed()
-    total = {camera.name: 0.0 if camera.sigma is None else camera.sigma.position_m for camera in posed}
-    if with_scale and len(posed):
-        middle = np.mean([camera.centre for camera in posed], axis=0)
-        distance = {camera.name: max(float(np.linalg.norm(camera.centre - middle)), 1e-9) for camera in posed}
-        common = min(total[name] / distance[name] for name in total)
-        total = {
-            name: np.sqrt(max(sd**2 - (common * distance[name]) ** 2, (OWN_SHARE * sd) ** 2)) for name, sd in total.items()
-        }
-    return {name: float(sd / np.sqrt(3)) for name, sd in total.items()}
-
-
-def _angle_sd(camera: Camera) -> float:
-    """Of the camera's orientation about one axis, radians."""
-    degrees = UNKNOWN_ORIENTATION_DEG if camera.sigma is None else camera.sigma.orientation_deg / np.sqrt(3)
-    return float(np.radians(degrees))
 
 
 def _enough(count: int, targets: Sequence[Floats], with_scale: bool, tilt: bool, what: str, notes: Sequence[str]) -> None:
@@ -276,7 +209,7 @@ def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit
     if fit.scale_sigma > WEAK_SCALE:
         raise EvidenceError(
             f"the {what} fix the scale to {100 * fit.scale_sigma:.0f} % only: give {what} that are further apart, or leave "
-            "--scale out"
+            "`scale` out"
         )
     return fit
 
@@ -285,7 +218,7 @@ def _on_a_line(what: str) -> str:
     """The error of places that leave the turn about a line free."""
     return (
         f"the {what} lie on one line, or nearly: that leaves the tilt about this line open: give {what} off the line, or leave "
-        "--tilt out"
+        "`tilt` out"
     )
 
 

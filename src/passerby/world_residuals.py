@@ -1,9 +1,8 @@
-"""Places with known coordinates, how far a rig that was laid upon them lies from each, and what is odd about them."""
+"""How far a rig that was laid upon known places lies from each, and what is odd about them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from passerby.geometry.alignment import WorldFit, fit_world
 from passerby.geometry.known_places import Places, SeenPoints
 from passerby.geometry.rotations import direction_angle
 from passerby.geometry.similarity import Similarity
+from passerby.world_places import KnownPoint, KnownPosition
 
-POINT_SD_M, POSITION_SD_M, GPS_SD_M = 0.05, 0.1, 3.0
-"""Where a file tells no sd_m: a marked point on a plan, a camera by tape or total station, a camera by a phone's receiver."""
 POOR_FIT = 3.0
 """Residuals of three times their stated standard deviations are told."""
 LEAN_DEG, HEIGHT_M = 0.05, 0.02
@@ -25,28 +23,6 @@ TELLING_SCALE = 0.01
 """A scale that is off by less is not told of: people's heights never tell it better."""
 WEAK_SCALE = 0.3
 """A scale that is known no better than this is not known."""
-
-
-@dataclass(frozen=True, eq=False)
-class KnownPoint:
-    """A point with known coordinates, marked in one camera or more."""
-
-    name: str
-    xyz: Floats
-    """(3,) metres, the wanted world."""
-    pixels: Mapping[str, tuple[float, float]]
-    """camera -> (u, v)."""
-    sd_m: float = POINT_SD_M
-
-
-@dataclass(frozen=True, eq=False)
-class KnownPosition:
-    """A camera with a known position."""
-
-    camera: str
-    place: Floats
-    """(3,) x, y, z in metres; or latitude, longitude (degrees) and altitude (metres). z or altitude NaN where unknown."""
-    sd_m: float = POSITION_SD_M
 
 
 def point_residuals(
@@ -124,7 +100,7 @@ def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: st
     if same and abs(growth) > max(TELLING_SCALE, 3 * free.scale_sigma) and free.scale_sigma < WEAK_SCALE:
         notes.append(
             f"by the {what} all lengths should be {100 * abs(free.motion.scale - 1):.1f} % "
-            f"{'larger' if growth > 0 else 'smaller'} (one sigma {100 * free.scale_sigma:.1f} %): --scale makes them so"
+            f"{'larger' if growth > 0 else 'smaller'} (one sigma {100 * free.scale_sigma:.1f} %): `scale` makes them so"
         )
     return notes
 

@@ -114,6 +114,7 @@ def test_a_whole_folder_into_a_new_one(made, out, tmp_path, capsys):
     )
     before, after = (json.loads((folder / "calibration.json").read_text()) for folder in (out, new))
     assert (new / "tracks" / "C1.txt").read_bytes() == (out / "tracks" / "C1.txt").read_bytes()
+    assert (new / "report.html").is_file()
     rig, scale = read_rig(new / "rig.toml"), after["world"]["scale"]
     assert 0.85 < scale < 1.15
     assert scale != 1
@@ -136,13 +137,14 @@ def test_a_whole_folder_into_a_new_one(made, out, tmp_path, capsys):
 
 
 def test_a_folder_in_place(out, capsys):
-    before = (out / "tracks" / "C1.txt").read_bytes()
+    before, page = (out / "tracks" / "C1.txt").read_bytes(), (out / "report.html").read_text()
     assert run(["align", str(out / "rig.toml"), "-o", str(out), "--camera", "C2"]) == 0
     assert capsys.readouterr().err == ""
     told = json.loads((out / "calibration.json").read_text())
     assert told["cameras"][1]["centre_m"][:2] == pytest.approx((0, 0), abs=1e-9)
     assert told["world"]["by"] == "camera C2"
     assert (out / "tracks" / "C1.txt").read_bytes() == before
+    assert (out / "report.html").read_text() != page
     first = (out / "rig.toml").read_bytes(), (out / "calibration.json").read_bytes()
     assert run(["align", str(out), "-o", str(out), "--camera", "C2"]) == 0
     again = read_rig(out / "rig.toml")

@@ -15,7 +15,7 @@ from passerby.geometry.geodesy import east_north_up, mean_place
 from passerby.geometry.known_places import KnownPositions
 from passerby.geometry.rotations import exp_rotation
 from passerby.world import align_to_camera, align_to_points, align_to_positions
-from passerby.world_residuals import KnownPoint, KnownPosition
+from passerby.world_places import KnownPoint, KnownPosition
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 SPOTS = ((-9.0, -8.0, 3.1), (9.0, -7.0, 2.7), (8.0, 9.0, 4.2), (-8.0, 8.0, 3.6))
@@ -150,7 +150,7 @@ def test_origin_and_heading_by_a_camera():
 def test_a_camera_that_looks_straight_down_needs_another():
     down = Camera("D", LENS, Pose.from_centre(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), np.array([1.0, 2, 5])))
     rig = Rig((*square(), down, Camera("N", LENS)))
-    with pytest.raises(EvidenceError, match=r"straight down.*--towards"):
+    with pytest.raises(EvidenceError, match=r"straight down.*`towards`"):
         align_to_camera(rig, "D")
     assert align_to_camera(rig, "D", "C1").rig["D"].centre == pytest.approx((0, 0, 5))
     with pytest.raises(EvidenceError, match="camera N has no pose: choose one of C1"):
@@ -298,7 +298,7 @@ def test_another_scale_is_told():
     wanted = square().moved(*turned(0.5, (1, 2, 0), 1.06))
     aligned = align_to_positions(square(), positions_in(wanted, sd=0.02))
     assert "fit to 0.7" in aligned.notes[0]
-    assert re.search(r"should be (5.9|6.[01]) % larger .*--scale", aligned.notes[1])
+    assert re.search(r"should be (5.9|6.[01]) % larger .*`scale`", aligned.notes[1])
 
 
 def test_geodetic_positions():

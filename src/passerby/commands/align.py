@@ -46,6 +46,7 @@ def align(
     from passerby.interchange.json_text import to_json
     from passerby.interchange.rig_toml import read_rig, write_rig
     from passerby.results import CALIBRATION_FILE, RIG_FILE
+    from passerby.terminal import stages
     from passerby.wanted_world import set_world
 
     wanted = _wanted(camera, towards, points, positions, scale, tilt)
@@ -62,7 +63,8 @@ def align(
         write_rig(out, aligned.rig)
     else:
         assert folder is not None
-        notes += write_aligned(folder, out, aligned)
+        with stages() as tell:
+            notes += write_aligned(folder, out, aligned, tell)
     if json:
         print(to_json({**aligned.figures, "notes": notes, "out": str(out)}), end="")
     else:

@@ -21,7 +21,7 @@ import numpy as np
 from passerby.errors import InputError
 from passerby.interchange.faults import FileFaults, read_text, read_toml
 from passerby.scene_errors import nearest
-from passerby.world_residuals import GPS_SD_M, POINT_SD_M, POSITION_SD_M, KnownPoint, KnownPosition
+from passerby.world_places import GPS_SD_M, POINT_SD_M, POSITION_SD_M, KnownPoint, KnownPosition
 
 Row = tuple[str, Mapping[str, Any]]
 """Where a row stands ("line 3"), and its fields."""
