@@ -89,6 +89,18 @@ def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
     assert table[start + 3] == ["A", "+", "B", "looks", "-", "-", "-", "-", "-", "yes"]
 
 
+def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
+    found = calibration(SEARCHED, lost=True)
+    association = replace(found.association, lost={"B": "B and A saw nobody walk at the same time"})
+    found = replace(found, association=association, verdict="doubtful", reasons=("camera B is lost: record more",))
+    show_calibration(found, verbose=False)
+    assert "nobody walk" not in capsys.readouterr().out
+    show_calibration(found, verbose=True)
+    shown = capsys.readouterr().out.splitlines()
+    assert "B: B and A saw nobody walk at the same time" in shown
+    assert "doubtful: camera B is lost: record more" in shown
+
+
 def test_stages_are_lines_for_those_who_want_them_where_there_is_no_terminal(capsys):
     for verbose, told in ((False, ""), (True, "reading\npairs of cameras: 21\n")):
         with stages(verbose) as tell:

@@ -30,7 +30,12 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     for finding in calibration.findings:
         print(f"note: {finding}")
     if verbose:
-        show_pairs(calibration.association.figures.get("pairs", []) if calibration.association else [])
+        if calibration.association is not None:
+            show_pairs(calibration.association.figures.get("pairs", []))
+            for camera, why in calibration.association.lost.items():
+                print(f"{camera}: {' '.join(why.split())}")
+        for reason in calibration.reasons:
+            print(f"{calibration.verdict}: {' '.join(reason.split())}")
         print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
         print(to_json(calibration.figures), end="")
 
