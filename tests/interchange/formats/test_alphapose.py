@@ -37,7 +37,7 @@ def test_joints_boxes_and_tracks(tmp_path):
     np.testing.assert_array_equal(found.keypoints.xy[1, :, 0], 100 + np.arange(17))
     np.testing.assert_array_equal(found.boxes.ltwh[0], (390, 480, 61, 171))
     assert found.boxes.score.tolist() == [2.9] * 3
-    assert found.notes == ()
+    assert found.notes == ("frame numbers are those of a video counted from 0, and are raised by one",)
 
 
 def test_halpe_has_feet_and_head(tmp_path):
@@ -98,6 +98,7 @@ def test_the_command_writes_boxes_too(tmp_path):
         ([person("1.jpg"), person("1.png")], "are both frame 1"),
         ([person("1.jpg"), person(2)], "some image_id are names"),
         ([person(-1)], "image_id is -1"),
+        ([person(10**30)], "image_id is 10000"),
         ([person("1.jpg", count=21)], "63 numbers a person"),
         ([person("1.jpg"), person("2.jpg", count=26)], "51 numbers of joints and others 78"),
         ([person("1.jpg", box=[1, 2, 3])], "box has 3 numbers: 4"),

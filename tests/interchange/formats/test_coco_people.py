@@ -139,6 +139,8 @@ def test_what_passerby_writes_is_read(tmp_path):
         (annotations([], [{"id": 1, "frame": 4}, {"id": 2, "frame": 4}]), "frame 4 is that of image 1 too"),
         (annotations([], [{"id": 1, "frame": 4}, {"id": 1, "frame": 5}]), "image id 1 stands twice"),
         (annotations([], [{"id": 1, "frame": 4.5}]), "frame is 4.5"),
+        (annotations([], [{"id": 1, "frame": 10**30}]), "frame is 10000"),
+        (annotations([annotation(box=(10**400, 2, 3, 4))]), "bbox holds 10000.*finite numbers"),
         (annotations([annotation(keypoints=body(count=4))]), "keypoints have 12 numbers, but the category has 17"),
         (annotations([annotation(box=(1, 2, 3))]), "bbox has 3 numbers"),
         (annotations([annotation(track_id="x")]), "track_id is 'x'"),

@@ -62,7 +62,7 @@ def test_a_video_counts_from_zero_and_empty_frames_are_frames(tmp_path):
     assert found.keypoints.frame.tolist() == [2, 2, 12]
     assert found.keypoints.identity.tolist() == [-1, -1, -1]
     assert len(found.boxes) == 0
-    assert found.notes == ()
+    assert found.notes == ("frame numbers are those of a video counted from 0, and are raised by one",)
 
 
 @pytest.mark.parametrize("name", ["cam1_{:06d}.json", "{}_keypoints.json", "picture {}_keypoints.json", "C1.{:04d}.json"])
@@ -131,7 +131,10 @@ def test_the_command_writes_what_a_scene_takes(tmp_path):
         ({"a_1.json": json.dumps({"people": [person(joints(25)), person(joints(18))]})}, "54 numbers.* others 75"),
         ({"a_1.json": json.dumps({"people": [person([0.5, 0.25, 0.9] * 25)]})}, "--keypoint_scale 0"),
         ({"a_1.json": '{"people": [{"pose_keypoints_2d": [], "person_id": ["x"]}]}'}, None),
-        ({"a_1.json": json.dumps({"people": [person(joints(25), "x")]})}, "person_id is 'x'"),
+        ({"a_1.json": json.dumps({"people": [person(joints(25), "x")]})}, r"person_id is \['x'\]"),
+        ({"a_1.json": json.dumps({"people": [person(joints(25), 10**400)]})}, "person_id is"),
+        ({"a_1.json": json.dumps({"people": [person([10**400, 1, 1])]})}, "finite numbers"),
+        ({"a_99999999999999999999.json": "{}"}, "does not end with a frame number"),
     ],
 )
 def test_broken_folders_are_told(tmp_path, files, match):

@@ -20,7 +20,7 @@ from typing import Any
 
 from passerby.errors import InputError
 from passerby.interchange.formats.format import Format, Given, People
-from passerby.interchange.formats.found_people import Found, identity_in, numbers_in, people_of
+from passerby.interchange.formats.found_people import Found, frame_in, identity_in, numbers_in, people_of
 from passerby.interchange.formats.frame_numbers import frames_of_names
 from passerby.interchange.formats.values import load_json
 
@@ -41,9 +41,11 @@ def read_people(path: Path, given: Given) -> People:
     if not isinstance(content, list):
         raise InputError(f"{path}: is not a list of people: give alphapose-results.json")
     people = [_checked(f"{path}: [{number}]", person) for number, person in enumerate(content)]
-    frames = _frames(path, [person["image_id"] for person in people])
-    found = [_found(f"{path}: [{number}]", person, frames[person["image_id"]]) for number, person in enumerate(people)]
-    return people_of(found, str(path))
+    images = [person["image_id"] for person in people]
+    video = all(isinstance(image, str) and _OF_A_VIDEO.fullmatch(image) for image in images)
+    frames = _frames(path, images)
+    found = [_found(f"{path}: [{number}]", person, frames[person["image_id"]] + video) for number, person in enumerate(people)]
+    return people_of(found, str(path), raised=video)
 
 
 def _checked(place: str, person: Any) -> dict[str, Any]:
@@ -60,15 +62,9 @@ def _frames(path: Path, images: list[str | int]) -> dict[str | int, int]:
     if len(names) not in (0, len(images)):
         raise InputError(f"{path}: some image_id are names and others numbers: give one recording")
     if not names:
-        return {image: _not_below_zero(path, image) for image in images if isinstance(image, int)}
-    video = all(_OF_A_VIDEO.fullmatch(name) for name in names)
-    return {name: frame + video for name, frame in frames_of_names(names, str(path)).items()}
-
-
-def _not_below_zero(path: Path, image: int) -> int:
-    if image < 0:
-        raise InputError(f"{path}: image_id is {image}: a number from 0 on is needed")
-    return image
+        return {image: frame_in(image, f"{path}: image_id") for image in images}
+    by_name = frames_of_names(names, str(path))
+    return {name: by_name[name] for name in names}
 
 
 def _found(place: str, person: dict[str, Any], frame: int) -> Found:

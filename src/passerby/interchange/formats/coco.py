@@ -23,7 +23,7 @@ from typing import Any
 
 from passerby.errors import InputError
 from passerby.interchange.formats.format import Format, Given, People
-from passerby.interchange.formats.found_people import Found, identity_in, numbers_in, people_of
+from passerby.interchange.formats.found_people import Found, frame_in, identity_in, numbers_in, people_of
 from passerby.interchange.formats.frame_numbers import frames_of_names
 from passerby.interchange.formats.values import load_json
 
@@ -106,10 +106,7 @@ def _frames_of_results(path: Path, results: list[Any]) -> Mapping[int | str, int
     if names:
         by_name = frames_of_names(names, str(path))
         return {name: by_name[name] for name in names}
-    wrong = next((image for image in images if type(image) is not int or image < 0), None)
-    if wrong is not None:
-        raise InputError(f"{path}: image_id is {wrong!r}: a whole number from 0 on, or a picture's name, is needed")
-    return {image: image for image in images if image is not None}
+    return {image: frame_in(image, f"{path}: image_id") for image in images if image is not None}
 
 
 def _frames_of_images(path: Path, images: Any) -> Mapping[int | str, int]:
@@ -130,8 +127,7 @@ def _frames_of_images(path: Path, images: Any) -> Mapping[int | str, int]:
     for number, image in enumerate(images):
         identifier = image["id"]
         frame = by_name[image["file_name"]] if key == "file_name" else image.get(key)
-        if type(frame) is not int or frame < 0:
-            raise InputError(f"{path}: images[{number}]: {key} is {frame!r}: a whole number from 0 on is needed")
+        frame = frame_in(frame, f"{path}: images[{number}]: {key}")
         if identifier in frames:
             raise InputError(f"{path}: images[{number}]: image id {identifier!r} stands twice: image ids must differ")
         if frame in image_of:

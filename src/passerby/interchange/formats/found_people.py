@@ -16,6 +16,9 @@ from passerby.observations import UNKNOWN, Boxes, Floats, Keypoints
 VISIBILITIES = (0.0, 1.0, 2.0)
 HIDDEN_CONFIDENCE = 0.5
 """Of a joint that an annotator placed though it was hidden, as `passerby.interchange.coco` has it."""
+LARGEST = 2.0**53
+"""No picture has such a coordinate, and above it numbers of JSON and of numpy part."""
+RAISED = "frame numbers are those of a video counted from 0, and are raised by one"
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,12 @@ class _Notes:
 
 
 def people_of(
-    found: Sequence[Found], place: str, *, names: tuple[str, ...] | None = None, visibilities: bool = False
+    found: Sequence[Found],
+    place: str,
+    *,
+    names: tuple[str, ...] | None = None,
+    visibilities: bool = False,
+    raised: bool = False,
 ) -> People:
     """The columns of one camera's people, sorted by frame and identity.
 
@@ -52,6 +60,7 @@ def people_of(
         found: everybody, in the file's order. All have the same joints.
         place: what a message begins with.
         names: the joints' names; None: as their number tells.
+        raised: whether frame numbers were raised by one, which is told.
         visibilities: third numbers that are 0, 1 and 2, one of them 2, are COCO's: not labelled, hidden, visible.
 
     Raises:
@@ -60,7 +69,7 @@ def people_of(
     Confidences above 1 become 1. People without a joint, flat boxes, and what stands twice are left out; where an identity
     stands twice in a frame, the surer one keeps it. All that is told in the notes.
     """
-    notes = _Notes()
+    notes = _Notes([RAISED] if raised and found else [])
     found = _with_single_identities(found, notes)
     keypoints = _keypoints([one for one in found if one.joints is not None], place, names, visibilities, notes)
     boxes = _boxes([one for one in found if one.box is not None], place, notes)
@@ -77,24 +86,34 @@ def numbers_in(values: Any, place: str, length: int | None = None) -> list[float
     if length is not None and len(values) != length:
         raise InputError(f"{place} has {len(values)} numbers: {length} are needed")
     for value in values:
-        if type(value) not in (int, float) or value in (float("inf"), float("-inf")):
+        if type(value) not in (int, float) or abs(value) > LARGEST:
             raise InputError(f"{place} holds {_shortened(value)}: finite numbers are needed")
     return values
 
 
 def identity_in(value: Any, place: str) -> int:
-    """An identity out of a JSON file: a whole number, a list of one or of equal ones, or nothing.
+    """An identity out of a JSON file: a whole number, equal ones in lists, or nothing.
 
-    Below 0, and several different ones in a list, are unknown. Raises `InputError` for other things.
+    Below 0, and several different ones, are unknown. Raises `InputError` for other things.
     """
-    if isinstance(value, list):
-        several = {identity_in(item, place) for item in value}
-        return several.pop() if len(several) == 1 else UNKNOWN
-    if value is None:
-        return UNKNOWN
-    if type(value) not in (int, float) or value != value // 1 or abs(value) > 2**53:
-        raise InputError(f"{place} is {_shortened(value)}: a whole number is needed, or nothing")
-    return int(value) if value >= 0 else UNKNOWN
+    several: set[int] = set()
+    waiting = [value]
+    while waiting:
+        item = waiting.pop()
+        if isinstance(item, list):
+            waiting.extend(item)
+        elif item is not None:
+            if type(item) not in (int, float) or not abs(item) <= LARGEST or item != item // 1:
+                raise InputError(f"{place} is {_shortened(value)}: a whole number is needed, or nothing")
+            several.add(int(item))
+    return max(several.pop(), UNKNOWN) if len(several) == 1 else UNKNOWN
+
+
+def frame_in(value: Any, place: str) -> int:
+    """A frame number out of a JSON file. Raises `InputError` for other things than whole numbers from 0 on."""
+    if type(value) is not int or not 0 <= value <= LARGEST:
+        raise InputError(f"{place} is {_shortened(value)}: a whole number from 0 on is needed")
+    return value
 
 
 def _with_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found]:

@@ -38,17 +38,17 @@ def read_people(path: Path, given: Given) -> People:
     files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".json" and not file.name.startswith("."))
     if not files:
         raise InputError(f"{path}: holds no JSON file: give the folder of --write_json, which has one file a frame")
-    found = [one for file, frame in _frames(path, files).items() for one in _people(file, frame)]
+    video = all(_OF_A_VIDEO.fullmatch(file.stem) for file in files)
+    found = [one for file, frame in _frames(path, files).items() for one in _people(file, frame + video)]
     _check_pixels(path, found)
-    return people_of(found, str(path))
+    return people_of(found, str(path), raised=video)
 
 
 def _frames(path: Path, files: list[Path]) -> Mapping[Path, int]:
-    """The frame of each file."""
-    stems = {file: file.stem.removesuffix(ENDING) for file in files}
-    frames = frames_of_names((f"{stem}.json" for stem in stems.values()), str(path))
-    video = all(_OF_A_VIDEO.fullmatch(file.stem) for file in files)
-    return {file: frames[f"{stem}.json"] + video for file, stem in stems.items()}
+    """The number of each file."""
+    names = {file: f"{file.stem.removesuffix(ENDING)}.json" for file in files}
+    frames = frames_of_names(names.values(), str(path))
+    return {file: frames[name] for file, name in names.items()}
 
 
 def _people(file: Path, frame: int) -> list[Found]:
