@@ -1,0 +1,121 @@
+"""Lenses in other models: what is held is held exactly, and what a fit says of itself is true."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Lens
+from passerby.errors import InputError
+from passerby.interchange.formats import lens_models as lm
+from passerby.interchange.formats.losses import Losses
+
+SIZE = (1280, 720)
+MATRIX = np.array([[900.0, 0, 652], [0, 911, 349], [0, 0, 1]])
+RATIONAL = np.array([-0.21, 0.06, 0.0012, -0.0017, 0.01, 0.021, -0.012, 0.004])
+PINHOLES = (lm.PINHOLE, lm.RADTAN_4, lm.RADTAN_5, lm.RATIONAL_8, lm.PRISM_12, lm.TILTED_14)
+
+
+def lens_with(*coefficients, fisheye=False, matrix=MATRIX):
+    return Lens(SIZE, matrix, np.array(coefficients), fisheye)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "first"),
+    [
+        ((), lm.PINHOLE),
+        ((0, 0, 0, 0, 0), lm.PINHOLE),
+        ((-0.2, 0, 0, 0, 0), lm.RADTAN_4),
+        ((*RATIONAL[:4], 0.01), lm.RADTAN_5),
+        ((*RATIONAL[:5], 0, 0, 0), lm.RADTAN_5),
+        (tuple(RATIONAL), lm.RATIONAL_8),
+        ((*RATIONAL, 0, 0, 0, 0, 0, 0), lm.RATIONAL_8),
+        ((*RATIONAL, 0, 0.001, 0, 0), lm.PRISM_12),
+        ((*RATIONAL, 0, 0, 0, 0, 0, 0.01), lm.TILTED_14),
+    ],
+)
+def test_the_simplest_model_that_holds_a_lens(coefficients, first):
+    losses = Losses()
+    lens, model = lm.expressed(Camera("C", lens_with(*coefficients)), PINHOLES, losses)
+    assert model is first
+    assert losses.told == ()
+    rays = np.random.default_rng(0).uniform((-0.6, -0.35, 1), (0.6, 0.35, 1), (50, 3))
+    np.testing.assert_allclose(lens.project_rays(rays), lens_with(*coefficients).project_rays(rays), atol=1e-9)
+
+
+def test_a_fisheye_is_no_pinhole_nor_the_other_way_round():
+    assert lm.held(lens_with(fisheye=True), lm.TILTED_14) is None
+    assert lm.held(lens_with(), lm.FISHEYE) is None
+
+
+def test_unequal_focal_lengths_and_a_middle_elsewhere_are_no_small_thing():
+    assert lm.held(lens_with(), replace(lm.PINHOLE, one_focal=True)) is None
+    assert lm.held(lens_with(), replace(lm.PINHOLE, centred=True)) is None
+    square = np.array([[900.0, 0, 639.5], [0, 900, 359.5], [0, 0, 1]])
+    assert lm.held(lens_with(matrix=square), replace(lm.PINHOLE, one_focal=True, centred=True)) is not None
+
+
+def fine_error(lens, other):
+    """Over four times as many pixels across and down as fits are judged on."""
+    across, down = (np.linspace(-0.5, length - 0.5, 4 * n) for length, n in zip(SIZE, lm.GRID, strict=True))
+    pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    rays = lm._bearings(lens, pixels)
+    known = np.isfinite(rays).all(axis=1)
+    if not other.fisheye:
+        known &= rays[:, 2] >= np.cos(np.radians(lm.WIDEST_PINHOLE_DEG))
+    return np.linalg.norm(other.project_rays(rays[known]) - lens.project_rays(rays[known]), axis=1).max()
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("model", [lm.PINHOLE, lm.RADTAN_5, lm.RATIONAL_8, replace(lm.RADTAN_4, one_focal=True, centred=True)])
+def test_the_told_error_is_true_of_any_lens(seed, model):
+    rng = np.random.default_rng(seed)
+    skewed = MATRIX + np.array([[0, rng.uniform(1, 4), 0], [0, 0, 0], [0, 0, 0]])
+    fisheye = np.diag([0.5, 0.5, 1]) @ MATRIX + np.array([[0, 0, 320], [0, 0, 175], [0, 0, 0]])
+    for lens in (
+        lens_with(matrix=skewed),
+        lens_with(*RATIONAL * rng.uniform(0.7, 1.3, 8), *rng.normal(0, 0.001, 4), *rng.normal(0, 0.02, 2)),
+        lens_with(*rng.normal(0, 0.02, 4), fisheye=True, matrix=fisheye),
+    ):
+        losses = Losses()
+        found, _ = lm.expressed(Camera("C", lens), (model,), losses)
+        stated = float(re.search(r"up to ([\d.e+-]+) px off", losses.told[0])[1])
+        assert fine_error(lens, found) <= stated
+        if model.one_focal:
+            assert found.matrix[0, 0] == found.matrix[1, 1]
+            assert found.matrix[:2, 2].tolist() == [639.5, 359.5]
+
+
+@pytest.mark.parametrize(
+    "model", [lm.RADTAN_5, lm.TILTED_14, replace(lm.RATIONAL_8, one_focal=True), replace(lm.PRISM_12, centred=True)]
+)
+def test_derivatives_are_those_of_differences(model):
+    lens = lm._within(lens_with(*RATIONAL, 1e-3, -1e-3, 5e-4, 2e-4, 0.01, -0.02), model)
+    rays = np.random.default_rng(1).uniform((-0.6, -0.35, 1), (0.6, 0.35, 1.2), (30, 3))
+    numbers = lm._numbers(lens, model)
+    found = lm._slopes(lens, model, rays)
+    assert found.shape == (60, numbers.size)
+    for index, number in enumerate(numbers):
+        step = np.zeros(numbers.size)
+        step[index] = 1e-6 * max(1.0, abs(number))
+        ahead, behind = (lm._lens(lens, model, numbers + sign * step).project_rays(rays).ravel() for sign in (1, -1))
+        difference = (ahead - behind) / (2 * step[index])
+        np.testing.assert_allclose(found[:, index], difference, atol=1e-4 * np.abs(difference).max())
+
+
+def test_a_rational_model_that_divides_by_zero_in_the_picture_is_no_fit():
+    rays = lm.Rays.of(lens_with())
+    assert lm._has_pole(lens_with(0.0, 0, 0, 0, 0, -4.0, 0, 0), rays)
+    assert not lm._has_pole(lens_with(0.0, 0, 0, 0, 0, -0.5, 0, 0), rays)
+    assert not lm._has_pole(lens_with(*RATIONAL), rays)
+
+
+def test_a_lens_without_any_ray_is_an_error():
+    with pytest.raises(InputError, match=r"camera C: its lens .* cannot even be fitted"):
+        lm.expressed(Camera("C", lens_with(-3.0, 0, 0, 0, matrix=np.diag([30.0, 30, 1]))), (lm.PINHOLE,), Losses())
+
+
+@pytest.mark.parametrize(("pixels", "told"), [(0.0123, "0.013"), (1.0, "1.1"), (123.4, "130"), (9.85, "10"), (0, "1e-09")])
+def test_errors_are_rounded_up(pixels, told):
+    assert lm._rounded_up(pixels) == told

@@ -1,0 +1,113 @@
+"""OpenCV's files as OpenCV's own programs write them."""
+
+import cv2
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.errors import InputError
+from passerby.interchange.formats import Export, Given, export, read_rig_as
+from passerby.interchange.opencv_lens import read_opencv_lens
+
+MATRIX = np.array([[900.0, 0, 640], [0, 905, 360], [0, 0, 1]])
+DISTORTIONS = np.array([-0.2, 0.05, 0.001, -0.002, 0.01])
+TURN = cv2.Rodrigues(np.array([0.1, -0.4, 0.2]))[0]
+MOVE = np.array([0.5, -1.0, 4.0])
+POINTS = np.random.default_rng(0).uniform((-1, -1, 2), (1, 1, 6), (40, 3))
+
+
+def write(path, **values):
+    storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
+    for key, value in values.items():
+        storage.write(key, value)
+    storage.release()
+
+
+def projected(turn=TURN, move=MOVE, matrix=MATRIX, distortions=DISTORTIONS):
+    return cv2.projectPoints(POINTS, cv2.Rodrigues(np.array(turn))[0], np.array(move), matrix, distortions)[0][:, 0]
+
+
+@pytest.mark.parametrize("ending", [".yml", ".xml", ".json"])
+@pytest.mark.parametrize("rotation", [TURN, cv2.Rodrigues(TURN)[0]], ids=["matrix", "vector"])
+def test_one_file(ending, rotation, tmp_path):
+    path = tmp_path / f"yard{ending}"
+    write(path, K=MATRIX, dist=DISTORTIONS, image_width=1280, image_height=720, rvec=rotation, tvec=1000 * MOVE)
+    with pytest.raises(InputError, match="does not tell the unit of its translation"):
+        read_rig_as("opencv", path)
+    rig, told = read_rig_as("opencv", path, Given(metres_per_unit=0.001))
+    assert told == ()
+    assert rig.names == ("yard",)
+    np.testing.assert_allclose(rig["yard"].project(POINTS), projected(), atol=1e-9)
+
+
+def test_files_without_poses_are_lenses_in_the_order_of_their_names(tmp_path):
+    for name in ("C10", "C2"):
+        write(tmp_path / f"{name}.yml", camera_matrix=MATRIX, distortion_coefficients=DISTORTIONS)
+    write(tmp_path / "other.yml", threshold=3.0)
+    with pytest.raises(InputError, match=r"C2\.yml: tells no picture size.*--size"):
+        read_rig_as("opencv", tmp_path)
+    rig, _ = read_rig_as("opencv", tmp_path, Given((1280, 720)))
+    assert rig.names == ("C2", "C10")
+    assert all(camera.pose is None for camera in rig)
+
+
+def test_the_pair_of_the_stereo_sample(tmp_path):
+    write(tmp_path / "intrinsics.yml", M1=MATRIX, D1=DISTORTIONS, M2=MATRIX + np.diag([5.0, 5, 0]), D2=DISTORTIONS)
+    write(tmp_path / "extrinsics.yml", R=TURN, T=MOVE[:, None], Q=np.eye(4))
+    rig, _ = read_rig_as("opencv", tmp_path, Given((1280, 720), 1.0))
+    np.testing.assert_allclose(rig["camera1"].project(POINTS), projected(np.eye(3), np.zeros(3)), atol=1e-9)
+    np.testing.assert_allclose(rig["camera2"].project(POINTS), projected(matrix=MATRIX + np.diag([5.0, 5, 0])), atol=1e-9)
+
+
+def test_the_file_of_the_multi_view_sample(tmp_path):
+    fisheye = np.array([0.03, -0.01, 0.002, 0.0])
+    write(
+        tmp_path / "rig.yaml",
+        rvecs=np.array([np.zeros((3, 1)), cv2.Rodrigues(TURN)[0]]),
+        Ts=np.array([np.zeros(3), MOVE]),
+        Ks=np.array([MATRIX, MATRIX]),
+        distortions=np.array([DISTORTIONS, [*fisheye, 0.0]])[:, None],
+        is_fisheye=np.array([0, 1]),
+        image_sizes=np.array([[1280, 720], [1280, 720]]),
+        cam_ids="left,right",
+    )
+    rig, _ = read_rig_as("opencv", tmp_path / "rig.yaml", Given(metres_per_unit=1.0))
+    assert rig.names == ("left", "right")
+    np.testing.assert_allclose(rig["left"].project(POINTS), projected(np.eye(3), np.zeros(3)), atol=1e-9)
+    seen = cv2.fisheye.projectPoints(POINTS[:, None], cv2.Rodrigues(TURN)[0], MOVE[:, None], MATRIX, fisheye)[0][:, 0]
+    np.testing.assert_allclose(rig["right"].project(POINTS), seen, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"R": TURN}, r"has no translation \(T\): give both"),
+        ({"T": MOVE}, r"has no rotation \(R\): give both"),
+        ({"R": np.ones((3, 3)), "T": MOVE}, "the rotation .* is none"),
+        ({"R": -np.eye(3), "T": MOVE}, "the rotation .* is none"),
+        ({"R": np.eye(2), "T": MOVE}, "has 4 and 3 numbers"),
+        ({"R": "north", "T": MOVE}, "the rotation is 'north': finite numbers"),
+    ],
+)
+def test_poses_that_are_none(values, said, tmp_path):
+    write(tmp_path / "C1.yml", K=MATRIX, D=DISTORTIONS, image_width=1280, image_height=720, **values)
+    with pytest.raises(InputError, match=said) as told:
+        read_rig_as("opencv", tmp_path, Given(metres_per_unit=1.0))
+    assert str(tmp_path / "C1.yml") in str(told.value)
+
+
+def test_what_is_written_is_found_as_a_lens_by_its_file_alone(tmp_path):
+    lens = Lens((1280, 720), MATRIX, np.array([0.03, -0.01, 0.002, 0.0]), fisheye=True)
+    export(Export(Rig((Camera("C1", lens, Pose(TURN, MOVE)),))), "opencv", tmp_path / "calib")
+    stored = read_opencv_lens(tmp_path / "calib" / "C1.yml")
+    assert stored.size == (1280, 720)
+    assert stored.fisheye
+    np.testing.assert_array_equal(stored.distortions, lens.distortions)
+
+
+def test_names_that_opencv_cannot_bear_are_those_of_the_files(tmp_path):
+    rig = Rig(tuple(Camera(name, Lens((1280, 720), MATRIX, DISTORTIONS)) for name in ("true", '"q"', "x: y", "#z")))
+    export(Export(rig), "opencv", tmp_path)
+    back, _ = read_rig_as("opencv", tmp_path)
+    assert back.names == ("true", "_q_", "x: y", "#z")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["_q_.yml", "_z.yml", "true.yml", "x_ y.yml"]
