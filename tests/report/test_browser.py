@@ -292,14 +292,23 @@ def test_the_keyboard_reaches_everything(laptop):
     assert "none" not in outlines  # where the focus is can be seen
 
 
-def test_the_view_in_space_is_turned_by_buttons(laptop):
+def test_the_view_in_space_is_chosen_and_turned(laptop):
     eye = "JSON.stringify(document.getElementById('rig-space')._fullLayout.scene._scene.getCamera().eye)"
     seen = [laptop.told(eye)]
-    for name in ("From above", "From the side", "Oblique", "Turn left", "Nearer"):
-        laptop.page.click(f".view-buttons button:has-text('{name}')")
+    views = laptop.page.get_by_label("View", exact=True)
+    assert views.locator("option").count() >= 4
+    for number in (1, 2, 3):
+        views.select_option(str(number))
         laptop.until(f"{eye} !== '{seen[-1]}'")
         seen.append(laptop.told(eye))
-    assert len(set(seen[1:])) == 5
+    for name in ("Turn left", "Nearer"):
+        laptop.page.get_by_role("button", name=name).click()
+        laptop.until(f"{eye} !== '{seen[-1]}'")
+        seen.append(laptop.told(eye))
+    assert len(set(seen)) == 6
+    assert views.input_value() == ""
+    views.select_option("0")
+    laptop.until(f"{eye} !== '{seen[-1]}'")
 
 
 def test_one_person_is_shown_in_the_timeline(laptop):

@@ -151,6 +151,8 @@
     const layout = themed(figure.layout);
     // On a touch screen a finger on a flat plot scrolls the page.
     if (byTouch && !inSpace) layout.dragmode = false;
+    // Where both axes have one scale, a narrow and high plot would be mostly empty.
+    if (layout.height && layout.yaxis && layout.yaxis.scaleanchor) layout.height = Math.min(layout.height, 1.25 * place.clientWidth);
     const config = { responsive: true, displayModeBar: false, displaylogo: false, scrollZoom: false, doubleClick: "reset" };
     return Plotly.react(place, resolved(figure.data), layout, config).then(() => { place.dataset.drawn = "yes"; });
   }
@@ -181,25 +183,38 @@
     return camera;
   }
 
-  const UPRIGHT = { x: 0, y: 0, z: 1 }, MIDDLE = { x: 0, y: 0, z: 0 };
-  const VIEWS = [
-    ["Oblique", () => ({ eye: { x: 1.1, y: -1.5, z: 1.0 }, up: UPRIGHT, center: MIDDLE })],
-    ["From above", () => ({ eye: { x: 0, y: -0.01, z: 2.2 }, up: { x: 0, y: 1, z: 0 }, center: MIDDLE })],
-    ["From the side", () => ({ eye: { x: 0, y: -2.0, z: 0.25 }, up: UPRIGHT, center: MIDDLE })],
-    ["Turn left", (place) => turned(place, -Math.PI / 12, 1)],
-    ["Turn right", (place) => turned(place, Math.PI / 12, 1)],
-    ["Nearer", (place) => turned(place, 0, 0.8)],
-    ["Farther", (place) => turned(place, 0, 1.25)],
+  const STEPS = [
+    ["Turn left", -Math.PI / 12, 1], ["Turn right", Math.PI / 12, 1], ["Nearer", 0, 0.8], ["Farther", 0, 1.25],
   ];
+
+  function plain(label) {
+    return new DOMParser().parseFromString(label, "text/html").documentElement.textContent;
+  }
+
+  function tool(name, act) {
+    const one = document.createElement("button");
+    one.type = "button";
+    one.textContent = name;
+    one.addEventListener("click", act);
+    return one;
+  }
+
   all(".plot-space").forEach(function (place) {
     const tools = place.parentNode.querySelector(".view-buttons");
-    VIEWS.forEach(function ([name, camera]) {
-      const one = document.createElement("button");
-      one.type = "button";
-      one.textContent = name;
-      one.addEventListener("click", () => Plotly.relayout(place, { "scene.camera": camera(place) }));
-      tools.append(one);
-    });
+    const meta = JSON.parse(document.getElementById(place.id + "-figure").textContent).layout.meta;
+    const views = (meta && meta.views) || [];
+    const choice = document.createElement("select");
+    choice.setAttribute("aria-label", "View");
+    views.forEach((view, number) => choice.add(new Option(plain(view.label), String(number))));
+    const turnedByHand = new Option("as turned", "");
+    turnedByHand.hidden = true;
+    choice.add(turnedByHand);
+    choice.addEventListener("change", () => Plotly.relayout(place, { "scene.camera": views[Number(choice.value)].camera }));
+    if (views.length) tools.append(choice);
+    STEPS.forEach(([name, angle, nearer]) => tools.append(tool(name, function () {
+      choice.value = "";
+      Plotly.relayout(place, { "scene.camera": turned(place, angle, nearer) });
+    })));
   });
 
   // One person in the timeline
