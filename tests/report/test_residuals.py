@@ -90,12 +90,14 @@ def test_the_map_draws_each_cell_and_its_arrow_to_scale():
     root = parsed(svg)
     cells = residual_cells(residuals_of(fit, name), rig[name].lens.size)
     assert len(list(layer(root, "cells"))) == np.count_nonzero(cells.count)
-    arrows = of_class(root, "arrow")
-    assert len(arrows) == np.count_nonzero(cells.count >= FEWEST)
     factor = int(root.get("data-magnification"))
-    for path, row, column in zip(arrows, *np.nonzero(cells.count >= FEWEST), strict=True):
+    arrows = {tuple(map(int, g.get("data-cell").split())): of_class(g, "arrow")[0] for g in layer(root, "arrows")}
+    assert {(int(row), int(column)) for row, column in np.argwhere(cells.sure)} <= set(arrows)
+    for (row, column), path in arrows.items():
         begin, end = (np.array(part.split(), float) for part in path.get("d").split("M")[1].split("L"))
+        assert cells.count[row, column] >= FEWEST
         assert np.abs(end - begin - factor * cells.mean[row, column]).max() < 0.11
+        assert np.linalg.norm(end - begin) < 3.1 * min(cells.size)
         assert ("faint" in path.get("class")) != cells.sure[row, column]
     assert f"{factor} times" in svg
     assert svg == residual_map(told, fitted(told), name)

@@ -55,7 +55,8 @@ def boxes_layer(sheet: Sheet, contents: Contents, now: Fitted) -> Html:
 def _misses(sheet: Sheet, now: Fitted) -> dict[int, str]:
     """By person, how far the box that was seen is off the model's, in words."""
     s, place, told = now.sightings, now.place(sheet.camera.name), {}
-    for row in np.flatnonzero(s.camera == place).tolist() if place is not None else ():
+    known = (s.camera == place) & np.isfinite(s.centre_px).all(axis=1)
+    for row in np.flatnonzero(known).tolist():
         told[int(s.identity[row])] = (
             f"person {s.identity[row]}: centre {offset_words(s.centre_px[row])} of the model's, "
             f"{now.bodies.cameras[s.body[row]]} cameras agree"

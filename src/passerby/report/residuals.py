@@ -26,8 +26,9 @@ FEWEST = 4
 SURE = 2.0
 """Standard errors beyond which a mean is no chance; the arrows of the others are faint."""
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-LONGEST = 1.2
-"""Of the longest sure arrow, in cells."""
+USUAL_SHARE, USUAL_CELLS, MOST_CELLS = 0.85, 0.9, 3.0
+"""So many of the sure arrows are drawn at most this long, and all of them at most that long, in cells. A faint arrow that would
+be longer is left out."""
 STEPS_PX = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)
 STRIP = 0.09
 """Height of the legend, of the picture's width."""
@@ -159,9 +160,11 @@ def _arrows(cells: Cells, factor: int) -> Html:
     """From each cell's middle to where things were seen, magnified."""
     wide, high = cells.size
     parts = []
-    for row, column in zip(*np.nonzero(cells.count >= FEWEST), strict=True):
+    shown = (cells.count >= FEWEST) & (cells.sure | (factor * _lengths(cells) <= MOST_CELLS * min(cells.size)))
+    for row, column in zip(*np.nonzero(shown), strict=True):
         middle = np.array([(column + 0.5) * wide, (row + 0.5) * high])
-        parts.append(_arrow(middle, factor * cells.mean[row, column], bool(cells.sure[row, column]), 0.16 * min(wide, high)))
+        arrow = _arrow(middle, factor * cells.mean[row, column], bool(cells.sure[row, column]), 0.16 * min(wide, high))
+        parts.append(element("g", arrow, data_cell=f"{row} {column}"))
     return join(*parts)
 
 
@@ -210,11 +213,18 @@ def _words(words: str, x: float, y: float, letters: float) -> Html:
 
 def _magnification(cells: Cells) -> int:
     """How many times as long arrows are drawn as they are."""
-    sure = cells.sure if cells.sure.any() else cells.count >= FEWEST
-    longest = float(np.linalg.norm(cells.mean[sure], axis=1).max()) if sure.any() else 0.0
-    room = LONGEST * min(cells.size)
-    fitting = [factor for factor in MAGNIFICATIONS if factor * longest <= room]
+    chosen = cells.sure if cells.sure.any() else cells.count >= FEWEST
+    lengths, cell = _lengths(cells)[chosen], min(cells.size)
+    if not len(lengths):
+        return MAGNIFICATIONS[0]
+    usual, longest = float(np.quantile(lengths, USUAL_SHARE)), float(lengths.max())
+    fitting = [one for one in MAGNIFICATIONS if one * usual <= USUAL_CELLS * cell and one * longest <= MOST_CELLS * cell]
     return fitting[-1] if fitting else MAGNIFICATIONS[0]
+
+
+def _lengths(cells: Cells) -> Floats:
+    """(R, C) of the means, pixels; NaN where there is none."""
+    return np.asarray(np.linalg.norm(cells.mean, axis=2))
 
 
 def _above(value: float) -> float:

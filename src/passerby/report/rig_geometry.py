@@ -105,16 +105,23 @@ def frustum(camera: Camera, depth: float) -> Floats:
 
 
 def wedge(camera: Camera, length: float) -> Floats:
-    """(N, 2) border of the ground that a camera sees within `length` of it, from the camera on, metres; convex, closed."""
+    """(N, 2) border of the ground that a camera sees within `length` of it, from the camera on, metres; convex, closed.
+
+    The camera's place alone where its lens model cannot be inverted anywhere.
+    """
     rays = border_rays(camera)
     rays = rays[np.isfinite(rays).all(axis=1)]
+    if not len(rays):
+        return np.asarray(camera.centre[None, :2])
     level = np.linalg.norm(rays[:, :2], axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        to_ground = np.where(rays[:, 2] < 0, camera.centre[2] * level / -rays[:, 2], np.inf)
+        to_ground = np.where(rays[:, 2] < 0, max(camera.centre[2], 0.0) * level / -rays[:, 2], np.inf)
     reach = np.clip(np.nan_to_num(to_ground, nan=length, posinf=length), 0.0, length)
     seen = reach[:, None] * rays[:, :2] / np.maximum(level, 1e-9)[:, None]
-    hull = cv2.convexHull(np.concatenate([np.zeros((1, 2)), seen]).astype(np.float32))[:, 0].astype(np.float64)
-    return np.asarray(camera.centre[:2] + np.concatenate([hull, hull[:1]]))
+    # OpenCV knows no hull of points that are all one.
+    hull = cv2.convexHull(np.concatenate([np.zeros((1, 2)), seen]).astype(np.float32))
+    outline = np.zeros((1, 2)) if hull is None else hull[:, 0].astype(np.float64)
+    return np.asarray(camera.centre[:2] + np.concatenate([outline, outline[:1]]))
 
 
 def ground_covariance(camera: Camera) -> tuple[Floats, bool] | None:
