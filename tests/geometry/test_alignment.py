@@ -229,6 +229,27 @@ def test_a_wrong_position_is_named(seed):
     assert apart(aligned.rig, wanted) < 0.4
 
 
+@pytest.mark.parametrize(
+    ("count", "with_scale", "tilt"), [(3, False, False), (4, True, False), (5, False, True), (5, True, True)]
+)
+def test_so_few_positions_are_enough_to_name_a_wrong_one(count, with_scale, tilt):
+    """One fewer, and nobody is named rather than somebody wrongly."""
+    more = looking((0.0, 6.0, 3.0), name="C5")
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        rig = Rig((*square(), more)[:count])
+        known = positions_in(rig.moved(*turned(1.0, (5.0, 5.0, 0.0))), rng, 0.05)
+        wrong = int(rng.integers(count))
+        known[wrong] = KnownPosition(f"C{wrong + 1}", known[wrong].place + rng.choice([-1, 1], 3) * (2.5, 2.5, 1.0), 0.05)
+        aligned = align_to_positions(rig, known, with_scale=with_scale, tilt=tilt)
+        assert [row["camera"] for row in aligned.residuals if not row["used"]] == [f"C{wrong + 1}"]
+        if count > 3 and wrong < count - 1:
+            fewer = Rig(rig.cameras[:-1])
+            aligned = align_to_positions(fewer, known[:-1], with_scale=with_scale, tilt=tilt)
+            assert all(row["used"] for row in aligned.residuals)
+            assert aligned.notes
+
+
 def test_a_wrong_point_is_named():
     wanted = square().moved(*turned(1.0, (10, 0, 0)))
     points = points_in(wanted, 6, np.random.default_rng(7), noise_px=1.0)
