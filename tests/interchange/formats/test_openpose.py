@@ -149,6 +149,11 @@ def test_broken_folders_are_told(tmp_path, files, match):
     assert "\n" not in str(error.value)
 
 
+def test_people_without_any_joint_are_no_scaled_ones(tmp_path):
+    found = read_people_as("openpose", written(tmp_path / "C1", {0: [person([0] * 75)]}))
+    assert len(found.keypoints) == 0
+
+
 def test_a_file_is_no_folder(tmp_path):
     (tmp_path / "a_1.json").write_text("{}")
     with pytest.raises(InputError, match="give the folder of --write_json"):

@@ -21,17 +21,17 @@ LARGEST = 2.0**53
 RAISED = "frame numbers are those of a video counted from 0, and are raised by one"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Found:
     """One person in one picture, as a file has it."""
 
     frame: int
     identity: int = UNKNOWN
     score: float = 1.0
-    box: Sequence[float] | None = None
-    """left, top, width, height in pixels."""
-    joints: Sequence[float] | None = None
-    """x, y and confidence of each joint. 0 or less, or NaN: not found."""
+    box: Floats | None = None
+    """(4,) left, top, width, height in pixels."""
+    joints: Floats | None = None
+    """(3 J,) x, y and confidence of each joint. 0 or less, or NaN: not found."""
 
 
 @dataclass
@@ -76,8 +76,8 @@ def people_of(
     return People(boxes, keypoints, tuple(notes.told))
 
 
-def numbers_in(values: Any, place: str, length: int | None = None) -> list[float]:
-    """A list of numbers out of a JSON file; NaN, which some tools write for what they did not find, among them.
+def numbers_in(values: Any, place: str, length: int | None = None) -> Floats:
+    """(N,) the numbers of a list out of a JSON file; NaN, which some tools write for what they did not find, among them.
 
     Raises `InputError` for another thing than a list of numbers, for infinite ones, and for another `length`.
     """
@@ -88,7 +88,7 @@ def numbers_in(values: Any, place: str, length: int | None = None) -> list[float
     for value in values:
         if type(value) not in (int, float) or abs(value) > LARGEST:
             raise InputError(f"{place} holds {_shortened(value)}: finite numbers are needed")
-    return values
+    return np.array(values, dtype=np.float64)
 
 
 def identity_in(value: Any, place: str) -> int:
@@ -148,16 +148,17 @@ def _without_identity(one: Found) -> Found:
 
 def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, visibilities: bool, notes: _Notes) -> Keypoints:
     """The joints of those who have any."""
-    if not found:
+    rows = [one.joints for one in found if one.joints is not None]
+    if not rows:
         return Keypoints.empty()
-    lengths = sorted({len(one.joints or ()) for one in found})
+    lengths = sorted({len(row) for row in rows})
     if len(lengths) > 1:
         raise InputError(
             f"{place}: some people have {lengths[0]} numbers of joints and others {lengths[-1]}: give one recording"
         )
     names = _names(lengths[0], names, place)
     kept = ordered_joints(names)
-    table = np.array([one.joints for one in found], dtype=np.float64).reshape(len(found), -1, 3)
+    table = np.array(rows).reshape(len(rows), -1, 3)
     table = table[:, [names.index(name) for name in kept]]
     lost = np.isnan(table).any(axis=2) | (np.nan_to_num(table[..., 2]) <= 0)
     table[lost] = 0.0
@@ -199,12 +200,14 @@ def _boxes(found: list[Found], place: str, notes: _Notes) -> Boxes:
     """The boxes of those who have one."""
     if not found:
         return Boxes.empty()
-    ltwh = np.array([one.box for one in found], dtype=np.float64).reshape(-1, 4)
+    ltwh = np.array([one.box for one in found])
     score = np.array([one.score for one in found], dtype=np.float64)
     broken = np.flatnonzero(~np.isfinite(ltwh).all(axis=1) | ~np.isfinite(score))
     if len(broken):
         one = found[int(broken[0])]
-        raise InputError(f"{place}: a box of frame {one.frame} is {list(one.box or ())}, score {one.score}: not finite numbers")
+        raise InputError(
+            f"{place}: a box of frame {one.frame} is {ltwh[broken[0]].tolist()}, score {one.score}: not finite numbers"
+        )
     frame, identity = _whole([one.frame for one in found]), _whole([one.identity for one in found])
     order = np.lexsort((identity, frame))
     order = order[(ltwh[order, 2:] > 0).all(axis=1)]

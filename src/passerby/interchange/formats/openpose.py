@@ -23,6 +23,7 @@ from passerby.interchange.formats.format import Format, Given, People
 from passerby.interchange.formats.found_people import Found, identity_in, numbers_in, people_of
 from passerby.interchange.formats.frame_numbers import frames_of_names
 from passerby.interchange.formats.values import load_json
+from passerby.observations import Keypoints
 
 ENDING = "_keypoints"
 _OF_A_VIDEO = re.compile(r"(?:^|.*\D)\d{12}" + ENDING)
@@ -40,8 +41,9 @@ def read_people(path: Path, given: Given) -> People:
         raise InputError(f"{path}: holds no JSON file: give the folder of --write_json, which has one file a frame")
     video = all(_OF_A_VIDEO.fullmatch(file.stem) for file in files)
     found = [one for file, frame in _frames(path, files).items() for one in _people(file, frame + video)]
-    _check_pixels(path, found)
-    return people_of(found, str(path), raised=video)
+    people = people_of(found, str(path), raised=video)
+    _check_pixels(path, people.keypoints)
+    return people
 
 
 def _frames(path: Path, files: list[Path]) -> Mapping[Path, int]:
@@ -63,26 +65,20 @@ def _people(file: Path, frame: int) -> list[Found]:
         if not isinstance(person, dict) or "pose_keypoints_2d" not in person:
             raise InputError(f"{place}: has no pose_keypoints_2d: run OpenPose with body joints")
         joints = numbers_in(person["pose_keypoints_2d"], f"{place}: pose_keypoints_2d")
-        if not joints:  # only a face or a hand was found
+        if not len(joints):  # only a face or a hand was found
             continue
         identity = identity_in(person.get("person_id"), f"{place}: person_id")
         found.append(Found(frame, identity, float(np.nansum(joints[2::3])), joints=joints))
     return found
 
 
-def _check_pixels(path: Path, found: list[Found]) -> None:
+def _check_pixels(path: Path, keypoints: Keypoints) -> None:
     """That coordinates are pixels."""
-    largest = max((abs(value) for one in found for value in _coordinates(one)), default=np.inf)
-    if largest <= SCALED:
+    found = np.abs(keypoints.xy[keypoints.score > 0])
+    if found.size and found.max() <= SCALED:
         raise InputError(
-            f"{path}: no coordinate is above {largest:.3g}: run OpenPose with --keypoint_scale 0, which gives pixels"
+            f"{path}: no coordinate is above {found.max():.3g}: run OpenPose with --keypoint_scale 0, which gives pixels"
         )
-
-
-def _coordinates(one: Found) -> list[float]:
-    """Coordinates of the joints that were found."""
-    joints = one.joints or ()
-    return [value for k in range(0, len(joints) - 2, 3) if joints[k + 2] > 0 for value in joints[k : k + 2]]
 
 
 FORMAT = Format(
