@@ -9,6 +9,7 @@ import pytest
 from passerby.cameras import Camera, Lens
 from passerby.errors import InputError
 from passerby.interchange.formats import lens_models as lm
+from passerby.interchange.formats import lens_rays as lr
 from passerby.interchange.formats.losses import Losses
 
 SIZE = (1280, 720)
@@ -58,12 +59,12 @@ def test_unequal_focal_lengths_and_a_middle_elsewhere_are_no_small_thing():
 
 def fine_error(lens, other):
     """Over four times as many pixels across and down as fits are judged on."""
-    across, down = (np.linspace(-0.5, length - 0.5, 4 * n) for length, n in zip(SIZE, lm.GRID, strict=True))
+    across, down = (np.linspace(-0.5, length - 0.5, 4 * n) for length, n in zip(SIZE, lr.GRID, strict=True))
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-    rays = lm._bearings(lens, pixels)
+    rays = lr.bearings_of(lens, pixels)
     known = np.isfinite(rays).all(axis=1)
     if not other.fisheye:
-        known &= rays[:, 2] >= np.cos(np.radians(lm.WIDEST_PINHOLE_DEG))
+        known &= rays[:, 2] >= np.cos(np.radians(lr.WIDEST_PINHOLE_DEG))
     return np.linalg.norm(other.project_rays(rays[known]) - lens.project_rays(rays[known]), axis=1).max()
 
 
@@ -76,7 +77,7 @@ def test_the_told_error_is_true_of_any_lens(seed, model):
     for lens in (
         lens_with(matrix=skewed),
         lens_with(*RATIONAL * rng.uniform(0.7, 1.3, 8), *rng.normal(0, 0.001, 4), *rng.normal(0, 0.02, 2)),
-        lens_with(*rng.normal(0, 0.02, 4), fisheye=True, matrix=fisheye),
+        lens_with(*rng.normal(0, (0.02, 0.01, 0.003, 0.001)), fisheye=True, matrix=fisheye),
     ):
         losses = Losses()
         found, _ = lm.expressed(Camera("C", lens), (model,), losses)
@@ -105,7 +106,7 @@ def test_derivatives_are_those_of_differences(model):
 
 
 def test_a_rational_model_that_divides_by_zero_in_the_picture_is_no_fit():
-    rays = lm.Rays.of(lens_with())
+    rays = lr.Rays.of(lens_with())
     assert lm._has_pole(lens_with(0.0, 0, 0, 0, 0, -4.0, 0, 0), rays)
     assert not lm._has_pole(lens_with(0.0, 0, 0, 0, 0, -0.5, 0, 0), rays)
     assert not lm._has_pole(lens_with(*RATIONAL), rays)

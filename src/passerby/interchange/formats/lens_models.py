@@ -6,28 +6,22 @@ Whether a lens is held is measured, not reasoned: what the model cannot hold is 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from passerby.cameras import FISHEYE_DISTORTION_LENGTHS, PINHOLE_DISTORTION_LENGTHS, Camera, Floats, Lens
 from passerby.errors import InputError
+from passerby.interchange.formats.lens_rays import WIDEST_PINHOLE_DEG, Rays
 from passerby.interchange.formats.losses import Losses
 
 EXACT_PX = 1e-7
 """Two lenses that differ by no more than this all over the picture are one: a tenth of what the tests of all formats allow."""
-GRID = (41, 31)
-"""Points across and down at which lenses are compared, the picture's border included."""
 MOST_STEPS = 50
 """Of a fit. Most need under 20; where the rational model's terms undo each other it creeps on for hundreds, for nothing."""
-WIDEST_PINHOLE_DEG = 80.0
-"""Rays farther off the axis than this are left out where a pinhole model is fitted: it has none beyond 90 degrees, and those
-just below would bend the fit for all others."""
 
 
 @dataclass(frozen=True)
@@ -58,85 +52,6 @@ FISHEYE_SKEWED = replace(FISHEYE, skew=True)
 
 OPENCV = (TILTED_14, FISHEYE_SKEWED)
 """What `cv2.projectPoints` (which knows no skew) and `cv2.fisheye.projectPoints` (which does) take."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rays:
-    """Where a lens has N rays: what another lens is compared with."""
-
-    bearings: Floats
-    """(N, 3) directions, camera frame."""
-    pixels: Floats
-    """(N, 2)"""
-    size: tuple[int, int]
-    """(width, height), pixels."""
-    rim: tuple[Floats, Floats] = (np.zeros((0, 3)), np.zeros((0, 2)))
-    """The same of rays just as far off the axis as a pinhole model is held to: there it is worst, and the others miss it."""
-
-    @classmethod
-    def of(cls, lens: Lens) -> Rays:
-        """The rays of a grid over the picture, but for pixels that the lens itself has none for."""
-        pixels = picture_grid(lens.size)
-        bearings = _bearings(lens, pixels)
-        known = np.isfinite(bearings).all(axis=1)
-        return cls(bearings[known], pixels[known], lens.size, _rim(lens.project_rays, lens.size))
-
-    @classmethod
-    def of_projection(cls, project: Callable[[Floats], Floats], size: tuple[int, int], widest_deg: float = 100.0) -> Rays:
-        """Rays of a lens that is known as a function alone, from (N, 3) directions to (N, 2) pixels, NaN where it has none."""
-        theta = np.radians(np.linspace(0.0, widest_deg, 101))
-        turn = np.radians(np.arange(0.0, 360.0, 5.0))
-        angles, turns = (grid.ravel() for grid in np.meshgrid(theta, turn))
-        bearings = np.column_stack([np.sin(angles) * np.cos(turns), np.sin(angles) * np.sin(turns), np.cos(angles)])
-        with np.errstate(all="ignore"):
-            pixels = project(bearings)
-        inside = _inside(pixels, size)
-        return cls(bearings[inside], pixels[inside], size, _rim(project, size))
-
-    @cached_property
-    def narrow(self) -> Rays:
-        """Those that a pinhole can have."""
-        keep = self.bearings[:, 2] >= math.cos(math.radians(WIDEST_PINHOLE_DEG))
-        return replace(self, bearings=self.bearings[keep], pixels=self.pixels[keep])
-
-    def largest_error(self, lens: Lens) -> float:
-        """By how many pixels a lens has one of the rays elsewhere, at most."""
-        pairs = [(self.bearings, self.pixels)] + ([] if lens.fisheye else [self.rim])
-        errors = np.concatenate([np.linalg.norm(lens.project_rays(rays) - pixels, axis=1) for rays, pixels in pairs])
-        return float(np.max(errors, initial=0.0)) if np.isfinite(errors).all() else math.inf
-
-
-def _inside(pixels: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(N,) whether pixels are in the picture."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(((pixels >= -0.5) & (pixels <= np.array(size) - 0.5)).all(axis=1))
-
-
-def _rim(project: Callable[[Floats], Floats], size: tuple[int, int]) -> tuple[Floats, Floats]:
-    """Rays `WIDEST_PINHOLE_DEG` off the axis that are in the picture, (N, 3), and their pixels, (N, 2)."""
-    angle, turn = math.radians(WIDEST_PINHOLE_DEG), np.radians(np.arange(360.0))
-    cone = [math.sin(angle) * np.cos(turn), math.sin(angle) * np.sin(turn), np.full(360, math.cos(angle))]
-    bearings = np.column_stack(cone)
-    with np.errstate(all="ignore"):
-        pixels = project(bearings)
-    inside = _inside(pixels, size)
-    return bearings[inside], pixels[inside]
-
-
-def _bearings(lens: Lens, pixels: Floats) -> Floats:
-    """(N, 3) rays of pixels as `Lens.project_rays` has them: with the skew of a pinhole without distortion, and of no other."""
-    if lens.fisheye or not lens.matrix[0, 1]:
-        return lens.bearings(pixels)
-    if lens.distortions.any():
-        return _within(lens, TILTED_14).bearings(pixels)
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(lens.matrix).T
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
-
-
-def picture_grid(size: tuple[int, int]) -> Floats:
-    """(N, 2) pixels evenly over a picture, its border included."""
-    across, down = (np.linspace(-0.5, length - 0.5, n) for length, n in zip(size, GRID, strict=True))
-    return np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
 
 
 def expressed(camera: Camera, models: Sequence[LensModel], losses: Losses, place: str = "") -> tuple[Lens, LensModel]:
