@@ -32,8 +32,8 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     if verbose:
         if calibration.association is not None:
             show_pairs(calibration.association.figures.get("pairs", []))
-            for camera, why in calibration.association.lost.items():
-                print(f"{camera}: {' '.join(why.split())}")
+            for name, why in calibration.association.lost.items():
+                print(f"{name}: {' '.join(why.split())}")
         for reason in calibration.reasons:
             print(f"{calibration.verdict}: {' '.join(reason.split())}")
         print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))

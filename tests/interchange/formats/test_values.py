@@ -8,15 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from passerby.errors import InputError
-from passerby.interchange.formats.values import ANYTHING, dump_yaml, led_names, numbers, parse_yaml, rigid, rotation
+from passerby.interchange.formats.names import ANYTHING, LETTER, tame_names
+from passerby.interchange.formats.values import dump_yaml, numbers, parse_yaml, rigid, rotation
 
 ROS = re.compile(r"[^A-Za-z0-9_]")
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.text(min_size=1, max_size=6), min_size=1, max_size=6, unique=True))
-def test_led_names_are_valid_and_differ(names):
-    led = led_names(names, ROS)
+def test_names_are_valid_and_differ(names):
+    led = tame_names(names, ROS, LETTER)
     assert list(led) == names
     assert all(re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name) for name in led.values())
     assert len({name.casefold() for name in led.values()}) == len(names)
@@ -27,7 +28,7 @@ def test_led_names_are_valid_and_differ(names):
 
 
 def test_names_that_differ_in_case_alone():
-    assert led_names(["a", "A", "A_2"], ROS, ANYTHING) == {"a": "a", "A": "A_3", "A_2": "A_2"}
+    assert tame_names(["a", "A", "A_2"], ROS, ANYTHING) == {"a": "a", "A": "A_3", "A_2": "A_2"}
 
 
 PLAIN = st.one_of(st.text(max_size=8), st.floats(allow_nan=False), st.integers())

@@ -28,9 +28,8 @@ from passerby.errors import InputError
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, expressed
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.names import tame_names
 from passerby.interchange.formats.values import (
-    ANYTHING,
-    led_names,
     load_yaml,
     matrix_data,
     numbers,
@@ -51,7 +50,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """Both files."""
     rig = export.posed(losses)
     lenses = {camera.name: expressed(camera, (RADTAN_5,), losses)[0] for camera in rig}
-    names = led_names(rig.names, FORBIDDEN, ANYTHING)
+    names = tame_names(rig.names, FORBIDDEN)
     # In quotes: OpenCV's own writer leaves those out where its reader then finds numbers (1e5).
     head = f"{HEAD}{NAMES}:\n" + "".join(f'  - "{name}"\n' for name in names.values())
     intrinsics, extrinsics = [head], [head]

@@ -30,12 +30,13 @@ from passerby.cameras import Camera, Floats, Lens, Pose, Rig
 from passerby.errors import InputError
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.kalibr_models import INTRINSICS, projection
-from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5, Rays, expressed, how_far, nearest_lens
+from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5, expressed, how_far, nearest_lens
+from passerby.interchange.formats.lens_rays import Rays
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.names import LETTER, tame_names
 from passerby.interchange.formats.values import (
     dump_yaml,
     homogeneous,
-    led_names,
     load_yaml,
     numbers,
     padded,
@@ -53,7 +54,7 @@ MODELS = ("pinhole", "omni", "ds", "eucm")
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """The chain, in the rig's order."""
     rig = export.posed(losses)
-    topics = led_names(rig.names, FORBIDDEN_IN_ROS)
+    topics = tame_names(rig.names, FORBIDDEN_IN_ROS, LETTER)
     chain: dict[str, Any] = {}
     previous: Floats | None = None
     for index, camera in enumerate(rig):

@@ -9,24 +9,36 @@ FORBIDDEN_IN_FILES = re.compile(r"[^\w.+@ -]")
 """Everything but letters, digits, spaces and . _ + @ -"""
 
 
-def tame_names(names: Iterable[str], forbidden: re.Pattern[str] = FORBIDDEN_IN_FILES, prefix: str = "camera") -> dict[str, str]:
+NO_DOT, LETTER, ANYTHING = re.compile(r"[^.]"), re.compile(r"[A-Za-z]"), re.compile("")
+"""How a name may begin. Files that begin with a dot are hidden; an empty name begins with nothing."""
+
+
+def tame_names(
+    names: Iterable[str],
+    forbidden: re.Pattern[str] = FORBIDDEN_IN_FILES,
+    first: re.Pattern[str] = NO_DOT,
+    prefix: str = "camera_",
+) -> dict[str, str]:
     """Each name with what is forbidden replaced by `_`; no two alike, not even where the case of letters does not count.
 
-    Names that can stay do stay, whatever the others are. A name that would begin with a dot or be empty gets `prefix`.
+    Each begins as `first` says; where it would not, `prefix` is put before it. Names that can stay do stay, whatever the others
+    are, but for those that differ from an earlier one in case alone: they may become file names.
     """
     names = list(names)
-    tame = {name: _tamed(name, forbidden, prefix) for name in names}
-    taken = {name.casefold() for name in names if tame[name] == name}
+    tame: dict[str, str] = {}
+    changing: list[tuple[str, str]] = []
+    taken: set[str] = set()
     for name in names:
-        if tame[name] == name:
-            continue
-        base, number = tame[name], 2
-        while tame[name].casefold() in taken:
-            tame[name], number = f"{base}_{number}", number + 1
-        taken.add(tame[name].casefold())
-    return tame
-
-
-def _tamed(name: str, forbidden: re.Pattern[str], prefix: str) -> str:
-    replaced = forbidden.sub("_", name).strip(" ")
-    return prefix + replaced if not replaced or replaced.startswith(".") else replaced
+        safe = forbidden.sub("_", name).strip(" ")
+        if safe == name and first.match(name) and name.casefold() not in taken:
+            tame[name] = name
+            taken.add(name.casefold())
+        else:
+            changing.append((name, safe if first.match(safe) else prefix + safe))
+    for name, base in changing:
+        unique, number = base, 2
+        while unique.casefold() in taken:
+            unique, number = f"{base}_{number}", number + 1
+        tame[name] = unique
+        taken.add(unique.casefold())
+    return {name: tame[name] for name in names}

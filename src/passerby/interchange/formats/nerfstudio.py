@@ -29,10 +29,8 @@ from passerby.errors import InputError
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, LensModel, expressed
 from passerby.interchange.formats.losses import Losses
-from passerby.interchange.formats.names import FORBIDDEN_IN_FILES
+from passerby.interchange.formats.names import tame_names
 from passerby.interchange.formats.values import (
-    ANYTHING,
-    led_names,
     load_json,
     numbers,
     padded,
@@ -55,7 +53,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """The file."""
     rig = export.posed(losses)
     models = (FISHEYE,) if any(camera.lens.fisheye for camera in rig) else (RADTAN_5,)
-    names = led_names(rig.names, FORBIDDEN_IN_FILES, ANYTHING)
+    names = tame_names(rig.names)
     frames = [_frame(camera, names[camera.name], models, losses) for camera in rig]
     model = "OPENCV_FISHEYE" if models == (FISHEYE,) else "OPENCV"
     return {"": to_json({"camera_model": model, "orientation_override": "none", "frames": frames}).encode("utf-8")}

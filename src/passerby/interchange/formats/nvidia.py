@@ -46,8 +46,8 @@ from passerby.interchange.faults import read_text
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import PINHOLE, expressed
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.names import tame_names
 from passerby.interchange.formats.values import (
-    led_names,
     load_json,
     numbers,
     parse_yaml,
@@ -76,7 +76,7 @@ _COMMENT = re.compile(r"^# passerby: (\{.*\})$", re.MULTILINE)
 def _write_mv3dt(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """A file a camera, without the line %YAML:1.0, which NVIDIA's own Python readers do not take."""
     rig = export.posed(losses)
-    names = led_names(rig.names, FORBIDDEN, FIRST)
+    names = tame_names(rig.names, FORBIDDEN, FIRST)
     files = {}
     for camera in rig:
         lens = _pinhole(camera, losses)
@@ -93,7 +93,7 @@ def _write_mv3dt(export: Export, losses: Losses) -> Mapping[str, bytes]:
 def _write_amc(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """The one file."""
     rig = export.posed(losses)
-    names = led_names(rig.names, FORBIDDEN, FIRST)
+    names = tame_names(rig.names, FORBIDDEN, FIRST)
     sensors = [_sensor(camera, names[camera.name], losses) for camera in rig]
     content = {"version": "1.0", "osmURL": "", "calibrationType": "cartesian", "sensors": sensors}
     return {"": to_json(content).encode("utf-8")}

@@ -36,9 +36,9 @@ from passerby.errors import InputError
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, RATIONAL_8, expressed
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.names import LETTER, tame_names
 from passerby.interchange.formats.values import (
     dump_yaml,
-    led_names,
     load_yaml,
     matrix_data,
     numbers,
@@ -90,7 +90,7 @@ def generate_launch_description():
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """All files."""
     rig = export.rig
-    names = led_names(rig.names, FORBIDDEN)
+    names = tame_names(rig.names, FORBIDDEN, LETTER)
     files: dict[str, bytes] = {}
     places: dict[str, tuple[float, ...]] = {}
     for camera in rig:

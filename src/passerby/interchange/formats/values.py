@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import reprlib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, cast
 
@@ -16,7 +15,6 @@ import yaml
 from passerby.cameras import Floats, Pose
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
-from passerby.interchange.formats.names import tame_names
 
 ROTATION_TOLERANCE = 1e-3
 """Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
@@ -24,7 +22,6 @@ ROTATION_TOLERANCE = 1e-3
 
 MOST_VALUES = 1000
 """Numbers and lists below one key that are looked at: no key of any format has more."""
-LETTER, ANYTHING = re.compile(r"[A-Za-z]"), re.compile("")
 
 
 class _Loader(yaml.SafeLoader):
@@ -156,32 +153,6 @@ def homogeneous(pose: Pose) -> Floats:
 def padded(coefficients: Floats, length: int) -> list[float]:
     """Distortion coefficients with zeros up to `length`."""
     return [*coefficients.tolist(), *[0.0] * (length - coefficients.size)]
-
-
-def led_names(
-    names: Iterable[str], forbidden: re.Pattern[str], first: re.Pattern[str] = LETTER, prefix: str = "camera_"
-) -> dict[str, str]:
-    """As `tame_names`, and each begins as `first` says: where it would not, `prefix` is put before it.
-
-    Names that can stay do stay, but for those that differ from an earlier one in case alone: they may become file names.
-    """
-    names = list(names)
-    tame = tame_names(names, forbidden)
-    taken: set[str] = set()
-    changing = []
-    for name in names:
-        if tame[name] == name and first.match(name) and name.casefold() not in taken:
-            taken.add(name.casefold())
-        else:
-            changing.append(name)
-    for name in changing:
-        base = tame[name] if first.match(tame[name]) else prefix + tame[name]
-        led, number = base, 2
-        while led.casefold() in taken:
-            led, number = f"{base}_{number}", number + 1
-        tame[name] = led
-        taken.add(led.casefold())
-    return tame
 
 
 def _flat(value: Any) -> list[Any]:
