@@ -75,13 +75,13 @@ def _notes(sheet: Sheet, fit: Fitted) -> Html:
         told.append(f"grid {grid_spacing(*grid_region(fit, centres_of([sheet.camera]))):g} m")
     else:
         told.append("not registered: no pose")
-    lines = [sheet.text(", ".join(told), (0.6 * sheet.letters, height - 0.6 * sheet.letters), class_="note")]
+    lines = [sheet.text(", ".join(told), (0.6 * sheet.letters, height - 0.6 * sheet.letters), class_="picture-note")]
     if sheet.backdrop.note is not None:
         most = int(width / sheet.letters * 1.8)
         lines.append(
             element(
                 "text", clipped(sheet.backdrop.note, most), x=short(0.6 * sheet.letters), y=short(1.4 * sheet.letters),
-                font_size=sheet.letters, fill="currentColor", fill_opacity=0.75, class_="note",
+                font_size=sheet.letters, fill="currentColor", fill_opacity=0.75, class_="picture-note",
             )
         )  # fmt: skip
     return join(*lines)

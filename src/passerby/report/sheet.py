@@ -17,7 +17,7 @@ from passerby.report.html import Attribute, Html, element, join
 
 Floats = NDArray[np.float64]
 
-TEXT_SHARE = 1 / 46
+TEXT_SHARE = 1 / 40
 """Height of the letters, of the picture's width."""
 MOST_TEXT = 40
 
