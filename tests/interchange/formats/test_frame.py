@@ -43,6 +43,17 @@ def test_lossy_tells_what_was_lost(made, tmp_path):
     assert (tmp_path / "out/below/b.txt").read_bytes() == b"b"
 
 
+def test_files_of_another_rig_are_not_left_beside_it(made, tmp_path):
+    rig = Export(RIG.posed())
+    for _ in range(2):
+        formats.export(rig, "two", tmp_path / "out")
+    (tmp_path / "out/notes.md").write_text("")
+    formats.export(rig, "two", tmp_path / "out")
+    (tmp_path / "out/below/other.txt").write_text("")
+    with pytest.raises(InputError, match=r"other\.txt: would be taken for a part of the rig"):
+        formats.export(rig, "two", tmp_path / "out")
+
+
 def test_a_rig_without_poses_is_no_loss_but_an_error(made, tmp_path):
     with pytest.raises(InputError, match="none of the 1 cameras has a pose"):
         formats.export(Export(Rig((Camera("B", LENS),))), "two", tmp_path / "out", lossy=True)

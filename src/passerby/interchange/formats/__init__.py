@@ -74,7 +74,7 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
     Args:
         rig: what is handed over.
         name: of the format.
-        target: the file or folder to write; other files in a folder stay.
+        target: the file or folder to write; files of other kinds in a folder stay.
         lossy: go on where the format cannot hold everything.
 
     Returns:
@@ -93,9 +93,24 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
     files = form.write(rig, losses)
     if not lossy:
         losses.forbid(str(path), name)
+    if form.target == "folder":
+        _refuse_others(path, files, name)
     for below, content in files.items():
         write_bytes(path / below if below else path, content)
     return losses.told
+
+
+def _refuse_others(folder: Path, files: Mapping[str, bytes], name: str) -> None:
+    """Raise `InputError` where files of another rig would be taken for a part of this one."""
+    places = {((folder / below).parent, (folder / below).suffix) for below in files}
+    for parent, suffix in sorted(places):
+        ours = {(folder / below).name for below in files}
+        others = sorted(path.name for path in parent.glob(f"*{suffix}") if path.name not in ours) if parent.is_dir() else []
+        if others:
+            raise InputError(
+                f"{parent / others[0]}: would be taken for a part of the rig that is written beside it in format {name}: delete "
+                f"the {len(others)} other {suffix} files there, or choose another folder"
+            )
 
 
 def read_rig_as(name: str, path: str | Path, given: Given | None = None, *, lossy: bool = False) -> tuple[Rig, tuple[str, ...]]:

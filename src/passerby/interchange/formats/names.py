@@ -9,7 +9,7 @@ FORBIDDEN_IN_FILES = re.compile(r"[^\w.+@ -]")
 """Everything but letters, digits, spaces and . _ + @ -"""
 
 
-NO_DOT, LETTER, ANYTHING = re.compile(r"[^.]"), re.compile(r"[A-Za-z]"), re.compile("")
+NO_DOT, LETTER = re.compile(r"[^.]"), re.compile(r"[A-Za-z]")
 """How a name may begin. Files that begin with a dot are hidden; an empty name begins with nothing."""
 
 
