@@ -102,14 +102,14 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
 
 def _refuse_others(folder: Path, files: Mapping[str, bytes], name: str) -> None:
     """Raise `InputError` where files of another rig would be taken for a part of this one."""
-    places = {((folder / below).parent, (folder / below).suffix) for below in files}
+    places = {((folder / below).parent, Path(below).suffix) for below in files if Path(below).suffix}
     for parent, suffix in sorted(places):
         ours = {(folder / below).name for below in files}
         others = sorted(path.name for path in parent.glob(f"*{suffix}") if path.name not in ours) if parent.is_dir() else []
         if others:
             raise InputError(
-                f"{parent / others[0]}: would be taken for a part of the rig that is written beside it in format {name}: delete "
-                f"the {len(others)} other {suffix} files there, or choose another folder"
+                f"{parent / others[0]}: would be taken for a part of the rig that is written beside it in format {name}: "
+                f"delete the other {suffix} files there ({len(others)}), or choose another folder"
             )
 
 
