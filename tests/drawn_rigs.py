@@ -12,6 +12,7 @@ NASTY = 'C"1\n</script><b>\x01\\ é'
 SIZE = (640, 480)
 CENTRED = Lens(SIZE, np.array([[500.0, 0, 319.5], [0, 400.0, 239.5], [0, 0, 1]]), np.zeros(5))
 """What a perspective camera with its axis in the middle of the picture can be: also pixels that are not square."""
+SKEWED = Lens(SIZE, np.array([[500.0, 30, 330], [0, 500, 230], [0, 0, 1]]), np.zeros(0))
 BENT = Lens(SIZE, np.array([[500.0, 0, 330], [0, 500, 230], [0, 0, 1]]), np.array([-0.25, 0.08, 0.001, -0.002, 0.01]))
 FISHEYE = Lens(SIZE, np.array([[220.0, 0, 319], [0, 220, 241], [0, 0, 1]]), np.array([0.02, -0.01, 0.0, 0.0]), fisheye=True)
 

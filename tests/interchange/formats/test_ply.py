@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from drawn_rigs import BENT, CENTRED, FISHEYE, NASTY, rig, ways
+from drawn_rigs import BENT, CENTRED, FISHEYE, NASTY, SKEWED, rig, ways
 from passerby.cameras import Camera, Rig
 from passerby.errors import InputError
 from passerby.interchange.formats import Export, export
@@ -53,7 +53,7 @@ def places(table):
     return np.column_stack([table["x"], table["y"], table["z"]]).astype(float)
 
 
-@pytest.mark.parametrize(("lens", "border"), [(CENTRED, 4), (BENT, 32), (FISHEYE, 32)])
+@pytest.mark.parametrize(("lens", "border"), [(CENTRED, 4), (SKEWED, 4), (BENT, 32), (FISHEYE, 32)])
 def test_frusta_end_at_the_pictures_border_through_the_true_lens(tmp_path, lens, border):
     made = rig(lens, lens)
     _, tables = parsed(written(tmp_path, made))
