@@ -146,6 +146,8 @@ def test_a_camera_that_stands_out_is_named_with_a_mend():
     worse = replace(contents, told={**contents.told, "figures": {**figures, "cameras": cameras}})
     points = weak_points(worse, seen_in(worse))
     assert any(bad in point.what and "300 mm" in point.what and point.mend for point in points)
+    told = replace(worse, told={**worse.told, "reasons": [f"camera {bad} is uncertain: record more"]})
+    assert not any(bad in point.what for point in weak_points(told, seen_in(told)))
     assert "3.0 %" in points[0].what
     assert "[[scale.distances]]" in points[0].mend
 
@@ -156,7 +158,10 @@ def test_distances_and_their_sigmas():
         centres = [contents.rig[name].centre for name in (one.first, one.second)]
         assert one.metres == pytest.approx(np.linalg.norm(centres[0] - centres[1]))
         assert one.sigma_m == pytest.approx(np.hypot(0.03 * one.metres, 0.03 * np.sqrt(2 / 3)))
-    assert best_to_measure(distances_of(contents))[0].metres == max(one.metres for one in distances_of(contents))
+    found = distances_of(contents)
+    assert best_to_measure(found).metres == max(one.metres for one in found if one.metres < 30)
+    far = [replace(one, metres=one.metres + 100) for one in found]
+    assert best_to_measure(far).metres == min(one.metres for one in far)
 
 
 def test_links_take_the_best_route_and_tell_all():

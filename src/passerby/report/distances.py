@@ -13,7 +13,8 @@ from passerby.report.values import figure, number_of, rows_of, table_of
 
 MATRIX_CAMERAS = 8
 """More cameras make a list of pairs: a wider matrix cannot be read on a laptop."""
-SUGGESTED = 3
+TAPE_M = 30.0
+"""As far as tapes and cheap laser meters reach."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,12 @@ def distances_of(contents: Contents) -> list[Distance]:
     return out
 
 
-def best_to_measure(distances: list[Distance]) -> list[Distance]:
-    """The pairs whose measured distance says most about the scale: the longest; a tape errs by centimetres on any length."""
-    return sorted(distances, key=lambda one: -one.metres)[:SUGGESTED]
+def best_to_measure(distances: list[Distance]) -> Distance:
+    """The pair whose measured distance says most about the scale: the longest that a tape reaches, since it errs by
+    centimetres on any length; the shortest where it reaches none.
+    """
+    within = [one for one in distances if one.metres <= TAPE_M]
+    return max(within, key=lambda one: one.metres) if within else min(distances, key=lambda one: one.metres)
 
 
 def distances_section(contents: Contents) -> Section:
@@ -72,8 +76,8 @@ def distances_section(contents: Contents) -> Section:
 
 
 def _advice(found: list[Distance]) -> Html:
-    """How a measured distance enters the scene file, for the longest ones."""
-    longest = best_to_measure(found)[0]
+    """How a measured distance enters the scene file."""
+    longest = best_to_measure(found)
     # A name is quoted as TOML wants it; the measured value is left to the user.
     names = ", ".join('"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"' for name in (longest.first, longest.second))
     example = f"[[scale.distances]]\nbetween = [{names}]\nmetres = {longest.metres:.2f}  # what your tape says\nsd_m = 0.02"

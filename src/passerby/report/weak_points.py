@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from passerby.report.contents import Contents
 from passerby.report.distances import best_to_measure, distances_of
 from passerby.report.mends import Point
 from passerby.report.seen import Seen
-from passerby.report.values import number_of, rows_of, table_of
+from passerby.report.values import number_of, rows_of, table_of, texts_of
 
 SURE_SCALE = 0.01
 """Above a percent, measuring one distance with a tape is the cheapest gain there is."""
@@ -24,10 +26,22 @@ FEW_SHARED = 0.25
 
 
 def weak_points(contents: Contents, seen: Seen) -> list[Point]:
-    """What is weakest, the most important first; empty where nothing stands out or no camera has a pose."""
+    """What is weakest, the most important first; empty where nothing stands out or no camera has a pose.
+
+    What the calibration's reasons tell of already is left out.
+    """
     if len(contents.rig.posed()) < 2:
         return []
-    return [*_scale(contents), *_vertical(contents), *_uncertain(contents), *_residual(contents), *_lonely(contents, seen)]
+    found = [*_scale(contents), *_vertical(contents), *_uncertain(contents), *_residual(contents), *_lonely(contents, seen)]
+    reasons = " ".join(texts_of(contents.told.get("reasons")))
+    return [Point(one.what, one.mend) for one in found if not re.search(rf"(?<!\w){re.escape(one.about)}(?!\w)", reasons)]
+
+
+@dataclass(frozen=True)
+class _Weak(Point):
+    """A weak point, and the word that stands in a reason which tells of it already."""
+
+    about: str
 
 
 def outstanding(values: Mapping[str, float | None]) -> list[str]:
@@ -61,19 +75,18 @@ def residuals_px(contents: Contents) -> dict[str, float | None]:
     return out
 
 
-def _scale(contents: Contents) -> list[Point]:
+def _scale(contents: Contents) -> list[_Weak]:
     """All lengths, where they are uncertain."""
     sigma = number_of(table_of(contents.told, "figures", "scale").get("relative_sigma"))
     if sigma is None or sigma < SURE_SCALE:
         return []
-    longest = best_to_measure(distances_of(contents))[0]
-    which = f"{longest.first} to {longest.second} ({longest.metres:.1f} m)"
+    best = best_to_measure(distances_of(contents))
+    which = f"{best.first} to {best.second} ({best.metres:.1f} m)"
     told, state = f"All lengths are known to {100 * sigma:.1f} % only", "state it in the scene file under [[scale.distances]]."
     if _by_people_alone(contents):
-        return [
-            Point(f"{told}: they rest on how tall people are.", f"Measure one distance with a tape, best {which}, and {state}")
-        ]
-    return [Point(f"{told}.", f"Measure another long distance between two cameras, such as {which}, and {state}")]
+        mend = f"Measure one distance with a tape, best {which}, and {state}"
+        return [_Weak(f"{told}: they rest on how tall people are.", mend, "scale")]
+    return [_Weak(f"{told}.", f"Measure another long distance between two cameras, such as {which}, and {state}", "scale")]
 
 
 def _by_people_alone(contents: Contents) -> bool:
@@ -82,15 +95,16 @@ def _by_people_alone(contents: Contents) -> bool:
     return all(str(cue.get("cue", "")).startswith("population") for cue in cues)
 
 
-def _vertical(contents: Contents) -> list[Point]:
+def _vertical(contents: Contents) -> list[_Weak]:
     """The direction of up, where it is uncertain."""
     sigma = number_of(table_of(contents.told, "figures").get("vertical_sigma_deg"))
     if sigma is None or sigma < VERTICAL_DEG:
         return []
-    return [Point(f"The vertical is known to {sigma:.1f}° only.", "Record people who walk about, seen from head to feet.")]
+    what = f"The vertical is known to {sigma:.1f}° only."
+    return [_Weak(what, "Record people who walk about, seen from head to feet.", "vertical")]
 
 
-def _uncertain(contents: Contents) -> list[Point]:
+def _uncertain(contents: Contents) -> list[_Weak]:
     """The least certain camera, where one stands out."""
     sigmas = own_sigmas_mm(contents)
     worst = outstanding(sigmas)
@@ -98,14 +112,15 @@ def _uncertain(contents: Contents) -> list[Point]:
         return []
     usual = float(np.median([value for value in sigmas.values() if value is not None]))
     return [
-        Point(
+        _Weak(
             f"{worst[0]} is the least certain camera: {sigmas[worst[0]]:.0f} mm within the rig, {usual:.0f} mm are usual here.",
             f"Record more people in the view of {worst[0]}, nearer to it and where other cameras see them too.",
+            worst[0],
         )
     ]
 
 
-def _residual(contents: Contents) -> list[Point]:
+def _residual(contents: Contents) -> list[_Weak]:
     """The camera that the people fit worst, where one stands out."""
     found = {name: value for name, value in residuals_px(contents).items() if contents.rig[name].pose is not None}
     worst = [name for name in outstanding(found) if (found[name] or 0.0) > RESIDUAL_PX]
@@ -113,14 +128,15 @@ def _residual(contents: Contents) -> list[Point]:
         return []
     usual = float(np.median([value for value in found.values() if value is not None]))
     return [
-        Point(
+        _Weak(
             f"{worst[0]} fits the people worst: {found[worst[0]]:.1f} px in the median, {usual:.1f} px are usual here.",
             f"See its residuals below; if they grow towards the border, check the intrinsics of {worst[0]}.",
+            worst[0],
         )
     ]
 
 
-def _lonely(contents: Contents, seen: Seen) -> list[Point]:
+def _lonely(contents: Contents, seen: Seen) -> list[_Weak]:
     """The camera that shares fewest sightings, where it hangs by a thread."""
     total: dict[str, int] = dict.fromkeys(contents.rig.posed().names, 0)
     for (first, second), shared in seen.shared.items():
@@ -131,8 +147,9 @@ def _lonely(contents: Contents, seen: Seen) -> list[Point]:
     if len(total) < 3 or usual == 0 or total[least] > FEW_SHARED * usual:
         return []
     return [
-        Point(
+        _Weak(
             f"{least} hangs by few sightings: {total[least]} shared with other cameras, {usual:.0f} are usual here.",
             f"Record people who walk where the view of {least} overlaps with others.",
+            least,
         )
     ]
