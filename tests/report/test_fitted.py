@@ -156,10 +156,14 @@ def test_the_sample_of_a_long_recording_is_bounded_and_evenly_spread():
     assert all(np.array_equal(sample.seen[name].boxes.ltwh, again.seen[name].boxes.ltwh) for name in made.rig.names)
 
 
-def test_clocks_that_differ_are_brought_together():
+@pytest.mark.parametrize("unregistered", [False, True])
+def test_clocks_that_differ_are_brought_together(unregistered):
     made = simulated()
     told, _ = exact(made)
     clocks = {name: Clock(5.0, 0.4 * place) for place, name in enumerate(made.rig.names)}
+    if unregistered:  # then it may have no clock either
+        del clocks[made.rig.names[-1]]
+        told = replace(told, rig=Rig((*made.rig.cameras[:-1], replace(made.rig.cameras[-1], pose=None))))
     # Camera k counts its frames so that the same instants have other numbers.
     seen = {
         name: CameraObservations(replace(told.observations[name].boxes, frame=told.observations[name].boxes.frame - 2 * place))

@@ -43,8 +43,11 @@ class Sample:
 
 
 def clocks_of(contents: Contents) -> tuple[Mapping[str, Clock], bool]:
-    """Each camera's clock, and whether the frame rate is known: where it is not, a frame stands for a second."""
-    if all(name in contents.clocks for name in contents.rig.names):
+    """The clocks of cameras that count, and whether the frame rate is known: where it is not, a frame stands for a second.
+
+    A camera that has no pose may have no clock either.
+    """
+    if contents.clocks and all(name in contents.clocks for name in watched_rig(contents).names):
         return contents.clocks, True
     fps = contents.observations.fps
     return dict.fromkeys(contents.rig.names, Clock(fps or 1.0)), fps is not None
