@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.interchange.formats.lens_rays import bearings_of
 from passerby.report.colours import camera_colour, person_colour
 from passerby.tracks3d.trajectories import Trajectories
 
@@ -172,19 +173,11 @@ def _rays(lens: Lens, pixels: Floats) -> Floats:
         rows = np.flatnonzero(unknown)
         if len(rows) == 0:
             break
-        found = _bearings(lens, middle + share * (pixels[rows] - middle))
+        found = bearings_of(lens, middle + share * (pixels[rows] - middle))
         good = np.isfinite(found).all(axis=1)
         rays[rows[good]] = found[good]
         unknown[rows[good]] = False
     return rays
-
-
-def _bearings(lens: Lens, pixels: Floats) -> Floats:
-    """(N, 3) unit rays, NaN where unknown. Skew counts where it does in the projection: in a pinhole without distortion."""
-    if lens.fisheye or lens.distortions.any() or not lens.matrix[0, 1]:
-        return lens.bearings(pixels)
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(lens.matrix).T
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
 def _at_depth(rays: Floats, depth: float) -> Floats:
