@@ -200,25 +200,24 @@ def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit
             f"the {what} fit only mirrored: the coordinates are left-handed (seen from above, y must be 90 degrees "
             "counter-clockwise of x): exchange x and y, or change the sign of one"
         )
-    if np.degrees(fit.turn_sigma) > WEAK_TURN_DEG:
-        if tilt:
-            raise EvidenceError(_on_a_line(what))
-        raise EvidenceError(
-            f"the {what} fix the heading to {np.degrees(fit.turn_sigma):.0f} degrees only: give {what} that are further apart"
-        )
+    turn = float(np.degrees(fit.turn_sigma))
+    if turn > WEAK_TURN_DEG and tilt:
+        raise EvidenceError(_on_a_line(what))
+    if turn > WEAK_TURN_DEG:
+        known = f"the heading to {turn:.0f} degrees only" if turn < 90 else "no heading"
+        raise EvidenceError(f"the {what} fix {known}: give {what} that are further apart, or better known")
     if fit.scale_sigma > WEAK_SCALE:
-        raise EvidenceError(
-            f"the {what} fix the scale to {100 * fit.scale_sigma:.0f} % only: give {what} that are further apart, or leave "
-            "`scale` out"
-        )
+        known = f"the scale to {100 * fit.scale_sigma:.0f} % only" if fit.scale_sigma < 1 else "no scale"
+        mend = f"give {what} that are further apart" + (", in two cameras or more" if what == "points" else "")
+        raise EvidenceError(f"the {what} fix {known}: {mend}, or leave `scale` out")
     return fit
 
 
 def _on_a_line(what: str) -> str:
     """The error of places that leave the turn about a line free."""
     return (
-        f"the {what} lie on one line, or nearly: that leaves the tilt about this line open: give {what} off the line, or leave "
-        "`tilt` out"
+        f"the {what} lie on one line, or nearly, for how well they are known: that leaves the tilt about this line open: give "
+        f"{what} off the line, or leave `tilt` out"
     )
 
 

@@ -289,11 +289,15 @@ def test_too_little_is_told():
     with pytest.raises(EvidenceError, match="lie within 0 mm"):
         align_to_points(rig, spot)
     near = [KnownPosition(f"C{k}", np.array([0.1 * k, 0.0, 3.0]), 3.0) for k in (1, 2)]
-    with pytest.raises(EvidenceError, match="degrees only"):
+    with pytest.raises(EvidenceError, match="fix no heading: give positions that are further apart"):
         align_to_positions(Rig(tuple(looking((0.1 * k, 0, 3), (0, 9, 0), name=f"C{k}") for k in (1, 2))), near)
     line = [KnownPoint(str(x), np.array([x, 0.0, 0.0]), {"C1": tuple(rig["C1"].project(np.array([x, 0.0, 0.0]))[0])}) for x in
             (-2.0, 0.0, 2.0, 3.0)]  # fmt: skip
     assert apart(align_to_points(rig, line).rig, rig) < 1e-6
+    single = [KnownPoint(p.name, p.xyz, {"C1": p.pixels["C1"]}) for p in points_in(rig, 12, rng) if "C1" in p.pixels]
+    assert apart(align_to_points(rig, single, with_scale=True).rig, rig) < 1e-6
+    with pytest.raises(EvidenceError, match="fix no scale: give points that are further apart, in two cameras or more"):
+        align_to_points(rig, single, with_scale=True, tilt=True)
     row = Rig(tuple(looking((4.0 * k, 0, 3), (4.0 * k, 9, 0), name=f"C{k}") for k in range(4)))
     with pytest.raises(EvidenceError, match="on one line"):
         align_to_positions(row, positions_in(row), tilt=True)
