@@ -19,7 +19,8 @@ def report(
     Pictures are taken from the videos that the scene file names, where they still lie there.
     """
     from passerby.report.contents import contents_from
-    from passerby.report.page import REPORT_FILE, write_report
+    from passerby.report.page import write_report
+    from passerby.results import REPORT_FILE
     from passerby.terminal import stages
 
     path = calibrated / REPORT_FILE if out is None else out

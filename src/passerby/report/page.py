@@ -23,8 +23,6 @@ from passerby.report.timeline import timeline_section
 from passerby.report.view_graph import view_graph_section
 from passerby.report.workings import files_section, settings_section, stages_section
 
-REPORT_FILE = "report.html"
-
 
 def report_page(contents: Contents, progress: Progress | None = None) -> str:
     """The page as HTML, the same for the same contents.
