@@ -30,7 +30,7 @@ FRUSTUM_SHARE, WEDGE_SHARE = 0.16, 0.45
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 LARGEST_ELLIPSE = 0.06
 """Half an axis of the largest ellipse, as a share of what is drawn: they are magnified until then."""
-CELLS, SMALLEST_CELL_M = 90, 0.25
+CELLS, SMALLEST_CELL_M = 60, 0.3
 """Of a map of where people were, in one direction."""
 
 

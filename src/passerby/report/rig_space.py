@@ -44,6 +44,7 @@ def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
             "showspikes": False,
             "showgrid": False,
             "zeroline": False,
+            "nticks": 4 if name == "z" else 8,
         }
         for k, name in enumerate("xyz")
     }
