@@ -63,7 +63,7 @@ def set_world(rig: Rig, wanted: WorldWanted) -> Aligned:
 def in_world(scene: Scene, solution: Solution) -> Placed:
     """A solution in the frame that the scene wants; where that cannot be, in its own frame, with a finding that says so."""
     table = scene.world
-    if table is None:
+    if table is None or not len(solution.rig.posed()):
         return Placed(solution.rig, solution.figures)
     paths = {key: None if path is None else scene.resolve(path) for key, path in _files(scene).items()}
     wanted = WorldWanted(table.camera, table.towards, paths["points"], paths["positions"], table.scale, table.tilt)

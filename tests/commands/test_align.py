@@ -196,9 +196,11 @@ def test_too_little_ends_with_three(out, tmp_path, capsys):
 
 
 BROKEN_POINTS = [
+    ("camera,u,v,x,y\nC1,1,2,3,1e300\n", "line 2: y is '1e300'"),
+    ("camera,u,v,x,y\nC1,1,2,3," + 200000 * "4" + "\n", "line 2: is not CSV"),
     ("camera,u,x,y\n", "line 1: has no column v"),
     ("camera,u,v,x,y\n", "has no row"),
-    ("camera,u,v,x,y\nC1,1,2,a,4\n", "line 2: x is 'a': a finite number is needed"),
+    ("camera,u,v,x,y\nC1,1,2,a,4\n", "line 2: x is 'a': a number from -1e+08 to 1e+08 is needed"),
     ("camera,u,v,x,y\n,1,2,3,4\n", "line 2: camera is missing"),
     ("camera,u,v,x,y\nC1,1,2,,4\n", "line 2: x is missing"),
     ("camera,u,v,x,y,sd_m\nC1,1,2,3,4,0\n", "sd_m is 0: give metres above 0"),

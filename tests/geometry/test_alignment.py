@@ -111,6 +111,14 @@ def test_any_rotation_and_height_too(turn, shift, scale, by_points):
     assert apart(aligned.rig, wanted) < 1e-5
 
 
+def test_coordinates_of_a_national_grid():
+    """Millions of metres from the origin, to a tenth of a millimetre."""
+    wanted = square().moved(*turned(2.0, (465_000.0, 5_822_000.0, 0.0)))
+    assert apart(align_to_positions(square(), positions_in(wanted)).rig, wanted) < 1e-4
+    points = points_in(wanted, 5, np.random.default_rng(3), 1.0)
+    assert apart(align_to_points(square(), points, with_scale=True).rig, wanted) < 1e-4
+
+
 def test_tilt_without_scale_from_single_sightings():
     wanted = square()
     rig = wanted.moved(exp_rotation(np.array([0.05, -0.03, 2.0])), np.array([3.0, 4.0, 0.4]))

@@ -30,6 +30,10 @@ POINT_KEYS = ("camera", "u", "v", "x", "y", "z", "point", "sd_m")
 METRIC_KEYS, GEODETIC_KEYS = ("camera", "x", "y", "z", "sd_m"), ("camera", "lat", "lon", "alt", "sd_m")
 
 
+LARGEST = 1e8
+"""Metres, pixels or degrees: grids of whole countries count to ten million metres."""
+
+
 def read_known_points(path: str | Path) -> tuple[KnownPoint, ...]:
     """Points with known coordinates and where cameras see them.
 
@@ -129,7 +133,10 @@ def _csv_rows(path: Path, keys: Sequence[str], needed: Sequence[str]) -> list[Ro
             f"{path}: line 1: has no column {missing[0]}: give a header out of {', '.join(keys)} (it has "
             f"{', '.join(header) or 'nothing'})"
         )
-    lines = [(f"line {number}", line) for number, line in enumerate(reader, start=2) if any(field.strip() for field in line)]
+    try:
+        lines = [(f"line {number}", line) for number, line in enumerate(reader, start=2) if any(map(str.strip, line))]
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num}: is not CSV ({error}): give fields parted by commas") from None
     return [
         (place, {name: field.strip() for name, field in zip(header, line, strict=False) if name in keys and field.strip()})
         for place, line in lines
@@ -160,10 +167,10 @@ def _number(row: Mapping[str, Any], key: str, otherwise: float | None = None) ->
     value = row[key]
     try:
         number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f"{key} is {value!r}: a finite number is needed")
+    if not abs(number) <= LARGEST:
+        raise InputError(f"{key} is {str(value)[:40]!r}: a number from -{LARGEST:g} to {LARGEST:g} is needed")
     return number
 
 
