@@ -48,7 +48,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Folders:
 
 def _street(folder: Path, _: Folders) -> None:
     """`street/`, as `passerby simulate -o street --video` writes it, but of puppets, which are quick to film and to watch."""
-    made = puppets(30.0, 3.0, 3, 5)
+    made = puppets(24.0, 3.0, 2, 5)
     film(made, folder / "street")
     (folder / "street" / "videos").mkdir()
     for video in (folder / "street").glob("*.mp4"):
@@ -73,7 +73,7 @@ def _videos(folder: Path, folders: Folders) -> None:
 
 def _scene(folder: Path, _: Folders) -> None:
     """A scene of boxes whose identities are to be found, in the folder itself, with its truth."""
-    options = ["--seconds", "20", "--unrelated-ids", "--embeddings", "distinct", "--cameras", "3"]
+    options = ["--seconds", "12", "--unrelated-ids", "--cameras", "3", "--people", "5"]
     assert run(["simulate", "-o", str(folder / "scene"), *options]) == 0
     for path in (folder / "scene").iterdir():
         path.rename(folder / path.name)
