@@ -188,8 +188,8 @@ FORMATS: Mapping[str, Format] = {
         ("Pose2Sim",),
         "file",
         (".toml",),
-        f"{_SHARED} Metres, z up. Lies in the folder `calibration`; the cameras' order is that of the folders of joints. Pinhole of up to 14 "
-        "coefficients; Pose2Sim has no fisheye, though its files have the flag.",
+        f"{_SHARED} Metres, z up. Lies in the folder `calibration`; the cameras' order is that of the folders of joints. "
+        "Pinhole of up to 14 coefficients; Pose2Sim has no fisheye, though its files have the flag.",
         _write_pose2sim,
         _read_pose2sim,
     ),
