@@ -79,7 +79,7 @@ def _on_itself(line: Floats, begin: Floats, end: Floats) -> bool:
 
 def _axes(stage: Stage) -> list[Trace]:
     """x, y and up, from the world's origin."""
-    length = min(stage.spacing, 0.2 * float((stage.high - stage.low)[:2].max()))
+    length = min(stage.spacing, 0.25 * stage.reach)
     out = []
     for k, (label, colour) in enumerate({**AXIS_COLOURS, "z, up": UP_COLOUR}.items()):
         end = np.zeros((2, 3))
