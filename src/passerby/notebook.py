@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 WIDTH, TALLEST = 380, 360
 """Of the picture, pixels."""
+BELOW = 26
+"""Pixels for the bar of lengths and what the ellipses are."""
 REACH_SHARE = 0.35
 """So much of the rig's extent is drawn of what each camera sees: all of it would cover the others."""
 SIGMA = "#e5484d"
@@ -83,12 +85,14 @@ def rig_svg(rig: Rig) -> Html | None:
         _grid(low, high, unit, at),
         *(_seen(at(outline), camera_colour(place)) for (place, _), outline in zip(posed, wedges, strict=True)),
         *(_sigma(camera, factor, at) for _, camera in posed),
-        *(_mark(place, camera, at) for place, camera in posed),
+        *(_mark(place, camera, at, float(size[0])) for place, camera in posed),
     ]
-    title = f"The rig from above, x to the right, y up{_of_ellipses(posed, factor)}"
+    ellipses = _of_ellipses(posed, factor)
+    shapes.append(_text(ellipses, float(size[0]) - 4, float(size[1]) + 16, 11, anchor="end"))
+    title = "The rig from above, x to the right, y up" + (f"; {ellipses}" if ellipses else "")
     return element(
-        "svg", element("title", title), shapes, viewBox=f"0 0 {size[0]:.0f} {size[1]:.0f}", width=f"{size[0]:.0f}",
-        height=f"{size[1]:.0f}", role="img", style="max-width:100%;height:auto;color:inherit",
+        "svg", element("title", title), shapes, viewBox=f"0 0 {size[0]:.0f} {size[1] + BELOW:.0f}", width=f"{size[0]:.0f}",
+        height=f"{size[1] + BELOW:.0f}", role="img", style="max-width:100%;height:auto;color:inherit",
     )  # fmt: skip
 
 
@@ -102,7 +106,7 @@ def _of_ellipses(posed: Sequence[tuple[int, Camera]], factor: int) -> str:
     """What the ellipses are."""
     if all(ground_covariance(camera) is None for _, camera in posed):
         return ""
-    return "; ellipses: one sigma" + (f", drawn {factor} times as large" if factor > 1 else "")
+    return "red: one sigma" + (f", drawn {factor} times as large" if factor > 1 else "")
 
 
 def _grid(low: Floats, high: Floats, unit: float, at: Callable[[Floats], Floats]) -> list[Html]:
@@ -115,7 +119,7 @@ def _grid(low: Floats, high: Floats, unit: float, at: Callable[[Floats], Floats]
             ends[:, axis] = value
             (x1, y1), (x2, y2) = at(ends)
             lines.append(_line(x1, y1, x2, y2, "currentColor", 0.5, opacity=0.25))
-    corner = at(np.array([[low[0], low[1]]]))[0] + (6.0, -6.0)
+    corner = at(np.array([[low[0], low[1]]]))[0] + (6.0, 20.0)
     bar = _line(corner[0], corner[1], corner[0] + spacing * unit, corner[1], "currentColor", 2.0)
     label = _text(f"{spacing:g} m", corner[0], corner[1] - 4, 11)
     return [*lines, bar, label, *(_axes(spacing, at) if ((low < 0) & (high > 0)).all() else [])]
@@ -164,11 +168,12 @@ def _sigma(camera: Camera, factor: int, at: Callable[[Floats], Floats]) -> Html 
     return element("polygon", points=outline, fill=SIGMA, fill_opacity=0.25, stroke=SIGMA, stroke_width=1.5)
 
 
-def _mark(place: int, camera: Camera, at: Callable[[Floats], Floats]) -> list[Html]:
-    """A camera's place and name."""
+def _mark(place: int, camera: Camera, at: Callable[[Floats], Floats], width: float) -> list[Html]:
+    """A camera's place and name, to the side where there is more room."""
     x, y = at(camera.centre[None, :2])[0]
     dot = element("circle", cx=f"{x:.1f}", cy=f"{y:.1f}", r=4, fill=camera_colour(place), stroke="currentColor")
-    return [dot, _text(camera.name, x + 6, y - 6, 12)]
+    left = x > width / 2
+    return [dot, _text(camera.name, x + (-6 if left else 6), y - 6, 12, anchor="end" if left else "start")]
 
 
 def _camera_table(rig: Rig, more: Sequence[tuple[str, Sequence[str]]] = ()) -> Html:

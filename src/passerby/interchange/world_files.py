@@ -126,20 +126,21 @@ def _toml_rows(path: Path, table: str, keys: Sequence[str]) -> list[Row]:
 def _csv_rows(path: Path, keys: Sequence[str], needed: Sequence[str]) -> list[Row]:
     """The lines below the header; a column's name counts in any case of letters."""
     reader = csv.reader(io.StringIO(read_text(path, "a table with a header (CSV)")))
-    header = [name.strip().lower() for name in next(reader, [])]
+    try:
+        rows = [(reader.line_num, [field.strip() for field in line]) for line in reader]
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num}: is not CSV ({error}): give fields parted by commas") from None
+    header = [name.lower() for name in rows[0][1]] if rows else []
     missing = [name for name in needed if name not in header]
     if missing:
         raise InputError(
             f"{path}: line 1: has no column {missing[0]}: give a header out of {', '.join(keys)} (it has "
             f"{', '.join(header) or 'nothing'})"
         )
-    try:
-        lines = [(f"line {number}", line) for number, line in enumerate(reader, start=2) if any(map(str.strip, line))]
-    except csv.Error as error:
-        raise InputError(f"{path}: line {reader.line_num}: is not CSV ({error}): give fields parted by commas") from None
     return [
-        (place, {name: field.strip() for name, field in zip(header, line, strict=False) if name in keys and field.strip()})
-        for place, line in lines
+        (f"line {number}", {name: field for name, field in zip(header, line, strict=False) if name in keys and field})
+        for number, line in rows[1:]
+        if any(line)
     ]
 
 
