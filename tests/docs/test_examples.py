@@ -29,8 +29,9 @@ OTHERS = frozenset({"pip", "make", ".", "python", "mkdocs", "jupyter", "cd", "gi
 FILMED = ["simulate", "-o", "street", "--video"]
 """Minutes long: two cameras that see puppets stand in for it, but where slow tests run. What is seen in their videos is kept
 beforehand, and lengths that the page tells are not theirs, so that the calibration may be doubtful."""
-README_NOT_RUN = ("passerby reid", "passerby demo", "passerby dataset")
-"""Training needs PyTorch and people, the demonstration is a slow test of its own, data sets are not there."""
+README_NOT_RUN = ("passerby reid", "passerby demo", "passerby dataset", "calib.qca.txt", "points.csv")
+"""Training needs PyTorch and people, the demonstration is a slow test of its own; data sets, other tools' files and marked
+points are not there."""
 README_EXAMPLES = (("passerby init", "videos"), ("passerby.calibrate", "scene"), ("", "calibrated"))
 """In which folder a block of the README is run, by a word in it."""
 
@@ -130,16 +131,12 @@ def _blocks_to_run(page: Path) -> list[Block]:
     blocks = blocks_of(page)
     if page != ROOT / "README.md":
         return blocks
-    return [
-        Block(
-            block.language,
-            block.text,
-            block.line,
-            {"example": next(name for word, name in README_EXAMPLES if word in block.text)},
-        )
-        for block in blocks
-        if block.language in RUN and not any(word in block.text for word in README_NOT_RUN)
-    ]
+    found = []
+    for block in blocks:
+        text = "\n".join(line for line in block.text.splitlines() if not any(word in line for word in README_NOT_RUN))
+        example = next(name for word, name in README_EXAMPLES if word in text)
+        found.append(Block(block.language, text, block.line, {"example": example}))
+    return [block for block in found if block.language in RUN and block.text]
 
 
 @pytest.mark.parametrize("page", PAGES_WITH_CODE, ids=_name)
