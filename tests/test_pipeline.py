@@ -101,7 +101,7 @@ def test_the_same_input_gives_the_same_bytes(tmp_path, solver):
     passerby.calibrate(scene).write(tmp_path / "two")
     passerby.calibrate(scene).write(tmp_path / "two")
     one, two = ({path.name: path.read_bytes() for path in (tmp_path / name).rglob("*.*")} for name in ("one", "two"))
-    assert sorted(one) == ["A.txt", "B.txt", "calibration.json", "rig.toml"]
+    assert sorted(one) == ["A.txt", "B.txt", "calibration.json", "report.html", "rig.toml"]
     assert one == two
 
 
