@@ -21,20 +21,6 @@ def scene(tmp_path_factory):
 @pytest.fixture(scope="session")
 def calibrated(scene):
     """(calibration, output folder) of the scene's boxes."""
+    from reported import solved, without
+
     return solved(scene, "boxes", lambda text: without(text, "keypoints"))
-
-
-def solved(scene, name, change):
-    """Calibrate a variant of a scene: (calibration, output folder)."""
-    import passerby
-
-    path, out = scene / f"{name}.toml", scene.parent / name
-    path.write_text(change((scene / "scene.toml").read_text()))
-    calibration = passerby.calibrate(path)
-    calibration.write(out)
-    return calibration, out
-
-
-def without(text, key):
-    """A scene file without the lines that set a key."""
-    return "".join(line + "\n" for line in text.splitlines() if not line.startswith(f"{key} ="))

@@ -8,7 +8,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from reading import busy_place, named, without_poses
+from reported import busy_place, named, without_poses
 
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
@@ -133,7 +133,7 @@ def doubtful(contents):
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 DRAWN = """() => Array.from(document.querySelectorAll(".plot"), (place) => [
     place.id, place.querySelectorAll(".main-svg").length,
-    place.querySelectorAll("canvas, .scatterlayer .trace, .barlayer .point").length,
+    place.querySelectorAll("canvas, .scatterlayer .trace, .barlayer .point, .heatmaplayer image").length,
 ])"""
 
 
@@ -318,11 +318,14 @@ def test_the_view_in_space_is_chosen_and_turned(laptop):
 
 
 def test_one_person_is_shown_in_the_timeline(laptop):
+    drawn = "(() => { const bars = document.getElementById('timeline-plot').data.at(-1);"
+    drawn += " return bars.customdata.map((told, row) => [told[0], bars.marker.opacity[row]]); })()"
+    everybody = laptop.told(drawn)
+    assert {who for who, opacity in everybody if opacity == 1} == {1, 2, 3, 4, 5}
     laptop.page.select_option("#timeline-person", "2")
-    opacity = laptop.told("document.getElementById('timeline-plot').data.map((one) => [one.name, one.opacity])")
-    assert {name for name, one in opacity if one == 1} == {"person 2"}
+    assert {who for who, opacity in laptop.told(drawn) if opacity == 1} == {2}
     laptop.page.select_option("#timeline-person", "")
-    assert set(laptop.told("document.getElementById('timeline-plot').data.map((one) => one.opacity)")) == {1}
+    assert laptop.told(drawn) == everybody
 
 
 def test_layers_of_the_pictures_are_switched(laptop):
@@ -367,6 +370,10 @@ def test_a_busy_hour_is_drawn(opened):
         "heights-plot",
     ]
     assert one.told(OVERFLOW) == 0
+    bars = "document.querySelectorAll('#timeline-plot .barlayer .point').length"
+    assert one.told(bars) == 0  # how many at once, not thousands of bars
+    one.page.select_option("#timeline-person", "7")
+    assert one.told(bars) > 5
 
 
 def test_paper_shows_what_is_folded_on_white(laptop):

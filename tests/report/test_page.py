@@ -4,10 +4,10 @@ import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from reading import Page, busy_place, named, without_poses
+from reported import Page, busy_place, named, solved, without, without_poses
 
-from conftest import solved, without
 from passerby.cli import run
 from passerby.report.contents import contents_from, contents_of
 from passerby.report.page import report_page
@@ -175,9 +175,12 @@ def test_an_hour_of_a_hundred_people_before_sixteen_cameras_stays_small():
     html = report_page(contents)
     assert len(html.encode()) < 8_400_000  # sixteen pictures of 100 kB fit into 10 MB beside it
     timeline = json.loads(next(text for told, text in Page(html).scripts if told.get("id") == "timeline-plot-figure"))
-    bars = sum(len(trace["x"]) for trace in timeline["data"])
-    assert len(timeline["data"]) == 100
-    assert 1000 < bars <= 4000
+    crowd, _ = timeline["data"]
+    assert len(crowd["z"]) == 16
+    assert 2 < np.mean(crowd["z"]) < 5  # four people at once, as made
+    kept = timeline["layout"]["meta"]["bars"]
+    assert 5000 < len(kept["who"]) <= 20_000
+    assert len(set(kept["who"])) == 100
 
 
 def test_the_command_makes_the_page_again(calibrated, tmp_path, capsys):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reading import busy_place
+from reported import busy_place
 
 from passerby.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import contents_from

@@ -217,14 +217,25 @@
     })));
   });
 
-  // One person in the timeline
+  // The timeline: everybody, or one person
   const person = document.getElementById("timeline-person");
 
   function choosePerson() {
     const place = document.getElementById("timeline-plot");
     if (!person || !place || !place.data) return;
-    const name = "person " + person.value;
-    Plotly.restyle(place, { opacity: place.data.map((trace) => (person.value === "" || trace.name === name ? 1 : 0.12)) });
+    const meta = place.layout.meta, bars = meta.bars, chosen = person.value;
+    const rows = bars.who.map((_, row) => row).filter((row) => !meta.crowded || String(bars.who[row]) === chosen);
+    const take = (column) => rows.map(column);
+    Plotly.restyle(place, {
+      base: [take((row) => bars.begin[row])],
+      x: [take((row) => bars.end[row] - bars.begin[row])],
+      y: [take((row) => bars.y[row])],
+      width: [take(() => bars.width)],
+      customdata: [take((row) => [bars.who[row], meta.cameras[bars.camera[row]], bars.begin[row], bars.end[row]])],
+      "marker.color": [take((row) => bars.colours[bars.who[row]])],
+      "marker.opacity": [take((row) => (chosen === "" || String(bars.who[row]) === chosen ? 1 : 0.1))],
+      "marker.line.width": 0,
+    }, [place.data.length - 1]);
   }
 
   if (person) person.addEventListener("change", choosePerson);

@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from passerby.report.html import Html, element, join
 from passerby.report.values import figure
 
+LONG = 24
+"""Rows beyond which a table scrolls up and down in its box too."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -72,7 +75,14 @@ def data_table(
         id=identifier,
     )
     # A box that scrolls must be reached by the keyboard, or it cannot be scrolled by it.
-    box = element("div", table, class_="table-box", tabindex="0", role="region", aria_label=caption)
+    box = element(
+        "div",
+        table,
+        class_="table-box long" if len(rows) > LONG else "table-box",
+        tabindex="0",
+        role="region",
+        aria_label=caption,
+    )
     button = element("button", "Copy as CSV", type="button", class_="quiet copy", data_copies=identifier) if copy else None
     return join(box, element("p", button, class_="tools") if copy else None)
 

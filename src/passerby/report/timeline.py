@@ -1,132 +1,176 @@
-"""Who was seen where, and when."""
+"""Who was seen where, and when: bars, or how many at once where there are too many bars to tell apart."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from passerby.observations import Floats
 from passerby.report.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot, plot_text
 from passerby.report.seen import Spells, lanes_of, merged
 from passerby.report.values import count
 
-MOST_BARS = 3000
-"""Drawn at most: at a laptop's width of 1000 pixels, breaks of a pixel are long closed by then. A bar takes 60 bytes."""
-LANE_PX, MOST_LANES = 7, 24
+MOST_BARS = 1500
+"""Told apart at a laptop's width; of more, the number of people at once is drawn, and the bars of one person who is chosen."""
+MOST_LANES = 14
+"""People at once in one camera whose bars can be told apart."""
+MOST_KEPT = 20_000
+"""Stretches in the page at most, 60 bytes each."""
+BINS = 400
+LANE_PX, ROW_PX = 7, 26
 MINUTES_FROM_S = 900.0
+TITLE = "Who was seen where"
 
 
 def timeline_section(contents: Contents, spells: Spells) -> Section:
     """A row for each camera, a bar for each stretch in which it saw somebody."""
-    lead = (
-        "A row for each camera, a bar for each stretch in which it saw a person; the same colour is the same person. A camera "
-        "whose bars never lie under another's saw nobody at the same time."
-    )
     if not len(spells):
-        return Section("timeline", "Who was seen where", lead, nothing("No tracks of known people are there."), "Timeline")
-    drawn = merged(spells, MOST_BARS)
-    people = drawn.people
-    figure = _figure(contents, drawn)
-    label = f"Timeline of {count(len(people), 'person', 'people')} in {count(len(contents.rig), 'camera')}"
-    body = join(_chooser(people.tolist()), plot("timeline-plot", figure, label), _merged_note(spells, drawn))
-    return Section("timeline", "Who was seen where", lead, body, "Timeline")
+        return Section("timeline", TITLE, "", nothing("No tracks of known people are there."), "Timeline")
+    kept = merged(spells, MOST_KEPT)
+    rows = _rows(len(contents.rig), kept)
+    if rows.crowded:
+        lead = "A row for each camera, the darker the more people it saw at once. Choose a person to see where they were."
+    else:
+        lead = "A row for each camera, a bar for each stretch in which it saw a person; the same colour is the same person."
+    lead += " A camera whose marks never lie under another’s saw nobody at the same time."
+    label = f"Timeline of {count(len(kept.people), 'person', 'people')} in {count(len(contents.rig), 'camera')}"
+    figure = _figure(contents, kept, rows)
+    body = join(_chooser(kept.people.tolist()), plot("timeline-plot", figure, label), _merged_note(spells, kept))
+    return Section("timeline", TITLE, lead, body, "Timeline")
 
 
-def _chooser(people: list[int]) -> Html:
+def _chooser(people: Sequence[int]) -> Html:
     """A list from which one person is chosen."""
     options = [element("option", "everybody", value=""), *(element("option", f"person {one}", value=one) for one in people)]
     return element("p", element("label", "Show ", element("select", options, id="timeline-person")), class_="tools")
 
 
-def _merged_note(spells: Spells, drawn: Spells) -> Html | None:
+def _merged_note(spells: Spells, kept: Spells) -> Html | None:
     """That short breaks were closed, where they were."""
-    if len(drawn) == len(spells):
+    if len(kept) == len(spells):
         return None
-    return element(
-        "p", f"{len(spells)} stretches are drawn as {len(drawn)}: the shortest breaks between them are closed.", class_="note"
-    )
+    told = f"{len(spells)} stretches are drawn as {len(kept)}: the shortest breaks between them are closed."
+    return element("p", told, class_="note")
 
 
-def _figure(contents: Contents, spells: Spells) -> dict[str, Any]:
-    """A trace for each person."""
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Where the bars stand, pixels from above."""
+
+    centre: Floats
+    """(N,) of each bar."""
+    width: Floats
+    """(N,) of each bar."""
+    heights: Floats
+    """(C,) of the cameras' rows."""
+    crowded: bool
+    """Whether the bars are too many to tell apart."""
+
+
+def _rows(n_cameras: int, spells: Spells) -> _Rows:
+    """A row for each camera, with lanes in which no two bars overlap; one lane where they are too many."""
+    lane, lanes = np.zeros(len(spells)), np.ones(n_cameras)
+    for camera in range(n_cameras):
+        own = np.flatnonzero(spells.camera == camera)
+        if len(own):
+            lane[own] = lanes_of(spells.begin[own], spells.end[own])
+            lanes[camera] = lane[own].max() + 1
+    if len(spells) > MOST_BARS or lanes.max() > MOST_LANES:
+        heights = np.full(n_cameras, float(ROW_PX))
+        centre = np.asarray(ROW_PX * (spells.camera + 0.5), dtype=np.float64)
+        return _Rows(centre, np.full(len(spells), 0.5 * ROW_PX), heights, True)
+    heights = np.asarray(8.0 + LANE_PX * np.maximum(lanes, 2), dtype=np.float64)
+    top = np.concatenate([[0.0], np.cumsum(heights)[:-1]])
+    return _Rows(top[spells.camera] + 4 + LANE_PX * (lane + 0.5), np.full(len(spells), 0.85 * LANE_PX), heights, False)
+
+
+def _figure(contents: Contents, spells: Spells, rows: _Rows) -> dict[str, Any]:
+    """All bars are in `layout.meta.bars`, from which the page's script draws everybody's or one person's."""
     begin, end = spells.span
     minutes = spells.in_seconds and end - begin > MINUTES_FROM_S
-    factor = 60.0 if minutes else 1.0
-    unit = "min" if minutes else "s" if spells.in_seconds else "frame"
-    centre, width, heights = _rows(contents, spells)
-    names = [plot_text(name) for name in contents.rig.names]
-    traces = []
-    for identity in spells.people.tolist():
-        own = np.flatnonzero(spells.identity == identity)
-        start, stop = np.round(spells.begin[own] / factor, 3), np.round(spells.end[own] / factor, 3)
-        told = zip((names[place] for place in spells.camera[own]), start.tolist(), stop.tolist(), strict=True)
-        traces.append(
-            {
-                "type": "bar",
-                "orientation": "h",
-                "name": f"person {identity}",
-                "base": start,
-                "x": np.round(stop - start, 3),
-                "y": np.round(centre[own], 3),
-                "width": np.round(width[own], 3),
-                "marker": {"color": person_colour(identity), "line": {"width": 0}},
-                "customdata": list(told),
-                "hovertemplate": f"person {identity}, %{{customdata[0]}}<br>"
-                f"%{{customdata[1]:.1f}} to %{{customdata[2]:.1f}} {unit}<extra></extra>",
-            }
-        )
-    middles = np.cumsum(heights) - heights / 2
+    factor, unit = (60.0, "min") if minutes else (1.0, "s" if spells.in_seconds else "frames")
+    names = [plot_text(_short(name)) for name in contents.rig.names]
+    bars = {
+        "type": "bar",
+        "orientation": "h",
+        "name": "people",
+        "hovertemplate": "person %{customdata[0]}, %{customdata[1]}<br>"
+        f"%{{customdata[2]:.1f}} to %{{customdata[3]:.1f}} {unit}<extra></extra>",
+    }
+    edges = np.concatenate([[0.0], np.cumsum(rows.heights)])
     layout = {
         "barmode": "overlay",
         "bargap": 0,
         "showlegend": False,
-        "height": int(70 + heights.sum()),
+        "height": int(70 + edges[-1]),
         "hovermode": "closest",
         "margin": {"l": 20, "r": 10, "t": 10, "b": 44},
         "xaxis": {"title": {"text": unit}, "range": [begin / factor, end / factor], "zeroline": False},
         "yaxis": {
-            "tickvals": middles,
-            "ticktext": [plot_text(_short(name)) for name in contents.rig.names],
-            "range": [float(heights.sum()), 0.0],
+            "tickvals": (edges[1:] + edges[:-1]) / 2,
+            "ticktext": names,
+            "range": [float(edges[-1]), 0.0],
             "fixedrange": True,
             "automargin": True,
             "showgrid": False,
             "zeroline": False,
         },
         "shapes": [
-            {
-                "type": "line",
-                "xref": "paper",
-                "x0": 0,
-                "x1": 1,
-                "y0": edge,
-                "y1": edge,
-                "line": {"width": 1, "color": "var(--line)"},
-            }
-            for edge in np.cumsum(heights)[:-1]
+            {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": y, "y1": y, "line": {"width": 1, "color": "var(--line)"}}
+            for y in edges[1:-1]
         ],
+        "meta": {"crowded": rows.crowded, "cameras": names, "bars": _bars(spells, rows, factor)},
     }
-    return {"data": traces, "layout": layout}
+    data = [_crowd(len(names), spells, edges, factor, unit), bars] if rows.crowded else [bars]
+    return {"data": data, "layout": layout}
 
 
 def _short(name: str) -> str:
     return name if len(name) <= 16 else name[:15] + "…"
 
 
-def _rows(contents: Contents, spells: Spells) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Middle and width of each bar, and the height of each camera's row, pixels."""
-    n = len(contents.rig)
-    most = max(1, min(MOST_LANES, 60 // n + 3))
-    lane, lanes = np.zeros(len(spells)), np.ones(n)
-    for camera in range(n):
-        own = np.flatnonzero(spells.camera == camera)
-        if len(own):
-            lane[own] = lanes_of(spells.begin[own], spells.end[own])
-            lanes[camera] = lane[own].max() + 1
-    heights = 8 + LANE_PX * np.clip(lanes, 2, most)
-    top = np.concatenate([[0.0], np.cumsum(heights)[:-1]])
-    pitch = (heights - 8) / np.maximum(lanes, 2)
-    centre = top[spells.camera] + 4 + pitch[spells.camera] * (lane + 0.5)
-    return centre, 0.85 * pitch[spells.camera], heights
+def _bars(spells: Spells, rows: _Rows, factor: float) -> dict[str, Any]:
+    """Columns of all bars."""
+    start, stop = np.round(spells.begin / factor, 3), np.round(spells.end / factor, 3)
+    people = spells.people.tolist()
+    return {
+        "who": spells.identity,
+        "camera": spells.camera,
+        "begin": start,
+        "end": stop,
+        "y": np.round(rows.centre, 2),
+        "width": float(rows.width[0]),
+        "colours": dict(zip(map(str, people), map(person_colour, people), strict=True)),
+    }
+
+
+def _crowd(n_cameras: int, spells: Spells, edges: Floats, factor: float, unit: str) -> dict[str, Any]:
+    """How many people each camera saw at once, in the mean over bins of time."""
+    times = np.linspace(*spells.span, BINS + 1)
+    number = np.zeros((n_cameras, BINS))
+    for camera in range(n_cameras):
+        own = spells.camera == camera
+        seen = _ramps(times, spells.begin[own]) - _ramps(times, spells.end[own])
+        number[camera] = np.diff(seen) / np.diff(times)
+    return {
+        "type": "heatmap",
+        "x": np.round(times / factor, 4),
+        "y": edges,
+        "z": np.round(number, 2) + 0.0,
+        "ygap": 3,
+        "colorscale": [[0, "var(--surface)"], [0.15, "var(--low)"], [1, "var(--high)"]],
+        "colorbar": {"title": {"text": "people"}, "thickness": 12, "outlinewidth": 0},
+        "hovertemplate": f"%{{x:.1f}} {unit}: %{{z:.1f}} people<extra></extra>",
+    }
+
+
+def _ramps(times: Floats, starts: Floats) -> Floats:
+    """(T,) the sum of how long ago each start is, of those that have been."""
+    starts = np.sort(starts)
+    before = np.searchsorted(starts, times)
+    return np.asarray(before * times - np.concatenate([[0.0], np.cumsum(starts)])[before])

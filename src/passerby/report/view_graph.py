@@ -145,6 +145,7 @@ def _drawing(contents: Contents, links: list[Link]) -> Html:
     angle = -np.pi / 2 + 2 * np.pi * np.arange(len(names)) / len(names)
     at = {name: (WIDTH / 2 + 150 * np.cos(a), HEIGHT / 2 + 150 * np.sin(a)) for name, a in zip(names, angle, strict=True)}
     most = max(link.shared.sightings for link in links) or 1
+    widest = min(7.0, 40.0 / len(links))  # a whole rig of sixteen cameras would be one blot
     lines = []
     for link in sorted(links, key=lambda one: one.used):
         (x1, y1), (x2, y2) = at[link.first], at[link.second]
@@ -160,7 +161,7 @@ def _drawing(contents: Contents, links: list[Link]) -> Html:
                 x2=f"{x2:.1f}",
                 y2=f"{y2:.1f}",
                 class_=f"link {link.word.replace(' ', '-')}",
-                stroke_width=f"{1.2 + 7 * np.sqrt(link.shared.sightings / most):.1f}",
+                stroke_width=f"{1.2 + widest * np.sqrt(link.shared.sightings / most):.1f}",
             )
         )
     nodes = [_node(place, name, at[name], contents.rig[name].pose is not None) for place, name in enumerate(names)]

@@ -72,6 +72,22 @@ class Page(HTMLParser):
         return [dict(zip(self.heads[table], row, strict=True)) for row in self.tables[table]]
 
 
+def solved(scene, name, change):
+    """Calibrate a variant of a scene: (calibration, output folder)."""
+    import passerby
+
+    path, out = scene / f"{name}.toml", scene.parent / name
+    path.write_text(change((scene / "scene.toml").read_text()))
+    calibration = passerby.calibrate(path)
+    calibration.write(out)
+    return calibration, out
+
+
+def without(text, key):
+    """A scene file without the lines that set a key."""
+    return "".join(line + "\n" for line in text.splitlines() if not line.startswith(f"{key} ="))
+
+
 def named(contents, names):
     """The same contents with other names of the cameras."""
     new = dict(zip(contents.rig.names, names, strict=True))
