@@ -9,6 +9,7 @@ then rotation vector in radians, camera frame).
 from __future__ import annotations
 
 import tomllib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ import tomli_w
 from passerby.cameras import Camera, Floats, Lens, Pose, PoseSigma, Rig
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
-from passerby.interchange.faults import FileFaults, read_text
+from passerby.interchange.faults import read_text
+from passerby.interchange.gathering import gathered_rig
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
@@ -34,21 +36,11 @@ def read_rig(path: str | Path) -> Rig:
     metadata = content.get(METADATA, {})
     metadata = metadata if isinstance(metadata, dict) else {}
     metres = _metres_per_unit(Path(path), metadata)
-    cameras: list[Camera] = []
-    faults: list[str] = []
-    for key, table in _camera_tables(Path(path), content).items():
-        try:
-            cameras.append(camera_of(key, table, metres))
-        except InputError as error:
-            faults.append(f"{path}: [{key}]: {error}")
-    if faults:
-        raise FileFaults(faults)
+    tables = _camera_tables(Path(path), content)
     texts = {key: value for key, value in metadata.items() if isinstance(value, str) and key not in ("units", "verdict")}
     verdict = metadata.get("verdict")
-    try:
-        return Rig(tuple(cameras), verdict if isinstance(verdict, str) else None, texts)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    cameras = ((f"[{key}]", partial(camera_of, key, table, metres)) for key, table in tables.items())
+    return gathered_rig(path, cameras, verdict if isinstance(verdict, str) else None, texts)
 
 
 def read_lens(path: str | Path, camera: str) -> Lens:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,12 @@ import tomli_w
 
 from passerby.cameras import Camera, Lens, Rig
 from passerby.errors import InputError
-from passerby.interchange.faults import FileFaults, read_toml
+from passerby.interchange.faults import read_toml
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RATIONAL_8, TILTED_14, expressed
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.values import padded
+from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
 
 MILLIMETRES = 1000.0
@@ -70,19 +72,7 @@ def read(path: Path, given: Given) -> Rig:
         raise InputError(f"{path}: is no calibration of FreeMoCap: each table but [metadata] is a camera with a matrix there")
     metadata = content.get(METADATA)
     metres = given.metres_per_unit or _metres_per_unit(path, metadata if isinstance(metadata, dict) else {})
-    cameras: list[Camera] = []
-    faults: list[str] = []
-    for key, table in tables.items():
-        try:
-            cameras.append(camera_of(key, table, metres))
-        except InputError as error:
-            faults.append(f"{path}: [{key}]: {error}")
-    if faults:
-        raise FileFaults(faults)
-    try:
-        return Rig(tuple(cameras))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    return gathered_rig(path, ((f"[{key}]", partial(camera_of, key, table, metres)) for key, table in tables.items()))
 
 
 def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:

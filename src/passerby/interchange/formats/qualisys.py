@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -28,8 +29,9 @@ import numpy as np
 
 from passerby.cameras import Camera, Floats, Lens, Pose, Rig
 from passerby.errors import InputError
-from passerby.interchange.faults import FileFaults, read_text
+from passerby.interchange.faults import read_text
 from passerby.interchange.formats.format import Format, Given
+from passerby.interchange.gathering import gathered_rig
 
 METRES = 1e-3
 SUBPIXELS = 64.0
@@ -54,19 +56,9 @@ def read(path: Path, given: Given) -> Rig:
     elements = root.findall(".//cameras/camera")
     if not elements:
         raise InputError(f"{path}: holds no <camera>: a calibration of Qualisys Track Manager (.qca.txt) is needed here")
-    cameras, faults = [], []
-    for number, element in enumerate(elements, start=1):
-        name = element.get("serial") or str(number)
-        try:
-            cameras.append(_camera(name, element, given))
-        except InputError as error:
-            faults.append(f"{path}: camera {name}: {error}")
-    if faults:
-        raise FileFaults(faults)
-    try:
-        return Rig(tuple(cameras))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    names = [element.get("serial") or str(number) for number, element in enumerate(elements, start=1)]
+    cameras = zip(names, elements, strict=True)
+    return gathered_rig(path, ((f"camera {name}", partial(_camera, name, element, given)) for name, element in cameras))
 
 
 def _camera(name: str, element: ElementTree.Element, given: Given) -> Camera:
