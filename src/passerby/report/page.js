@@ -236,6 +236,7 @@
       "marker.opacity": [take((row) => (chosen === "" || String(bars.who[row]) === chosen ? 1 : 0.1))],
       "marker.line.width": 0,
     }, [place.data.length - 1]);
+    if (meta.crowded) Plotly.restyle(place, { opacity: chosen === "" ? 1 : 0.4 }, [0]);
   }
 
   if (person) person.addEventListener("change", choosePerson);

@@ -34,7 +34,9 @@ def timeline_section(contents: Contents, spells: Spells) -> Section:
     kept = merged(spells, MOST_KEPT)
     rows = _rows(len(contents.rig), kept)
     if rows.crowded:
-        lead = "A row for each camera, the darker the more people it saw at once. Choose a person to see where they were."
+        lead = (
+            "A row for each camera, the stronger the colour the more people it saw at once. Choose a person to see their way."
+        )
     else:
         lead = "A row for each camera, a bar for each stretch in which it saw a person; the same colour is the same person."
     lead += " A camera whose marks never lie under another’s saw nobody at the same time."
