@@ -198,7 +198,7 @@ def _from_the_side(ax: Axes, camera: Camera, place: Floats, height: float) -> No
     reach = float(np.linalg.norm(place - centre[:2]))
     ax.axhline(0, color="#80868b", lw=1.2)
     ax.plot(0, centre[2], "s", ms=9, color=INK)
-    ax.annotate("camera", (0, centre[2]), (0.0, centre[2] + 0.2), ha="center")
+    ax.annotate("camera", (0, centre[2]), (0.0, centre[2] + 0.35), ha="center")
     for z, style in ((height, "-"), (0.0, "-"), (height / 2, "--")):
         ax.plot([0, reach], [centre[2], z], color=GREY, lw=1, ls=style)
     ax.plot([reach, reach], [0, height], color=COLOURS[0], lw=9, alpha=0.35, solid_capstyle="round")
