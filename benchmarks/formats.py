@@ -1,7 +1,6 @@
-"""What other tools make of Passerby's files, by the tools' own libraries: `python benchmarks/formats.py [--install]`.
+"""The section `formats`: what other tools make of Passerby's files, by the tools' own libraries.
 
-Each tool has an environment of its own, `.venv-peer-NAME`, which `--install` makes where it is missing. Writes
-`docs/results/formats.md`.
+Each tool has an environment of its own, `.venv-peer-NAME`; `python benchmarks/formats.py` makes those that are missing.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -20,7 +18,7 @@ from types import ModuleType
 from format_tools.rigs import cases_of, read_back
 
 from datasets import ROOT
-from passerby.benchmark.page import Page, write_page
+from passerby.benchmark.page import Page
 from passerby.interchange.formats import all_formats
 
 HERE = Path(__file__).resolve().parent / "format_tools"
@@ -79,7 +77,7 @@ def outcome(name: str, module: ModuleType, scratch: Path) -> Outcome:
     lenses = tuple(kind for kind, _, _ in cases)
     python = environment(module) / "bin" / "python"
     if not python.is_file():
-        return Outcome(name, module.TOOL, lenses, failure="not run: not installed")
+        return Outcome(name, module.TOOL, lenses, failure="not run: environment not made, `python benchmarks/formats.py`")
     result = scratch / name / "result.json"
     command = [
         str(python),
@@ -123,22 +121,16 @@ def _pixels(value: float | None) -> str:
     return "" if value is None else f"{value:.0e}" if value else "0"
 
 
+def run(scratch: Path, quick: bool) -> Page:
+    """All formats that have a check; there is no quicker way."""
+    return page([outcome(name, module, scratch) for name, module in checks().items()])
+
+
 def main() -> None:
-    """Run all checks."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--install", action="store_true", help="make the tools' environments where they are missing")
-    parser.add_argument("--only", nargs="+", metavar="FORMAT", help="these formats; the page is printed, not written")
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs" / "results", help="folder for the page; docs/results")
-    arguments = parser.parse_args()
-    modules = {name: module for name, module in checks().items() if name in (arguments.only or [name])}
-    if arguments.install:
-        for module in modules.values():
-            install(module)
-    with tempfile.TemporaryDirectory(prefix="passerby-formats-") as scratch:
-        found = page([outcome(name, module, Path(scratch)) for name, module in modules.items()])
-    print(found.text)
-    if not arguments.only:
-        write_page(found, arguments.out, "python benchmarks/formats.py --install")
+    """Make the environments."""
+    argparse.ArgumentParser(description="Makes the environments of the tools that check formats.").parse_args()
+    for module in checks().values():
+        install(module)
 
 
 if __name__ == "__main__":

@@ -31,6 +31,13 @@ def _peers(scratch: Path, quick: bool) -> Iterable[Page]:
     return run(scratch, quick)
 
 
+def _formats(scratch: Path, quick: bool) -> Page:
+    """Imported only where it is wanted, as the peers."""
+    from formats import run
+
+    return run(scratch, quick)
+
+
 # What is timed comes first, before the runs that fill both cores.
 SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "speed": speed.run,
@@ -40,6 +47,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "perception": perception.run,
     "reid": reid.run,
     "peers": _peers,
+    "formats": _formats,
 }
 RESULTS = ROOT / "docs" / "results"
 

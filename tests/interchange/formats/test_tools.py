@@ -1,4 +1,4 @@
-"""Files read by the libraries of the tools that they are for, where these are installed; `benchmarks/formats.py` runs all."""
+"""Files read by the libraries of the tools that they are for, where these are installed; `benchmarks/run.py` runs all."""
 
 import importlib
 import re
