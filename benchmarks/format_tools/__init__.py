@@ -15,6 +15,6 @@ Passerby, so it imports the tool inside `check`, and nothing but numpy and `form
 gives the largest difference from `Case.pixels`, in OpenCV's pixels (`Case.largest`). Where the tool can write the format
 itself, it writes what it has read to `Case.back`; Passerby reads that, and must have every point where it was.
 
-`python benchmarks/formats.py` makes the environments, `python benchmarks/run.py --only formats` runs all modules here and writes
-`docs/results/formats.md`, and `tests/interchange/formats/test_tools.py` runs those whose tool is installed beside Passerby.
+`python benchmarks/formats.py` makes the environments, `python benchmarks/run.py --only formats` runs all modules here and
+writes `docs/results/formats.md`, and `tests/interchange/formats/test_tools.py` runs those whose tool is installed beside Passerby.
 """
