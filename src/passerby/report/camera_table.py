@@ -55,10 +55,12 @@ def camera_section(contents: Contents, seen: Seen) -> Section:
 
 
 def _told(contents: Contents, column: str) -> bool:
-    """Whether a column has anything to tell: joints and clocks are not always there."""
+    """Whether a column has anything to tell: boxes, joints and clocks are not always there."""
     tables = contents.cameras.values()
     if column == "Joints":
         return any(table.get("keypoints") for table in tables)
+    if column == "Boxes":
+        return any(table.get("boxes") for table in tables) or not any(table.get("keypoints") for table in tables)
     if column == "Clock":
         return any(number_of(table.get("time_offset_s")) is not None for table in tables)
     return True

@@ -154,8 +154,8 @@ def _geopose_scale(scale: Mapping[str, Any]) -> str:
     height, segments, people = (number_of(scale.get(key)) for key in ("height_m", "segments", "people"))
     told = f"The scale comes from one cue: {scale.get('from', 'a known length')}"
     told += f", {height:.2f} m for everybody" if height is not None else ""
-    told += f", over {segments:.0f} upright people" if segments is not None else ""
-    return told + (f" of {people:.0f} identities." if people is not None else ".")
+    told += f", from {count(int(people), 'person', 'people')}" if people is not None else ""
+    return told + (f", seen upright {segments:.0f} times." if segments is not None else ".")
 
 
 def _cue_table(cues: list[Mapping[str, Any]]) -> Html:

@@ -53,22 +53,31 @@ def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress
 
 def _switches(contents: Contents) -> Html:
     """A box for each layer that a picture has, for all pictures at once."""
-    joints = any(len(one.keypoints) for one in contents.observations.cameras.values())
+    seen, posed = contents.observations.cameras.values(), len(contents.rig.posed()) > 0
+    with_boxes, with_joints = any(len(one.boxes) for one in seen), any(len(one.keypoints) for one in seen)
+    there = {
+        "grid": posed,
+        "cameras": posed,
+        "boxes": with_boxes,
+        "model": posed and with_boxes,
+        "joints": with_joints,
+    }
     boxes = [
         element("label", element("input", type="checkbox", checked=True, data_layer=layer), name)
         for layer, name in LAYERS
-        if (joints if layer == "joints" else layer == "boxes" or len(contents.rig.posed()))
+        if there[layer]
     ]
-    return element("fieldset", element("legend", "Draw in"), boxes, class_="layers")
+    return element("fieldset", element("legend", "Draw in"), boxes, class_="layers") if boxes else Html("")
 
 
 def _panel(contents: Contents, fit: Fitted, seen: Seen, place: int, name: str) -> Html:
     """One camera."""
     told, residual = contents.cameras[name], residuals_px(contents)[name]
-    boxes = number_of(told.get("boxes"))
+    boxes, joints = number_of(told.get("boxes")), number_of(told.get("keypoints"))
     facts = [
         count(seen.people[name], "person", "people"),
-        f"{figure(boxes, 0)} boxes",
+        *([f"{figure(boxes, 0)} boxes"] if boxes or not joints else []),
+        *([f"{joints:.0f} sightings with joints"] if joints else []),
         f"residual {figure(residual, 1, ' px')}",
     ]
     if contents.rig[name].pose is None:
