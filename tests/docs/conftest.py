@@ -11,6 +11,10 @@ import pytest
 
 from filmed import film, puppets
 from passerby.cli import run
+from passerby.inputs import read_inputs
+from passerby.progress import silent
+from passerby.scene import Scene
+from passerby.videos import Videos
 
 Folders = Callable[[str], Path]
 
@@ -64,11 +68,8 @@ def _videos(folder: Path, folders: Folders) -> None:
     shutil.copy(street / "truth.toml", folder / "truth.toml")
     shutil.copytree(folder / "videos", folder / "v")
     assert run(["init", str(folder / "v")]) == 0
-    assert run(["calibrate", str(folder / "v" / "scene.toml"), "-o", str(folder / "first")]) in (0, 3)
+    read_inputs(Scene.load(folder / "v" / "scene.toml"), Videos(folder / "out", None, silent))
     shutil.rmtree(folder / "v")
-    (folder / "out").mkdir()
-    (folder / "first" / "perception").rename(folder / "out" / "perception")
-    shutil.rmtree(folder / "first")
 
 
 def _scene(folder: Path, _: Folders) -> None:
