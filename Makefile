@@ -17,7 +17,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-peers peers format clean
+.PHONY: demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-peers bench-formats peers format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo -o demo
@@ -54,6 +54,11 @@ bench-quick: $(BENCH_INSTALLED)
 
 bench-peers: $(BENCH_INSTALLED) peers
 	$(BENCH_VENV)/bin/python benchmarks/run.py --only peers
+
+# Every tool reads what is exported to it, in an environment of its own.
+bench-formats: $(INSTALLED)
+	$(VENV)/bin/python benchmarks/formats.py
+	$(VENV)/bin/python benchmarks/run.py --only formats
 
 bench-association: $(INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only association

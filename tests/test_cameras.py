@@ -210,3 +210,20 @@ def test_where_a_camera_looks():
     assert camera.project(np.array([[10.0, 0.0, 1.0]]))[0, 0] < 0
     down = Pose(np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]), np.zeros(3))
     assert (down.heading_deg, down.tilt_deg, down.roll_deg) == (None, 90, None)
+
+
+@pytest.mark.parametrize("distortions", [[], [-0.2, 0.05, 0.001, -0.002, 0.01]])
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_skew_is_part_of_every_lens(distortions, fisheye):
+    coefficients = np.array(distortions[: 4 if fisheye else 5]) * (0.1 if fisheye else 1)
+    straight, skewed = (
+        np.array([[500.0, 0, 310], [0, 480, 250], [0, 0, 1]]),
+        np.array([[500.0, 7, 310], [0, 480, 250], [0, 0, 1]]),
+    )
+    points = np.array([[0.2, -0.3, 1.5], [-0.4, 0.3, 2.0], [0.0, 0.0, 1.0]])
+    lens = Lens((640, 480), skewed, coefficients, fisheye)
+    without = Lens((640, 480), straight, coefficients, fisheye).project_rays(points)
+    expected = without + np.column_stack([7 * (without[:, 1] - 250) / 480, np.zeros(3)])
+    np.testing.assert_allclose(lens.project_rays(points), expected, atol=1e-9)
+    back = lens.bearings(expected)
+    np.testing.assert_allclose(back, points / np.linalg.norm(points, axis=1, keepdims=True), atol=1e-7)

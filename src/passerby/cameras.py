@@ -91,7 +91,7 @@ class Lens:
             return _project_fisheye(points, self.matrix, self.distortions)
         safe = np.where(points[:, 2:] > 0, points, np.array([0.0, 0.0, 1.0]))
         if self.distortions.any():
-            pixels = cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0]
+            pixels = self._skewed(cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0])
         else:  # five times quicker than OpenCV
             pixels = (safe[:, :2] / safe[:, 2:]) @ self.matrix[:2, :2].T + self.matrix[:2, 2]
         return np.asarray(np.where(points[:, 2:] > 0, pixels, np.nan), dtype=np.float64)
@@ -111,12 +111,19 @@ class Lens:
         if self.fisheye:
             rays = _unproject_fisheye(pixels, self.matrix, self.distortions)
         else:
-            rays = _unproject_pinhole(pixels, self.matrix, self.distortions)
+            rays = _unproject_pinhole(self._skewed(pixels, -1.0), self.matrix, self.distortions)
         rays = np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
         with np.errstate(invalid="ignore"):
             back = np.linalg.norm(self.project_rays(np.nan_to_num(rays, nan=0.5)) - pixels, axis=1)
             rays[~(back < INVERSION_TOLERANCE_PX)] = np.nan
         return rays
+
+    def _skewed(self, pixels: Floats, sign: float = 1.0) -> Floats:
+        """Pinhole pixels with the matrix's skew put in (or taken out), which OpenCV's own functions leave alone."""
+        skew = sign * self.matrix[0, 1] / self.matrix[1, 1]
+        if skew == 0:
+            return pixels
+        return np.column_stack([pixels[:, 0] + skew * (pixels[:, 1] - self.matrix[1, 2]), pixels[:, 1]])
 
     def tangents(self, bearings: Floats) -> Floats:
         """Linear maps from the camera frame to pixels, around given viewing rays.
