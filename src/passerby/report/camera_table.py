@@ -13,7 +13,7 @@ from passerby.report.html import Html, Section, element, join
 from passerby.report.mends import point_of
 from passerby.report.seen import Seen
 from passerby.report.tables import Cell, Column, data_table, number, text
-from passerby.report.values import MISSING, count, figure, number_of, texts_of
+from passerby.report.values import figure, number_of, texts_of
 from passerby.report.weak_points import RESIDUAL_PX, outstanding, own_sigmas_mm, residuals_px
 
 COLUMNS = (
@@ -129,9 +129,3 @@ def _why(contents: Contents, camera: Camera) -> Html | None:
     reasons = [reason for reason in texts_of(contents.told.get("reasons")) if named.search(reason)]
     why = point_of(reasons[0]).what if reasons else "Could not be joined to other cameras."
     return element("small", f"no pose: {why}", class_="why")
-
-
-def in_words(contents: Contents) -> str:
-    """How many cameras have a pose."""
-    posed, every = len(contents.rig.posed()), len(contents.rig)
-    return f"{count(posed, 'camera')} of {every} registered" if posed else f"none of {every} cameras {MISSING} registered"
