@@ -21,6 +21,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +30,12 @@ import tomli_w
 
 from passerby.cameras import Camera, Lens, Rig
 from passerby.errors import InputError
-from passerby.interchange.faults import FileFaults, read_toml
+from passerby.interchange.faults import read_toml
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE_SKEWED, RATIONAL_8, TILTED_14, LensModel, expressed, trimmed
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
+from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
 
 OTHER_TABLES = (METADATA, "capture_volume", "charuco", "checkerboard", "cameras")
@@ -140,25 +142,20 @@ def _rig(path: Path, tables: Mapping[str, dict[str, Any]], given: Given, metres_
     """The cameras of all tables. Raises `FileFaults` with everything that cannot be one."""
     if not tables:
         raise InputError(f"{path}: holds no camera: one table a camera with size, matrix and distortions is needed")
-    cameras: list[Camera] = []
-    faults: list[str] = []
-    for key, table in tables.items():
-        flat = dict(table)
-        for name in ("distortions", "translation", "rotation"):
-            if name in table and not (name == "rotation" and np.shape(table[name]) == (3, 3)):
-                flat[name] = _flat(table[name])
-        try:
-            if flat.get("size") is None:
-                flat["size"] = list(given.size_of("the table"))
-            cameras.append(camera_of(key, flat, metres_per_unit))
-        except InputError as error:
-            faults.append(f"{path}: [{key}]: {error}")
-    if faults:
-        raise FileFaults(faults)
-    try:
-        return Rig(tuple(cameras))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    return gathered_rig(
+        path, ((f"[{key}]", partial(_camera, key, table, given, metres_per_unit)) for key, table in tables.items())
+    )
+
+
+def _camera(key: str, table: dict[str, Any], given: Given, metres_per_unit: float) -> Camera:
+    """The camera of a table. Raises `InputError` without the place."""
+    flat = dict(table)
+    for name in ("distortions", "translation", "rotation"):
+        if name in table and not (name == "rotation" and np.shape(table[name]) == (3, 3)):
+            flat[name] = _flat(table[name])
+    if flat.get("size") is None:
+        flat["size"] = list(given.size_of("the table"))
+    return camera_of(key, flat, metres_per_unit)
 
 
 def _flat(value: Any) -> Any:
