@@ -40,7 +40,7 @@ types: $(TRAINING_INSTALLED)
 	$(VENV)/bin/mypy
 
 docs: $(INSTALLED)
-	$(VENV)/bin/mkdocs build --strict --quiet --site-dir build/site
+	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict --quiet --site-dir build/site
 
 # Writes docs/results anew, but for the pages of videos and of training (bench-perception, bench-reid), and the README's tables.
 bench: $(BENCH_INSTALLED) peers

@@ -101,6 +101,17 @@ def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
     assert "doubtful: camera B is lost: record more" in shown
 
 
+def test_what_a_measured_length_would_mend(calibration, capsys):
+    found = calibration(SEARCHED)
+    scale = {"relative_sigma": 0.047, "cues": [{"cue": "population of 3", "share": 0.9}, {"cue": "height of A", "share": 0.1}]}
+    for within, told in ((2.0, True), (8.0, False)):
+        cameras = [{"name": "A", "shape_position_sigma_mm": 1.0}, {"name": "B", "shape_position_sigma_mm": within}]
+        show_calibration(replace(found, figures={"scale": scale, "cameras": cameras}), verbose=False)
+        shown = capsys.readouterr().out
+        assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in shown
+        assert ("but for it, positions are known to 2 mm" in shown) is told
+
+
 def test_stages_are_lines_for_those_who_want_them_where_there_is_no_terminal(capsys):
     for verbose, told in ((False, ""), (True, "reading\npairs of cameras: 21\n")):
         with stages(verbose) as tell:

@@ -91,7 +91,8 @@ class Lens:
             return _project_fisheye(points, self.matrix, self.distortions)
         safe = np.where(points[:, 2:] > 0, points, np.array([0.0, 0.0, 1.0]))
         if self.distortions.any():
-            pixels = self._skewed(cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0])
+            straight = cv2.projectPoints(safe[:, None], zero, zero, self.matrix, self.distortions)[0][:, 0]
+            pixels = self._skewed(np.asarray(straight, dtype=np.float64))
         else:  # five times quicker than OpenCV
             pixels = (safe[:, :2] / safe[:, 2:]) @ self.matrix[:2, :2].T + self.matrix[:2, 2]
         return np.asarray(np.where(points[:, 2:] > 0, pixels, np.nan), dtype=np.float64)

@@ -6,11 +6,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from passerby.cameras import Camera
+from passerby.cameras import Camera, Rig
 from passerby.check import CameraCheck, SceneCheck
 from passerby.evaluation.metrics import Comparison
 from passerby.interchange.json_text import to_json
 from passerby.pipeline import Calibration
+from passerby.solver.cues import cue_in_words
 from passerby.terminal import MISSING, number, show_table
 
 
@@ -26,7 +27,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     clock = ("clock s", "sigma s") if timed else ()
     columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", *clock, "boxes", "joints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
-    show_scale(calibration.figures.get("scale", {}))
+    show_scale(calibration.figures, calibration.rig)
     for finding in calibration.findings:
         print(f"note: {finding}")
     if verbose:
@@ -76,11 +77,24 @@ def show_pairs(pairs: Sequence[Mapping[str, Any]]) -> None:
     show_table("pairs of cameras", columns, rows)
 
 
-def show_scale(scale: dict[str, Any]) -> None:
-    """One line on how sure the scale is and how much each cue pulls; nothing where the solver does not tell."""
-    if "cues" in scale:
-        pulls = ", ".join(f"{cue['cue']} {100 * cue['share']:.0f} %" for cue in scale["cues"])
-        print(f"scale known to {100 * scale['relative_sigma']:.1f} %, from {pulls}")
+MOSTLY_SCALE = 0.5
+"""Where the sigma within the rig is below this share of the whole, a measured length pays."""
+
+
+def show_scale(figures: Mapping[str, Any], rig: Rig) -> None:
+    """How sure the scale is, how much each cue pulls, and what a measured length would do; nothing where nobody knows."""
+    scale = figures.get("scale", {})
+    if "cues" not in scale:
+        return
+    pulls = ", ".join(f"{cue_in_words(cue['cue'])} ({100 * cue['share']:.0f} %)" for cue in scale["cues"])
+    print(f"scale known to {100 * scale['relative_sigma']:.1f} %, from {pulls}")
+    whole = [1000 * camera.sigma.position_m for camera in rig if camera.sigma is not None]
+    within = [camera["shape_position_sigma_mm"] for camera in figures.get("cameras", ()) if "shape_position_sigma_mm" in camera]
+    if whole and within and max(within) < MOSTLY_SCALE * max(whole):
+        print(
+            f"the sigmas are mostly scale: but for it, positions are known to {number(max(within), 0)} mm; one measured length "
+            "under [scale] mends that"
+        )
 
 
 def show_comparison(comparison: Comparison) -> None:

@@ -143,3 +143,12 @@ def test_a_reserved_name_is_refused(tmp_path):
 def test_real_rigs_are_read(data_root):
     assert len(read_rig(data_root / "pets2009" / "rig.toml")) == 7
     assert all(camera.pose is not None for path in data_root.glob("*/rig.toml") for camera in read_rig(path))
+
+
+def test_a_lens_that_is_still_to_be_filled_in_says_so(tmp_path):
+    path = tmp_path / "intrinsics.toml"
+    path.write_text(
+        '[A]\nsize = [640, 480]\nmatrix = [["FX", 0.0, 320.0], [0.0, "FY", 240.0], [0.0, 0.0, 1.0]]\ndistortions = []\n'
+    )
+    with pytest.raises(InputError, match=r"intrinsics.toml: \[A\]: matrix still says FX and FY: put the lens's numbers there"):
+        read_rig(path)

@@ -25,6 +25,8 @@ from passerby.interchange.gathering import gathered_rig
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
+UNFILLED = ("FX", "FY", "CX", "CY")
+"""What `passerby init` writes for numbers that it does not know."""
 
 
 def read_rig(path: str | Path) -> Rig:
@@ -109,6 +111,11 @@ def camera_of(key: str, table: dict[str, Any], metres_per_unit: float = 1.0) -> 
 
 def _lens(table: dict[str, Any]) -> Lens:
     size = _numbers(table, "size", (2,), "[width, height] in pixels")
+    unfilled = [text for text in _flat(table.get("matrix")) if text in UNFILLED]
+    if unfilled:
+        raise InputError(
+            f"matrix still says {' and '.join(unfilled)}: put the lens's numbers there, as the file tells at its top"
+        )
     matrix = _numbers(table, "matrix", (3, 3), "three rows of three numbers")
     fisheye = table.get("fisheye", False)
     if not isinstance(fisheye, bool):

@@ -12,6 +12,7 @@ from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.tables import Column, data_table, number, text
 from passerby.report.values import count, number_of, rows_of, table_of
+from passerby.solver.cues import cue_in_words
 
 NAMED = "height of person "
 """How a scale cue for one person is called."""
@@ -176,7 +177,7 @@ def _cue_table(cues: list[Mapping[str, Any]]) -> Html:
         pull = number(percent, 1)
         rows.append(
             [
-                text(_cue_name(str(cue.get("cue", "")))),
+                text(cue_in_words(str(cue.get("cue", "")))),
                 number(number_of(cue.get("stated_m")), 3),
                 number(number_of(cue.get("measured_m")), 3),
                 number(number_of(cue.get("sd_m")), 3),
@@ -185,8 +186,3 @@ def _cue_table(cues: list[Mapping[str, Any]]) -> Html:
             ]
         )
     return data_table("scale-table", "Scale cues", columns, rows)
-
-
-def _cue_name(cue: str) -> str:
-    """A cue as a reader calls it."""
-    return f"heights of {cue.removeprefix('population of ')} people" if cue.startswith("population of ") else cue

@@ -150,3 +150,8 @@ def report_pull(
         }
         for (kind, value, stated, spread), weight in zip(found, information, strict=True)
     ], float(1 / np.sqrt(total)) if total > 0 else float("nan")  # fmt: skip
+
+
+def cue_in_words(cue: str) -> str:
+    """`population of 10` is what a solver calls the heights of ten people of whom nobody knows more."""
+    return f"heights of {cue.removeprefix('population of ')} people" if cue.startswith("population of ") else cue
