@@ -145,8 +145,11 @@ def _views(contents: Contents, stage: Stage, unit: float) -> list[dict[str, Any]
     far = np.clip(2.9 * stage.reach * unit, 0.5, 2.2)
     up = np.array([0.0, 0.0, 1.0])
     whole = np.zeros(3)
+    # What is near looks large: the middle of the picture lies on this side of the rig's.
+    oblique = np.array([0.55, -0.75, 0.0])
+    nearer = middle + 0.15 * far * oblique
     found = [
-        ("Oblique", middle + far * np.array([0.55, -0.75, 0.5]), middle),
+        ("Oblique", nearer + far * (0.8 * oblique + (0, 0, 0.55)), nearer),
         # Straight down a turning view does not know which way is up.
         ("From above", whole + (0, -0.01, 1.35 * SCENE_SIZE), whole),
         ("Along x", middle + far * np.array([-1.0, 0.0, 0.12]), middle),
