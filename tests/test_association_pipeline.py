@@ -84,7 +84,7 @@ def test_the_same_input_gives_the_same_bytes_side_by_side_too(plain, tmp_path):
     with ThreadPoolExecutor(2) as executor:
         passerby.calibrate(path, executor=executor).write(tmp_path / "again")
     one, two = ({file.name: file.read_bytes() for file in folder.rglob("*.*")} for folder in (out, tmp_path / "again"))
-    assert sorted(one) == ["C1.txt", "C2.txt", "C3.txt", "C4.txt", "calibration.json", "rig.toml"]
+    assert sorted(one) == ["C1.txt", "C2.txt", "C3.txt", "C4.txt", "calibration.json", "report.html", "rig.toml"]
     assert one == two
 
 

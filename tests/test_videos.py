@@ -283,7 +283,7 @@ def test_what_is_told_where_there_is_no_terminal(place, tmp_path, monkeypatch, c
     assert (lines.count("watching C1: 30") == 1) is verbose
     if verbose:
         assert lines[0] == "reading"
-        assert lines[-1] == "writing"
+        assert lines[-2:] == ["writing", "report: 2"]
         assert not [line for line in lines if "watching" in line and line != "watching C1: 30"]
     else:
         assert not lines
