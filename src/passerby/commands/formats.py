@@ -46,6 +46,11 @@ def _can(form: Format) -> str:
     return " ".join([*(["export"] if form.write else []), *([f"import ({', '.join(reads)})"] if reads else [])])
 
 
+def _target(form: Format) -> str:
+    """What is written, in words."""
+    return "folder or file" if form.write_one else form.target
+
+
 def _list(found: list[Format]) -> None:
     width, can = max((len(form.name) for form in found), default=0), max((len(_can(form)) for form in found), default=0)
     for form in found:
@@ -58,7 +63,7 @@ def as_markdown(found: Sequence[Format]) -> str:
     lines = ["| format | what it is | target | export | import |", "|---|---|---|---|---|"]
     for form in found:
         reads = [what for what, reader in (("cameras", form.read), ("people", form.read_people)) if reader is not None]
-        target = " ".join([form.target, *(f"`{suffix}`" for suffix in form.suffixes)])
+        target = " ".join([_target(form), *(f"`{suffix}`" for suffix in form.suffixes)])
         export = "yes" if form.write else ""
         lines.append(f"| [`{form.name}`](#{form.name}) | {_safe(form.title)} | {target} | {export} | {', '.join(reads)} |")
     for form in found:
@@ -74,7 +79,7 @@ def _safe(text: str) -> str:
 def _detail(form: Format) -> None:
     print(f"{form.name}: {form.title}")
     print(f"for: {', '.join(form.tools)}")
-    print(f"a {form.target}" + (f" ({', '.join(form.suffixes)})" if form.suffixes else ""))
+    print(f"a {_target(form)}" + (f" ({', '.join(form.suffixes)})" if form.suffixes else ""))
     print(f"can: {_can(form)}")
     print(form.conventions)
     if form.write is not None:

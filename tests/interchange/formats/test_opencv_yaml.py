@@ -111,3 +111,32 @@ def test_names_that_opencv_cannot_bear_are_those_of_the_files(tmp_path):
     back, _ = read_rig_as("opencv", tmp_path)
     assert back.names == ("true", "_q_", "x: y", "#z")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["_q_.yml", "_z.yml", "true.yml", "x_ y.yml"]
+
+
+def test_a_whole_rig_in_one_file(tmp_path):
+    lens = Lens((1280, 720), MATRIX, DISTORTIONS)
+    wide = Lens((640, 480), np.diag([300.0, 300, 1]) + np.array([[0, 0, 320], [0, 0, 240], [0, 0, 0]]), np.zeros(4), True)
+    names = ("gate 2", "Öst", "true", "bare")
+    rig = Rig(
+        (
+            Camera(names[0], lens, Pose(TURN, MOVE)),
+            Camera(names[1], wide, Pose(TURN.T, -MOVE)),
+            Camera(names[2], lens, Pose(np.eye(3), MOVE)),
+            Camera(names[3], lens),
+        )
+    )
+    path = tmp_path / "rig.yml"
+    for _ in range(2):
+        assert export(Export(rig), "opencv", path) == ()
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    np.testing.assert_array_equal(storage.getNode("camera1").getNode("R").mat(), TURN)
+    back, _ = read_rig_as("opencv", path)
+    # OpenCV writes the text `true` so that it does not read it back.
+    assert back.names == ("gate 2", "Öst", "camera3", "bare")
+    assert back["bare"].pose is None
+    for camera, other in zip(rig.posed(), back.posed(), strict=True):
+        world = (POINTS - camera.pose.t_cw) @ camera.pose.R_cw
+        np.testing.assert_allclose(other.project(world), camera.project(world), atol=1e-9)
+    (tmp_path / "folder.yml").mkdir()
+    export(Export(rig), "opencv", tmp_path / "folder.yml")
+    assert len(list((tmp_path / "folder.yml").iterdir())) == 4

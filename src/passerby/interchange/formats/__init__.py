@@ -86,14 +86,15 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
     form, path, losses = find_format(name), Path(target), Losses()
     if form.write is None:
         raise InputError(f"format {name} is only read, not written: {_others(writes=True)}")
-    if form.target == "folder" and path.is_file():
+    one = form.write_one if path.suffix.lower() in form.suffixes and not path.is_dir() else None
+    if form.target == "folder" and one is None and path.is_file():
         raise InputError(f"{path}: is a file, but format {name} is a folder: name another place")
     if form.target == "file" and path.is_dir():
         raise InputError(f"{path}: is a folder, but format {name} is one file: name it, as in {path / _example(form)}")
-    files = form.write(rig, losses)
+    files = form.write(rig, losses) if one is None else {"": one(rig, losses)}
     if not lossy:
         losses.forbid(str(path), name)
-    if form.target == "folder":
+    if form.target == "folder" and one is None:
         _refuse_others(path, files, name)
     for below, content in files.items():
         write_bytes(path / below if below else path, content)

@@ -78,7 +78,8 @@ class Format:
     """Who opens it, or writes it."""
     target: Literal["file", "folder"]
     suffixes: tuple[str, ...] = ()
-    """Endings that its file may have, the usual one first, with the dot; empty for folders."""
+    """Endings that its file may have, the usual one first, with the dot; of a folder, those of the one
+    file that may stand for it, or none."""
     conventions: str = ""
     """Axes, direction of the transform, unit, pixel centre, lens models: one or two sentences for the documentation."""
     write: Callable[[Export, Losses], Mapping[str, bytes]] | None = None
@@ -87,3 +88,5 @@ class Format:
     """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, mend)."""
     read_people: Callable[[Path, Given], People] | None = None
     """One camera's boxes or joints. Raises `InputError`."""
+    write_one: Callable[[Export, Losses], bytes] | None = None
+    """Of a folder: the same in one file, for a target with one of the suffixes."""

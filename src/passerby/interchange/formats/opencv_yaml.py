@@ -1,4 +1,5 @@
-"""OpenCV's own files (cv2.FileStorage): a folder with one YAML file a camera, as programs made with OpenCV take them.
+"""OpenCV's own files (cv2.FileStorage): a folder with one YAML file a camera, as programs made with OpenCV take them, or one file
+with a map a camera.
 
 OpenCV fixes how matrices are written, but no layout for a rig. Each file has the names that OpenCV's own calibration sample
 (`samples/cpp/calibration.cpp`, and the tutorial's `camera_calibration.cpp`) writes for a camera, `image_width`, `image_height`,
@@ -15,6 +16,7 @@ Ts, is_fisheye, image_sizes, cam_ids). None of them tells the unit of T.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -42,32 +44,53 @@ _MULTIVIEW = ("ks", "distortions", "rvecs", "ts", "isfisheye", "imagesizes")
 
 
 def _write(export: Export, losses: Losses) -> Mapping[str, bytes]:
+    """One file a camera."""
     files = tame_names(export.rig.names)
-    return {
-        files[camera.name] + ENDING: _file(camera, number, losses).encode() for number, camera in enumerate(export.rig, start=1)
-    }
+    contents = {}
+    for number, camera in enumerate(export.rig, start=1):
+        with _storage() as (storage, text):
+            _put(storage, camera, number, losses)
+        contents[files[camera.name] + ENDING] = text[0].encode()
+    return contents
 
 
-def _file(camera: Camera, number: int, losses: Losses) -> str:
-    """The text of the file of a rig's camera with that number."""
-    lens, _ = expressed(camera, OPENCV, losses)
+def _write_one(export: Export, losses: Losses) -> bytes:
+    """All cameras in one file, a map each."""
+    with _storage() as (storage, text):
+        for number, camera in enumerate(export.rig, start=1):
+            storage.startWriteStruct(f"camera{number}", cv2.FileNode_MAP)
+            _put(storage, camera, number, losses)
+            storage.endWriteStruct()
+    return text[0].encode()
+
+
+@contextmanager
+def _storage() -> Iterator[tuple[cv2.FileStorage, list[str]]]:
+    """A storage in memory, and a list that gets its text in the end."""
     storage = cv2.FileStorage(ENDING, cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY)
+    text: list[str] = []
     try:
-        if _bears(camera.name):
-            storage.write("camera_name", camera.name)
-        storage.write("camera_number", number)
-        storage.write("image_width", lens.size[0])
-        storage.write("image_height", lens.size[1])
-        storage.write("camera_matrix", np.array(lens.matrix))
-        storage.write("distortion_coefficients", trimmed(lens.distortions, lens.fisheye, 4 if lens.fisheye else 5)[:, None])
-        storage.write("fisheye_model", int(lens.fisheye))
-        if camera.pose is not None:
-            storage.write("R", np.array(camera.pose.R_cw))
-            storage.write("T", np.array(camera.pose.t_cw)[:, None])
-            storage.write("units", "m")
-        return str(storage.releaseAndGetString())
+        yield storage, text
+        text.append(str(storage.releaseAndGetString()))
     finally:
         storage.release()
+
+
+def _put(storage: cv2.FileStorage, camera: Camera, number: int, losses: Losses) -> None:
+    """A rig's camera with that number."""
+    lens, _ = expressed(camera, OPENCV, losses)
+    if _bears(camera.name):
+        storage.write("camera_name", camera.name)
+    storage.write("camera_number", number)
+    storage.write("image_width", lens.size[0])
+    storage.write("image_height", lens.size[1])
+    storage.write("camera_matrix", np.array(lens.matrix))
+    storage.write("distortion_coefficients", trimmed(lens.distortions, lens.fisheye, 4 if lens.fisheye else 5)[:, None])
+    storage.write("fisheye_model", int(lens.fisheye))
+    if camera.pose is not None:
+        storage.write("R", np.array(camera.pose.R_cw))
+        storage.write("T", np.array(camera.pose.t_cw)[:, None])
+        storage.write("units", "m")
 
 
 def _bears(text: str) -> bool:
@@ -232,15 +255,17 @@ def _lens(path: Path, size: tuple[int, int], matrix: Any, distortions: Any, fish
 
 FORMAT = Format(
     "opencv",
-    "OpenCV's files (FileStorage), one a camera",
+    "OpenCV's files (FileStorage), one a camera or one for all",
     ("OpenCV", "programs made with OpenCV"),
     "folder",
+    (".yml", ".yaml"),
     conventions=(
-        "One NAME.yml a camera: image_width, image_height, camera_matrix, distortion_coefficients and fisheye_model as in "
-        "OpenCV's calibration sample; R and T as in its stereo sample, world to camera, metres. Pinhole of up to 14 "
-        "coefficients, fisheye; cameras without a pose are kept. Also reads single files, the stereo sample's pair and the "
-        "multi-view sample's file; --units tells their unit."
+        "One NAME.yml a camera, or where the target ends in .yml all cameras in it, a map each: image_width, image_height, "
+        "camera_matrix, distortion_coefficients and fisheye_model as in OpenCV's calibration sample; R and T as in its stereo "
+        "sample, world to camera, metres. Pinhole of up to 14 coefficients, fisheye; cameras without a pose are kept. Also "
+        "reads the stereo sample's pair and the multi-view sample's file; --units tells their unit."
     ),
     write=_write,
     read=_read,
+    write_one=_write_one,
 )
