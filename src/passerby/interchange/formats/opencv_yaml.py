@@ -1,5 +1,5 @@
-"""OpenCV's own files (cv2.FileStorage): a folder with one YAML file a camera, as programs made with OpenCV take them, or one file
-with a map a camera.
+"""OpenCV's own files (cv2.FileStorage): a folder with one YAML file a camera, as programs made with OpenCV take them, or one
+file with a map a camera.
 
 OpenCV fixes how matrices are written, but no layout for a rig. Each file has the names that OpenCV's own calibration sample
 (`samples/cpp/calibration.cpp`, and the tutorial's `camera_calibration.cpp`) writes for a camera, `image_width`, `image_height`,
