@@ -120,7 +120,7 @@ def test_without_intrinsics_nothing_is_invented(folder, capsys):
     init(place)
     scene = Scene.load(place / "scene.toml")
     for name, table in scene.cameras.items():
-        with pytest.raises(InputError, match=rf"intrinsics.toml: \[{name}\]: matrix is .*'FX'"):
+        with pytest.raises(InputError, match=rf"intrinsics.toml: \[{name}\]: matrix still says FX and FY"):
             read_lens(scene.resolve(table.intrinsics), name)
     out = told(capsys)
     assert f"1. fill in FX and FY, the focal length in pixels, of cam1, cam2 in {place}/intrinsics.toml" in out
