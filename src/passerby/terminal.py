@@ -67,6 +67,11 @@ def stages(verbose: bool = False) -> Iterator[Told]:
         shown.end_stage()
 
 
+def watched() -> bool:
+    """Whether somebody sees standard output and standard error on one terminal, and so all that was told on the way."""
+    return sys.stdout.isatty() and sys.stderr.isatty()
+
+
 class _Lines:
     """Tells each stage once, and each thing that it works on."""
 
@@ -172,7 +177,7 @@ class _Bar:
         """Leave a line of the stage that is over, with the time that it took."""
         if self._stage:
             took = Text(f"  {time.monotonic() - self._began:.1f} s", style="dim")
-            self._bar.console.print(Text.assemble(("\u2713 ", "green"), self._stage, took), highlight=False)
+            self._bar.console.print(Text.assemble(("• ", "green"), self._stage, took), highlight=False)
             self._stage = ""
 
     def note(self, text: str) -> None:
