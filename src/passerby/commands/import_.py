@@ -41,7 +41,8 @@ def import_(
     from passerby.interchange.rig_toml import write_rig
 
     given = _given(size, units)
-    if find_format(form).read_people is not None and out.suffix.lower() != ".toml":
+    known = find_format(form)
+    if known.read_people is not None and (known.read is None or out.suffix.lower() != ".toml"):
         people = read_people_as(form, source, given)
         _tell(*people.notes)
         print(_write_people(people, out))
