@@ -1,0 +1,60 @@
+"""Photographs a report for the documentation, into `docs/figures`.
+
+    passerby demo -o demo
+    python docs/make_screenshots.py demo/out
+
+Needs the extra `dev` (playwright) and a Chromium of the machine's package manager. The demonstration's people are drawn, so the
+pictures show nobody.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import cv2
+import numpy as np
+from playwright.sync_api import Page, sync_playwright
+
+from passerby.report.contents import contents_from
+from passerby.report.page import write_report
+
+FOLDER = Path(__file__).resolve().parent / "figures"
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+JPEG_QUALITY = 82
+
+
+def main(out: Path) -> None:
+    """Make the pictures from the output folder of a calibration with videos."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        sys.exit("no Chromium: install the package chromium")
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as running:
+        path = Path(folder) / "report.html"
+        write_report(contents_from(out), path)
+        page = running.chromium.launch(executable_path=browser, args=FLAGS).new_page(
+            viewport={"width": 1180, "height": 900}, color_scheme="light"
+        )
+        page.goto(path.as_uri())
+        page.wait_for_function("document.querySelectorAll('.js-plotly-plot').length > 3")
+        page.wait_for_timeout(3000)
+        _keep(page, {"x": 0, "y": 0, "width": 1180, "height": 775}, "report.jpg")
+        views = page.locator("#views").bounding_box()
+        if views is None:
+            sys.exit(f"{out}: its report shows no views: a calibration of videos is needed")
+        _keep(page, {"x": 0, "y": views["y"] - 10, "width": 1180, "height": 735}, "report-view.jpg")
+
+
+def _keep(page: Page, clip: dict[str, float], name: str) -> None:
+    """Photograph a part of the whole page."""
+    raw = page.screenshot(full_page=True, clip=clip)  # type: ignore[arg-type]
+    picture = cv2.imdecode(np.frombuffer(raw, dtype=np.uint8), cv2.IMREAD_COLOR)
+    cv2.imwrite(str(FOLDER / name), picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    print(f"written: {FOLDER / name}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
