@@ -29,7 +29,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
-from passerby import scene
+from passerby import scene, scene_tables
 from passerby.cli import app
 from passerby.interchange.atomic import write_text
 
@@ -140,7 +140,7 @@ def table(head: Row, rows: Sequence[Row]) -> str:
 
 def scene_page() -> str:
     """Every key of the scene file, table by table, and the options of the methods."""
-    constants = module_constants(scene)
+    constants = module_constants(scene_tables)
     parts = [
         "# Every key of the scene file",
         WRITTEN,

@@ -13,6 +13,7 @@ OUTSIDE = {"typer", "rich", "pydantic", "json", "tomllib", "tomli_w", "pathlib",
 UPSTAIRS = {
     "passerby.interchange",
     "passerby.scene",
+    "passerby.scene_tables",
     "passerby.inputs",
     "passerby.pipeline",
     "passerby.cli",

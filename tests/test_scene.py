@@ -9,7 +9,8 @@ import pytest
 
 from passerby.errors import InputError
 from passerby.interchange.faults import faults_of
-from passerby.scene import TABLES, AssociationTable, CameraTable, Scene
+from passerby.scene import TABLES, Scene
+from passerby.scene_tables import AssociationTable, CameraTable
 
 CAMERAS = """
 [cameras.A]

@@ -20,7 +20,8 @@ from passerby.perception.video import VideoInfo, expected_count
 from passerby.perception.watching import CameraJob, Watched, watch_camera
 from passerby.progress import Progress
 from passerby.reading import CameraReading, fill, of_video, wants_joints, wants_looks, wants_video
-from passerby.scene import WATCHED_FPS, Scene
+from passerby.scene import Scene
+from passerby.scene_tables import WATCHED_FPS
 
 KEPT_FOLDER = "perception"
 ENOUGH_PICTURES = 300

@@ -11,7 +11,7 @@ from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import FAILS, failures, of, quartiles
 from passerby.benchmark.sweep import Swept, curve_page, sweep
 from passerby.progress import Progress
-from passerby.scene import SEARCHED_S
+from passerby.scene_tables import SEARCHED_S
 from passerby.simulation import SimulationOptions
 
 LEVELS, QUICK_LEVELS = (0.0, 0.2, 0.5, 1.0), (0.5,)

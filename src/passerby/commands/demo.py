@@ -32,7 +32,8 @@ def demo(
     from passerby.interchange.rig_toml import read_rig
     from passerby.parallel import local_processes
     from passerby.pipeline import calibrate
-    from passerby.scene import PerceptionTable, Scene
+    from passerby.scene import Scene
+    from passerby.scene_tables import PerceptionTable
     from passerby.simulation import SimulationOptions, simulate, write_scene
     from passerby.simulation.rendering import RenderOptions
     from passerby.tables import show_calibration, show_comparison, tell_reasons

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from passerby.scene import SEARCHED_S, WATCHED_FPS, AssociationTable, PerceptionTable, ScaleTable, SolverTable
+from passerby.scene_tables import SEARCHED_S, WATCHED_FPS, AssociationTable, PerceptionTable, ScaleTable, SolverTable
 from passerby.starting import toml_text
 from passerby.starting.folders import SOURCES, FoundCamera
 from passerby.starting.toml_text import comment, key, value
