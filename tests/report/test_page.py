@@ -70,6 +70,23 @@ def test_a_doubtful_one_tells_what_is_wrong_and_what_to_do(calibrated):
     assert "Record longer." in summary
 
 
+def test_a_frame_that_was_set_is_told_with_what_it_rests_on(calibrated):
+    contents = contents_from(calibrated[1])
+    assert "Placing the world" not in Page(report_page(contents)).sections["stages"]
+    residuals = [{"camera": "C1", "off_m": 0.084, "used": True}, {"point": "<b>", "camera": "C2", "off_m": 3.2, "used": False}]
+    world = {
+        "by": "positions gps.csv", "scale": 1.02, "scale_fitted": True, "turn_sigma_deg": 0.64, "place_sigma_mm": 133.0,
+        "residuals": residuals, "notes": ["the scale grew by 2 %"],
+    }  # fmt: skip
+    stages = Page(report_page(replace(contents, told={**contents.told, "world": world}))).sections["stages"]
+    for sentence in (
+        "Origin and heading are set by positions gps.csv.", "The heading is known to 0.64°, the place to 0.13 m",
+        "Lengths were multiplied by 1.0200.", "C1 is off by 0.08 m.", "Point <b> in C2 is off by 3.20 m, left out.",
+        "The scale grew by 2 %.",
+    ):  # fmt: skip
+        assert sentence in stages
+
+
 def test_a_refused_one_has_dashes_and_says_why_in_every_section(calibrated):
     contents = without_poses(contents_from(calibrated[1]), ["no two cameras share a person: record more people"])
     page = Page(report_page(contents))

@@ -9,7 +9,7 @@ from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen
 from passerby.report.tables import Column, data_table, text
-from passerby.report.values import count, figure, listed, number_of, rows_of, table_of
+from passerby.report.values import count, figure, listed, number_of, rows_of, table_of, texts_of
 
 MODES = {
     "given": "who is who was given",
@@ -30,7 +30,14 @@ FILES = (
 
 def stages_section(contents: Contents, seen: Seen) -> Section:
     """What was done, in the order in which it was done."""
-    steps = [_observed(contents, seen), _watched(contents), _associated(contents), _solved(contents), _scaled(contents)]
+    steps = [
+        _observed(contents, seen),
+        _watched(contents),
+        _associated(contents),
+        _solved(contents),
+        _scaled(contents),
+        _placed(contents),
+    ]
     body = element(
         "ol",
         [
@@ -176,6 +183,25 @@ def _scaled(contents: Contents) -> Step:
         ]
         facts.append(f"The clocks were refined with the cameras, by {1000 * max(corrections, default=0.0):.0f} ms at most.")
     return ("Length, up and time", facts) if facts else None
+
+
+def _placed(contents: Contents) -> Step:
+    """How the world's frame was set, where its user wanted another one."""
+    told = table_of(contents.told, "world")
+    if not told:
+        return None
+    facts = [f"Origin and heading are set by {told.get('by')}."]
+    turn, place = number_of(told.get("turn_sigma_deg")), number_of(told.get("place_sigma_mm"))
+    if turn is not None and place is not None:
+        facts.append(f"The heading is known to {turn:.2f}°, the place to {place / 1000:.2f} m (one sigma).")
+    if told.get("scale_fitted"):
+        facts.append(f"Lengths were multiplied by {figure(number_of(told.get('scale')), 4)}.")
+    for row in rows_of(told.get("residuals")):
+        what = f"Point {row.get('point')} in {row.get('camera')}" if "point" in row else str(row.get("camera"))
+        out = "" if row.get("used", True) else ", left out"
+        facts.append(f"{what} is off by {figure(number_of(row.get('off_m')), 2, ' m')}{out}.")
+    facts += [f"{note[:1].upper()}{note[1:]}." for note in texts_of(told.get("notes"))]
+    return "Placing the world", facts
 
 
 def settings_section(contents: Contents) -> Section:
