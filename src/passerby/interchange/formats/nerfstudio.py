@@ -7,7 +7,7 @@ from the corner of the first one: its middle is 0.5, so `cx` and `cy` are larger
 
 Sources: docs/quickstart/data_conventions.md, dataparsers/nerfstudio_dataparser.py, `Cameras.get_image_coords` (pixel offset
 0.5) and `_undistort_image` in datamanagers/full_images_datamanager.py ("Only k1, k2, k3, p1, p2 can be non-zero", minus 0.5
-for OpenCV) of github.com/nerfstudio-project/nerfstudio; issue 3048 there. From the data parser, too: numbers are looked for
+for OpenCV) of github.com/nerfstudio-project/nerfstudio; its tracker, #3048. From the data parser, too: numbers are looked for
 in the frames only where none stands at the top; `camera_model` is read at the top alone, so that a rig of pinhole and
 fisheye lenses is written with fisheyes, which is a loss; `orientation_override: none` keeps it from turning the world, while
 `--center-method none --auto-scale-poses False` keep its place and scale.

@@ -10,7 +10,7 @@ lens is a loss, and the nearest pinhole is written; `/world/frusta/NAME` is draw
 and `frame` (of the first camera's clock), `/world/people/person N` is the person's place and `/world/people_sigmas/person N`
 one sigma of it on the ground. A person who is not there at a time is not drawn then.
 
-https://rerun.io/docs/reference/types; that the viewer's pixels begin at their edge is in rerun's issue 3896. Recordings hold
+https://rerun.io/docs/reference/types; that the viewer's pixels begin at their edge is in its tracker (#3896). Recordings hold
 random identifiers of their parts, so two of one rig are not the same bytes.
 """
 
