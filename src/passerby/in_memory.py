@@ -78,11 +78,11 @@ def calibrate_observations(
 def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | None, tables: Mapping[str, Any]) -> Scene:
     """A scene that names no files. Raises `FileFaults` (an `InputError`) as for a scene file."""
     rates = dict(fps) if isinstance(fps, Mapping) else {}
-    declared = {camera: {"intrinsics": IN_MEMORY, "tracks": IN_MEMORY} for camera in cameras}
+    declared: dict[str, dict[str, Any]] = {camera: {"intrinsics": IN_MEMORY, "tracks": IN_MEMORY} for camera in cameras}
     for camera, rate in rates.items():
         if camera not in declared:
             raise InputError(f"fps: camera {camera} has no lens: name one of {', '.join(cameras) or 'none'}")
-        declared[camera] = {**declared[camera], "fps": rate}  # type: ignore[dict-item]
+        declared[camera] = {**declared[camera], "fps": rate}
     own = {"name": name} | ({} if fps is None or rates else {"fps": fps})
     allowed = ("association", "scale", "solver", "world")
     for table in tables:

@@ -13,20 +13,9 @@ from passerby.interchange.faults import faults_of
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.scene import Scene
 from passerby.scene_errors import nearest
+from passerby.scene_tables import WorldTable
 from passerby.solver.solution import Solution
 from passerby.world import Aligned, align_to_camera, align_to_points, align_to_positions
-
-
-@dataclass(frozen=True)
-class WorldWanted:
-    """How the frame is to be set: by one of `camera`, `points` and `positions`."""
-
-    camera: str | None = None
-    towards: str | None = None
-    points: Path | None = None
-    positions: Path | None = None
-    scale: bool = False
-    tilt: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +28,8 @@ class Placed:
     findings: tuple[str, ...] = ()
 
 
-def set_world(rig: Rig, wanted: WorldWanted) -> Aligned:
-    """The rig in the wanted frame.
+def set_world(rig: Rig, wanted: WorldTable) -> Aligned:
+    """The rig in the wanted frame; paths as they can be opened.
 
     Raises:
         InputError: a file that cannot be read, or does not fit the rig.
@@ -66,7 +55,7 @@ def in_world(scene: Scene, solution: Solution) -> Placed:
     if table is None or not len(solution.rig.posed()):
         return Placed(solution.rig, solution.figures)
     paths = {key: None if path is None else scene.resolve(path) for key, path in _files(scene).items()}
-    wanted = WorldWanted(table.camera, table.towards, paths["points"], paths["positions"], table.scale, table.tilt)
+    wanted = table.model_copy(update=paths)
     try:
         aligned = set_world(solution.rig, wanted)
     except (InputError, EvidenceError) as error:

@@ -158,6 +158,7 @@ def test_a_folder_in_place(out, capsys):
         ([], 2, "nothing given: give one of --camera, --points, --positions"),
         (["--camera", "C1", "--points", "x.csv"], 2, "--camera and --points given"),
         (["--points", "x.csv", "--towards", "C1"], 2, "--towards goes with --camera"),
+        (["--camera", "C1", "--towards", "C1"], 2, "--towards is the camera itself"),
         (["--camera", "C1", "--tilt"], 2, "need --points or --positions"),
         (["--camera", "C9"], 2, "no camera C9: it has C1, C2, C3, C4"),
         (["--points", "missing.csv"], 2, "missing.csv: no such file"),

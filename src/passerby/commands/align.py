@@ -11,7 +11,7 @@ import typer
 from passerby.errors import EvidenceError, InputError
 
 if TYPE_CHECKING:
-    from passerby.wanted_world import WorldWanted
+    from passerby.scene_tables import WorldTable
     from passerby.world import Aligned
 
 
@@ -76,9 +76,9 @@ def align(
 
 def _wanted(
     camera: str | None, towards: str | None, points: Path | None, positions: Path | None, scale: bool, tilt: bool
-) -> WorldWanted:
+) -> WorldTable:
     """What the options ask for. Raises `InputError` where they contradict each other."""
-    from passerby.wanted_world import WorldWanted
+    from passerby.scene_tables import WorldTable
 
     given = [
         name for name, value in (("--camera", camera), ("--points", points), ("--positions", positions)) if value is not None
@@ -87,9 +87,11 @@ def _wanted(
         raise InputError(f"{' and '.join(given) or 'nothing'} given: give one of --camera, --points, --positions")
     if towards is not None and camera is None:
         raise InputError("--towards goes with --camera: name the camera that the world begins at")
+    if towards is not None and towards == camera:
+        raise InputError("--towards is the camera itself: name another one")
     if camera is not None and (scale or tilt):
         raise InputError("--scale and --tilt need --points or --positions: a camera tells neither")
-    return WorldWanted(camera, towards, points, positions, scale, tilt)
+    return WorldTable(camera=camera, towards=towards, points=points, positions=positions, scale=scale, tilt=tilt)
 
 
 def _check_target(source: Path, out: Path, folder: Path | None, to_file: bool) -> None:
