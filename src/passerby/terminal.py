@@ -46,6 +46,9 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
 LOG_AFTER_S, LOG_EVERY_S = 30.0, 30.0
 """Where there is no terminal: runs that are over sooner tell nothing on their way, longer ones a line so often."""
 
+PACE_SHARE = 0.02
+"""Of a stage, to be done before its pace says how long the rest will take."""
+
 
 @contextmanager
 def stages(verbose: bool = False) -> Iterator[Told]:
@@ -98,26 +101,34 @@ class _Log:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._next = clock() + LOG_AFTER_S
-        self._stage, self._began = "", clock()
+        self._stage = ""
         self._parts: dict[str, tuple[int, int]] = {}
+        self._began: tuple[float, int] | None = None
 
     def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
         now = self._clock()
         if stage != self._stage:
-            self._stage, self._began, self._parts = stage, now, {}
+            self._stage, self._parts, self._began = stage, {}, None
         self._parts[part] = done, total
+        counted = sum(part_done for part_done, _ in self._parts.values())
+        # What is prepared before anything can be counted tells nothing of the pace.
+        if counted and self._began is None:
+            self._began = now, counted
         if now < self._next:
             return
         self._next = now + LOG_EVERY_S
-        print(self._line(now - self._began), file=sys.stderr)
+        print(self._line(now, counted), file=sys.stderr)
 
-    def _line(self, seconds: float) -> str:
-        """How far the stage is, all its parts together, and how long it will take at this pace."""
-        done, total = (sum(values) for values in zip(*self._parts.values(), strict=True))
+    def _line(self, now: float, done: int) -> str:
+        """How far the stage is, all its parts together, and how long it will take at this pace where that is known by now."""
+        total = sum(part_total for _, part_total in self._parts.values())
         if not total or not all(part_total for _, part_total in self._parts.values()):
             return self._stage
-        left = f", about {_duration(seconds * (total - done) / done)} left" if done else ""
-        return f"{self._stage}: {done} of {total} ({100 * done // total} %){left}"
+        told = f"{self._stage}: {done} of {total} ({100 * done // total} %)"
+        since, before = self._began or (now, 0)
+        if done - before < PACE_SHARE * total or done >= total:
+            return told
+        return f"{told}, about {_duration((now - since) * (total - done) / (done - before))} left"
 
 
 def _duration(seconds: float) -> str:
