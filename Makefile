@@ -17,7 +17,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-peers bench-formats peers format clean
+.PHONY: demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-peers bench-formats reliability peers format clean
 
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo -o demo
@@ -65,6 +65,10 @@ bench-association: $(INSTALLED)
 
 bench-perception: $(INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only perception --scenes build/scenes
+
+# Coverage of the sigmas, hostile scenes, the monitor, fuzzing, faults: writes docs/reliability.md. What is finished is kept.
+reliability: $(TRAINING_INSTALLED)
+	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run_reliability.py
 
 bench-reid: $(TRAINING_INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only reid --scenes build/scenes

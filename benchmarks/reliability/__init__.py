@@ -1,0 +1,1 @@
+"""How honest Passerby is: its sigmas, its verdict, the monitor, damaged files and failing machines."""

@@ -1,0 +1,102 @@
+"""Cases that are run side by side, each kept as soon as it is finished, so that a stopped run goes on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+TOLD_EVERY_S = 20.0
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the user asks of the parts."""
+
+    kept: Path
+    """Folder of finished cases and parts."""
+    quick: bool = False
+    """A few cases of each kind: to see that all works, not to judge."""
+    workers: int = 2
+    data: Path | None = None
+    """Folder of the real data sets; None where there is none."""
+
+
+def code_digest() -> str:
+    """What the source that the figures rest on looks like: one hash over the package and over these runs."""
+    digest = hashlib.sha256()
+    folders = (ROOT / "src" / "passerby", ROOT / "benchmarks" / "reliability")
+    for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def kept(
+    wanted: Wanted, name: str, cases: Mapping[str, Any], work: Callable[[Any], Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """The results of all cases by key, in the order of `cases`.
+
+    Each is written to `NAME.jsonl` as soon as it is there; those of the same code are not run again.
+
+    Args:
+        wanted: where results are kept, and how many processes work.
+        name: of the file.
+        cases: key -> argument of `work`; both must be picklable, `work` a function of a module.
+        work: JSON-ready figures of one case. Its exceptions end the run: a case that may fail has to say so in its figures.
+    """
+    path, digest = wanted.kept / f"{name}{'-quick' if wanted.quick else ''}.jsonl", code_digest()
+    done = _read(path, digest)
+    todo = [key for key in cases if key not in done]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    began = told = time.monotonic()
+    with path.open("a", encoding="utf-8") as file, ProcessPoolExecutor(wanted.workers, initializer=_one_thread) as pool:
+        futures: dict[Future[Mapping[str, Any]], str] = {pool.submit(work, cases[key]): key for key in todo}
+        for count, future in enumerate(as_completed(futures), 1):
+            key = futures[future]
+            done[key] = dict(future.result())
+            file.write(json.dumps({"code": digest, "key": key, "result": done[key]}) + "\n")
+            file.flush()
+            if time.monotonic() - told > TOLD_EVERY_S or count == len(todo):
+                told = time.monotonic()
+                left = (told - began) / count * (len(todo) - count)
+                print(f"{name}: {count} of {len(todo)} cases, about {left / 60:.0f} min left", file=sys.stderr, flush=True)
+    return {key: done[key] for key in cases}
+
+
+def _read(path: Path, digest: str) -> dict[str, dict[str, Any]]:
+    """Finished cases of the same code; a last line that was cut off is none."""
+    done = {}
+    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+        try:
+            entry = json.loads(line)
+        except json.JSONDecodeError:
+            continue
+        if entry["code"] == digest:
+            done[entry["key"]] = entry["result"]
+    return done
+
+
+def _one_thread() -> None:
+    """Processes that share the cores do not fight for them with threads of their own."""
+    from threadpoolctl import threadpool_limits
+
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+    threadpool_limits(limits=1)
+
+
+def percent(part: float, whole: float) -> str:
+    """A share in percent; a dash where there is nothing to share."""
+    return f"{100 * part / whole:.1f} %" if whole else "-"
+
+
+def seeds(start: int, count: int) -> Sequence[int]:
+    """Seeds of a published run start at 100,000 or above; those below are for trying things out."""
+    return range(start, start + count)

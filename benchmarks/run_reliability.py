@@ -1,0 +1,51 @@
+"""`make reliability`: how honest Passerby is, measured: `python benchmarks/run_reliability.py [--quick] [--only PART ...]`.
+
+Prints the table, and writes `docs/reliability.md` (a quick run: only with `-o FOLDER`). Finished cases are kept in
+`build/reliability`: a run that was stopped goes on, and parts that are not run stay on the page as they are there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from reliability.page import page, save, write
+from reliability.runs import ROOT, Wanted
+
+PARTS: Mapping[str, str] = MappingProxyType(
+    {"coverage": "coverage", "verdict": "battery", "monitor": "watch", "fuzz": "fuzz", "faults": "faults"}
+)
+"""Part -> module of `reliability`."""
+
+
+def main() -> None:
+    """Run the parts that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--quick", action="store_true", help="a few cases of each kind; the table is printed, not written")
+    parser.add_argument("--only", nargs="+", choices=PARTS, metavar="PART", default=[*PARTS], help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--workers", type=int, default=2, help="processes; 2")
+    parser.add_argument("--data", type=Path, help="folder of the real data sets; ../shared/data where it is there")
+    parser.add_argument("--kept", type=Path, default=ROOT / "build" / "reliability", help="folder of finished cases")
+    parser.add_argument("-o", "--out", type=Path, help="folder of the page; docs")
+    arguments = parser.parse_args()
+    beside = ROOT.parent / "shared" / "data"
+    data = arguments.data or (beside if beside.is_dir() else None)
+    wanted = Wanted(arguments.kept, arguments.quick, arguments.workers, data)
+    for name in arguments.only:
+        began = time.monotonic()
+        part = importlib.import_module(f"reliability.{PARTS[name]}").run(wanted)
+        save(part, wanted.kept, quick=wanted.quick)
+        print(f"{name}: {(time.monotonic() - began) / 60:.1f} min", file=sys.stderr, flush=True)
+    print(page([*PARTS], wanted.kept).text)
+    out = arguments.out or (None if arguments.quick else ROOT / "docs")
+    if out is not None:
+        write([*PARTS], wanted.kept, out, "make reliability")
+
+
+if __name__ == "__main__":
+    main()
