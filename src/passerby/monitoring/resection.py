@@ -128,8 +128,8 @@ def resect_sightings(
     )  # fmt: skip
 
 
-def spread(residual: Floats, normal: Floats) -> tuple[Floats, float]:
-    """The covariance of a sum of cluster scores, from how they scatter, and its degrees of freedom.
+def spread(residual: Floats, normal: Floats, before: tuple[Floats, float] | None = None) -> tuple[Floats, float, Floats]:
+    """The covariance of a sum of cluster scores, from how they scatter.
 
     In the frame in which the formal covariance, `normal`, is the unit matrix, the scatter is averaged with that of
     `USUAL_WORTH` usual clusters: a few people walking the same way must not look surer than they are. (The sandwich estimator
@@ -138,13 +138,19 @@ def spread(residual: Floats, normal: Floats) -> tuple[Floats, float]:
     Args:
         residual: (K, 6) scores, the fit taken away.
         normal: (6, 6) their summed information.
+        before: scatter that was summed in other windows, and of how many clusters.
+
+    Returns:
+        (6, 6) covariance; its degrees of freedom; (6, 6) the scatter of these clusters, summed, for other windows.
     """
     lower = np.linalg.cholesky(normal)
     white = np.linalg.solve(lower, residual.T)
-    n = len(residual)
-    scatter = LASTING * white @ white.T * (n / max(n - 3.0, 1.0))
-    inflation = (n * scatter + USUAL_WORTH * USUAL_INFLATION * np.eye(len(normal))) / (n + USUAL_WORTH)
-    return lower @ inflation @ lower.T, n + USUAL_WORTH - 3.0
+    n, (pooled, more) = len(residual), before or (np.zeros_like(normal), 0.0)
+    # Of a sum of n squares whitened by the sum of n informations the mean is one cluster's share.
+    scatter = n * LASTING * white @ white.T * (n / max(n - 3.0, 1.0))
+    total = n + more + USUAL_WORTH
+    inflation = (scatter + pooled + USUAL_WORTH * USUAL_INFLATION * np.eye(len(normal))) / total
+    return lower @ inflation @ lower.T, total - 3.0, scatter
 
 
 def loose() -> Floats:

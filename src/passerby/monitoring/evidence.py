@@ -1,0 +1,200 @@
+"""What one window of time says: has a camera moved, measured against the rig and against all that was seen before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
+
+from passerby.cameras import Floats, Rig
+from passerby.monitoring.resection import FEWEST_CLUSTERS, loose, spread
+from passerby.monitoring.scores import Scores
+
+MODEL_M, MODEL_DEG = 0.01, 0.05
+"""One sigma in each direction by which people seem to move a camera that stands still: what is added to the rig's own sigmas."""
+UNKNOWN_M, UNKNOWN_DEG = 0.05, 0.3
+"""The same of a rig that states no sigmas."""
+POWER = 1.645
+"""Of a move that is seen in 95 % of the cases: so many sigmas above the threshold."""
+POOLED = 150.0
+"""Clusters of earlier windows that count, at most: scatter changes with the people."""
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """One camera in one window."""
+
+    camera: int
+    score: float
+    """Minus the decimal logarithm of how likely so much is where nothing moved; 0 where nothing can be told."""
+    clusters: int
+    shift: Floats
+    """(6,) the move that fits best, to first order."""
+    smallest_m: float
+    """The shift in the worst direction that is seen in 95 % of the cases; infinite where nothing can be told."""
+    smallest_deg: float
+    """The turn about the worst axis that is."""
+    scatter: Floats = field(default_factory=lambda: np.zeros((6, 6)))
+    """(6, 6) how the clusters scattered, summed; unit matrix times `clusters` where they err as stated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """What is known of C cameras before a window: where they seem to be, relative to the rig's poses, and the usual scatter."""
+
+    information: Floats
+    """(6 C, 6 C)"""
+    gradient: Floats
+    """(6 C,)"""
+    scatter: Floats
+    """(C, 6, 6) sums of whitened scatter,"""
+    clusters: Floats
+    """(C,) and of how many clusters."""
+
+    @classmethod
+    def of_rig(cls, rig: Rig, names: Sequence[str]) -> Baseline:
+        """Nothing seen so far: the rig's own sigmas."""
+        n = len(names)
+        information = np.zeros((6 * n, 6 * n))
+        for index, name in enumerate(names):
+            own = slice(6 * index, 6 * index + 6)
+            information[own, own] = np.linalg.inv(stated(rig, name))
+        return cls(information, np.zeros(6 * n), np.zeros((n, 6, 6)), np.zeros(n))
+
+    def estimate(self) -> tuple[Floats, Floats]:
+        """(6 C,) shifts and (6 C, 6 C) covariance."""
+        covariance = np.linalg.inv(self.information)
+        return covariance @ self.gradient, covariance
+
+    def with_quiet(self, scores: Scores) -> Baseline:
+        """With clusters of quiet time."""
+        if not len(scores):
+            return self
+        inflation = self._inflation()
+        return Baseline(
+            self.information + scores.information.sum(axis=0) / inflation,
+            self.gradient + scores.gradient.sum(axis=0) / inflation, self.scatter, self.clusters,
+        )  # fmt: skip
+
+    def _inflation(self) -> float:
+        """How much more the scores scatter than stated, over all directions and cameras; that of usual footage to begin with."""
+        total = float(np.trace(self.scatter, axis1=1, axis2=2).sum()) + 6 * 30 * 4.0
+        return max(1.0, total / (6 * (float(self.clusters.sum()) + 30)))
+
+    def with_scatter(self, tests: Sequence[Test]) -> Baseline:
+        """With the scatter of a quiet window."""
+        scatter, clusters = self.scatter.copy(), self.clusters.copy()
+        for test in tests:
+            scatter[test.camera] += test.scatter
+            clusters[test.camera] += test.clusters
+        shrink = np.minimum(1.0, POOLED / np.maximum(clusters, 1.0))
+        return Baseline(self.information, self.gradient, scatter * shrink[:, None, None], clusters * shrink)
+
+    def replaced(self, camera: int, covariance: Floats) -> Baseline:
+        """After a camera was given a new pose with a covariance (6, 6): what was known of its old one is forgotten."""
+        own = np.arange(6 * camera, 6 * camera + 6)
+        rest = np.setdiff1d(np.arange(len(self.gradient)), own)
+        information, gradient = np.zeros_like(self.information), np.zeros_like(self.gradient)
+        if len(rest):
+            cross = np.linalg.solve(self.information[np.ix_(own, own)], self.information[np.ix_(own, rest)])
+            information[np.ix_(rest, rest)] = self.information[np.ix_(rest, rest)] - self.information[np.ix_(rest, own)] @ cross
+            gradient[rest] = self.gradient[rest] - cross.T @ self.gradient[own]
+        information[np.ix_(own, own)] = np.linalg.inv(covariance + model())
+        return Baseline(information, gradient, self.scatter, self.clusters)
+
+
+def stated(rig: Rig, name: str) -> Floats:
+    """(6, 6) covariance of a rig's camera: its own sigmas and what people add."""
+    sigma = rig[name].sigma
+    if sigma is None:
+        known = np.diag(np.repeat([UNKNOWN_M**2, np.radians(UNKNOWN_DEG) ** 2], 3))
+    elif sigma.covariance is None:
+        known = np.diag(np.repeat([sigma.position_m**2 / 3, np.radians(sigma.orientation_deg) ** 2 / 3], 3))
+    else:
+        known = np.asarray(sigma.covariance)
+    return np.asarray(known + model())
+
+
+def model() -> Floats:
+    """(6, 6) covariance of what people seem to move a camera by."""
+    return np.diag(np.repeat([MODEL_M**2, np.radians(MODEL_DEG) ** 2], 3))
+
+
+def tests(window: Scores, baseline: Baseline, freed: Sequence[int], threshold: float) -> list[Test]:
+    """Each camera's test that is not freed.
+
+    A camera is tested by how far the people ask it to go, given the others; what is not known of the others counts as noise.
+
+    Args:
+        window: clusters.
+        baseline: what was known before.
+        freed: cameras that have moved anyhow: wherever they fit best, they say nothing of the others.
+        threshold: of the score; what would be seen depends on it.
+    """
+    shift, covariance = baseline.estimate()
+    information = window.information.sum(axis=0)
+    free = np.concatenate([np.arange(6 * c, 6 * c + 6) for c in freed]).astype(np.int64) if freed else np.zeros(0, np.int64)
+    gradient = window.at(shift)
+    cross = np.zeros((0, information.shape[0]))
+    if len(free):
+        normal = information[np.ix_(free, free)] + np.kron(np.eye(len(freed)), loose())
+        cross = np.linalg.solve(normal, information[free])
+        fitted = np.linalg.solve(normal, gradient[:, free].sum(axis=0))
+        gradient = gradient - window.information[:, :, free] @ fitted
+    found = []
+    for camera in range(window.counts.shape[1]):
+        if camera not in freed:
+            found.append(_test(window, baseline, camera, information, gradient, covariance, free, cross, threshold))
+    return found
+
+
+def _test(
+    window: Scores, baseline: Baseline, camera: int, information: Floats, gradient: Floats, covariance: Floats,
+    free: NDArray[np.int64], cross: Floats, threshold: float,
+) -> Test:  # fmt: skip
+    """One camera's."""
+    own = np.arange(6 * camera, 6 * camera + 6)
+    rows = np.flatnonzero(_with_a_part(window, camera, free))
+    nothing = Test(camera, 0.0, len(rows), np.zeros(6), np.inf, np.inf)
+    if len(rows) < FEWEST_CLUSTERS:
+        return nothing
+    score = gradient[np.ix_(rows, own)] - gradient[np.ix_(rows, free)] @ cross[:, own]
+    of_cluster = window.information[np.ix_(rows, own, own)] - np.einsum(
+        "fi,kfj->kij", cross[:, own], window.information[np.ix_(rows, free, own)]
+    )
+    sensitivity = information[own] - cross[:, own].T @ information[free]
+    normal = sensitivity[:, own] + loose()
+    pull = score.sum(axis=0)
+    shift = np.linalg.solve(normal, pull)
+    residual = score - of_cluster @ shift
+    noise, freedom, scatter = spread(residual, normal, (baseline.scatter[camera], float(baseline.clusters[camera])))
+    noise = noise + sensitivity @ covariance @ sensitivity.T
+    statistic = float(pull @ np.linalg.solve(noise, pull))
+    limit = _limit(threshold, freedom)
+    power = normal @ np.linalg.solve(noise, normal)
+    needed = (np.sqrt(limit) + POWER) ** 2
+    smallest = [float(np.sqrt(needed / np.linalg.eigvalsh(power[part, part])[0])) for part in (slice(0, 3), slice(3, 6))]
+    return Test(
+        camera, _score(statistic, freedom), len(rows), shift, smallest[0], float(np.degrees(smallest[1])), scatter
+    )  # fmt: skip
+
+
+def _with_a_part(window: Scores, camera: int, free: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(K,) the clusters in which a camera and another one that is not free have a part."""
+    others = np.delete(window.counts, [camera, *np.unique(free // 6).tolist()], axis=1)
+    return np.asarray((window.counts[:, camera] > 0) & (others.sum(axis=1) > 0))
+
+
+def _score(statistic: float, freedom: float) -> float:
+    """Of Hotelling's T squared in six dimensions, the covariance of which has so many degrees of freedom."""
+    left = max(freedom - 5.0, 1.0)
+    return float(-f_distribution.logsf(statistic * left / (6 * freedom), 6, left) / np.log(10))
+
+
+def _limit(threshold: float, freedom: float) -> float:
+    """The statistic at which the score reaches the threshold."""
+    left = max(freedom - 5.0, 1.0)
+    return float(f_distribution.isf(10.0**-threshold, 6, left) * 6 * freedom / left)

@@ -1,0 +1,268 @@
+"""From sightings to moves: window after window is tested, and what moved is found, dated, measured and given its new pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from passerby.cameras import Floats, Pose, PoseSigma, Rig
+from passerby.errors import InputError
+from passerby.monitoring.evidence import Baseline, Test, stated, tests
+from passerby.monitoring.moments import Moment, moment_of
+from passerby.monitoring.people import Ground, solve_people
+from passerby.monitoring.resection import Resection, resect_sightings
+from passerby.monitoring.scores import Scores, joined, scores_of
+from passerby.monitoring.sightings import Sightings, poses_of
+from passerby.progress import Progress, silent
+
+STAGE = "watching"
+STEPS = 5
+"""Tests in each window: windows overlap, so that a move is seen well before a whole window lies behind it."""
+PIECE_S = 600.0
+"""Of footage that is worked on at once: memory stays at some 100 MB."""
+BEFORE_WINDOWS = 5
+"""Windows before a move from which the pose before it is measured, at most."""
+FIRST_S = 15.0
+"""A move that seems to lie so near to the beginning of the footage cannot be told from one before it."""
+CLEAR_DEG, CLEAR_M = 3.0, 0.5
+"""Where a move must be larger than either to be seen, nothing is said of a camera."""
+
+
+@dataclass(frozen=True)
+class WatchOptions:
+    """How footage is watched. Raises `InputError` for a value that cannot be."""
+
+    every_s: float = 60.0
+    """Length of a window."""
+    threshold: float = 7.0
+    """Score from which a camera has moved: see `evidence.Test.score`."""
+
+    def __post_init__(self) -> None:
+        if not 10 <= self.every_s <= 3600:
+            raise InputError(f"a window of {self.every_s:g} s: give 10 to 3600 seconds")
+        if not 3 <= self.threshold <= 100:
+            raise InputError(f"threshold = {self.threshold:g}: give a number from 3 to 100")
+
+    @property
+    def step_s(self) -> float:
+        """From one test to the next."""
+        return self.every_s / STEPS
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A camera that is not where it was."""
+
+    camera: str
+    noticed_s: float
+    """End of the window that gave it away."""
+    moment: Moment | None
+    """When it moved; None: before the footage began."""
+    score: float
+    shift: Floats
+    """(6,) centre (metres, world) and rotation vector (radians, camera frame) from the pose before to the new one."""
+    covariance: Floats
+    """(6, 6) of `shift`."""
+    pose: Pose | None
+    """The new pose, beside the other cameras' poses as the rig has them; None where too few people tell."""
+    sigma: PoseSigma | None
+    others: tuple[str, ...] = ()
+    """Cameras that may have moved instead: the people do not tell which."""
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """What one window told."""
+
+    from_s: float
+    until_s: float
+    tests: tuple[Test, ...]
+
+    def clear(self, camera: int) -> bool:
+        """Whether something can be said of a camera."""
+        return any(t.camera == camera and t.smallest_m <= CLEAR_M and t.smallest_deg <= CLEAR_DEG for t in self.tests)
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """What all the footage told."""
+
+    names: tuple[str, ...]
+    moves: tuple[Move, ...]
+    windows: tuple[Window, ...]
+    """Successive ones, without overlap."""
+    from_s: float
+    until_s: float
+
+
+def watch(
+    rig: Rig, seen: Sightings, options: WatchOptions | None = None, *, ground: Ground | None = None, tell: Progress = silent
+) -> Watched:
+    """Watch footage.
+
+    Args:
+        rig: poses, and their sigmas, as they were calibrated.
+        seen: people with identities over all cameras.
+        options: see `WatchOptions`.
+        ground: where feet are; z = 0 where None.
+        tell: told how many windows are done.
+    """
+    run = _Run(rig, seen, options or WatchOptions(), ground or Ground(), tell)
+    return run.result()
+
+
+class _Run:
+    """One footage on its way: poses change as cameras move."""
+
+    def __init__(self, rig: Rig, seen: Sightings, options: WatchOptions, ground: Ground, tell: Progress) -> None:
+        self.rig, self.seen, self.options, self.ground, self.tell = rig, seen, options, ground, tell
+        self.names = seen.names
+        self.lost: tuple[str, ...] = ()
+        self.moves: list[Move] = []
+        self.windows: list[Window] = []
+        self.start = float(seen.seconds.min(initial=np.inf)) if seen.n_groups else 0.0
+        self.end = float(seen.seconds.max(initial=0.0)) + 1e-6 if seen.n_groups else 0.0
+        self.baseline = Baseline.of_rig(rig, self.names)
+        self.scores = self._scores(self.start)
+
+    def result(self) -> Watched:
+        """Window after window."""
+        every, step = self.options.every_s, self.options.step_s
+        origin, known = self.start, self.start
+        until, full = min(origin + every, self.end), origin + every
+        total = max(1, int(np.ceil((self.end - self.start) / every)))
+        while True:
+            self.tell(STAGE, min(len(self.windows), total), total)
+            window = self.scores.between(max(origin, until - every), until)
+            quiet = self.scores.between(known, max(origin, until - every))
+            self.baseline, known = self.baseline.with_quiet(quiet), max(known, origin, until - every)
+            found = tests(window, self.baseline, (), self.options.threshold)
+            last = until >= self.end
+            if max((test.score for test in found), default=0.0) >= self.options.threshold:
+                origin = known = self._moved(found, max(origin, until - every), until)
+                self.windows.append(Window(max(self.start, until - every), until, tuple(found)))
+                until, full = min(origin + every, self.end), origin + every
+                if last or origin >= self.end:
+                    break
+                continue
+            if until >= full - 1e-9 or last:
+                self.windows.append(Window(max(origin, until - every), until, tuple(found)))
+                self.baseline = self.baseline.with_scatter(found)
+                full += every
+            if last:
+                break
+            until = min(until + step, self.end)
+        self.tell(STAGE, total, total)
+        return Watched(self.names, tuple(self.moves), tuple(self.windows), self.start, self.end)
+
+    def _scores(self, from_s: float) -> Scores:
+        """The clusters from a time on, by the poses as they are now."""
+        seen = self.seen.without(np.isin(self.names, self.lost)) if self.lost else self.seen
+        edges = np.append(np.arange(from_s, self.end, PIECE_S), np.inf)
+        rotation, centre = poses_of(self.rig, self.names)
+        parts = []
+        for low, high in zip(edges[:-1], edges[1:], strict=True):
+            piece = seen.between(low, high)
+            if piece.n_groups:
+                parts.append(scores_of(piece, solve_people(piece, rotation, centre, ground=self.ground)))
+        n = 6 * len(self.names)
+        nothing = Scores(np.zeros(0), np.zeros((0, n)), np.zeros((0, n, n)), np.zeros((0, len(self.names)), np.int64))
+        return joined(parts) if parts else nothing
+
+    def _moved(self, found: Sequence[Test], from_s: float, until_s: float) -> float:
+        """Who moved, when and by how much; returns the time at which watching begins anew."""
+        every = self.options.every_s
+        cameras, others = self._culprits(found, self.scores.between(from_s, until_s))
+        low, high = max(self.start, from_s - every), min(until_s + every / 2, self.end)
+        moment = moment_of(self.rig, self.seen.between(low, high), self.names[cameras[0]], self.baseline, self.ground)
+        after = max(from_s - every, moment.seconds)
+        high = min(max(after + every, until_s), self.end)
+        again, others_again = self._again(after, high, cameras, others)
+        if again != cameras:
+            cameras, others = again, others_again
+            moment = moment_of(self.rig, self.seen.between(low, high), self.names[cameras[0]], self.baseline, self.ground)
+        score = max(test.score for test in found)
+        for camera in cameras:
+            if camera != cameras[0]:
+                moment = moment_of(self.rig, self.seen.between(low, high), self.names[camera], self.baseline, self.ground)
+            self._settle(camera, cameras, others, moment, until_s, high, score)
+        self.scores = self._scores(high)
+        return high
+
+    def _again(self, from_s: float, until_s: float, cameras: list[int], others: list[int]) -> tuple[list[int], list[int]]:
+        """The culprits by all that was seen after the move, within a window."""
+        window = self.scores.between(from_s, until_s)
+        found = tests(window, self.baseline, (), self.options.threshold)
+        if max((test.score for test in found), default=0.0) < self.options.threshold:
+            return cameras, others
+        return self._culprits(found, window)
+
+    def _culprits(self, found: Sequence[Test], window: Scores) -> tuple[list[int], list[int]]:
+        """The fewest cameras without which all others agree, and those that would do as well as the last of them."""
+        limit, freed = self.options.threshold, list[int]()
+        others: list[int] = []
+        while max((test.score for test in found), default=0.0) >= limit and len(freed) < len(self.names) - 1:
+            suspects = [test.camera for test in found if test.score >= limit]
+            left = {c: tests(window, self.baseline, (*freed, c), limit) for c in suspects}
+            rest = {c: max((test.score for test in own), default=0.0) for c, own in left.items()}
+            strength = {test.camera: test.score for test in found}
+            best = min(suspects, key=lambda c: (max(rest[c], limit / 2), -strength[c]))
+            others = [c for c in suspects if c != best and rest[c] < limit]
+            if rest[best] < limit and min((rest[c] for c in others), default=np.inf) > max(2.0, 2 * rest[best]):
+                others = []
+            freed.append(best)
+            found = left[best]
+        return freed, others
+
+    def _settle(
+        self, camera: int, cameras: list[int], others: list[int], moment: Moment, noticed: float, until: float, score: float
+    ) -> None:  # fmt: skip
+        """Measure a camera's move, and go on with its new pose."""
+        name, every = self.names[camera], self.options.every_s
+        gone = (*self.lost, *(self.names[c] for c in cameras if c != camera))
+        after = self.seen.between(moment.seconds, max(until, moment.seconds + every))
+        new = resect_sightings(self.rig, after, name, without=gone, ground=self.ground)
+        early = moment.seconds - self.start < FIRST_S
+        before = None
+        if not early:
+            span = self.seen.between(moment.from_s - BEFORE_WINDOWS * every, moment.from_s)
+            before = resect_sightings(self.rig, span, name, without=self.lost, ground=self.ground)
+        told = tuple(self.names[c] for c in others)
+        if new is None:
+            test = Move(
+                name, noticed, None if early else moment, score, np.full(6, np.nan), np.full((6, 6), np.nan), None, None
+            )
+            self.moves.append(replace(test, others=told))
+            self.lost = (*self.lost, name)
+            return
+        shift, covariance = _difference(self.rig, new, before)
+        sigma = _with_others(self.rig, new)
+        self.moves.append(Move(name, noticed, None if early else moment, score, shift, covariance, new.pose, sigma, told))
+        self.baseline = self.baseline.replaced(camera, new.covariance)
+        self.rig = replace(
+            self.rig, cameras=tuple(replace(c, pose=new.pose, sigma=sigma) if c.name == name else c for c in self.rig.cameras)
+        )
+
+
+def _difference(rig: Rig, new: Resection, before: Resection | None) -> tuple[Floats, Floats]:
+    """(6,) the move and (6, 6) its covariance: from what was measured before it, or else from the rig's pose."""
+    if before is None:
+        return new.shift, new.covariance + stated(rig, new.camera)
+    from passerby.geometry.rotations import log_rotation
+
+    turn = log_rotation(new.pose.R_cw @ before.pose.R_cw.T)
+    shift = np.concatenate([new.pose.centre - before.pose.centre, turn])
+    rotate = np.eye(6)
+    rotate[3:, 3:] = new.pose.R_cw @ before.pose.R_cw.T
+    return shift, new.covariance + rotate @ before.covariance @ rotate.T
+
+
+def _with_others(rig: Rig, new: Resection) -> PoseSigma:
+    """The sigma of a new pose: what people leave open, and what the rig's other cameras are off by."""
+    others = [stated(rig, camera.name) for camera in rig.posed() if camera.name != new.camera]
+    covariance = new.covariance + (np.mean(others, axis=0) / max(len(others), 1) if others else 0.0)
+    return PoseSigma(
+        float(np.sqrt(np.trace(covariance[:3, :3]))), float(np.degrees(np.sqrt(np.trace(covariance[3:, 3:])))), covariance
+    )
