@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from passerby.errors import InputError
-from passerby.interchange.atomic import remove, write_text
+from passerby.interchange.atomic import write_text
 from passerby.interchange.json_text import plain, to_json
 from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.together import together
 from passerby.interchange.whole_folder import whole_folder
 from passerby.output_folder import camera_tables, read_report, unlike
 from passerby.progress import Progress, silent
-from passerby.results import CALIBRATION_FILE, REPORT_FILE, RIG_FILE, TRACKS_FOLDER, pose_figures
+from passerby.results import CALIBRATION_FILE, FILES, REPORT_FILE, RIG_FILE, TRACKS_FOLDER, checksum, pose_figures
 from passerby.wanted_world import scaled_figures
 from passerby.world import Aligned
 
@@ -28,7 +29,7 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     The report is made again where there was one.
 
     Args:
-        out: output folder of `passerby calibrate`.
+        out: output folder of `passerby calibrate`; locked for this process where it is the target (`together.working_in`).
         target: the same folder, a new one or an empty one.
         aligned: its rig in the new frame.
         tell: told of the report, camera by camera.
@@ -43,9 +44,8 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     with_report = (out / REPORT_FILE).is_file()
     old = [name for name in OLD_FRAME if (out / name).exists()]
     if target.resolve() == out.resolve():
-        remove(out / REPORT_FILE)
-        write_rig(out / RIG_FILE, aligned.rig)
-        write_text(out / CALIBRATION_FILE, to_json(report))
+        with together(out, [REPORT_FILE]) as new:
+            _write_moved(new, report, aligned)
         _report_again(with_report, out, tell)
         return [f"{out / name} still shows the old frame: make it again by `{OLD_FRAME[name]} {out}`" for name in old]
     if target.is_dir() and any(target.iterdir()):
@@ -53,10 +53,16 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     with whole_folder(target, CALIBRATION_FILE, "a calibration") as new:
         if (out / TRACKS_FOLDER).is_dir():
             shutil.copytree(out / TRACKS_FOLDER, new / TRACKS_FOLDER)
-        write_rig(new / RIG_FILE, aligned.rig)
-        write_text(new / CALIBRATION_FILE, to_json(report))
+        _write_moved(new, report, aligned)
     _report_again(with_report, target, tell)
     return [f"{out / name} shows the old frame: make it in the new one by `{OLD_FRAME[name]} {target}`" for name in old]
+
+
+def _write_moved(folder: Path, report: Mapping[str, Any], aligned: Aligned) -> None:
+    """What changes with the frame: the rig, and the report with the rig's checksum."""
+    write_rig(folder / RIG_FILE, aligned.rig)
+    files = {FILES: {**report[FILES], RIG_FILE: checksum(folder / RIG_FILE)}} if FILES in report else {}
+    write_text(folder / CALIBRATION_FILE, to_json({**report, **files}))
 
 
 def _report_again(wanted: bool, folder: Path, tell: Progress) -> None:

@@ -13,9 +13,8 @@ from passerby.interchange.formats import Export, Given, export, read_rig_as
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.observations import Clock
-from passerby.output_folder import OutputFolder, read_output
+from passerby.output_folder import OutputFolder, read_folder_rig, read_output
 from passerby.pipeline import Calibration
-from passerby.results import RIG_FILE
 from passerby.tracks3d import trajectories as following
 from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions, Trajectories
 from passerby.world import Aligned, align_to_camera, align_to_points, align_to_positions
@@ -180,4 +179,4 @@ def _rig(given: RigLike) -> Rig:
     if isinstance(given, Rig):
         return given
     path = Path(given)
-    return read_rig(path / RIG_FILE if path.is_dir() else path)
+    return read_folder_rig(path) if path.is_dir() else read_rig(path)

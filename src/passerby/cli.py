@@ -131,9 +131,10 @@ def calibrate(
 
     Exit status 3: doubtful or refused; what was found is written all the same, with the reasons.
     """
+    from passerby.interchange.together import working_in
     from passerby.parallel import local_processes
     from passerby.pipeline import calibrate as run_calibration
-    from passerby.results import REPORT_FILE
+    from passerby.results import REPORT_FILE, WORK, write_results
     from passerby.scene import Scene
     from passerby.tables import show_calibration, tell_reasons
     from passerby.terminal import stages
@@ -141,10 +142,10 @@ def calibrate(
     verbose = verbose or bool(context.obj)
     loaded = Scene.load(scene)
     processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
-    with stages(verbose) as tell, processes as executor:
+    with stages(verbose) as tell, working_in(out, WORK), processes as executor:
         calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
         tell("writing")
-        calibration.write(out, report=report, progress=tell)
+        write_results(calibration, out, report=report, progress=tell)
     if json:
         _print_json(
             {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,8 +13,10 @@ from passerby.errors import EvidenceError, InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
+from passerby.interchange.together import settle
+from passerby.interchange.untrusted import NotParsed, json_of
 from passerby.observations import Boxes, Clock
-from passerby.results import CALIBRATION_FILE, RIG_FILE, TRACKS_FOLDER
+from passerby.results import CALIBRATION_FILE, FILES, RIG_FILE, TRACKS_FOLDER, checksum
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +68,7 @@ def read_output(out: Path) -> OutputFolder:
     """Read an output folder.
 
     Raises:
-        InputError: something is missing or broken, with its name and its mend.
+        InputError: something is missing, broken or not of the same calibration, with its name and its mend.
         EvidenceError: the calibration was refused, or no camera has a pose.
     """
     report = read_report(out)
@@ -89,14 +90,68 @@ def read_output(out: Path) -> OutputFolder:
     return OutputFolder(out, report, verdict, told, posed, len(rig), boxes, _clocks(out, cameras, posed))
 
 
+def read_folder_rig(out: Path) -> Rig:
+    """The rig of a folder, all cameras; that of an output folder as its `calibration.json` tells of it.
+
+    Raises `InputError` where it is missing, broken, or of another calibration.
+    """
+    if (out / CALIBRATION_FILE).is_file():
+        read_report(out)
+    return read_rig(out / RIG_FILE)
+
+
 def read_report(out: Path) -> dict[str, Any]:
-    """What `calibration.json` holds. Raises `InputError` where it is missing or no table."""
+    """What `calibration.json` holds, once it is sure that rig and tracks beside it are those that it tells of.
+
+    What a process that was killed has decided to write is put into its place before. Files that are missing are the business of
+    those who need them; an older Passerby wrote no checksums.
+
+    Raises `InputError` where it is missing or no table, or where a file beside it is of another calibration or was changed.
+    """
+    settle(out, "reads the folder")
+    report = _report(out)
+    told = report.get(FILES, {})
+    if not isinstance(told, dict):
+        raise unlike(out, f"{FILES} is no table")
+    names = [RIG_FILE, *(f"{TRACKS_FOLDER}/{name}{end}" for name in camera_names(report) for end in (".txt", ".json"))]
+    for name in [name for name in names if name in told or (name.startswith(TRACKS_FOLDER) and FILES in report)]:
+        path = out / name
+        if path.is_file() and _checksum(path) != told.get(name):
+            raise InputError(
+                f"{path}: is not the file that {CALIBRATION_FILE} beside it tells of: it was changed, is damaged, or is of "
+                "another calibration: put the right one back, or calibrate again"
+            )
+    return report
+
+
+def camera_names(report: Mapping[str, Any]) -> list[str]:
+    """The cameras that `calibration.json` tells of, as far as their names are names of files: a file may hold any text."""
+    cameras = report.get("cameras")
+    names = [one.get("name") for one in cameras if isinstance(one, dict)] if isinstance(cameras, list) else []
+    return [name for name in names if isinstance(name, str) and is_file_name(name)]
+
+
+def is_file_name(name: str) -> bool:
+    """Whether a camera's name stays within its folder."""
+    return "\0" not in name and len(Path(name).parts) == 1 and Path(name).name == name and "\\" not in name
+
+
+def _checksum(path: Path) -> str:
+    """Of a file. Raises `InputError` where it cannot be read."""
+    try:
+        return checksum(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}): check the file and its permissions") from None
+
+
+def _report(out: Path) -> dict[str, Any]:
+    """What `calibration.json` holds."""
     path = out / CALIBRATION_FILE
     if not path.is_file():
         raise InputError(f"{path}: no such file: name the folder that `passerby calibrate SCENE -o FOLDER` wrote")
     try:
-        report = json.loads(read_text(path, "what a calibration tells (JSON)"))
-    except json.JSONDecodeError as error:
+        report = json_of(read_text(path, "what a calibration tells (JSON)"))
+    except NotParsed as error:
         raise InputError(f"{path}: is not JSON ({error}): calibrate again") from None
     if not isinstance(report, dict):
         raise unlike(out, "it is no table")

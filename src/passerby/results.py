@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +13,14 @@ import numpy as np
 from passerby import __version__
 from passerby.association.result import Association
 from passerby.cameras import Camera
+from passerby.errors import InputError
 from passerby.evaluation.reprojection import median_residuals
-from passerby.interchange.atomic import remove, write_text
+from passerby.interchange.atomic import write_text
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.json_text import plain, to_json
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.together import together, working_in
 from passerby.observations import UNKNOWN, CameraObservations
 
 if TYPE_CHECKING:
@@ -25,40 +28,74 @@ if TYPE_CHECKING:
     from passerby.progress import Progress
 
 RIG_FILE, CALIBRATION_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "calibration.json", "tracks", "report.html"
+FILES = "files"
+"""Key of `calibration.json`: checksums of the files that it tells of."""
+WORK = "passerby calibrate"
+WHOLE = "all other results in {0} are whole and can be used; `passerby report {0}` makes the report again"
 COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")
 """Whose versions can change a figure."""
 
 
 def write_calibration(calibration: Calibration, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
-    """Write a calibration; `calibration.json` after the files that it tells of, so that a new one stands for a complete folder.
+    """Write a calibration as `write_results` does, alone in its folder.
 
-    The report comes last and can be made again from the others; one of an earlier run does not stay beside new figures. The
-    same input, seed and libraries give the same bytes. Raises `InputError` where the folder is not writable.
+    Raises `InputError` where the folder is not writable, or another process works in it.
     """
-    remove(folder / REPORT_FILE)
-    for camera in calibration.rig:
-        _write_seen(folder / TRACKS_FOLDER, camera.name, calibration.observations[camera.name])
-    write_rig(folder / RIG_FILE, calibration.rig)
-    content = {"scene_file": scene_file(calibration.scene.path)} | calibration_dict(calibration)
-    write_text(folder / CALIBRATION_FILE, to_json(content))
+    with working_in(folder, WORK):
+        write_results(calibration, folder, report=report, progress=progress)
+
+
+def write_results(calibration: Calibration, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
+    """Write a calibration into a folder that is locked for this process.
+
+    Rig, tracks and `calibration.json`, which has the checksums of the others, change together: all or none. The report comes
+    last and can be made again from them; one of an earlier run does not stay beside new figures. The same input, seed and
+    libraries give the same bytes. Raises `InputError` where the folder is not writable.
+    """
+    seen = {camera.name: calibration.observations[camera.name] for camera in calibration.rig}
+    with together(folder, [REPORT_FILE, *(name for camera, people in seen.items() for name in _gone(camera, people))]) as new:
+        for name, people in seen.items():
+            _write_seen(new / TRACKS_FOLDER, name, people)
+        write_rig(new / RIG_FILE, calibration.rig)
+        content = {"scene_file": scene_file(calibration.scene.path), FILES: checksums(new)} | calibration_dict(calibration)
+        write_text(new / CALIBRATION_FILE, to_json(content))
     if report:
         from passerby.report.contents import contents_of
         from passerby.report.page import write_report
 
-        write_report(contents_of(calibration), folder / REPORT_FILE, progress)
+        try:
+            write_report(contents_of(calibration), folder / REPORT_FILE, progress)
+        except InputError as error:
+            raise InputError(f"{error}; {WHOLE.format(folder)}") from error
+        except Exception as error:
+            error.add_note(WHOLE.format(folder))
+            raise
+
+
+def checksums(folder: Path) -> dict[str, str]:
+    """Of the rig and the tracks in a folder, by name: BLAKE2b of 16 bytes in hex, as `b2sum -l 128` prints it."""
+    files = [folder / RIG_FILE, *sorted((folder / TRACKS_FOLDER).glob("*"))]
+    return {path.relative_to(folder).as_posix(): checksum(path) for path in files}
+
+
+def checksum(path: Path) -> str:
+    """Of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
 
 
 def _write_seen(folder: Path, name: str, seen: CameraObservations) -> None:
-    """A camera's boxes and joints; files of an earlier run that has others go."""
-    boxes, joints = folder / f"{name}.txt", folder / f"{name}.json"
+    """A camera's boxes and joints, where there are any."""
     if len(seen.boxes):
-        write_boxes(boxes, seen.boxes)
-    else:
-        remove(boxes)
+        write_boxes(folder / f"{name}.txt", seen.boxes)
     if len(seen.keypoints):
-        write_keypoints(joints, seen.keypoints)
-    else:
-        remove(joints)
+        write_keypoints(folder / f"{name}.json", seen.keypoints)
+
+
+def _gone(name: str, seen: CameraObservations) -> list[str]:
+    """The files of an earlier run in which this camera saw what it does not show now."""
+    boxes, joints = f"{TRACKS_FOLDER}/{name}.txt", f"{TRACKS_FOLDER}/{name}.json"
+    return [path for path, found in ((boxes, seen.boxes), (joints, seen.keypoints)) if not len(found)]
 
 
 def scene_file(scene: Path | None) -> str | None:

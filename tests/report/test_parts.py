@@ -187,6 +187,8 @@ def test_a_rigs_names_do_not_lead_out_of_the_folder(calibrated, tmp_path):
         (tmp_path / "inner" / name).write_text((out / name).read_text().replace("C1", "../../secret"))
     text = (tmp_path / "inner" / "rig.toml").read_text().replace("[../../secret]", '["../../secret"]')
     (tmp_path / "inner" / "rig.toml").write_text(text)
+    told = json.loads((tmp_path / "inner" / "calibration.json").read_text())
+    (tmp_path / "inner" / "calibration.json").write_text(json.dumps({**told, "files": {}}))  # as who means harm would write it
     contents = contents_from(tmp_path / "inner")
     assert contents.rig.names[0] == "../../secret"
     assert len(contents.observations["../../secret"].boxes) == 0

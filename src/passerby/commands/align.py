@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,6 +46,8 @@ def align(
     from passerby.aligned_folder import write_aligned
     from passerby.interchange.json_text import to_json
     from passerby.interchange.rig_toml import read_rig, write_rig
+    from passerby.interchange.together import working_in
+    from passerby.output_folder import read_folder_rig
     from passerby.results import CALIBRATION_FILE, RIG_FILE
     from passerby.terminal import stages
     from passerby.wanted_world import set_world
@@ -54,17 +57,19 @@ def align(
     source = rig / RIG_FILE if rig.is_dir() else rig
     to_file = out.suffix.lower() == ".toml" and not out.is_dir()
     _check_target(source, out, folder, to_file)
-    try:
-        aligned = set_world(read_rig(source), wanted)
-    except EvidenceError as error:
-        raise EvidenceError(f"{points or positions or source}: {error}", error.reasons) from None
-    notes = list(aligned.notes)
-    if to_file:
-        write_rig(out, aligned.rig)
-    else:
-        assert folder is not None
-        with stages() as tell:
-            notes += write_aligned(folder, out, aligned, tell)
+    in_place = not to_file and folder is not None and out.resolve() == folder.resolve()
+    with working_in(out, "passerby align") if in_place else nullcontext():
+        try:
+            aligned = set_world(read_rig(source) if folder is None else read_folder_rig(folder), wanted)
+        except EvidenceError as error:
+            raise EvidenceError(f"{points or positions or source}: {error}", error.reasons) from None
+        notes = list(aligned.notes)
+        if to_file:
+            write_rig(out, aligned.rig)
+        else:
+            assert folder is not None
+            with stages() as tell:
+                notes += write_aligned(folder, out, aligned, tell)
     if json:
         print(to_json({**aligned.figures, "notes": notes, "out": str(out)}), end="")
     else:

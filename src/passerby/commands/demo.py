@@ -30,8 +30,10 @@ def demo(
 
     from passerby.evaluation.metrics import compare
     from passerby.interchange.rig_toml import read_rig
+    from passerby.interchange.together import working_in
     from passerby.parallel import local_processes
     from passerby.pipeline import calibrate
+    from passerby.results import write_results
     from passerby.scene import Scene
     from passerby.scene_tables import PerceptionTable
     from passerby.simulation import SimulationOptions, simulate, write_scene
@@ -42,12 +44,13 @@ def demo(
     options = SimulationOptions(preset="terrace", seconds=SECONDS, fps=FPS, unrelated_ids=True)
     with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages() as tell:
         folder = out or Path(temporary)
-        with local_processes(0, options.n_cameras, options.n_cameras) as executor:
+        processes = local_processes(0, options.n_cameras, options.n_cameras)
+        with working_in(folder / "out", "passerby demo"), processes as executor:
             tell("simulating")
             path = write_scene(simulate(options), folder / "scene", video=RenderOptions(), executor=executor, tell=tell)
             scene = Scene.load(path).with_perception(PerceptionTable(detector=detector, embedder=embedder))
             calibration = calibrate(scene, progress=tell, executor=executor, keep=folder / "out")
-            calibration.write(folder / "out", report=out is not None, progress=tell)
+            write_results(calibration, folder / "out", report=out is not None, progress=tell)
         comparison = compare(read_rig(folder / "out" / "rig.toml"), read_rig(path.parent / "truth.toml"))
     print(
         f"A simulated terrace of 7 x 11 m, filmed by {options.n_cameras} cameras for {options.seconds:g} s: people walk about, "

@@ -37,10 +37,11 @@ def export(
     from passerby.interchange.formats import Export
     from passerby.interchange.formats import export as write
     from passerby.interchange.rig_toml import read_rig
+    from passerby.output_folder import read_folder_rig
     from passerby.results import RIG_FILE
 
     path = rig / RIG_FILE if rig.is_dir() else rig
-    loaded = read_rig(path)
+    loaded = read_folder_rig(rig) if rig.is_dir() else read_rig(path)
     title = name or (rig.resolve().name if rig.is_dir() else rig.stem)
     ways = _ways(tracks) if tracks is not None else None
     for loss in write(Export(loaded, title, ways), form, out, lossy=lossy):

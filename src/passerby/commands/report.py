@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -18,13 +19,15 @@ def report(
 
     Pictures are taken from the videos that the scene file names, where they still lie there.
     """
+    from passerby.interchange.together import working_in
     from passerby.report.contents import contents_from
     from passerby.report.page import write_report
     from passerby.results import REPORT_FILE
     from passerby.terminal import stages
 
     path = calibrated / REPORT_FILE if out is None else out
-    with stages(verbose or bool(context.obj)) as tell:
+    alone = working_in(calibrated, "passerby report") if out is None and calibrated.is_dir() else nullcontext()
+    with stages(verbose or bool(context.obj)) as tell, alone:
         tell("reading")
         contents = contents_from(calibrated)
         write_report(contents, path, tell)

@@ -54,6 +54,7 @@ def track(
     from passerby.interchange.atomic import write_text
     from passerby.interchange.json_text import to_json
     from passerby.interchange.rig_toml import read_rig
+    from passerby.interchange.together import together, working_in
     from passerby.interchange.trajectories_csv import read_ground_positions, write_trajectories
     from passerby.output_folder import read_output
     from passerby.terminal import stages
@@ -75,9 +76,11 @@ def track(
             figures["truth"] = _judged(folder, clocks, options, found, rig, known, reference, tell)
         tell("writing")
         target = out or calibrated / FOLDER
-        write_trajectories(target / CSV_FILE, found)
         name = str(folder.report.get("name") or calibrated.resolve().name)
-        write_text(target / HTML_FILE, trajectories_page(found, folder.rig, f"{name}: ways over the ground", _note(figures)))
+        page = trajectories_page(found, folder.rig, f"{name}: ways over the ground", _note(figures))
+        with working_in(target, "passerby track"), together(target) as new:
+            write_trajectories(new / CSV_FILE, found)
+            write_text(new / HTML_FILE, page)
     if json:
         print(to_json({**figures, "out": str(target)}), end="")
     else:

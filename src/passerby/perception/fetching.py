@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import http.client
 import os
-import sys
 import threading
 import time
 import urllib.error
@@ -14,10 +13,11 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from passerby import __version__
 from passerby.errors import InputError
+from passerby.interchange.locks import locked
 from passerby.progress import Progress, silent
 
 OFFLINE = "PASSERBY_OFFLINE"
@@ -237,23 +237,7 @@ def _length(part: Path) -> int:
 def _turn(lock: Path, name: str, tell: Progress) -> Iterator[None]:
     """Hold the file `lock` for this process alone; whoever dies lets go of it. The empty file stays: to delete it is a race."""
     with lock.open("ab") as file:
-        while not _locked(file):
+        while not locked(file):
             tell(f"waiting for another process that fetches {name}")
             time.sleep(0.1)
         yield
-
-
-def _locked(file: IO[bytes]) -> bool:
-    """Try to lock a file, which lasts until it is closed. False where another process has it."""
-    try:
-        if sys.platform == "win32":
-            import msvcrt
-
-            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):
-        return False
-    return True

@@ -13,7 +13,7 @@ from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.output_folder import camera_tables, read_report, unlike
+from passerby.output_folder import camera_tables, is_file_name, read_report, unlike
 from passerby.results import RIG_FILE, TRACKS_FOLDER, calibration_dict, scene_file
 
 if TYPE_CHECKING:
@@ -77,18 +77,13 @@ def contents_from(out: Path) -> Contents:
 
 def _seen(folder: Path, name: str) -> tuple[Boxes, Keypoints]:
     """A camera's boxes and joints; none where there is no file of them."""
-    if not _is_file_name(name):
+    if not is_file_name(name):
         return Boxes.empty(), Keypoints.empty()
     boxes, joints = folder / f"{name}.txt", folder / f"{name}.json"
     return (
         read_boxes(boxes) if boxes.is_file() else Boxes.empty(),
         read_keypoints(joints) if joints.is_file() else Keypoints.empty(),
     )
-
-
-def _is_file_name(name: str) -> bool:
-    """Whether a camera's name stays within its folder: a rig file may hold any text."""
-    return "\0" not in name and len(Path(name).parts) == 1 and Path(name).name == name and "\\" not in name
 
 
 def _clocks(tables: Mapping[str, Mapping[str, Any]], rig: Rig) -> dict[str, Clock]:

@@ -11,6 +11,7 @@ from passerby.errors import InputError
 from passerby.interchange.atomic import write_bytes
 from passerby.interchange.formats.format import Export, Format, Given, People
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.together import together, working_in
 from passerby.scene_errors import nearest
 
 __all__ = [
@@ -96,6 +97,10 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
         losses.forbid(str(path), name)
     if form.target == "folder" and one is None:
         _refuse_others(path, files, name)
+        with working_in(path, "passerby export"), together(path) as new:
+            for below, content in files.items():
+                write_bytes(new / below, content)
+        return losses.told
     for below, content in files.items():
         write_bytes(path / below if below else path, content)
     return losses.told
