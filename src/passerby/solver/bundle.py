@@ -41,13 +41,17 @@ class PointObservations:
     """(M,) standard deviation of the sighting, pixels."""
     velocity: Floats | None = None
     """(M, 2) how fast the point moves through the picture, pixels a second; None where time is no question."""
+    pixels: Floats | None = None
+    """(M, 2) where it was seen; this and the next two None where lenses are not refined."""
+    lens_at: Floats | None = None
+    """(M, L) the camera's lens that the ray was made with, as what is added to the stated one."""
+    by_lens: Floats | None = None
+    """(M, 2, L) how the pixel moves with it."""
 
     def take(self, rows: NDArray[np.generic]) -> PointObservations:
         """The sightings of the given rows."""
-        velocity = None if self.velocity is None else self.velocity[rows]
-        return PointObservations(
-            self.camera[rows], self.point[rows], self.bearing[rows], self.tangent[rows], self.sigma_px[rows], velocity
-        )
+        columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
+        return PointObservations(**{name: column[rows] for name, column in columns.items()})
 
 
 @dataclass(frozen=True, eq=False)

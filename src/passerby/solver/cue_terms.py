@@ -68,6 +68,12 @@ class CueRows:
             J[rows, :, o.camera * layout.camera_size + column] = by_pose[:, :, column]
         for axis in range(3):
             J[rows, :, first + 1 + 3 * o.point + axis] = by_point[:, :, axis]
+        if o.by_lens is not None and o.lens_at is not None:
+            residual = residual + (o.by_lens @ (state.lens[o.camera] - o.lens_at)[:, :, None])[:, :, 0]
+            n_lens = o.by_lens.shape[2]
+            for unknown in range(n_lens):
+                column = (o.camera + 1) * layout.camera_size - n_lens + unknown
+                J[rows, :, column] = o.by_lens[:, :, unknown] / o.sigma_px[:, None]
         apart = points[0::2] - points[1::2]
         norm = np.maximum(np.linalg.norm(apart, axis=1), 1e-9)
         n = len(self.lengths)

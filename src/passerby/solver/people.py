@@ -28,6 +28,9 @@ from passerby.solver.uncertainty import RigCovariance, correlation_inflation, ri
 
 __all__ = ["PeopleOptions", "solve_people"]
 
+_RESTARTS = 2
+"""First guesses made anew with better lenses, at most."""
+
 
 def solve_people(
     rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions | None = None, *, rng: np.random.Generator,
@@ -59,13 +62,21 @@ def solve_people(
             "the intrinsics, or record more people where the views overlap"
         )
     reasons = apart(rig, groups)
-    start = first
+    start, among = first, list(guesses)
     if len(groups[0]) < len(rig):
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
         start = Start.prepare(inside, observations, cues, options, rng, among)
     choice = choose(start, options, rng)
     fit = descend(start, choice.state, options, rng)
+    for _ in range(_RESTARTS):
+        if start.near(fit.start):
+            break
+        # A first guess with quite wrong lenses may be another arrangement, or have left people out.
+        start = Start.prepare(start.stated, observations, cues, options, rng, among, fit.result.state.lens)
+        choice = choose(start, options, rng)
+        fit = descend(start, choice.state, options, rng)
+    start = fit.start
     covariance, cue_report = _sure(start, fit, cues)
     focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
     posed = _placed(start.rig, fit.result.state, covariance)
@@ -93,7 +104,7 @@ def _sure(start: Start, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
-    terms = fit.model.problem.terms(state, jacobians=True)
+    terms = replace(fit.model.problem, lens_weight=1.0).terms(state, jacobians=True)
     inflation = correlation_inflation(fit.model, start.evidence, terms)
     covariance = rig_covariance(terms, fit.model.problem.layout, state, inflation, sigma)
     return covariance, {"relative_sigma": sigma, "cues": report}

@@ -37,6 +37,12 @@ class Sightings:
     """(M,) 1 where the lowest point is the visible foot of a box, which lies nearer to the camera than the axis; else 0."""
     velocity: Floats | None = None
     """(M, 2) how fast the middle of the two points moves through the picture, pixels a second; None where clocks are right."""
+    pixels: Floats | None = None
+    """(M, 2, 2) pixels of the highest and of the lowest point; this and the next two None where lenses are not refined."""
+    lens_at: Floats | None = None
+    """(M, L) the camera's lens, as `PeopleState.lens`, that the rays were made with."""
+    by_lens: Floats | None = None
+    """(M, 2, 2, L) how the two points' pixels move with it."""
 
     def __len__(self) -> int:
         return len(self.camera)
@@ -106,6 +112,8 @@ class PeopleState:
     time: Floats = field(default_factory=lambda: np.zeros(0))
     """(C,) seconds to be added to the clocks' offsets: a camera shows the world so much later than its clock says. Empty where
     the clocks are right."""
+    lens: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    """(C, L) by how much lenses differ from the stated ones (`LensUnknowns`); no columns where they are not refined."""
 
     def scaled(self, scale: float) -> PeopleState:
         """All lengths of cameras, people and joints times `scale`, the standing heights too."""

@@ -1,9 +1,9 @@
 """The person model: upright people on a ground plane, seen by cameras, as a least-squares problem.
 
 World: z up, ground z = 0. The unknowns are what is really there: the cameras' poses; for each camera one slack factor (how
-much taller than the people its boxes are); how far the lowest visible point of a body lies nearer to the camera than the
-body's axis; each person's height; for each person and instant a ground position (x, y), the height of the lowest and of the
-highest point; and 3D joints.
+much taller than the people its boxes are), and errors of its clock and its lens where these are refined; how far the lowest
+visible point of a body lies nearer to the camera than the body's axis; each person's height; for each person and instant a
+ground position (x, y), the height of the lowest and of the highest point; and 3D joints.
 
 A box enters by residuals that are not weighed alike, since a detector's slack and the model's bias move the two edges in
 opposite directions: its *centre*, tight, and its *height*, loose. The heights give vertical, ground and scale, the centres the
@@ -27,7 +27,7 @@ Ints = NDArray[np.int64]
 
 CAMERA_SIZE = POSE_SIZE + 1
 SLACK = POSE_SIZE
-# One unknown more a camera where the clocks are refined.
+# One unknown more a camera where the clocks are refined. Those of the lens, where it is refined, come last.
 TIME = POSE_SIZE + 1
 UPRIGHT, JOINT = 0, 1
 X, Y, LOW, HIGH = range(4)
@@ -71,6 +71,11 @@ class PeopleProblem:
     expected_px: Floats | None = None
     """(M,) extent that the person of each sighting is expected to have, pixels; what was seen when None. What was seen is noisy
     itself: weighed by it, boxes that are too small by chance would count more than those that are too large."""
+    lens_sd: Floats | None = None
+    """(C, L) prior standard deviations of the lenses' unknowns around the stated ones; None where they are not refined."""
+    lens_weight: float = 1.0
+    """How many times more those priors count: sightings that follow one another tell less than as many independent ones, and
+    would drive lenses far off against priors that are right."""
 
     @property
     def timed(self) -> bool:
@@ -80,7 +85,12 @@ class PeopleProblem:
     @property
     def camera_size(self) -> int:
         """Number of a camera's unknowns."""
-        return CAMERA_SIZE + self.timed
+        return CAMERA_SIZE + self.timed + self.n_lens
+
+    @property
+    def n_lens(self) -> int:
+        """Number of the unknowns of a camera's lens, the last of the camera's."""
+        return 0 if self.lens_sd is None else self.lens_sd.shape[1]
 
     @property
     def layout(self) -> Layout:
@@ -133,6 +143,9 @@ class PeopleProblem:
         d_bottom = (R @ (bottom - C)[:, :, None])[:, :, 0]
         r_top, top_by_d = project_near(s.top, s.top_tangent, d_top)
         r_bottom, bottom_by_d = project_near(s.bottom, s.bottom_tangent, d_bottom)
+        if s.by_lens is not None and s.lens_at is not None:
+            moved_px = s.by_lens @ (state.lens[s.camera] - s.lens_at)[:, None, :, None]
+            r_top, r_bottom = r_top + moved_px[:, 0, :, 0], r_bottom + moved_px[:, 1, :, 0]
         centre_weight = 0.5 / self.centre_sigma()
         height_weight = 1.0 / self.height_sigma()
         centre = (r_top + r_bottom) * centre_weight[:, None]
@@ -171,6 +184,8 @@ class PeopleProblem:
         for k, residual in ((2, centre), (1, height[:, None])):
             by_camera = np.zeros((n, k, self.camera_size))
             by_camera[:, :, :POSE_SIZE] = rows(top_by_pose, bottom_by_pose, k)
+            if s.by_lens is not None:
+                by_camera[:, :, self.camera_size - self.n_lens :] = rows(s.by_lens[:, 0], s.by_lens[:, 1], k)
             by_globals = np.zeros((n, k, n_globals))
             by_reach = rows(np.zeros((n, 2, 1)), bottom_by_reach, k)[:, :, 0]
             by_globals[:, :, FOOT_SHIFT] = by_reach * height_of[:, None]
@@ -222,12 +237,17 @@ class PeopleProblem:
         residual = residual / o.sigma_px[:, None]
         if o.velocity is not None:
             residual = residual + (o.velocity / o.sigma_px[:, None]) * state.time[o.camera, None]
+        if o.by_lens is not None and o.lens_at is not None:
+            moved_px = (o.by_lens @ (state.lens[o.camera] - o.lens_at)[:, :, None])[:, :, 0]
+            residual = residual + moved_px / o.sigma_px[:, None]
         if not jacobians:
             return Term(residual, loss)
         by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
         by_camera = np.concatenate([by_pose, np.zeros((len(d), 2, self.camera_size - POSE_SIZE))], axis=2)
         if o.velocity is not None:
             by_camera[:, :, TIME] = o.velocity / o.sigma_px[:, None]
+        if o.by_lens is not None:
+            by_camera[:, :, self.camera_size - self.n_lens :] = o.by_lens / o.sigma_px[:, None, None]
         return Term(residual, loss, camera=o.camera, by_camera=by_camera, family=JOINT, block=o.point, by_block=by_point)
 
     def _shared_priors(self, state: PeopleState) -> list[Term]:
@@ -243,10 +263,22 @@ class PeopleProblem:
         return [
             slack,
             *time,
+            *self._lens_priors(state),
             Term(np.array([[shift]]), by_shared=by_shift),
             Term(((state.heights - self.height_mean) / self.height_sd)[:, None], group=people,
                  by_group=(1 / self.height_sd)[:, None]),
         ]  # fmt: skip
+
+    def _lens_priors(self, state: PeopleState) -> list[Term]:
+        """Lenses are about what they are stated to be, each for itself."""
+        if self.lens_sd is None:
+            return []
+        n, k, sd = self.n_cameras, self.n_lens, self.lens_sd / np.sqrt(self.lens_weight)
+        J = np.zeros((n, k, self.layout.n_shared))
+        for unknown in range(k):
+            column = np.arange(n) * self.camera_size + self.camera_size - k + unknown
+            J[np.arange(n), unknown, column] = 1 / sd[:, unknown]
+        return [Term(state.lens / sd, by_shared=J)]
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:
         """Priors around 0 on one unknown (C,) of each camera, and on its mean."""
@@ -265,6 +297,7 @@ class PeopleProblem:
             R, centre, state.slack + by_camera[:, SLACK], state.globals + step.shared[n_cameras:],
             state.heights + step.groups, state.people + step.blocks[UPRIGHT], state.joints + step.blocks[JOINT],
             state.time + by_camera[:, TIME] if self.timed else state.time,
+            state.lens + by_camera[:, self.camera_size - self.n_lens :] if self.n_lens else state.lens,
         )  # fmt: skip
 
 

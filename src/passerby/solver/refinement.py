@@ -54,12 +54,14 @@ class RigState:
     globals: Floats
     time: Floats
     """(C,) errors of the clocks, seconds (`PeopleState`)."""
+    lens: Floats
+    """(C, L) by how much lenses differ from the stated ones (`PeopleState`)."""
 
     @classmethod
-    def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats) -> RigState:
+    def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats, lens: Floats) -> RigState:
         """A first state: people as tall as expected, no slack, clocks as stated."""
         none = np.zeros(len(R))
-        return cls(R, centre, height_mean.copy(), none, np.concatenate([[priors.foot_shift], marks.ravel()]), none)
+        return cls(R, centre, height_mean.copy(), none, np.concatenate([[priors.foot_shift], marks.ravel()]), none, lens)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +90,10 @@ class Knowledge:
     height_sd: Floats
     priors: Priors = field(default_factory=Priors)
     cues: CueRows | None = None
+    lens_sd: Floats | None = None
+    """(C, L) prior standard deviations of the lenses; None where they are not refined."""
+    lens_weight: float = 1.0
+    """How many times more they count (`PeopleProblem`)."""
 
 
 def middle_rays(s: Sightings) -> tuple[Floats, Floats]:
@@ -160,10 +166,11 @@ def build_model(
     problem = PeopleProblem(
         evidence.n_cameras, sightings, joint_problem, person, len(joint_used), knowledge.height_mean, knowledge.height_sd,
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, knowledge.cues,
-        None if whole is None else whole[rows], expected,
+        None if whole is None else whole[rows], expected, knowledge.lens_sd,
+        knowledge.lens_weight,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
-    state = PeopleState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time)
+    state = PeopleState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens)
     renamed = int(np.count_nonzero(s.block[rows] != block))
     return Model(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
 
@@ -228,7 +235,7 @@ def adjust(model: Model, stopping: Stopping) -> Result[PeopleState]:
 
 def rig_of(state: PeopleState) -> RigState:
     """What the next round starts from."""
-    return RigState(state.R, state.centre, state.heights, state.slack, state.globals, state.time)
+    return RigState(state.R, state.centre, state.heights, state.slack, state.globals, state.time, state.lens)
 
 
 def wholeness(model: Model, state: PeopleState, n_sightings: int) -> Wholeness:

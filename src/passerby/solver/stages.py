@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from passerby.solver.assembly import candidate_trees, levelled, poses_of_tree
 from passerby.solver.cues import cue_rows, expected_heights, first_scale, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.least_squares import Result, Stopping
+from passerby.solver.lens_unknowns import LensPart, LensUnknowns
 from passerby.solver.pairs import PairHypothesis, judged_guesses, pair_hypotheses
 from passerby.solver.people_state import Noise, PeopleState, Priors
 from passerby.solver.refinement import (
@@ -34,6 +35,7 @@ from passerby.solver.refinement import (
 )
 from passerby.solver.scale import ScaleCues
 from passerby.solver.standing import standing_instants
+from passerby.solver.uncertainty import correlation_inflation
 
 Floats = NDArray[np.float64]
 
@@ -44,6 +46,11 @@ _RIVAL_ANGLE = np.deg2rad(4.0)
 # Noise that is learnt from what agrees within a tolerance is too small where that is narrow: rounds go on, by so many at most,
 # while it grows by more than this factor.
 _GROWTH, _MORE_ROUNDS = 1.15, 4
+# Rounds more at most until the rays are those of the lenses found, where lenses are refined: the change in a round is about the
+# square of that in the one before.
+_LENS_ROUNDS = 6
+# A first guess that was made with lenses farther off than this is made anew.
+_MISLEADING_FOCAL, _MISLEADING_PX = 0.05, 30.0
 # A coarse descent stops here; the optimum needs more evidence anyhow.
 _COARSE = Stopping(15, 1e-4)
 
@@ -72,6 +79,8 @@ class PeopleOptions:
     """Relative decrease of the cost at which a round has converged."""
     refine_time: bool = False
     """Whether each camera's clock has an unknown error; takes observations whose frame rate is known."""
+    refine_lens: tuple[LensPart, ...] = ()
+    """What of each camera's lens is unknown, about what is stated: "focal", "principal_point"."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -95,17 +104,28 @@ class Start:
     """All that is known before the first descent."""
 
     rig: Rig
+    """The cameras with the lenses that the rays were made with."""
     evidence: Evidence
     levels: list[Level | None]
     hypotheses: list[PairHypothesis]
     knowledge: Knowledge
+    stated: Rig
+    """The cameras with the lenses as stated."""
+    unknowns: LensUnknowns
+    lens: Floats
+    """(C, L) by how much the lenses of `rig` differ from the stated ones."""
 
     @classmethod
     def prepare(
-        cls, rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator,
-        guesses: Sequence[PairHypothesis] = (),
+        cls, stated: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator,
+        guesses: Sequence[PairHypothesis] = (), lens: Floats | None = None,
     ) -> Start:  # fmt: skip
-        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same."""
+        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same. `lens` (C, L) is how
+        the lenses differ from the stated ones, as far as that is known; nothing when None.
+        """
+        unknowns = LensUnknowns(options.refine_lens)
+        lens = np.zeros((len(stated), unknowns.size)) if lens is None else lens
+        rig = unknowns.rig(stated, lens)
         evidence = gather_evidence(
             rig, observations, rng, max_sightings=options.max_sightings, max_joints=options.max_joints,
             moving=options.refine_time,
@@ -116,7 +136,36 @@ class Start:
         focal = np.array([camera.lens.focal for camera in rig])
         hypotheses = pair_hypotheses(evidence, levels, focal, body_m, rng)
         hypotheses += judged_guesses(guesses, evidence, focal, body_m)
-        return cls(rig, evidence, levels, hypotheses, Knowledge(mean, sd, Priors(), cue_rows(cues, rig)))
+        lens_sd = unknowns.prior_sd(stated) if unknowns.parts else None
+        knowledge = Knowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_sd)
+        return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
+
+    def weighed(self, model: Model, result: Result[PeopleState]) -> Start:
+        """The same with priors of the lenses that count as much more as the sightings of an optimum follow one another."""
+        if not self.unknowns.parts:
+            return self
+        inflation = correlation_inflation(model, self.evidence, model.problem.terms(result.state, jacobians=False))
+        return replace(self, knowledge=replace(self.knowledge, lens_weight=inflation))
+
+    def near(self, other: Start) -> bool:
+        """Whether the lenses differ too little from those of `other` to mislead a first guess."""
+        change = other.lens - self.lens
+        focal, point = change[:, self.unknowns.columns_of("focal")], change[:, self.unknowns.columns_of("principal_point")]
+        return bool((np.abs(focal) < _MISLEADING_FOCAL).all() and (np.abs(point) < _MISLEADING_PX).all())
+
+    def with_lenses(self, lens: Floats) -> Start:
+        """The same with rays of the lenses that differ from the stated ones by `lens` (C, L)."""
+        if not self.unknowns.parts:
+            return self
+        unknowns, stated, cues = self.unknowns, self.stated, self.knowledge.cues
+        if cues is not None and cues.marks is not None:
+            cues = replace(cues, marks=unknowns.points(cues.marks, stated, lens))
+        evidence = replace(
+            self.evidence, sightings=unknowns.sightings(self.evidence.sightings, stated, lens),
+            joints=unknowns.points(self.evidence.joints, stated, lens),
+        )  # fmt: skip
+        knowledge = replace(self.knowledge, cues=cues)
+        return replace(self, rig=unknowns.rig(stated, lens), evidence=evidence, knowledge=knowledge, lens=lens)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +187,8 @@ class Fit:
     result: Result[PeopleState]
     noise: Noise
     stance: Floats
+    start: Start
+    """What it was computed from, with the lenses found."""
     rounds: list[dict[str, Any]] = field(default_factory=list)
 
 
@@ -150,20 +201,21 @@ def level_of(evidence: Evidence, camera: int, body_m: float, rng: np.random.Gene
 
 def choose(start: Start, options: PeopleOptions, rng: np.random.Generator) -> Choice:
     """Descend from every tree on a part of the evidence, and keep the rig that most sightings agree with."""
-    evidence, knowledge, n = start.evidence, start.knowledge, len(start.rig)
-    blocks = np.sort(rng.permutation(len(evidence.person))[: options.coarse_people])
-    joints = np.sort(rng.permutation(evidence.n_joints)[: options.coarse_joints])
+    n = len(start.rig)
+    blocks = np.sort(rng.permutation(len(start.evidence.person))[: options.coarse_people])
+    joints = np.sort(rng.permutation(start.evidence.n_joints)[: options.coarse_joints])
     found = []
     for name, tree in candidate_trees(start.hypotheses, range(n), n):
         poses = levelled(poses_of_tree(tree, 0), start.levels)
         R, centre = np.array([poses[c].R_cw for c in range(n)]), np.array([poses[c].centre for c in range(n)])
-        state = _rescaled(start, R, centre)
+        state, here = _rescaled(start, R, centre), start
         for noise, share in ((Noise(loss=30.0), 0.4), (Noise(), 0.2)):
-            model = build_model(evidence, state, noise, knowledge, share=share, blocks=blocks, joints=joints)
+            model = build_model(here.evidence, state, noise, here.knowledge, share=share, blocks=blocks, joints=joints)
             if not (len(model.rows) or len(model.joint_rows)):
                 break
             state = rig_of(adjust(model, _COARSE).state)
-        model = build_model(evidence, state, Noise(), knowledge, share=0.1, blocks=blocks, joints=joints)
+            here = here.with_lenses(state.lens)
+        model = build_model(here.evidence, state, Noise(), here.knowledge, share=0.1, blocks=blocks, joints=joints)
         found.append((len(model.rows) + len(model.joint_rows), name, state))
     if not found or max(count for count, _, _ in found) == 0:
         raise EvidenceError("no arrangement of the cameras agrees with the people: check their identities and the intrinsics")
@@ -181,7 +233,7 @@ def _rescaled(start: Start, R: Floats, centre: Floats) -> RigState:
     marks = triangulate_marks(knowledge.cues, R, centre)
     sd = float(np.mean(knowledge.height_sd / knowledge.height_mean)) if len(knowledge.height_sd) else 0.05
     factor = first_scale(knowledge.cues, centre, marks, len(knowledge.height_sd), sd)
-    state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, marks * factor)
+    state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, marks * factor, start.lens)
     return state
 
 
@@ -193,19 +245,20 @@ def _differ(a: RigState, b: RigState) -> float:
 
 def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.random.Generator) -> Fit:
     """Rounds on all of the evidence: who agrees, where is the optimum, how noisy is it, who stands."""
+    start = start.with_lenses(state.lens)
     evidence = start.evidence
     noise, stance, share = Noise(), np.ones(len(evidence.person)), 0.15
     whole: Floats | None = None
     rounds: list[dict[str, Any]] = []
-    growing, number = False, 0
+    growing, number, for_lenses = False, 0, 0
     while True:
         last = number >= options.rounds - 1 and not (growing and number < options.rounds - 1 + _MORE_ROUNDS)
         part = number == 0 and not last
         blocks = np.sort(rng.permutation(len(evidence.person))[: options.learning_people]) if part else None
         joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
         model = build_model(
-            evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance, whole=whole,
-            rename=number > 0,
+            start.evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance,
+            whole=whole, rename=number > 0,
         )  # fmt: skip
         stopping = Stopping(options.max_iterations, options.tolerance) if last else Stopping(12, 1e-4)
         result = adjust(model, stopping)
@@ -217,8 +270,13 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
                 "converged": result.converged, "cost": result.cost,
             }
         )  # fmt: skip
-        if last:
+        settled = start.unknowns.settled(state.lens - start.lens)
+        start = start.with_lenses(state.lens).weighed(model, result)
+        if last and (settled or for_lenses == _LENS_ROUNDS):
             break
+        if last:
+            for_lenses += 1
+            continue
         judged = wholeness(model, result.state, len(evidence.sightings))
         whole = judged.weight
         before, noise = noise, learn_noise(model, result, judged.broken)
@@ -226,7 +284,7 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
         stance = _stance(model, result.state, len(evidence.person))
         share = AGREE_SIGMAS * max(noise.centre if len(model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
         number += 1
-    return Fit(model, result, noise, stance, rounds)
+    return Fit(model, result, noise, stance, start, rounds)
 
 
 def _typical(noise: Noise, model: Model) -> float:

@@ -102,7 +102,7 @@ def rig_covariance(
         _blocks(metric, n_cameras), _blocks(shape, n_cameras),
         float(np.degrees(np.sqrt(of_freedoms[3, 3] + of_freedoms[4, 4]))),
         float(np.sqrt(of_freedoms[6, 6] + beyond)), inflation,
-        _time_sigmas(covariance, size, n_cameras) if size > TIME else None,
+        _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None,
     )  # fmt: skip
 
 
