@@ -44,7 +44,7 @@ def moved(state: PeopleState, yaw: float, shift: tuple[float, float]) -> PeopleS
 
 
 def covariance(problem: PeopleProblem, state: PeopleState, inflation: float = 1.0, scale: float = 0.02) -> RigCovariance:
-    return rig_covariance(problem.terms(state, jacobians=True), problem.layout, state, inflation, scale)
+    return rig_covariance(problem.terms(state, jacobians=True), problem, state, inflation, scale)
 
 
 def test_placement_is_noticed_by_no_residual_and_no_sigma(optimum: tuple[PeopleProblem, PeopleState]) -> None:

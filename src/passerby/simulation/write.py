@@ -114,6 +114,8 @@ def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, A
             "person_height_m": options.person_height_mean_m,
             # A spread of zero would claim a height that is known exactly; a centimetre is as good as anybody knows it.
             "person_height_sd_m": max(options.person_height_sd_m, 0.01),
+            # The mean is the one that heights were drawn from; boxes are bodies to about so much.
+            "person_height_mean_sd_m": 0.02 * options.person_height_mean_m,
         },
     }
 

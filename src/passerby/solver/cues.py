@@ -21,7 +21,8 @@ MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
 
 POPULATION_BIAS = 0.04
-"""Relative standard deviation, common to all people, of height cues: a crowd is not the population, boxes are not bodies.
+"""Relative standard deviation, common to all people, of height cues where nobody states it: a crowd is not the population, and
+boxes are not bodies.
 
 Lengths came out 4 to 11 % short on five real sets, whose boxes and joints reach beyond the bodies; 1 to 2 % off in simulation.
 """
@@ -31,11 +32,12 @@ def expected_heights(cues: ScaleCues, identities: Ints) -> tuple[Floats, Floats]
     """Prior mean and standard deviation of each person's standing height, metres: (P,), (P,).
 
     What all people have in common does not shrink with their number: each one's standard deviation is widened so that the
-    mean of all is known to no better than `POPULATION_BIAS`.
+    mean of all is known to no better than `ScaleCues.population` says.
     """
+    common = POPULATION_BIAS * cues.population.mean_m if cues.population.mean_sd_m is None else cues.population.mean_sd_m
     mean = np.full(len(identities), cues.population.mean_m)
     unnamed = len(identities) - int(np.isin(identities, [cue.identity for cue in cues.people]).sum())
-    sd = np.full(len(identities), np.hypot(cues.population.sd_m, np.sqrt(unnamed) * POPULATION_BIAS * cues.population.mean_m))
+    sd = np.full(len(identities), np.hypot(cues.population.sd_m, np.sqrt(unnamed) * common))
     for cue in cues.people:
         known = identities == cue.identity
         mean[known], sd[known] = cue.metres, cue.sd_m

@@ -21,10 +21,11 @@ from passerby.solver.findings import apart, contradictions, doubts_about, figure
 from passerby.solver.lens_check import check_focals
 from passerby.solver.pairs import MIN_MATCHES, PairHypothesis
 from passerby.solver.people_state import PeopleState
+from passerby.solver.refined_lenses import far_lenses, lens_figures, lens_priors
 from passerby.solver.scale import ScaleCues
 from passerby.solver.solution import Solution, Verdict
 from passerby.solver.stages import Fit, PeopleOptions, Start, choose, descend
-from passerby.solver.uncertainty import RigCovariance, correlation_inflation, rig_covariance
+from passerby.solver.uncertainty import RigCovariance, correlation_inflation, rig_covariance, with_learnt_stance
 
 __all__ = ["PeopleOptions", "solve_people"]
 
@@ -81,6 +82,7 @@ def solve_people(
     focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
+    lenses = lens_figures(start.unknowns, start.stated, start.rig, covariance.lens)
     reasons = [
         *start.evidence.notes,
         *reasons,
@@ -88,9 +90,10 @@ def solve_people(
         *doubts_about(start, fit, covariance),
         *contradictions(cue_report),
         *wrong_lenses(focals),
+        *far_lenses(lenses),
     ]
     verdict: Verdict = "doubtful" if reasons else "accepted"
-    figures = figures_of(start, choice, fit, covariance, cue_report, focals)
+    figures = figures_of(start, choice, fit, covariance, cue_report, focals) | {"lenses": lenses}
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(reasons), figures)
 
 
@@ -106,7 +109,9 @@ def _sure(start: Start, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
     terms = replace(fit.model.problem, lens_weight=1.0).terms(state, jacobians=True)
     inflation = correlation_inflation(fit.model, start.evidence, terms)
-    covariance = rig_covariance(terms, fit.model.problem.layout, state, inflation, sigma)
+    terms = with_learnt_stance(terms, fit.result.normal)
+    lenses = lens_priors(start.unknowns, start.stated, fit.model.problem, state)
+    covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses)
     return covariance, {"relative_sigma": sigma, "cues": report}
 
 

@@ -18,6 +18,8 @@ class PopulationHeight:
 
     mean_m: float = 1.72
     sd_m: float = 0.09
+    mean_sd_m: float | None = None
+    """How well the mean is known of these people, and by what boxes or joints show of them. None: `POPULATION_BIAS` of it."""
 
 
 @dataclass(frozen=True)
