@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from passerby.cameras import Rig
 from passerby.solver.assembly import cycle_support
+from passerby.solver.consistency import STRETCHES, Agreement, agreement
 from passerby.solver.evidence import Evidence
 from passerby.solver.lens_check import FocalCheck
 from passerby.solver.person_model import HEIGHT_PER_CENTRE
@@ -22,7 +23,6 @@ _MAX_POSITION_SHARE = 0.05
 _MAX_ORIENTATION_DEG = 2.0
 _MAX_VERTICAL_DEG = 5.0
 _MAX_CUE_SIGMAS = 4.0
-_MIN_AGREEING = 0.4
 _MIN_SIGHTINGS = 20
 # Boxes whose heights are off by more than this share of themselves bias what is found: noise of +-50 px on boxes of 60 to 130
 # px (0.3 to 0.7 of them) costs 15 to 50 % of the scale and 1 to 5 degrees, +-20 px (0.15 to 0.27) at most 8 % and 0.35 degrees.
@@ -44,23 +44,15 @@ def apart(rig: Rig, groups: list[list[int]]) -> list[str]:
 def doubts_about(start: Start, fit: Fit, covariance: RigCovariance) -> list[str]:
     """What speaks against the optimum, by camera."""
     out = []
-    state, model, rig = fit.result.state, fit.model, start.rig
-    total = np.bincount(start.evidence.sightings.camera, minlength=len(rig)) + np.bincount(
-        start.evidence.joints.camera, minlength=len(rig)
-    )
-    used = np.bincount(model.problem.sightings.camera, minlength=len(rig)) + np.bincount(
-        model.problem.joints.camera, minlength=len(rig)
-    )
+    state, rig = fit.result.state, start.rig
+    agrees = agreement(start.evidence, fit.model)
     extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
     for c, camera in enumerate(rig):
         sigma = covariance.shape_sigma(c)
-        if used[c] < _MIN_SIGHTINGS:
-            out.append(f"camera {camera.name} rests on {used[c]} sightings only: record more people in its view")
-        elif used[c] < _MIN_AGREEING * total[c]:
-            out.append(
-                f"camera {camera.name}: only {used[c]} of {total[c]} sightings agree with the rig: check its intrinsics, its "
-                "clock and the identities"
-            )
+        if agrees.agreeing[c] < _MIN_SIGHTINGS:
+            out.append(f"camera {camera.name} rests on {agrees.agreeing[c]} sightings only: record more people in its view")
+        elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
+            out.append(contradiction)
         if sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > _MAX_ORIENTATION_DEG:
             out.append(
                 f"camera {camera.name} is uncertain by {1000 * sigma.position_m:.0f} mm and {sigma.orientation_deg:.1f} "
@@ -80,6 +72,24 @@ def doubts_about(start: Start, fit: Fit, covariance: RigCovariance) -> list[str]
     if not fit.result.converged:
         out.append("the adjustment did not converge: raise [solver.options] max_iterations")
     return out
+
+
+def _contradiction(name: str, camera: int, agrees: Agreement) -> str | None:
+    """That a camera contradicts the others, at some time or all the time."""
+    odd = agrees.odd_stretch(camera)
+    if odd is not None:
+        stretch, least, most = odd
+        return (
+            f"camera {name}: {most:.0%} of its sightings agree with the rig at one time, but {least:.0%} between "
+            f"{100 * stretch / STRETCHES:.0f} and {100 * (stretch + 1) / STRETCHES:.0f} % of the recording: see whether it was "
+            "moved, whether frames are missing and whether its clock keeps step"
+        )
+    if agrees.disagrees(camera):
+        return (
+            f"camera {name}: only {agrees.agreeing[camera]} of {agrees.seen[camera]} sightings agree with the rig: check its "
+            "intrinsics, its clock and the identities"
+        )
+    return None
 
 
 def height_noise(fit: Fit, evidence: Evidence) -> float:
@@ -173,6 +183,11 @@ def figures_of(
         },
         "foot_shift": float(state.globals[0]), "scale": scale | {"relative_sigma": covariance.scale},
         "vertical_sigma_deg": covariance.vertical_deg, "covariance_inflation": covariance.inflation,
+        "distances": [
+            {"cameras": [rig.names[a], rig.names[b]], "metres": float(np.linalg.norm(state.centre[a] - state.centre[b])),
+             "sigma_m": float(covariance.distances[a, b])}
+            for a in range(len(rig)) for b in range(a + 1, len(rig))
+        ],
         "clocks": _clocks(rig, state.time, covariance.time_s),
     }  # fmt: skip
 
