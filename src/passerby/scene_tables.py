@@ -139,6 +139,9 @@ class SolverTable(Table):
     """people: the person-model adjustment, the more accurate; geopose: the paper's method, as described there."""
     reference: str | None = None
     """The reference camera. geopose needs one; people treats all cameras alike."""
+    refine: tuple[Literal["focal", "principal_point"], ...] = ()
+    """What is computed beside the poses, about what is stated. focal: each camera's focal length, where it comes from a data
+    sheet or a zoom was moved. principal_point: where each lens's axis meets the picture."""
     options: dict[str, Any] = Field(default_factory=dict)
     """`[solver.options]`: fields of the method's options dataclass, for experiments; nothing needs to be set."""
 
@@ -146,6 +149,8 @@ class SolverTable(Table):
     def _geopose_has_a_reference(self) -> Self:
         if self.method == "geopose" and self.reference is None:
             raise ValueError('method "geopose" needs a reference camera: add reference = "NAME"')
+        if self.method == "geopose" and self.refine:
+            raise ValueError('method "geopose" refines nothing: delete refine, or take method "people"')
         return self
 
 

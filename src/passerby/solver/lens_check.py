@@ -67,10 +67,14 @@ def check_focals(rig: Rig, problem: PeopleProblem, state: PeopleState, inflation
     step = -inverse @ reduced.gradient
     own = old.n_shared + np.arange(n)
     change = step[own]
-    drift = SIZE_DRIFT / np.maximum(_depth_spread(problem, state), 0.05)
-    sigma = np.hypot(np.sqrt(np.maximum(np.diag(inverse)[own], 0.0)), drift)
+    sigma = np.hypot(np.sqrt(np.maximum(np.diag(inverse)[own], 0.0)), size_drift(problem, state))
     beyond = change - np.median(change)
     return [FocalCheck(camera.name, float(change[c]), float(sigma[c]), float(beyond[c])) for c, camera in enumerate(rig)]
+
+
+def size_drift(problem: PeopleProblem, state: PeopleState) -> Floats:
+    """(C,) one sigma of a focal length's logarithm for what people's apparent size may drift over depth."""
+    return np.asarray(SIZE_DRIFT / np.maximum(_depth_spread(problem, state), 0.05))
 
 
 def _depth_spread(problem: PeopleProblem, state: PeopleState) -> Floats:
