@@ -26,8 +26,10 @@ from passerby.progress import Progress, silent, tell_note
 from passerby.results import calibration_dict, write_calibration
 from passerby.scene import Scene
 from passerby.sharing import connected_groups, missing_overlap, shared_people
+from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.pairs import PairHypothesis
 from passerby.solver.people import PeopleOptions, solve_people
+from passerby.solver.refined_lenses import lens_notes
 from passerby.solver.solution import Solution, Verdict
 from passerby.verdict import judged
 from passerby.videos import Videos
@@ -199,7 +201,9 @@ def calibrate_inputs(
         solution = judged(solution, association.instants, given=given, why=association.lost, doubts=association.notes)
         placed = in_world(scene, solution)
     solved = time.perf_counter()
+    lenses = lens_notes(solution.figures)
     for note in (
+        *lenses,
         *association.findings,
         *placed.findings,
         f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
@@ -214,7 +218,7 @@ def calibrate_inputs(
         seed=seed,
         options=asdict(options),
         figures=placed.figures,
-        findings=(*inputs.findings, *association.findings, *placed.findings),
+        findings=(*inputs.findings, *association.findings, *lenses, *placed.findings),
         association=association,
         clocked=bool(inputs.observations.clocks),
         world=placed.world,
@@ -233,6 +237,8 @@ def _amount(inputs: SceneInputs) -> str:
 def solver_options(scene: Scene) -> PeopleOptions | GeoPoseOptions:
     """The options dataclass of the scene's method. Raises `InputError` for a key or a value that it does not take."""
     chosen = dict(scene.solver.options)
+    if lenses := tuple(part for part in LENS_PARTS if part in scene.solver.refine):
+        chosen.setdefault("refine_lens", lenses)
     if scene.solver.method == "geopose":
         chosen["reference"] = scene.solver.reference
         if "person_height_m" in scene.scale.model_fields_set:
