@@ -21,6 +21,7 @@ from passerby.cameras import Rig
 from passerby.errors import EvidenceError, InputError
 from passerby.given_clocks import solve_with_clocks
 from passerby.inputs import SceneInputs, read_inputs
+from passerby.moved_cameras import steadied
 from passerby.observations import Observations
 from passerby.progress import Progress, silent, tell_note
 from passerby.results import calibration_dict, write_calibration
@@ -196,9 +197,15 @@ def calibrate_inputs(
     options = solver_options(scene)
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
-        solution, association = _solved(scene, inputs, options, np.random.default_rng(seed), tell, executor)
-        given = scene.association.given
-        solution = judged(solution, association.instants, given=given, why=association.lost, doubts=association.notes)
+        given, body_m = scene.association.given, scene.scale.person_height_m
+
+        def solve(inputs: SceneInputs) -> tuple[Solution, Association]:
+            return _solved(scene, inputs, options, np.random.default_rng(seed), tell, executor)
+
+        steady = steadied(inputs, solve, given=given, body_m=body_m)
+        association = steady.association
+        doubts = (*steady.reasons, *association.notes)
+        solution = judged(steady.solution, association.instants, given=given, why=association.lost, doubts=doubts)
         placed = in_world(scene, solution)
     solved = time.perf_counter()
     lenses = lens_notes(solution.figures)

@@ -19,6 +19,7 @@ MODULES = (
     "verdict",
     "sharing",
     "given_clocks",
+    "moved_cameras",
     "inputs",
     "reading",
     "picture_checks",

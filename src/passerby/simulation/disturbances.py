@@ -1,0 +1,94 @@
+"""Scenes that are not as a calibration takes them to be: a camera that is moved half-way, a ground that is no level plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from passerby.cameras import Camera, Pose, Rig
+from passerby.errors import InputError
+from passerby.simulation.body import pose_joints
+from passerby.simulation.observe import View, view
+from passerby.simulation.options import SimulationOptions
+from passerby.simulation.scene import BODIES_AT_ONCE, Filmed, film
+
+Floats = NDArray[np.float64]
+Ground = Callable[[Floats], Floats]
+"""From places (..., 2) to heights (...), metres."""
+
+
+@dataclass(frozen=True)
+class Move:
+    """A camera that is knocked or turned while it films."""
+
+    camera: str
+    from_s: float
+    """Seconds of the camera's own recording."""
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation vector in the camera's own frame, OpenCV's axes: tilt, pan, roll."""
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Along the world's axes."""
+    until_s: float = np.inf
+    """When it is back where it was."""
+
+    def moved(self, camera: Camera) -> Camera:
+        """The camera where it is after the move."""
+        assert camera.pose is not None
+        turn = Rotation.from_rotvec(np.radians(self.turn_deg)).as_matrix()
+        return replace(camera, pose=Pose.from_centre(turn @ camera.pose.R_cw, camera.pose.centre + np.array(self.shift_m)))
+
+
+def level(places: Floats) -> Floats:
+    """The ground that scenes have unless told otherwise."""
+    return np.zeros(places.shape[:-1])
+
+
+def film_disturbed(options: SimulationOptions, moves: Sequence[Move] = (), ground: Ground = level) -> Filmed:
+    """What `film` makes of the options, with cameras that are moved and on another ground; cameras stay where they were.
+
+    The rig of the result holds the cameras where they are before they move. Raises `InputError` for a camera that is not there.
+    """
+    filmed = film(options)
+    for move in moves:
+        if move.camera not in filmed.rig.names:
+            raise InputError(f"camera {move.camera} is not in the scene: choose one of {', '.join(filmed.rig.names)}")
+    disturbed = {move.camera for move in moves}
+    views = [
+        one
+        if ground is level and camera.name not in disturbed
+        else _disturbed_view(filmed, index, [move for move in moves if move.camera == camera.name], ground)
+        for index, (camera, one) in enumerate(zip(filmed.rig, filmed.views, strict=True))
+    ]
+    return replace(filmed, views=tuple(views))
+
+
+def rig_after(rig: Rig, moves: Sequence[Move]) -> Rig:
+    """The rig when all moves are done."""
+    for move in moves:
+        rig = Rig(tuple(move.moved(camera) if camera.name == move.camera else camera for camera in rig))
+    return rig
+
+
+def _disturbed_view(filmed: Filmed, index: int, moves: Sequence[Move], ground: Ground) -> View:
+    """What one camera sees, in stretches of one pose each."""
+    camera, options = filmed.rig.cameras[index], filmed.options
+    own = np.arange(len(filmed.views[index].hidden)) / options.frame_rates[index]
+    number = np.zeros(len(own), dtype=np.int64)
+    for k, move in enumerate(moves, start=1):
+        number[(own >= move.from_s) & (own < move.until_s)] = k
+    stretch = max(1, BODIES_AT_ONCE // len(filmed.heights))
+    parts = []
+    for rows in np.split(np.arange(len(own)), np.flatnonzero(np.diff(number)) + 1):
+        k = number[rows[0]]
+        there = camera if k == 0 else moves[k - 1].moved(camera)
+        for start in range(0, len(rows), stretch):
+            times = own[rows[start : start + stretch]] + filmed.clock_offsets[index]
+            state, present = filmed.motion.at(times)
+            joints = pose_joints(state, filmed.heights)
+            joints[..., 2] += ground(state.xy)[..., None]
+            parts.append(view(there, joints, filmed.heights, present, options.occlusion))
+    return View(**{item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(View)})

@@ -1,0 +1,129 @@
+"""Cameras that move while they film: found, told, left out; and cameras that stand still."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.cameras import Rig
+from passerby.evaluation.metrics import compare
+from passerby.pipeline import Calibration
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.disturbances import Move, film_disturbed, rig_after
+from passerby.solver.left_out import identified_middles, people_without
+from passerby.solver.steadiness import find_change, matched
+
+OPTIONS = SimulationOptions(seconds=32.0, people=6, box_noise=0.02, seed=3)
+UNRELATED = replace(OPTIONS, unrelated_ids=True, tracklet_seconds=10.0)
+BODY_M = 1.72
+
+
+@cache
+def moved(move: Move | None, options: SimulationOptions = OPTIONS) -> SimulatedScene:
+    return simulate(options, film_disturbed(options, () if move is None else (move,)))
+
+
+def calibrated(scene: SimulatedScene) -> Calibration:
+    mode = "combined" if scene.options.unrelated_ids else "given"
+    return passerby.calibrate_observations(
+        scene.rig, {name: scene.observations[name].boxes for name in scene.rig.names}, fps=scene.options.fps,
+        association={"mode": mode, "max_offset_s": 0.0},
+    )  # fmt: skip
+
+
+def changes(scene: SimulatedScene, *, given: bool = True) -> dict[str, object]:
+    """By camera, by the true rig, what is found."""
+    middles = identified_middles(scene.rig, scene.observations)
+    out = {}
+    for c, camera in enumerate(scene.rig):
+        people = people_without(c, scene.rig, middles, BODY_M)
+        own = middles[c]
+        assert own is not None
+        if not given:
+            own = replace(own, identity=17 - own.identity)  # tracklets that mean nothing elsewhere
+        change = find_change(matched(own, people, BODY_M, given=given), camera.pose, 5.0)
+        out[camera.name] = change
+    return out
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        Move("C2", 19.0, turn_deg=(0.0, 1.0, 0.0)),
+        Move("C3", 12.0, shift_m=(0.15, 0.0, 0.0)),
+        Move("C1", 16.0, turn_deg=(4.0, 8.0, 3.0)),
+    ],
+)
+@pytest.mark.parametrize("given", [True, False])
+def test_a_move_is_dated_and_measured(move, given):
+    change = changes(moved(move), given=given)[move.camera]
+    assert change is not None
+    assert change.sure
+    if not change.at_start:
+        assert abs((change.first - 1) / 5.0 - move.from_s) < 1.0
+        assert change.at_end
+    else:
+        assert abs(change.last / 5.0 - move.from_s) < 1.0
+    true_m, true_deg = np.linalg.norm(move.shift_m), np.linalg.norm(move.turn_deg)
+    assert change.degrees == pytest.approx(true_deg, abs=0.3 * true_deg + 0.3)
+    assert change.metres == pytest.approx(true_m, abs=0.3 * true_m + 0.1)
+
+
+def test_a_knock_and_back_is_found():
+    change = changes(moved(Move("C2", 12.0, turn_deg=(0.0, 3.0, 0.0), until_s=20.0)))["C2"]
+    assert change is not None
+    assert change.sure
+    assert not change.at_start
+    assert not change.at_end
+    assert abs((change.first - 1) / 5.0 - 12.0) < 1.0
+    assert abs(change.last / 5.0 - 20.0) < 1.0
+
+
+def test_no_camera_of_a_still_rig_seems_to_move():
+    assert not any(change is not None and change.sure for change in changes(moved(None)).values())
+
+
+def assert_right(calibration: Calibration, true: Rig, mm: float, degrees: float) -> None:
+    judged = compare(calibration.rig, true)
+    assert not judged.missing
+    assert judged.similarity.mean_position_mm < mm
+    assert judged.similarity.mean_orientation_deg < degrees
+
+
+@pytest.mark.parametrize("options", [OPTIONS, UNRELATED], ids=["given", "found"])
+def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
+    move = Move("C2", 21.0, turn_deg=(0.0, 6.0, 0.0), shift_m=(0.3, 0.0, 0.0))
+    scene = moved(move, options)
+    still = compare(calibrated(moved(None, options)).rig, scene.rig).similarity
+    calibration = calibrated(scene)
+    assert calibration.verdict == "doubtful"
+    (told,) = [reason for reason in calibration.reasons if reason.startswith("camera ")]
+    assert told.startswith("camera C2 moved at 2")
+    assert "its pose is that before, what it saw after was left out; write until_s = 20 under [cameras.C2]" in told
+    assert "from_s = 22 for the pose after" in told
+    (figures,) = calibration.figures["moved"]
+    assert abs(figures["seconds"][0] - 21.0) < 1.0
+    assert figures["degrees"] == pytest.approx(6.0, rel=0.3)
+    assert figures["metres"] == pytest.approx(0.3, rel=0.3)
+    assert_right(calibration, scene.rig, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)
+
+
+def test_the_longer_part_is_kept():
+    move = Move("C2", 11.0, turn_deg=(0.0, 6.0, 0.0))
+    scene = moved(move)
+    calibration = calibrated(scene)
+    (told,) = calibration.reasons
+    assert "its pose is that after, what it saw before was left out; write from_s = 12 under [cameras.C2]" in told
+    still = compare(calibrated(moved(None)).rig, scene.rig).similarity
+    after = rig_after(scene.rig, [move])
+    assert_right(calibration, after, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)
+
+
+def test_a_still_rig_is_accepted_and_nothing_is_left_out():
+    calibration = calibrated(moved(None))
+    assert calibration.verdict == "accepted"
+    assert calibration.figures["moved"] == []
