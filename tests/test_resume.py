@@ -1,6 +1,7 @@
 """A calibration from videos that is stopped at any moment, and goes on to the same bits."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -106,13 +107,17 @@ def test_an_option_makes_again_what_depends_on_it(scene, whole, tmp_path, change
 
 
 def test_two_runs_in_one_folder(scene, whole, tmp_path):
-    """One with looks and one without: each forgets what the other has kept, and neither is harmed."""
+    """Whoever comes second is told so at once, and harms nobody."""
     plain = scene.parent / "plain.toml"
     plain.write_text(scene.read_text().replace("stripes", "none"))
     with ThreadPoolExecutor(3) as threads:
-        runs = [threads.submit(calibrate, which, tmp_path) for which in (scene, plain, scene)]
-    for ended in runs:
-        assert ended.result().status in (0, 3), ended.result().errors
+        runs = [run.result() for run in [threads.submit(calibrate, which, tmp_path) for which in (scene, plain, scene)]]
+    turned_away = [ended for ended in runs if ended.status == 2]
+    assert 1 <= len(turned_away) < 3
+    for ended in turned_away:
+        assert re.fullmatch(rf"error: {tmp_path}: process \d+ on .+ \(passerby calibrate\) works there .+\n", ended.errors)
+        assert not ended.seen, "nothing was done in vain"
+    assert all(ended.status in (0, 3) for ended in runs if ended not in turned_away)
     assert calibrate(scene, tmp_path).status == 0
     assert content(tmp_path) == whole[1]
 

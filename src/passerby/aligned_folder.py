@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from passerby.errors import InputError
-from passerby.interchange.atomic import write_text
+from passerby.interchange.atomic import forget_halves, write_text
 from passerby.interchange.json_text import plain, to_json
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.together import together
@@ -46,6 +46,7 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     if target.resolve() == out.resolve():
         with together(out, [REPORT_FILE]) as new:
             _write_moved(new, report, aligned)
+            forget_halves(out / REPORT_FILE)
         _report_again(with_report, out, tell)
         return [f"{out / name} still shows the old frame: make it again by `{OLD_FRAME[name]} {out}`" for name in old]
     if target.is_dir() and any(target.iterdir()):

@@ -15,7 +15,7 @@ from passerby.association.result import Association
 from passerby.cameras import Camera
 from passerby.errors import InputError
 from passerby.evaluation.reprojection import median_residuals
-from passerby.interchange.atomic import write_text
+from passerby.interchange.atomic import forget_halves, write_text
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.json_text import plain, to_json
 from passerby.interchange.motchallenge import write_boxes
@@ -59,6 +59,7 @@ def write_results(calibration: Calibration, folder: Path, *, report: bool = True
         write_rig(new / RIG_FILE, calibration.rig)
         content = {"scene_file": scene_file(calibration.scene.path), FILES: checksums(new)} | calibration_dict(calibration)
         write_text(new / CALIBRATION_FILE, to_json(content))
+        forget_halves(folder / REPORT_FILE)
     if report:
         from passerby.report.contents import contents_of
         from passerby.report.page import write_report

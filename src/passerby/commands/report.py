@@ -19,6 +19,7 @@ def report(
 
     Pictures are taken from the videos that the scene file names, where they still lie there.
     """
+    from passerby.interchange.atomic import forget_halves
     from passerby.interchange.together import working_in
     from passerby.report.contents import contents_from
     from passerby.report.page import write_report
@@ -30,5 +31,7 @@ def report(
     with stages(verbose or bool(context.obj)) as tell, alone:
         tell("reading")
         contents = contents_from(calibrated)
+        if out is None:
+            forget_halves(path)
         write_report(contents, path, tell)
     print(f"written to {path}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -36,6 +37,14 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         raise cannot_write(path, error) from error
     finally:
         Path(temporary).unlink(missing_ok=True)
+
+
+def forget_halves(path: Path) -> None:
+    """Delete the temporary files of `path` that killed processes left; for who holds the lock of its folder."""
+    left = re.compile(re.escape(f".{path.name}.") + "[a-z0-9_]{8}" + re.escape(PART))
+    for half in path.parent.glob(".*"):
+        if left.fullmatch(half.name):
+            half.unlink(missing_ok=True)
 
 
 def sync_folder(path: Path) -> None:

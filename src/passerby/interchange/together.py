@@ -35,6 +35,7 @@ def working_in(folder: Path, work: str) -> Iterator[None]:
     with alone_in(folder, work):
         try:
             finish(folder)
+            shutil.rmtree(folder / WRITING, ignore_errors=True)
         except OSError as error:
             raise cannot_write(folder, error) from error
         yield

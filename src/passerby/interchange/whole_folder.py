@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 import re
 import shutil
 import tempfile
@@ -14,6 +16,8 @@ from passerby.interchange.atomic import PART, cannot_write, sync_folder
 from passerby.interchange.locks import lock_file
 
 NEW, OLD = "new", "old"
+AT_FDCWD, RENAME_EXCHANGE = -100, 2
+"""Of Linux: renameat2(2), <linux/fcntl.h> and <linux/fs.h>."""
 
 
 @contextmanager
@@ -57,20 +61,42 @@ def _workshop(directory: Path, target: Path) -> Iterator[Path]:
         workshop = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=PART))
     except OSError as error:
         raise cannot_write(directory, error) from error
-    new, old = workshop / NEW, workshop / OLD
+    new = workshop / NEW
     try:
         new.mkdir()
         yield new
-        if target.exists():
-            target.rename(old)
-        new.rename(target)
+        _take_place(new, target, workshop / OLD)
         sync_folder(target.parent)
     except OSError as error:
         raise cannot_write(directory, error) from error
     finally:
-        if old.exists() and not target.exists():
+        # Where the old folder could not be put back, it waits there for the next run.
+        if target.exists() or not (workshop / OLD).exists():
+            shutil.rmtree(workshop, ignore_errors=True)
+
+
+def _take_place(new: Path, target: Path, old: Path) -> None:
+    """Give a folder its name; one that has it goes to `old`, or to where the new one was. Raises `OSError`."""
+    if not target.exists():
+        new.rename(target)
+    elif not exchanged(new, target):
+        target.rename(old)
+        try:
+            new.rename(target)
+        except OSError:
             old.rename(target)
-        shutil.rmtree(workshop, ignore_errors=True)
+            raise
+
+
+def exchanged(one: Path, other: Path) -> bool:
+    """Let two folders change places at once, so that there is no moment without either; False where the system cannot."""
+    try:
+        rename = ctypes.CDLL(None, use_errno=True).renameat2
+    except (OSError, AttributeError, TypeError):  # not Linux, or an old library
+        return False
+    rename.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint)
+    done: int = rename(AT_FDCWD, os.fsencode(one), AT_FDCWD, os.fsencode(other), RENAME_EXCHANGE)
+    return done == 0
 
 
 def _recover(target: Path) -> None:
