@@ -25,6 +25,7 @@ from passerby.commands.formats import formats
 from passerby.commands.import_ import import_
 from passerby.commands.init import init
 from passerby.commands.models import models_app
+from passerby.commands.monitor import monitor
 from passerby.commands.reid import reid_app
 from passerby.commands.report import report
 from passerby.commands.simulate import simulate
@@ -212,6 +213,7 @@ app.command()(simulate)
 app.command()(demo)
 app.command()(track)
 app.command()(report)
+app.command()(monitor)
 app.command()(align)
 app.command()(dataset)
 app.command()(export)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from passerby.cameras import Floats, Pose, PoseSigma, Rig
 from passerby.errors import InputError
+from passerby.geometry.rotations import log_rotation
 from passerby.monitoring.evidence import Baseline, Test, stated, tests
 from passerby.monitoring.moments import Moment, moment_of
 from passerby.monitoring.people import Ground, solve_people
@@ -36,7 +38,7 @@ class WatchOptions:
 
     every_s: float = 60.0
     """Length of a window."""
-    threshold: float = 7.0
+    threshold: float = 5.0
     """Score from which a camera has moved: see `evidence.Test.score`."""
 
     def __post_init__(self) -> None:
@@ -163,7 +165,7 @@ class _Run:
         edges = np.append(np.arange(from_s, self.end, PIECE_S), np.inf)
         rotation, centre = poses_of(self.rig, self.names)
         parts = []
-        for low, high in zip(edges[:-1], edges[1:], strict=True):
+        for low, high in pairwise(edges.tolist()):
             piece = seen.between(low, high)
             if piece.n_groups:
                 parts.append(scores_of(piece, solve_people(piece, rotation, centre, ground=self.ground)))
@@ -250,8 +252,6 @@ def _difference(rig: Rig, new: Resection, before: Resection | None) -> tuple[Flo
     """(6,) the move and (6, 6) its covariance: from what was measured before it, or else from the rig's pose."""
     if before is None:
         return new.shift, new.covariance + stated(rig, new.camera)
-    from passerby.geometry.rotations import log_rotation
-
     turn = log_rotation(new.pose.R_cw @ before.pose.R_cw.T)
     shift = np.concatenate([new.pose.centre - before.pose.centre, turn])
     rotate = np.eye(6)

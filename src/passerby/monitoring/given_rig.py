@@ -1,0 +1,91 @@
+"""The rig that is watched, with what its calibration knew beside: clocks, and how sure its shape is."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import tomli_w
+
+from passerby.cameras import Rig
+from passerby.errors import InputError
+from passerby.interchange.faults import read_text
+from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, read_rig, table_of
+from passerby.output_folder import camera_tables, read_report
+from passerby.results import CALIBRATION_FILE, RIG_FILE
+
+
+@dataclass(frozen=True, eq=False)
+class GivenRig:
+    """A rig as it was calibrated."""
+
+    rig: Rig
+    offsets_s: Mapping[str, float] = field(default_factory=dict)
+    """Of each camera's clock, seconds."""
+    shape_sigma_m: Mapping[str, float] = field(default_factory=dict)
+    """One sigma of a camera's place within the rig, but for the scale of all of it."""
+    path: Path | None = None
+    """Of the rig file."""
+
+
+def read_given(path: Path) -> GivenRig:
+    """Read a rig file, or that of an output folder, with the calibration beside it where there is one.
+
+    Raises `InputError` where either cannot be read.
+    """
+    file = path / RIG_FILE if path.is_dir() else path
+    rig = read_rig(file)
+    if file.name != RIG_FILE or not (file.parent / CALIBRATION_FILE).is_file():
+        return GivenRig(rig, path=file)
+    report = read_report(file.parent)
+    tables = camera_tables(file.parent, report)
+    offsets = {name: _number(table.get("time_offset_s")) for name, table in tables.items()}
+    figures = report.get("figures")
+    shapes = figures.get("cameras") if isinstance(figures, dict) else None
+    sigma = {
+        str(one.get("name")): _number(one.get("shape_position_sigma_mm")) / 1000
+        for one in (shapes if isinstance(shapes, list) else ())
+        if isinstance(one, dict)
+    }
+    return GivenRig(rig, offsets, {name: value for name, value in sigma.items() if value > 0}, file)
+
+
+def _number(value: Any) -> float:
+    """A finite number, or 0."""
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
+
+
+def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:
+    """A rig file in which some cameras have new poses; all other tables and numbers are those of the file that was read.
+
+    Raises `InputError` where the file cannot be read any more.
+    """
+    if given.path is None:
+        content: dict[str, Any] = {camera.name: table_of(camera) for camera in new}
+        verdict = {} if new.verdict is None else {"verdict": new.verdict}
+        return tomli_w.dumps({**content, METADATA: {"units": "m", **verdict, **new.metadata}})
+    try:
+        content = tomllib.loads(read_text(given.path, "a rig file (TOML)"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{given.path}: is not TOML any more: {error}") from None
+    metadata = content.get(METADATA)
+    unit = METRES_PER_UNIT.get(metadata.get("units", "m"), 1.0) if isinstance(metadata, dict) else 1.0
+    for key, table in content.items():
+        if not isinstance(table, dict) or key == METADATA or str(table.get("name", key)) not in changed:
+            continue
+        camera = new[str(table.get("name", key))]
+        assert camera.pose is not None
+        fresh = table_of(camera)
+        table["rotation"] = np.asarray(cv2.Rodrigues(np.array(camera.pose.R_cw))[0]).ravel().tolist()
+        table["translation"] = (np.asarray(camera.pose.t_cw) / unit).tolist()
+        for name in ("position_sigma_mm", "orientation_sigma_deg", "covariance"):
+            table.pop(name, None)
+            if name in fresh:
+                table[name] = fresh[name]
+    return tomli_w.dumps(content)

@@ -1,0 +1,75 @@
+"""Who is who over the cameras of a rig that is in use, where nobody says so: tracklets that meet in space, camera by camera.
+
+As in a calibration (`association.associate`), but from poses that are known from the first. A camera that has moved by a few
+degrees still sees people nearer to where the others see them than to anybody else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.associate import Tracklets, people_of_rig
+from passerby.association.graph import ViewGraph
+from passerby.association.preparing import PreparedCamera, prepare_cameras
+from passerby.cameras import Rig
+from passerby.monitoring.people import BODY_M
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.progress import Progress, silent
+
+Ints = NDArray[np.int64]
+
+
+def identified(
+    rig: Rig, observations: Observations, clocks: Mapping[str, Clock], rng: np.random.Generator, *, ground_m: float = 0.0,
+    executor: Executor | None = None, tell: Progress = silent,
+) -> Observations:  # fmt: skip
+    """The people whom tracklets belong to, in each camera's own frames.
+
+    Args:
+        rig: cameras with poses.
+        observations: identities are each camera's own tracklets, or -1 for detections.
+        clocks: of every camera.
+        rng: draws the people that each camera's vertical is fitted to.
+        ground_m: height of the ground.
+        executor: works on cameras side by side.
+        tell: told of every camera that is done.
+    """
+    level = rig.moved(np.eye(3), np.array([0.0, 0.0, -ground_m]))
+    cameras = prepare_cameras(level, observations, clocks, BODY_M, rng, executor, tell=tell)
+    tracklets = Tracklets.of(cameras)
+    offsets = np.array([clocks[camera.name].offset_s for camera in level])
+    # The cameras' own times are told with their offsets: none is left to add.
+    nothing = ViewGraph((), (), np.zeros_like(offsets))
+    person = people_of_rig(tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), BODY_M)
+    return Observations({
+        camera.name: _named(camera, person[low:high])
+        for camera, low, high in zip(cameras, tracklets.first[:-1], tracklets.first[1:], strict=True)
+    }, observations.fps, dict(clocks))  # fmt: skip
+
+
+def _named(camera: PreparedCamera, person: Ints) -> CameraObservations:
+    """What a camera saw, under the people's numbers (one for each of its tracklets) from 1 on."""
+    boxes, joints = (_renamed(part, person) for part in (camera.seen.boxes, camera.seen.keypoints))
+    assert isinstance(boxes, Boxes)
+    assert isinstance(joints, Keypoints)
+    return CameraObservations(boxes, joints)
+
+
+def _renamed(part: Boxes | Keypoints, person: Ints) -> Boxes | Keypoints:
+    """Rows of somebody, once in a frame: of two the one of the longer tracklet."""
+    rows = np.flatnonzero(part.identity > UNKNOWN)
+    tracklet = part.identity[rows]
+    who = person[tracklet] + 1
+    length = np.bincount(tracklet, minlength=1)[tracklet]
+    order = np.lexsort((-length, who, part.frame[rows]))
+    frame, own = part.frame[rows][order], who[order]
+    first = np.ones(len(order), dtype=bool)
+    first[1:] = (np.diff(frame) != 0) | (np.diff(own) != 0)
+    kept = np.sort(order[first])
+    found = part.take(rows[kept])
+    return replace(found, identity=who[kept])

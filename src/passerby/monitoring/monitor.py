@@ -1,0 +1,176 @@
+"""A rig in use and new footage: which cameras have moved since they were calibrated."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from passerby.association.instants import common_instants
+from passerby.cameras import Camera, Rig
+from passerby.errors import InputError
+from passerby.inputs import SceneInputs, read_inputs
+from passerby.monitoring.given_rig import GivenRig
+from passerby.monitoring.ground import fit_ground, rough_height
+from passerby.monitoring.identities import identified
+from passerby.monitoring.result import Monitored
+from passerby.monitoring.sightings import sightings_of
+from passerby.monitoring.watching import WatchOptions, watch
+from passerby.observations import Clock, Observations
+from passerby.progress import Progress, silent
+from passerby.scene import Scene
+from passerby.videos import Videos
+
+SEED = 0
+"""Of the draw of the people that tell each camera's vertical where nobody says who is who."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Footage:
+    """What the cameras of the rig saw."""
+
+    rig: Rig
+    """Those cameras only."""
+    seen: Observations
+    """At instants that all cameras share, with identities over all cameras."""
+    height_m: float
+    """About how high the ground is."""
+
+
+def monitor(
+    given: GivenRig, scene: Scene | str | Path, options: WatchOptions | None = None, *, in_step: bool = False,
+    keep: str | Path | None = None, progress: Progress | None = None, executor: Executor | None = None,
+) -> Monitored:  # fmt: skip
+    """Whether cameras have moved.
+
+    Args:
+        given: the rig, and what was known with it.
+        scene: new footage of its cameras, under the same names.
+        options: see `WatchOptions`.
+        in_step: whether the footage's clocks agree, whatever the calibration's did.
+        keep: folder in which is kept what was seen in videos.
+        progress: told of each stage.
+        executor: works on cameras side by side.
+
+    Raises:
+        InputError: the scene cannot be read, or its cameras are not the rig's.
+    """
+    tell = progress or silent
+    tell("reading")
+    scene = scene if isinstance(scene, Scene) else Scene.load(scene)
+    _check_names(given.rig, tuple(scene.cameras), scene.place)
+    watcher = Videos(None if keep is None else Path(keep), executor, tell)
+    inputs = read_inputs(scene, watcher)
+    notes = [*watcher.notes, *inputs.findings]
+    found = monitor_inputs(given, scene, inputs, options, in_step=in_step, tell=tell, executor=executor)
+    return replace(found, notes=(*notes, *found.notes))
+
+
+def monitor_inputs(
+    given: GivenRig, scene: Scene, inputs: SceneInputs, options: WatchOptions | None = None, *, in_step: bool = False,
+    tell: Progress = silent, executor: Executor | None = None,
+) -> Monitored:  # fmt: skip
+    """As `monitor`, from inputs that were read."""
+    options = options or WatchOptions()
+    names = [name for name in given.rig.names if name in inputs.rig.names and given.rig[name].pose is not None]
+    _check_names(given.rig, inputs.rig.names, scene.place)
+    _check_pictures(given.rig, inputs.rig, scene.place)
+    # The systems are small, and the number of BLAS threads would change the last bits.
+    with threadpool_limits(limits=1, user_api="blas"):
+        footage = _footage(given, scene, inputs, names, in_step, tell, executor)
+        seen = sightings_of(footage.rig, footage.seen)
+        ground = fit_ground(footage.rig, seen, footage.height_m)
+        watched = watch(footage.rig, seen, options, ground=ground, tell=tell)
+    return Monitored(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step))
+
+
+def _check_names(rig: Rig, seen: tuple[str, ...], place: str) -> None:
+    """Raise `InputError` where the scene's cameras are not the rig's."""
+    posed = rig.posed().names
+    unknown = [name for name in seen if name not in rig.names]
+    if unknown:
+        raise InputError(
+            f"{place}: camera {unknown[0]} is not in the rig, which has {', '.join(rig.names)}: call cameras by the rig's names"
+        )
+    both = [name for name in seen if name in posed]
+    if len(both) < 2:
+        have = f"only {both[0]}" if both else "none"
+        raise InputError(
+            f"{place}: of its cameras {have} has a pose in the rig: two or more that see the same people are needed, three to "
+            "tell which of them has moved"
+        )
+
+
+def _check_pictures(rig: Rig, seen: Rig, place: str) -> None:
+    """Raise `InputError` where pictures have another size than those that the rig's lens was given for."""
+    for camera in seen:
+        size = rig[camera.name].lens.size
+        if camera.lens.size != size:
+            raise InputError(
+                f"{place}: camera {camera.name} has pictures of {camera.lens.size[0]} x {camera.lens.size[1]}, the rig's of "
+                f"{size[0]} x {size[1]}: give footage of the calibrated size, or calibrate anew"
+            )
+
+
+def _footage(
+    given: GivenRig, scene: Scene, inputs: SceneInputs, names: list[str], in_step: bool, tell: Progress,
+    executor: Executor | None,
+) -> _Footage:  # fmt: skip
+    """Who is who at common instants."""
+    rig = Rig(tuple(_loosened(given, name) for name in names))
+    fps = inputs.observations.fps
+    if fps is None:
+        raise InputError(f"{scene.place}: no frame rate is given, so that frames tell no times: add fps to [scene]")
+    rates = {name: inputs.observations.clocks.get(name, Clock(fps)).fps for name in names}
+    offsets = {} if in_step else given.offsets_s
+    clocks = {name: Clock(rates[name], offsets.get(name, 0.0)) for name in names}
+    seen = Observations({name: inputs.observations[name] for name in names}, fps, clocks)
+    height = rough_height(rig, seen)
+    if not scene.association.given:
+        tell("who is who")
+        seen = identified(rig, seen, clocks, np.random.default_rng(SEED), ground_m=height, executor=executor, tell=tell)
+    sizes = {camera.name: camera.lens.size for camera in rig}
+    same = len(set(rates.values())) == 1 and len({clock.offset_s for clock in clocks.values()}) == 1
+    return _Footage(rig, seen if same else common_instants(seen, clocks, sizes=sizes), height)
+
+
+def _loosened(given: GivenRig, name: str) -> Camera:
+    """A camera with the sigma of its place within the rig, where that is known: all of it may be too large or too small."""
+    camera = given.rig[name]
+    shape = given.shape_sigma_m.get(name)
+    if shape is None or camera.sigma is None:
+        return camera
+    return replace(camera, sigma=replace(camera.sigma, position_m=min(shape, camera.sigma.position_m), covariance=None))
+
+
+def _notes(given: GivenRig, seen: Rig, in_step: bool) -> tuple[str, ...]:
+    """What the user should know of the input."""
+    absent = [name for name in given.rig.posed().names if name not in seen.names]
+    lost = [name for name in seen.names if given.rig[name].pose is None]
+    notes = []
+    if absent:
+        notes.append(f"{_cameras(absent)} of the rig {_have(absent)} no footage here: nothing is said of {_them(absent)}")
+    if lost:
+        notes.append(f"{_cameras(lost)} {_have(lost)} no pose in the rig: {_them(lost)} cannot be watched")
+    if any(given.offsets_s.values()) and not in_step:
+        notes.append(
+            "clocks are taken to differ as in the calibration (calibration.json beside the rig); --in-step if they agree"
+        )
+    if all(camera.sigma is None for camera in given.rig.posed()):
+        notes.append("the rig states no sigmas: its poses are taken to be good to 5 cm and 0.3 degrees in each direction")
+    return tuple(notes)
+
+
+def _cameras(names: list[str]) -> str:
+    return f"camera{'s' if len(names) > 1 else ''} {', '.join(names)}"
+
+
+def _have(names: list[str]) -> str:
+    return "have" if len(names) > 1 else "has"
+
+
+def _them(names: list[str]) -> str:
+    return "them" if len(names) > 1 else "it"

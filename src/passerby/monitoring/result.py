@@ -1,0 +1,194 @@
+"""What monitoring found, in words and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from passerby.cameras import Floats, Rig
+from passerby.errors import EvidenceError
+from passerby.interchange.atomic import write_text
+from passerby.interchange.json_text import plain, to_json
+from passerby.monitoring.people import Ground
+from passerby.monitoring.watching import Move, Watched, WatchOptions, Window
+
+State = Literal["steady", "moved", "one of several moved", "cannot tell"]
+MONITOR_FILE = "monitor.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Monitored:
+    """Whether cameras have moved since they were calibrated."""
+
+    given: Rig
+    """As it was calibrated."""
+    watched: Watched
+    options: WatchOptions
+    ground: Ground
+    notes: tuple[str, ...] = ()
+    """What is odd about the input."""
+
+    def __repr__(self) -> str:
+        return f"Monitored({', '.join(f'{name}: {self.state(name)}' for name in self.names)})"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The cameras that were watched."""
+        return self.watched.names
+
+    @property
+    def moves(self) -> tuple[Move, ...]:
+        """All that moved, in the order in which it was noticed."""
+        return self.watched.moves
+
+    @property
+    def rig(self) -> Rig:
+        """The rig with new poses and sigmas of the cameras that moved; all others are the given ones themselves.
+
+        A camera keeps its old pose where the people do not tell which of several moved, or are too few to place it.
+        """
+        latest = {move.camera: move for move in self.moves}
+        cameras = []
+        for camera in self.given:
+            move = latest.get(camera.name)
+            sound = move is not None and move.pose is not None and not move.others
+            cameras.append(replace(camera, pose=move.pose, sigma=move.sigma) if move is not None and sound else camera)
+        return replace(self.given, cameras=tuple(cameras))
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """The cameras that have a new pose in `rig`."""
+        return tuple(old.name for old, new in zip(self.given, self.rig, strict=True) if new is not old)
+
+    def state(self, camera: str) -> State:
+        """What is to be said of a camera."""
+        own = [move for move in self.moves if move.camera == camera]
+        if any(not move.others for move in own):
+            return "moved"
+        if own or any(camera in move.others for move in self.moves):
+            return "one of several moved"
+        return "steady" if self.told(camera) else "cannot tell"
+
+    def told(self, camera: str) -> list[Window]:
+        """The windows in which something can be said of a camera."""
+        index = self.names.index(camera)
+        return [window for window in self.watched.windows if window.clear(index)]
+
+    def smallest(self, camera: str) -> tuple[float | None, float | None]:
+        """The shift (metres) and the turn (degrees), in the worst direction, that a usual window of this camera would show.
+
+        The median over the windows in which something can be said, each seen in 95 % of the cases; None where there are none.
+        """
+        index = self.names.index(camera)
+        own = [test for window in self.told(camera) for test in window.tests if test.camera == index]
+        if not own:
+            return None, None
+        return float(np.median([test.smallest_m for test in own])), float(np.median([test.smallest_deg for test in own]))
+
+    @property
+    def exit_status(self) -> int:
+        """0: every camera is steady; 3: one has moved, or nothing can be said of one."""
+        return 0 if all(self.state(name) == "steady" for name in self.names) else EvidenceError.exit_status
+
+    def sentences(self) -> list[str]:
+        """What moved, and of what nothing can be said, one sentence each."""
+        told = [move_in_words(move) for move in self.moves]
+        silent = [name for name in self.names if self.state(name) == "cannot tell"]
+        told += [f"{name}: cannot tell: not enough people whom another camera sees too" for name in silent]
+        return told
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, as plain values for JSON."""
+        out: dict[str, Any] = plain({
+            "from_s": self.watched.from_s, "until_s": self.watched.until_s, "window_s": self.options.every_s,
+            "threshold": self.options.threshold, "exit_status": self.exit_status,
+            "ground": {"height_m": self.ground.height, "slope": self.ground.slope},
+            "cameras": [self._camera(name) for name in self.names],
+            "moves": [_move(move) for move in self.moves],
+            "windows": [_window(window, self.names) for window in self.watched.windows],
+            "notes": self.notes,
+        })  # fmt: skip
+        return out
+
+    def _camera(self, name: str) -> dict[str, Any]:
+        """One line of the summary."""
+        metres, degrees = self.smallest(name)
+        return {
+            "name": name, "state": self.state(name), "windows": len(self.watched.windows), "windows_told": len(self.told(name)),
+            "smallest_shift_m": metres, "smallest_turn_deg": degrees, "new_pose": name in self.changed,
+        }  # fmt: skip
+
+    def write(self, folder: str | Path, rig_text: str) -> None:
+        """Write `rig.toml` and `monitor.json` into a folder, each whole or not at all.
+
+        Raises `InputError` where the folder is not writable.
+        """
+        from passerby.results import RIG_FILE
+
+        write_text(Path(folder) / RIG_FILE, rig_text)
+        write_text(Path(folder) / MONITOR_FILE, to_json(self.to_dict()))
+
+
+def along(shift: Floats, covariance: Floats) -> tuple[float | None, float | None]:
+    """How long a shift (3,) is, and one sigma of that; None where unknown."""
+    length = float(np.linalg.norm(shift))
+    if not np.isfinite(length):
+        return None, None
+    way = shift / max(length, 1e-12)
+    return length, float(np.sqrt(way @ covariance @ way))
+
+
+def clock_time(seconds: float) -> str:
+    """00:05:12, counted from the footage's first frame."""
+    whole = max(0, round(seconds))
+    return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def move_in_words(move: Move) -> str:
+    """Who moved, when and by how much."""
+    who = " or ".join((move.camera, *move.others))
+    when = "before the footage began" if move.moment is None else (
+        f"at {clock_time(move.moment.seconds)} (between {clock_time(move.moment.from_s)} and {clock_time(move.moment.until_s)})"
+    )  # fmt: skip
+    metres, metres_sd = along(move.shift[:3], move.covariance[:3, :3])
+    degrees, degrees_sd = along(move.shift[3:], move.covariance[3:, 3:])
+    noticed = f"noticed at {clock_time(move.noticed_s)}"
+    if metres is None or metres_sd is None or degrees is None or degrees_sd is None:
+        return f"{who} moved {when}; not enough people to tell by how much; {noticed}"
+    turn = f"{np.degrees(degrees):.2f} +- {np.degrees(degrees_sd):.2f} degrees"
+    which = "" if not move.others else f" (if it was {move.camera}: the people do not tell which)"
+    return f"{who} moved {when}, by {metres:.3f} +- {metres_sd:.3f} m and {turn}{which}; {noticed}"
+
+
+def _move(move: Move) -> dict[str, Any]:
+    metres, metres_sd = along(move.shift[:3], move.covariance[:3, :3])
+    radians, radians_sd = along(move.shift[3:], move.covariance[3:, 3:])
+    moment = move.moment
+    return {
+        "camera": move.camera, "or": move.others, "before_footage": moment is None,
+        "seconds": None if moment is None else moment.seconds, "from_s": None if moment is None else moment.from_s,
+        "until_s": None if moment is None else moment.until_s, "noticed_s": move.noticed_s, "score": move.score,
+        "metres": metres, "metres_sigma": metres_sd, "degrees": None if radians is None else np.degrees(radians),
+        "degrees_sigma": None if radians_sd is None else np.degrees(radians_sd), "shift_m": move.shift[:3],
+        "turn_deg": np.degrees(move.shift[3:]),
+        "rotation_matrix": None if move.pose is None else move.pose.R_cw,
+        "centre_m": None if move.pose is None else move.pose.centre,
+    }  # fmt: skip
+
+
+def _window(window: Window, names: Sequence[str]) -> dict[str, Any]:
+    """Each camera's score, and what would have been seen."""
+    return {
+        "from_s": window.from_s, "until_s": window.until_s,
+        "cameras": {
+            names[test.camera]: {
+                "score": test.score, "stretches": test.clusters, "told": window.clear(test.camera),
+                "smallest_shift_m": test.smallest_m, "smallest_turn_deg": test.smallest_deg,
+            }
+            for test in window.tests
+        },
+    }  # fmt: skip
