@@ -9,6 +9,7 @@ from typing import Any
 from passerby.cameras import Camera, Rig
 from passerby.check import CameraCheck, SceneCheck
 from passerby.evaluation.metrics import Comparison
+from passerby.evaluation.stated import Stated
 from passerby.interchange.json_text import to_json
 from passerby.pipeline import Calibration
 from passerby.solver.cues import cue_in_words
@@ -137,6 +138,20 @@ def show_comparison(comparison: Comparison) -> None:
         f"scale {number(comparison.scale_ratio, 4)} of the true one, vertical off by "
         f"{number(comparison.gravity_error_deg, 2)} deg, ground by {number(comparison.ground_error_mm)} mm; "
         f"{len(comparison.names)} of {len(comparison.names) + len(comparison.missing)} cameras registered"
+    )
+    if comparison.stated is not None and comparison.stated.position_sigmas:
+        print(_sigmas_in_words(comparison.stated))
+
+
+def _sigmas_in_words(stated: Stated) -> str:
+    """How many errors lie within the sigmas that the rig states."""
+
+    def within(errors: Mapping[str, float]) -> str:
+        return " and ".join(f"{sum(e <= n for e in errors.values())} of {len(errors)} within {n}" for n in (1, 2))
+
+    return (
+        f"stated sigmas, the rig placed along the ground: positions {within(stated.position_sigmas)}, orientations "
+        f"{within(stated.orientation_sigmas)}"
     )
 
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from passerby.cameras import Camera, Floats, Pose, Rig
 from passerby.errors import InputError
+from passerby.evaluation.stated import Stated, stated_errors
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.similarity import Similarity, chordal_mean_rotation
 
@@ -56,6 +57,8 @@ class Comparison:
     """Angle between the estimate's and the true vertical, after the similarity's rotation."""
     ground_error_mm: float | None
     """Height of the estimated ground over the true one, below the cameras' centroid, after the similarity."""
+    stated: Stated | None = None
+    """The errors that the stated sigmas are of; None where it is undefined."""
 
     def __repr__(self) -> str:
         mean, turn = self.similarity.mean_position_mm, self.similarity.mean_orientation_deg
@@ -85,6 +88,7 @@ class Comparison:
             "reference": self.reference,
             "registered": len(self.names),
             "missing": list(self.missing),
+            "stated": None if self.stated is None else self.stated.to_dict(),
         }
 
     def _summary(self, placement: Placement) -> dict[str, float | None]:
@@ -143,6 +147,7 @@ def compare(estimate: Rig, truth: Rig, reference: str | None = None) -> Comparis
         scale_ratio=None if similarity is None else 1 / similarity.scale,
         gravity_error_deg=gravity,
         ground_error_mm=ground,
+        stated=stated_errors([estimate[name] for name in names], t),
     )
 
 

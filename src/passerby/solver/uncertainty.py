@@ -37,10 +37,10 @@ MODEL_EXCESS = 1.5
 
 @dataclass(frozen=True, eq=False)
 class LensPriors:
-    """What limits the sigmas of refined lenses, (C, L) each."""
+    """What is known of refined lenses beside the sightings, (C, L) each."""
 
-    sd: Floats
-    """Standard deviations of the stated lenses."""
+    core: Floats
+    """Scales of the Cauchy distributions of the stated lenses."""
     drift: Floats
     """How far what all sightings of a camera have in common misleads its lens, one sigma."""
 
@@ -59,10 +59,14 @@ class RigCovariance:
     """Relative one sigma of all lengths."""
     inflation: float
     """Factor on the covariance for residuals that are alike from one instant to the next."""
+    distances: Floats
+    """(C, C) one sigma of the distance between two cameras, metres, the scale's share included."""
     time_s: Floats | None = None
     """(C,) one sigma of the cameras' clocks against the first camera's, seconds; None where they were not refined."""
     lens: Floats | None = None
     """(C, L) one sigma of the lenses' unknowns; None where they were not refined."""
+    lens_alone: Floats | None = None
+    """(C, L) the same by the sightings alone, whatever is stated."""
 
     def sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures in the metric world."""
@@ -110,10 +114,9 @@ def rig_covariance(
     moved_by = inverse @ H_cb * np.tile(SIGMAS, len(biases))
     covariance = covariance + moved_by @ moved_by.T
     n_cameras = len(state.R)
-    lens_sigma = None
+    lens_sigma = lens_alone = None
     if lenses is not None:
-        covariance = _with_lens_drift(covariance, lenses, size)
-        lens_sigma = np.sqrt(np.maximum(np.diag(covariance)[_lens_unknowns(lenses, size)], 0.0))
+        covariance, lens_sigma, lens_alone = _with_lenses(covariance, state, lenses, size)
     order = np.array([3, 4, 5, 0, 1, 2])
     own = (np.arange(n_cameras)[:, None] * size + order).ravel()
     cameras = covariance[np.ix_(own, own)]
@@ -128,31 +131,55 @@ def rig_covariance(
     return RigCovariance(
         _blocks(metric, n_cameras), _blocks(shape, n_cameras),
         float(np.degrees(np.sqrt(of_freedoms[3, 3] + of_freedoms[4, 4]))),
-        float(np.sqrt(of_freedoms[6, 6] + beyond)), inflation,
-        _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None, lens_sigma,
+        float(np.sqrt(of_freedoms[6, 6] + beyond)), inflation, _distance_sigmas(metric, state.centre),
+        _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None, lens_sigma, lens_alone,
     )  # fmt: skip
 
 
-def _lens_unknowns(lenses: LensPriors, size: int) -> Ints:
-    """(C, L) places of the lenses' unknowns among the shared ones."""
-    n, k = lenses.sd.shape
-    return (np.arange(n)[:, None] + 1) * size - k + np.arange(k)
+def _with_lenses(covariance: Floats, state: PeopleState, lenses: LensPriors, size: int) -> tuple[Floats, Floats, Floats]:
+    """The covariance with what misleads the lenses, and with priors that are no normal distributions.
 
+    What sightings alone say of an unknown is the covariance less the prior as it was linearised; the drift adds to it. Its
+    product with the prior gives the unknown's standard deviation by quadrature, and all other unknowns follow by their
+    regression on it.
 
-def _with_lens_drift(covariance: Floats, lenses: LensPriors, size: int) -> Floats:
-    """The covariance with what misleads the lenses, and through them the poses.
-
-    Sightings alone know an unknown to 1 / (1 / variance - 1 / prior variance). That grows by the drift's, and all other unknowns
-    follow by their regression on it.
+    Returns:
+        The covariance; (C, L) standard deviations of the lenses' unknowns; the same by sightings alone.
     """
-    added = np.zeros_like(covariance)
-    for place, sd, drift in zip(_lens_unknowns(lenses, size).ravel(), lenses.sd.ravel(), lenses.drift.ravel(), strict=True):
-        variance = covariance[place, place]
-        told = max(1 / variance - 1 / sd**2, 1e-12)
-        more = 1 / (1 / (1 / told + drift**2) + 1 / sd**2) - variance
-        along = covariance[:, place] / variance
-        added += max(more, 0.0) * np.outer(along, along)
-    return covariance + added
+    n, k = lenses.core.shape
+    places = (np.arange(n)[:, None] + 1) * size - k + np.arange(k)
+    added, sigma, alone = np.zeros_like(covariance), np.zeros((n, k)), np.zeros((n, k))
+    for c, u in np.ndindex(n, k):
+        at, variance = places[c, u], covariance[places[c, u], places[c, u]]
+        value, core = state.lens[c, u], lenses.core[c, u]
+        prior = 1 / (core**2 + value**2)
+        told = max(1 / variance - prior, 1e-3 / variance)
+        seen = value * (1 + prior / told)
+        alone[c, u] = np.hypot(1 / np.sqrt(told), lenses.drift[c, u])
+        sigma[c, u] = _posterior_sd(seen, alone[c, u], core, value)
+        along = covariance[:, at] / variance
+        added += max(sigma[c, u] ** 2 - variance, 0.0) * np.outer(along, along)
+    return covariance + added, sigma, alone
+
+
+def _posterior_sd(seen: float, seen_sd: float, core: float, at: float) -> float:
+    """Root mean square distance from `at` of a value that is seen as `seen` +- `seen_sd` and is Cauchy distributed about 0."""
+    fine = np.linspace(-1, 1, 2001)
+    grid = np.unique(np.concatenate([seen + 6 * seen_sd * fine, 20 * core * fine]))
+    density = np.exp(-0.5 * ((grid - seen) / seen_sd) ** 2) / (core**2 + grid**2)
+    return float(np.sqrt(np.trapezoid(density * (grid - at) ** 2, grid) / np.trapezoid(density, grid)))
+
+
+def _distance_sigmas(metric: Floats, centre: Floats) -> Floats:
+    """(C, C) sigmas of the cameras' distances, from the joint covariance of all poses (6 C, 6 C) and the centres (C, 3)."""
+    n = len(centre)
+    of_centres = metric.reshape(n, 6, n, 6)[:, :3, :, :3]
+    own = of_centres[np.arange(n), :, np.arange(n)]
+    # Of the difference of two centres: both covariances less what they have in common.
+    between = own[:, None] + own[None] - of_centres.transpose(0, 2, 1, 3) - of_centres.transpose(2, 0, 1, 3)
+    apart = centre[:, None] - centre[None]
+    line = apart / np.maximum(np.linalg.norm(apart, axis=-1), 1e-12)[..., None]
+    return np.asarray(np.sqrt(np.maximum(np.einsum("abi,abij,abj->ab", line, between, line), 0.0)))
 
 
 def _time_sigmas(covariance: Floats, size: int, n_cameras: int) -> Floats:
