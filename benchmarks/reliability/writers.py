@@ -1,4 +1,4 @@
-"""The commands that write, each on a machine that fails at any moment: what they leave is the old or the new, and both whole."""
+"""The commands that write, on a machine that fails at any moment: what they leave is the old or the new, and whole."""
 
 from __future__ import annotations
 

@@ -5,11 +5,13 @@ Exit status: 0 accepted, 1 a bug, 2 bad input, 3 too little evidence, 130 interr
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import threading
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +36,9 @@ from passerby.errors import InputError, PasserbyError
 
 INTERRUPTED = 130
 BUG = 1
+UNREAD = 141
+"""Nobody reads standard output any more; as of a program that SIGPIPE ends."""
+FAILING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO, errno.EMFILE, errno.ENFILE, errno.EPIPE)
 
 app = typer.Typer(
     name="passerby",
@@ -74,6 +79,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         command = typer.main.get_command(app)
         status = command.main(list(arguments) or ["--help"], prog_name="passerby", standalone_mode=False)
+        sys.stdout.flush()
     except PasserbyError as error:
         return _fail(str(error), error.exit_status)
     except (typer.Abort, KeyboardInterrupt):
@@ -82,6 +88,8 @@ def run(arguments: Sequence[str]) -> int:
         # Usage errors are click's or, in newer versions, typer's own: known by what they can do, not by where they live.
         if hasattr(error, "format_message"):
             return _fail(error.format_message(), InputError.exit_status)
+        if isinstance(error, OSError) and error.errno in FAILING:
+            return _machine_fails(error)
         traceback.print_exc()
         return _fail(f"a bug in Passerby: {type(error).__name__}: {error}; please report it with the lines above", BUG)
     if status == INTERRUPTED:
@@ -92,6 +100,27 @@ def run(arguments: Sequence[str]) -> int:
 def _fail(message: str, status: int) -> int:
     print(f"error: {' '.join(message.split())}", file=sys.stderr)
     return status
+
+
+def _machine_fails(error: OSError) -> int:
+    """What no part of the program is to blame for: a disk that is full or broken, a reader of the output that went away."""
+    _forget_output()
+    if error.errno == errno.EPIPE:
+        return UNREAD
+    what = error.filename or "standard output or a temporary file"
+    why = error.strerror or str(error)
+    return _fail(
+        f"{what}: cannot be written or read ({why}): see to the disk and run the same command again", InputError.exit_status
+    )
+
+
+def _forget_output() -> None:
+    """What standard output cannot take is not tried again at the end of the process."""
+    with suppress(OSError, ValueError, AttributeError):
+        sys.stdout.flush()
+        return
+    with suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _print_version(wanted: bool) -> None:

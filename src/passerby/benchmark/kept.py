@@ -21,22 +21,30 @@ class Kept:
         self._folder = folder
 
     def get(self, what: str) -> dict[str, Any] | None:
-        """The outcome of `what` as it was put; None where it was not, or by other code."""
+        """The outcome of `what` as it was put; None where it was not, by other code, or where it is damaged."""
         if self._folder is None:
             return None
         try:
-            known: dict[str, Any] = json.loads(self._path(self._folder, what).read_text(encoding="utf-8"))
-        except OSError:
+            text, digest = self._path(self._folder, what).read_text(encoding="utf-8").splitlines()
+        except (OSError, ValueError):
             return None
+        if _digest(text) != digest:
+            return None
+        known: dict[str, Any] = json.loads(text)
         return known
 
     def put(self, what: str, outcome: dict[str, Any]) -> None:
         """Keep an outcome of plain values. Raises `InputError` where the folder is not writable."""
         if self._folder is not None:
-            write_text(self._path(self._folder, what), json.dumps(outcome))
+            text = json.dumps(outcome)
+            write_text(self._path(self._folder, what), f"{text}\n{_digest(text)}\n")
 
     def _path(self, folder: Path, what: str) -> Path:
         return folder / f"{hashlib.sha256(f'{code_digest()} {what}'.encode()).hexdigest()[:32]}.json"
+
+
+def _digest(text: str) -> str:
+    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
 @cache

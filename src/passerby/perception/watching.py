@@ -6,6 +6,7 @@ from those that are kept.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -69,8 +70,8 @@ class Watched:
     seconds: dict[str, float] = field(default_factory=dict)
     """Time spent by each stage in this run."""
 
-    def faults(self, name: str, info: VideoInfo) -> list[str]:
-        """What makes the video unusable."""
+    def faults(self, name: str, info: VideoInfo, from_s: float = 0.0, until_s: float = math.inf) -> list[str]:
+        """What makes the part of the video unusable that lies between two times, in seconds."""
         place, found = f"{info.path}: camera {name}", []
         early = self.summary["ended_early"]
         if early is not None:
@@ -80,9 +81,10 @@ class Watched:
             )
         found += [
             f"{place}: the camera moves {move['seconds']:.1f} s after the beginning, {_how_far(move['pixels'])}, and stays "
-            f"there: static cameras are needed: give the part before or after, or delete [cameras.{name}]"
+            f"there: static cameras are needed: write until_s = {math.floor(move['seconds'])} or from_s = "
+            f"{math.ceil(move['seconds']) + 1} under [cameras.{name}] for the part before or after, or delete [cameras.{name}]"
             for move in self.summary["moves"]
-            if move["until"] is None
+            if move["until"] is None and from_s < move["seconds"] < until_s
         ]
         return found
 
@@ -143,6 +145,7 @@ class _Watch:
         self._job, self._tell = job, tell
         self.seconds: dict[str, float] = {}
         self._used: set[Path] = set()
+        self._file = _state(job.info.path)
         video = {"video": fingerprint(job.info.path), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
         video |= {"versions": _versions()}
         self._detector = self._open_detector(video)
@@ -214,7 +217,10 @@ class _Watch:
         return summary
 
     def _turn(self, segment: int) -> None:
-        """End the segment before this one and begin this one."""
+        """End the segment before this one and begin this one; nothing is kept of a video that has become another one."""
+        path = self._job.info.path
+        if _state(path) != self._file:
+            raise InputError(f"{path}: camera {self._job.name}: was changed while it was watched: run the same command again")
         for stage in self._stages:
             if segment:
                 stage.end(segment - 1)
@@ -322,6 +328,15 @@ def _row_of(frame: Frame, ltwh: Floats, score: Floats) -> Arrays:
         "ltwh": np.asarray(ltwh, dtype=np.float64).reshape(-1, 4),
         "score": np.asarray(score, dtype=np.float64),
     }
+
+
+def _state(path: Path) -> tuple[int, ...]:
+    """What changes when a file is written or replaced; zeros where it is gone, which those tell of who read it."""
+    try:
+        found = path.stat()
+    except OSError:
+        return (0, 0, 0)
+    return found.st_ino, found.st_size, found.st_mtime_ns
 
 
 def _how_far(pixels: float | None) -> str:
