@@ -27,11 +27,13 @@ Ints = NDArray[np.int64]
 LensPart = Literal["focal", "principal_point"]
 LENS_PARTS: tuple[LensPart, ...] = get_args(LensPart)
 
-FOCAL_SD = 0.10
-"""A stated focal length is right within so much of itself, as one from the field of view in a data sheet is."""
-PRINCIPAL_POINT_SD = 0.02
-"""A stated principal point is right within this share of the picture's width: lenses are mounted 10 to 30 pixels off the middle
-of a picture of 1920."""
+FOCAL_CORE = 0.005
+"""Half of the stated focal lengths are right within this share; the others, from data sheets or of zooms that were moved, may
+be off by anything: a Cauchy distribution. A normal one of 10 % leaves them all to people, whose boxes tell them to 1 to 5 %."""
+PRINCIPAL_POINT_CORE = 0.0025
+"""The same of the principal point, as a share of the picture's width."""
+FAR_FOCAL, FAR_PRINCIPAL_POINT = 0.10, 0.02
+"""What a lens that was never calibrated is off by, one sigma: the same shares."""
 
 # Rays are made anew until the lenses move by no more than this: what the linear columns leave over is half of its square.
 SETTLED_FOCAL, SETTLED_PX = 1e-3, 0.5
@@ -58,12 +60,20 @@ class LensUnknowns:
         first = 1 if part == "principal_point" and "focal" in self.parts else 0
         return slice(first, first + (2 if part == "principal_point" else 1))
 
-    def prior_sd(self, rig: Rig) -> Floats:
-        """(C, L) standard deviations of the stated lenses."""
+    def core(self, rig: Rig) -> Floats:
+        """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions."""
+        return self._shares(rig, FOCAL_CORE, PRINCIPAL_POINT_CORE)
+
+    def uncalibrated_sd(self, rig: Rig) -> Floats:
+        """(C, L) what lenses that were never calibrated are off by, one sigma."""
+        return self._shares(rig, FAR_FOCAL, FAR_PRINCIPAL_POINT)
+
+    def _shares(self, rig: Rig, focal: float, principal_point: float) -> Floats:
+        """(C, L) a share of the focal length, as a logarithm, and a share of the picture's width in pixels."""
         out = np.zeros((len(rig), self.size))
-        out[:, self.columns_of("focal")] = FOCAL_SD
+        out[:, self.columns_of("focal")] = focal
         width = np.array([camera.lens.size[0] for camera in rig], dtype=np.float64)
-        out[:, self.columns_of("principal_point")] = PRINCIPAL_POINT_SD * width[:, None]
+        out[:, self.columns_of("principal_point")] = principal_point * width[:, None]
         return out
 
     def moved(self, lens: Lens, change: Floats) -> Lens:

@@ -82,7 +82,7 @@ def solve_people(
     focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
-    lenses = lens_figures(start.unknowns, start.stated, start.rig, covariance.lens)
+    lenses = lens_figures(start.unknowns, start.stated, start.rig, covariance)
     reasons = [
         *start.evidence.notes,
         *reasons,

@@ -71,8 +71,8 @@ class PeopleProblem:
     expected_px: Floats | None = None
     """(M,) extent that the person of each sighting is expected to have, pixels; what was seen when None. What was seen is noisy
     itself: weighed by it, boxes that are too small by chance would count more than those that are too large."""
-    lens_sd: Floats | None = None
-    """(C, L) prior standard deviations of the lenses' unknowns around the stated ones; None where they are not refined."""
+    lens_core: Floats | None = None
+    """(C, L) scales of the Cauchy distributions of the lenses' unknowns around 0; None where they are not refined."""
     lens_weight: float = 1.0
     """How many times more those priors count: sightings that follow one another tell less than as many independent ones, and
     would drive lenses far off against priors that are right."""
@@ -90,7 +90,7 @@ class PeopleProblem:
     @property
     def n_lens(self) -> int:
         """Number of the unknowns of a camera's lens, the last of the camera's."""
-        return 0 if self.lens_sd is None else self.lens_sd.shape[1]
+        return 0 if self.lens_core is None else self.lens_core.shape[1]
 
     @property
     def layout(self) -> Layout:
@@ -270,15 +270,17 @@ class PeopleProblem:
         ]  # fmt: skip
 
     def _lens_priors(self, state: PeopleState) -> list[Term]:
-        """Lenses are about what they are stated to be, each for itself."""
-        if self.lens_sd is None:
+        """Each lens is about what it is stated to be, or quite another one."""
+        if self.lens_core is None:
             return []
-        n, k, sd = self.n_cameras, self.n_lens, self.lens_sd / np.sqrt(self.lens_weight)
-        J = np.zeros((n, k, self.layout.n_shared))
+        n, k, root = self.n_cameras, self.n_lens, float(np.sqrt(self.lens_weight))
+        of_camera, terms = np.arange(n), []
         for unknown in range(k):
-            column = np.arange(n) * self.camera_size + self.camera_size - k + unknown
-            J[np.arange(n), unknown, column] = 1 / sd[:, unknown]
-        return [Term(state.lens / sd, by_shared=J)]
+            J = np.zeros((n, 1, self.layout.n_shared))
+            J[of_camera, 0, (of_camera + 1) * self.camera_size - k + unknown] = root / self.lens_core[:, unknown]
+            residual = root * state.lens[:, unknown] / self.lens_core[:, unknown]
+            terms.append(Term(residual[:, None], Cauchy(root), by_shared=J))
+        return terms
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:
         """Priors around 0 on one unknown (C,) of each camera, and on its mean."""

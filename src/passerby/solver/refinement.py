@@ -90,10 +90,10 @@ class Knowledge:
     height_sd: Floats
     priors: Priors = field(default_factory=Priors)
     cues: CueRows | None = None
-    lens_sd: Floats | None = None
-    """(C, L) prior standard deviations of the lenses; None where they are not refined."""
+    lens_core: Floats | None = None
+    """(C, L) scales of what is stated of the lenses; None where they are not refined."""
     lens_weight: float = 1.0
-    """How many times more they count (`PeopleProblem`)."""
+    """How many times more that counts (`PeopleProblem`)."""
 
 
 def middle_rays(s: Sightings) -> tuple[Floats, Floats]:
@@ -166,7 +166,7 @@ def build_model(
     problem = PeopleProblem(
         evidence.n_cameras, sightings, joint_problem, person, len(joint_used), knowledge.height_mean, knowledge.height_sd,
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, knowledge.cues,
-        None if whole is None else whole[rows], expected, knowledge.lens_sd,
+        None if whole is None else whole[rows], expected, knowledge.lens_core,
         knowledge.lens_weight,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])

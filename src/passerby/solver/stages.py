@@ -136,8 +136,8 @@ class Start:
         focal = np.array([camera.lens.focal for camera in rig])
         hypotheses = pair_hypotheses(evidence, levels, focal, body_m, rng)
         hypotheses += judged_guesses(guesses, evidence, focal, body_m)
-        lens_sd = unknowns.prior_sd(stated) if unknowns.parts else None
-        knowledge = Knowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_sd)
+        lens_core = unknowns.core(stated) if unknowns.parts else None
+        knowledge = Knowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_core)
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
     def weighed(self, model: Model, result: Result[PeopleState]) -> Start:

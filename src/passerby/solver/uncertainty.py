@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from passerby.cameras import PoseSigma
 from passerby.solver.evidence import Evidence
 from passerby.solver.least_squares import NormalEquations, Term
+from passerby.solver.lens_sigmas import LensPriors, with_lenses
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import TIME, UPRIGHT, PeopleProblem
 from passerby.solver.refinement import Model
@@ -33,16 +34,6 @@ as no smaller, and the noise learnt as no smaller."""
 
 MODEL_EXCESS = 1.5
 """Factor on the design effect for what no stretch shows; fitted together with what is systematic (`systematic.SIGMAS`)."""
-
-
-@dataclass(frozen=True, eq=False)
-class LensPriors:
-    """What is known of refined lenses beside the sightings, (C, L) each."""
-
-    core: Floats
-    """Scales of the Cauchy distributions of the stated lenses."""
-    drift: Floats
-    """How far what all sightings of a camera have in common misleads its lens, one sigma."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +107,7 @@ def rig_covariance(
     n_cameras = len(state.R)
     lens_sigma = lens_alone = None
     if lenses is not None:
-        covariance, lens_sigma, lens_alone = _with_lenses(covariance, state, lenses, size)
+        covariance, lens_sigma, lens_alone = with_lenses(covariance, state, lenses, size)
     order = np.array([3, 4, 5, 0, 1, 2])
     own = (np.arange(n_cameras)[:, None] * size + order).ravel()
     cameras = covariance[np.ix_(own, own)]
@@ -134,40 +125,6 @@ def rig_covariance(
         float(np.sqrt(of_freedoms[6, 6] + beyond)), inflation, _distance_sigmas(metric, state.centre),
         _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None, lens_sigma, lens_alone,
     )  # fmt: skip
-
-
-def _with_lenses(covariance: Floats, state: PeopleState, lenses: LensPriors, size: int) -> tuple[Floats, Floats, Floats]:
-    """The covariance with what misleads the lenses, and with priors that are no normal distributions.
-
-    What sightings alone say of an unknown is the covariance less the prior as it was linearised; the drift adds to it. Its
-    product with the prior gives the unknown's standard deviation by quadrature, and all other unknowns follow by their
-    regression on it.
-
-    Returns:
-        The covariance; (C, L) standard deviations of the lenses' unknowns; the same by sightings alone.
-    """
-    n, k = lenses.core.shape
-    places = (np.arange(n)[:, None] + 1) * size - k + np.arange(k)
-    added, sigma, alone = np.zeros_like(covariance), np.zeros((n, k)), np.zeros((n, k))
-    for c, u in np.ndindex(n, k):
-        at, variance = places[c, u], covariance[places[c, u], places[c, u]]
-        value, core = state.lens[c, u], lenses.core[c, u]
-        prior = 1 / (core**2 + value**2)
-        told = max(1 / variance - prior, 1e-3 / variance)
-        seen = value * (1 + prior / told)
-        alone[c, u] = np.hypot(1 / np.sqrt(told), lenses.drift[c, u])
-        sigma[c, u] = _posterior_sd(seen, alone[c, u], core, value)
-        along = covariance[:, at] / variance
-        added += max(sigma[c, u] ** 2 - variance, 0.0) * np.outer(along, along)
-    return covariance + added, sigma, alone
-
-
-def _posterior_sd(seen: float, seen_sd: float, core: float, at: float) -> float:
-    """Root mean square distance from `at` of a value that is seen as `seen` +- `seen_sd` and is Cauchy distributed about 0."""
-    fine = np.linspace(-1, 1, 2001)
-    grid = np.unique(np.concatenate([seen + 6 * seen_sd * fine, 20 * core * fine]))
-    density = np.exp(-0.5 * ((grid - seen) / seen_sd) ** 2) / (core**2 + grid**2)
-    return float(np.sqrt(np.trapezoid(density * (grid - at) ** 2, grid) / np.trapezoid(density, grid)))
 
 
 def _distance_sigmas(metric: Floats, centre: Floats) -> Floats:
