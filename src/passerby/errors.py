@@ -5,11 +5,22 @@ A message names the file, the camera, the value and the mend, in one line that a
 
 from __future__ import annotations
 
+LONGEST = 2000
+"""Characters of a message: a file may hold a name of a million characters, and nobody's file is shown at length."""
+
 
 class PasserbyError(Exception):
     """Base of every error that Passerby raises on purpose."""
 
     exit_status = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(cut(message))
+
+
+def cut(message: str) -> str:
+    """A message that is too long without its middle."""
+    return message if len(message) <= LONGEST else f"{message[: LONGEST - 400]} ... {message[-390:]}"
 
 
 class InputError(PasserbyError):

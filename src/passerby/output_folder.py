@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError, InputError
@@ -14,7 +14,7 @@ from passerby.interchange.faults import read_text
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.together import settle
-from passerby.interchange.untrusted import NotParsed, json_of
+from passerby.interchange.untrusted import NotParsed, json_of, shortened
 from passerby.observations import Boxes, Clock
 from passerby.results import CALIBRATION_FILE, FILES, RIG_FILE, TRACKS_FOLDER, checksum
 
@@ -47,7 +47,7 @@ class OutputFolder:
         scene = self.report.get("scene")
         table = scene.get("scene") if isinstance(scene, dict) else None
         fps = table.get("fps") if isinstance(table, dict) else None
-        return float(fps) if isinstance(fps, int | float) and fps > 0 else None
+        return float(fps) if _is_number(fps) and fps > 0 else None
 
     @property
     def identities_given(self) -> bool:
@@ -75,7 +75,7 @@ def read_output(out: Path) -> OutputFolder:
     verdict, reasons = report.get("verdict"), report.get("reasons")
     told = tuple(map(str, reasons)) if isinstance(reasons, list) else ()
     if verdict not in ("accepted", "doubtful", "refused"):
-        raise unlike(out, f"verdict is {verdict!r}")
+        raise unlike(out, f"verdict is {shortened(verdict)}")
     if verdict == "refused":
         raise EvidenceError(f"{out}: the calibration was refused: {'; '.join(told) or 'it tells no reason'}", told)
     rig = read_rig(out / RIG_FILE)
@@ -181,6 +181,11 @@ def _boxes(out: Path, name: str, camera: Mapping[str, Any]) -> Boxes:
     return read_boxes(path)
 
 
+def _is_number(value: Any) -> TypeGuard[float]:
+    """Whether a value is a finite number that a float holds."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
 def _clocks(out: Path, cameras: Mapping[str, Mapping[str, Any]], rig: Rig) -> dict[str, Clock]:
     """Each camera's clock; none where none was told."""
     found = {}
@@ -188,9 +193,8 @@ def _clocks(out: Path, cameras: Mapping[str, Mapping[str, Any]], rig: Rig) -> di
         fps, offset = cameras[name].get("fps"), cameras[name].get("time_offset_s")
         if fps is None:
             continue
-        sound = isinstance(fps, int | float) and math.isfinite(fps) and fps > 0
-        if not (sound and isinstance(offset or 0.0, int | float) and math.isfinite(offset or 0.0)):
-            raise unlike(out, f"camera {name} has fps {fps!r} and time_offset_s {offset!r}")
+        if not (_is_number(fps) and fps > 0 and _is_number(offset or 0.0)):
+            raise unlike(out, f"camera {name} has fps {shortened(fps)} and time_offset_s {shortened(offset)}")
         found[name] = Clock(float(fps), float(offset or 0.0))
     if found and len(found) < len(rig):
         without = next(name for name in rig.names if name not in found)

@@ -7,7 +7,6 @@ mend. Paths are relative to the scene file, or absolute.
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Self
 
@@ -16,6 +15,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from passerby.errors import InputError
 from passerby.interchange.faults import FileFaults, read_text
+from passerby.interchange.untrusted import NotParsed, toml_of
 from passerby.scene_errors import explained, nearest
 from passerby.scene_tables import (
     AssociationTable,
@@ -54,8 +54,8 @@ class Scene(Table):
         """Read a scene file. Raises `FileFaults` (an `InputError`) that names file, key, value and mend."""
         path = Path(path)
         try:
-            content = tomllib.loads(read_text(path, "a scene file (TOML)"))
-        except tomllib.TOMLDecodeError as error:
+            content = toml_of(read_text(path, "a scene file (TOML)"))
+        except NotParsed as error:
             raise InputError(f"{path}: is not TOML: {error}") from None
         try:
             scene = cls.model_validate(content)
@@ -112,7 +112,7 @@ class Scene(Table):
         """The scale table as the solvers take it."""
         scale = self.scale
         return ScaleCues(
-            population=PopulationHeight(scale.person_height_m, scale.person_height_sd_m),
+            population=PopulationHeight(scale.person_height_m, scale.person_height_sd_m, scale.person_height_mean_sd_m),
             people=tuple(PersonHeight(cue.identity, cue.height_m, cue.sd_m) for cue in scale.people),
             lengths=tuple(
                 KnownLength(cue.metres, cue.sd_m, {name: np.array(ends) for name, ends in cue.points.items()})

@@ -8,6 +8,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from passerby.interchange.untrusted import shortened
+
+LONGEST_KEY = 80
+"""Characters of a key, or of a camera's name, that are told."""
+
 Tables = Mapping[tuple[str, ...], type[BaseModel]]
 """The model of each table by its place in the file, "*" for a camera's name or a number in a list."""
 
@@ -19,7 +24,7 @@ def explained(fault: dict[str, Any], tables: Tables) -> str:
     if not location:
         return message
     if fault["type"] == "extra_forbidden":
-        table, key = location[:-1], str(location[-1])
+        table, key = location[:-1], str(location[-1])[:LONGEST_KEY]
         known = list(tables[_pattern(table)].model_fields)
         return f"{_place(table, tables) + ': unknown key' if table else 'unknown table'} '{key}': {nearest(key, known)}"
     place = _place(location, tables)
@@ -28,7 +33,7 @@ def explained(fault: dict[str, Any], tables: Tables) -> str:
     if fault["type"] == "value_error":
         return f"{place}: {message}"
     value = fault["input"]
-    shown = f" is {value!r}" if isinstance(value, (str, int, float, bool)) else ""
+    shown = f" is {shortened(value)}" if isinstance(value, (str, int, float, bool)) else ""
     return f"{place}{shown}: {message[0].lower()}{message[1:]}"
 
 
@@ -43,14 +48,14 @@ def _place(location: tuple[str | int, ...], tables: Tables) -> str:
     for length in range(len(location), 0, -1):
         pattern = _pattern(location[:length])
         if pattern in tables:
-            key = " ".join(str(part) for part in location[length:])
+            key = " ".join(str(part)[:LONGEST_KEY] for part in location[length:])
             if isinstance(location[length - 1], int):
                 number = int(location[length - 1]) + 1
                 head = f"[[{'.'.join(map(str, location[: length - 1]))}]] {number}"
             else:
-                head = f"[{'.'.join(map(str, location[:length]))}]"
+                head = f"[{'.'.join(str(part)[:LONGEST_KEY] for part in location[:length])}]"
             return f"{head} {key}".strip()
-    return f"[{'.'.join(map(str, location))}]"
+    return f"[{'.'.join(str(part)[:LONGEST_KEY] for part in location)}]"
 
 
 def nearest(key: str, known: list[str]) -> str:

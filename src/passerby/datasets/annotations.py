@@ -8,14 +8,17 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
 from passerby.datasets.published import GroundTruth
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
+from passerby.interchange.untrusted import NotParsed, shortened, xml_of
 from passerby.observations import Boxes
+
+LARGEST = 2.0**53
+"""Above it a float64 no longer tells whole numbers apart."""
 
 VATIC_COLUMNS = "track_id xmin ymin xmax ymax frame lost occluded generated label"
 
@@ -57,20 +60,20 @@ def read_cvml(path: Path) -> Boxes:
     Frames count from 0; xc, yc is the box's centre. Raises `InputError` for a file that is missing, no XML, or of another kind.
     """
     try:
-        root = ElementTree.fromstring(read_text(path, "boxes in CVML (XML)"))
-    except ElementTree.ParseError as error:
+        root = xml_of(read_text(path, "boxes in CVML (XML)"))
+    except NotParsed as error:
         raise InputError(f"{path}: is not XML: {error}: fetch the file again") from None
     frames = root.findall(".//frame")
     if not frames:
         raise InputError(f"{path}: holds no <frame>: annotated boxes in CVML are needed here")
     rows: list[Row] = []
     for frame in frames:
-        place = f'{path}: <frame number="{frame.get("number")}">'
+        place = f'{path}: <frame number="{str(frame.get("number"))[:20]}">'
         number = round(_number(place, frame.get("number")))
         for person in frame.iterfind("objectlist/object"):
             box = person.find("box")
             if box is None:
-                raise InputError(f'{place}: <object id="{person.get("id")}"> has no <box>')
+                raise InputError(f'{place}: <object id="{str(person.get("id"))[:20]}"> has no <box>')
             x, y, width, height = (_number(f"{place} <box> {key}", box.get(key)) for key in ("xc", "yc", "w", "h"))
             identity = round(_number(f"{place} <object> id", person.get("id")))
             rows.append((number + 1, identity, x - width / 2, y - height / 2, width, height))
@@ -118,8 +121,8 @@ def _number(place: str, text: str | None) -> float:
         number = float("nan" if text is None else text)
     except ValueError:
         number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f"{place}: '{text}' is not a finite number: is the file whole, and of this kind?")
+    if not abs(number) <= LARGEST:
+        raise InputError(f"{place}: {shortened(text)} is not a finite number: is the file whole, and of this kind?")
     return number
 
 

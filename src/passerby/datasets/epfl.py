@@ -29,6 +29,7 @@ from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.tsai import is_tsai, read_tsai
+from passerby.interchange.untrusted import shortened
 from passerby.observations import Boxes
 from passerby.perception.video_probe import VideoInfo, probe
 
@@ -37,6 +38,10 @@ OWN_LENSES = "intrinsics.toml"
 
 _VIDEO = re.compile(r"(?P<sequence>.+)-c(?P<number>\d+)")
 _NUMBER = re.compile(r"c(\d+)$")
+
+
+LARGEST = 2**31
+"""Of the numbers in a file of positions."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +208,9 @@ def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[
         raise InputError(f"{path}: line 2 must be `frames people columns rows step first last`: is it EPFL's ground truth?")
     header = Header(*_whole(path, *lines[1]))
     if min(header.frames, header.people, header.columns, header.rows, header.step) < 1 or not 0 <= header.first <= header.last:
-        raise InputError(f"{path}: line 2 is {' '.join(lines[1][1])}: frames, people, columns, rows and step must be above 0")
+        raise InputError(
+            f"{path}: line 2 is {shortened(' '.join(lines[1][1]))}: frames, people, columns, rows and step must be above 0"
+        )
     if len(lines) - 2 != header.frames:
         raise InputError(f"{path}: {len(lines) - 2} rows of positions, but line 2 says {header.frames}: fetch the file again")
     cells = np.zeros((header.frames, header.people), dtype=np.int64)
@@ -213,7 +220,8 @@ def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[
         cells[row] = _whole(path, number, fields)
         if not ((cells[row] >= -2) & (cells[row] < header.columns * header.rows)).all():
             raise InputError(
-                f"{path}: line {number}: {' '.join(fields)}: cells are 0 to {header.columns * header.rows - 1}, or -1 or -2"
+                f"{path}: line {number}: {shortened(' '.join(fields))}: cells are 0 to {header.columns * header.rows - 1}, "
+                "or -1 or -2"
             )
     return header, cells
 
@@ -221,6 +229,9 @@ def read_grid(path: Path) -> tuple[Header, np.ndarray[tuple[int, ...], np.dtype[
 def _whole(path: Path, number: int, fields: list[str]) -> list[int]:
     """The whole numbers of a line."""
     try:
-        return [int(field) for field in fields]
+        found = [int(field) for field in fields]
     except ValueError:
-        raise InputError(f"{path}: line {number}: '{' '.join(fields)}': whole numbers are needed") from None
+        found = [LARGEST + 1]
+    if max(map(abs, found), default=0) > LARGEST:
+        raise InputError(f"{path}: line {number}: {shortened(' '.join(fields))}: whole numbers are needed") from None
+    return found

@@ -18,6 +18,7 @@ from passerby.datasets.parsing import check_size, entry, numbered, read_json, re
 from passerby.datasets.published import GroundTruth, Published
 from passerby.datasets.worlds import LEFT_HANDED, PublishedCamera, right_handed
 from passerby.errors import InputError
+from passerby.interchange.untrusted import shortened
 from passerby.observations import UNKNOWN, Boxes, Ints
 
 Corners = tuple[float, float, float, float]
@@ -181,7 +182,7 @@ def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int)
 def _views(views: object, cameras: int, place: str) -> tuple[list[Corners], list[int]]:
     """The corners in every camera, and the cameras whose box is turned over; one that is not listed does not see the person."""
     if not isinstance(views, list):
-        raise InputError(f"{place}: views is {views!r}: a list with one entry a camera is needed")
+        raise InputError(f"{place}: views is {shortened(views)}: a list with one entry a camera is needed")
     found: list[Corners | None] = [None] * cameras
     turned = []
     for view in views:

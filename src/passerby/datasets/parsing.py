@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -16,6 +14,7 @@ import numpy as np
 from passerby.cameras import Floats
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
+from passerby.interchange.untrusted import NotParsed, json_of, xml_of
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 
@@ -24,8 +23,8 @@ def read_json(path: Path, kind: str) -> Any:
     """The content of a JSON file. Raises `InputError` where there is none; `kind` says what was expected."""
     text = read_text(path, kind)
     try:
-        return json.loads(text)
-    except ValueError as error:
+        return json_of(text)
+    except NotParsed as error:
         raise InputError(f"{path}: is not JSON ({error}): {kind} is needed; was the download cut short?") from None
 
 
@@ -72,8 +71,8 @@ def xml_numbers(path: Path, key: str, shape: tuple[int, ...], needed: bool = Tru
     and for an entry that is missing, of another size or not finite.
     """
     try:
-        root = ElementTree.fromstring(read_text(path, "an OpenCV storage (XML)"))
-    except ElementTree.ParseError as error:
+        root = xml_of(read_text(path, "an OpenCV storage (XML)"))
+    except NotParsed as error:
         raise InputError(f"{path}: is not XML ({error}): take the file from the set again") from None
     node = root.find(key)
     if node is None and not needed:

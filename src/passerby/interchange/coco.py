@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.faults import FileFaults, read_text
+from passerby.interchange.untrusted import NotParsed, json_of, shortened
 from passerby.observations import UNKNOWN, Floats, Keypoints
 
 HIDDEN_CONFIDENCE = 0.5
@@ -32,8 +34,8 @@ def read_keypoints(path: str | Path) -> Keypoints:
     """
     text = read_text(path, "a COCO keypoint file (JSON)")
     try:
-        content = json.loads(text)
-    except ValueError as error:
+        content = json_of(text)
+    except NotParsed as error:
         raise InputError(
             f"{path}: is not JSON ({error}): give COCO keypoints, or boxes under `tracks` or `detections`"
         ) from None
@@ -154,7 +156,7 @@ class _Reader:
             identifier: int = image["id"]
             frame: Any = image.get(keys[0]) if keys else _number_in_name(image)
             if not _is_whole(frame) or frame < 0:
-                self.fault(place, f"{keys[0] if keys else 'frame'} is {frame!r}: a whole number from 0 on is needed")
+                self.fault(place, f"{keys[0] if keys else 'frame'} is {shortened(frame)}: a whole number from 0 on is needed")
                 continue
             if identifier in frames:
                 self.fault(place, f"image id {identifier} stands twice: image ids must differ")
@@ -180,18 +182,20 @@ class _Reader:
         identity = annotation.get("track_id", UNKNOWN)
         values = annotation["keypoints"]
         if not _is_whole(image) or image not in frames:
-            self.fault(place, f"image_id {image!r} is none of the images: add the image or delete the annotation")
+            self.fault(place, f"image_id {shortened(image)} is none of the images: add the image or delete the annotation")
         elif not _is_whole(category) or category not in categories:
-            self.fault(place, f"category_id {category!r} is no category with joint names: give it a list `keypoints`")
+            self.fault(place, f"category_id {shortened(category)} is no category with joint names: give it a list `keypoints`")
         elif not _is_whole(identity) or identity < UNKNOWN:
-            self.fault(place, f"track_id is {identity!r}: a whole number from 0 on is needed, or none where unknown")
+            self.fault(place, f"track_id is {shortened(identity)}: a whole number from 0 on is needed, or none where unknown")
         elif not isinstance(values, list) or len(values) != 3 * len(categories[category]):
             count = len(values) if isinstance(values, list) else repr(values)
             joints = len(categories[category])
             self.fault(place, f"keypoints has {count} numbers; {joints} joints take {3 * joints} (x, y and confidence each)")
-        elif not all(type(value) in (int, float) and abs(value) < float("inf") for value in values):
-            wrong = next(value for value in values if type(value) not in (int, float) or not abs(value) < float("inf"))
-            self.fault(place, f"keypoints holds {wrong!r}: finite numbers are needed, 0, 0, 0 for a joint that was not found")
+        elif not all(map(_is_finite, values)):
+            wrong = next(value for value in values if not _is_finite(value))
+            self.fault(
+                place, f"keypoints holds {shortened(wrong)}: finite numbers are needed, 0, 0, 0 for a joint that was not found"
+            )
         else:
             return frames[image], identity, categories[category], values
         return None
@@ -233,6 +237,10 @@ class _Reader:
 
 def _is_whole(value: Any) -> bool:
     return type(value) is int
+
+
+def _is_finite(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= sys.float_info.max
 
 
 def _number_in_name(image: dict[str, Any]) -> int:

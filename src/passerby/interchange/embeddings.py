@@ -8,8 +8,6 @@ length of a row says nothing: rows are brought to length one. A row of zeros is 
 from __future__ import annotations
 
 import io
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from passerby.errors import InputError
+from passerby.interchange.archives import Archive, is_single_array, opened
 from passerby.interchange.atomic import write_bytes
+from passerby.interchange.untrusted import NotParsed, shortened_text
 from passerby.observations import Ints, Vectors
 
 EMBEDDINGS, FRAME = "embeddings", "frame"
@@ -46,21 +46,13 @@ def read_embeddings(path: str | Path) -> Embeddings:
     """
     path = Path(path)
     try:
-        loaded = np.load(path, allow_pickle=False)
-        if not isinstance(loaded, np.lib.npyio.NpzFile):
+        if is_single_array(path, KIND):
             raise InputError(f"{path}: is a single numpy array, but {KIND} is needed: write it with `numpy.savez`")
-        with loaded as archive:
+        with opened(path, KIND) as archive:
             vectors = _vectors(path, archive)
-            frame = _frame(path, archive[FRAME], len(vectors)) if FRAME in archive.files else None
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file: {KIND} is needed here; check the path and its spelling") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, but {KIND} is needed: name the file itself") from None
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error, KeyError, NotImplementedError) as error:
-        reason = "it holds pickled Python objects" if "allow_pickle" in str(error) else " ".join(str(error).split())
-        raise InputError(
-            f"{path}: cannot be read ({reason or type(error).__name__}): {KIND} is needed: write it with `numpy.savez`"
-        ) from None
+            frame = _frame(path, archive.array(FRAME), len(vectors)) if FRAME in archive.names else None
+    except NotParsed as error:
+        raise InputError(f"{path}: cannot be read ({error}): {KIND} is needed: write it with `numpy.savez`") from None
     return Embeddings(vectors, frame)
 
 
@@ -90,19 +82,19 @@ def write_embeddings(path: str | Path, embeddings: ArrayLike, frame: ArrayLike |
     write_bytes(path, archive.getvalue())
 
 
-def _vectors(path: Path, archive: np.lib.npyio.NpzFile[Any]) -> Vectors:
+def _vectors(path: Path, archive: Archive) -> Vectors:
     """(N, D) rows of length one."""
     name = EMBEDDINGS
-    if EMBEDDINGS not in archive.files:
-        tables = [name for name in archive.files if np.ndim(archive[name]) == 2]
+    if EMBEDDINGS not in archive.names:
+        tables = [name for name in archive.names if archive.dimensions(name) == 2]
         if len(tables) != 1:
-            held = ", ".join(archive.files) or "nothing"
+            held = shortened_text(", ".join(archive.names)) or "nothing"
             raise InputError(
                 f"{path}: which array is meant? It holds {held}: give one of (boxes, dimensions), or call it '{EMBEDDINGS}'"
             )
         name = tables[0]
-    given = archive[name]
-    if not isinstance(given, np.ndarray) or given.ndim != 2 or given.shape[1] == 0:
+    given = archive.array(name)
+    if given.ndim != 2 or given.shape[1] == 0:
         raise InputError(f"{path}: {name} has the shape {np.shape(given)}: (boxes, dimensions) is needed, one row a box")
     if given.dtype.kind != "f" or given.dtype.itemsize > 8:
         raise InputError(f"{path}: {name} holds {given.dtype}: float16, float32 or float64 is needed")
@@ -125,6 +117,6 @@ def _frame(path: Path, frame: NDArray[Any], rows: int) -> Ints:
     if np.shape(frame) != (rows,):
         raise InputError(f"{path}: {FRAME} has the shape {np.shape(frame)}, but there are {rows} embeddings: give one a row")
     whole = frame.dtype.kind in "iu" or (frame.dtype.kind == "f" and bool((frame == np.floor(frame)).all()))
-    if not whole:
+    if not whole or (len(frame) and not float(np.abs(frame.astype(np.float64)).max()) <= 2.0**53):
         raise InputError(f"{path}: {FRAME} holds {frame.dtype} that are not whole numbers: give the frame of each row")
     return np.asarray(frame, dtype=np.int64)

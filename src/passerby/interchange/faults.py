@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from passerby.errors import InputError
+from passerby.errors import InputError, cut
+from passerby.interchange.untrusted import NotParsed, file_bytes, toml_of
 
 LISTED_FAULTS = 20
 """So many faults of one file are told one by one; a broken exporter breaks every row alike."""
@@ -19,7 +19,7 @@ class FileFaults(InputError):
     def __init__(self, faults: Sequence[str]) -> None:
         more = len(faults) - 1
         super().__init__(faults[0] + (f" (and {more} more fault{'s' if more > 1 else ''})" if more else ""))
-        listed = tuple(faults[:LISTED_FAULTS])
+        listed = tuple(map(cut, faults[:LISTED_FAULTS]))
         if len(faults) > LISTED_FAULTS:
             listed += (f"... and {len(faults) - LISTED_FAULTS} more faults",)
         self.faults = listed
@@ -38,26 +38,22 @@ def faults_of(error: InputError) -> tuple[str, ...]:
 def read_text(path: str | Path, kind: str) -> str:
     """The text of a file. `kind` names in a message what was expected ("the scene file").
 
-    Raises `InputError` when the file is missing, a folder, unreadable or not UTF-8 text.
+    Raises `InputError` when the file is missing, a folder, a pipe or a device, unreadable or not UTF-8 text. All ends of
+    lines become line feeds.
     """
     path = Path(path)
+    content = file_bytes(path, kind)
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file: {kind} is needed here; check the path and its spelling") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: is a folder, but {kind} is needed: name the file itself") from None
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
         raise InputError(
             f"{path}: byte {error.start} is not UTF-8 text, but {kind} is needed: is it another kind of file?"
         ) from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}): {kind} is needed") from None
 
 
 def read_toml(path: str | Path, kind: str = "a configuration (TOML)") -> dict[str, Any]:
     """The tables of a TOML file. Raises `InputError` as `read_text` does, and for text that is not TOML."""
     try:
-        return tomllib.loads(read_text(path, kind))
-    except tomllib.TOMLDecodeError as error:
+        return toml_of(read_text(path, kind))
+    except NotParsed as error:
         raise InputError(f"{path}: is not TOML: {error}") from None

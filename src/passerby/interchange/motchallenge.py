@@ -17,6 +17,7 @@ import numpy as np
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.faults import FileFaults, read_text
+from passerby.interchange.untrusted import shortened
 from passerby.observations import UNKNOWN, Boxes, Floats
 
 MIN_COLUMNS, MAX_COLUMNS = 7, 10
@@ -107,7 +108,7 @@ def _faults(path: Path, text: str) -> Iterator[str]:
         last_frame = max(last_frame, frame)
         person = (frame, identity)
         if row in seen_rows:
-            yield f"{place}: repeats line {seen_rows[row]} ({line.strip()}): delete one of the two"
+            yield f"{place}: repeats line {seen_rows[row]} ({line.strip()[:80]}): delete one of the two"
         elif identity > UNKNOWN and person in seen_people:
             yield (
                 f"{place}: identity {identity:.0f} stands a second time in frame {frame:.0f} (first on line "
@@ -147,4 +148,4 @@ def _number(field: str, name: str) -> float:
             raise ValueError
         return float(field)
     except ValueError:
-        raise InputError(f"{name} is '{field.strip()}': a number is needed; delete headers and comments") from None
+        raise InputError(f"{name} is {shortened(field.strip())}: a number is needed; delete headers and comments") from None

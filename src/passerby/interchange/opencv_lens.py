@@ -6,18 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
-import cv2
 import numpy as np
 
 from passerby.cameras import Floats, Lens
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
+from passerby.interchange.untrusted import NotParsed, json_of, leaves, shortened, xml_of, yaml_of
 
 ENDINGS = (".yml", ".yaml", ".xml", ".json")
 
 LARGEST_BYTES = 1_000_000
 """A file with one lens has some kilobytes; joints and other recordings in JSON are larger and are not looked into."""
+
+DEEPEST = 8
+"""Tables in tables that are looked into: a lens lies in the first or the second."""
 
 _MATRIX = ("cameramatrix", "intrinsicmatrix", "intrinsicsmatrix", "intrinsic", "intrinsics", "cammatrix", "matrix", "mtx", "k")
 _DISTORTIONS = (
@@ -71,7 +75,7 @@ def lens_in(path: Path, content: Mapping[str, Any]) -> StoredLens | None:
         raise InputError(f"{path}: has a camera matrix, but no distortion coefficients: add them, zeros for a lens without")
     model = _plain(str(first_value(content, _MODEL) or ""))
     if model not in _PINHOLE_MODELS + _FISHEYE_MODELS:
-        raise InputError(f"{path}: the lens model '{model}' is not known: OpenCV's pinhole and fisheye models are")
+        raise InputError(f"{path}: the lens model {shortened(model)} is not known: OpenCV's pinhole and fisheye models are")
     flag = first_value(content, _FISHEYE)
     fisheye = model in _FISHEYE_MODELS or flag in (1, 1.0, True, "1", "true", "True")
     values = numbers_of(path, "the camera matrix", matrix)
@@ -88,30 +92,52 @@ def lens_in(path: Path, content: Mapping[str, Any]) -> StoredLens | None:
 def read_values(path: Path) -> dict[str, Any]:
     """The file's values by their keys in small letters without `_`, `-` and spaces; a matrix as a mapping with its `data`.
 
-    Raises `InputError` for what OpenCV cannot read.
+    Raises `InputError` for what is none of OpenCV's formats.
     """
     text = read_text(path, "a calibration (OpenCV's YAML, XML or JSON)")
     try:
-        storage = cv2.FileStorage(text, cv2.FileStorage_READ | cv2.FileStorage_MEMORY)
-        try:
-            content = _value(storage.root())
-        finally:
-            storage.release()
-    except (cv2.error, SystemError, UnicodeDecodeError):
-        # The binding raises SystemError where the constructor fails.
+        content = _parsed(text)
+        return content if isinstance(content, dict) else {}
+    except (NotParsed, RecursionError):
         raise InputError(f"{path}: is not a file that OpenCV can read: is it another kind of file?") from None
-    return content if isinstance(content, dict) else {}
 
 
-def _value(node: Any) -> Any:
-    """A node of the file as plain values; a matrix as the table of its `rows`, `cols` and `data`."""
-    if node.isMap():
-        return {_plain(key): _value(node.getNode(key)) for key in node.keys()}  # noqa: SIM118
-    if node.isSeq():
-        return [_value(node.at(index)) for index in range(node.size())]
-    if node.isString():
-        return node.string()
-    return node.real() if node.isReal() or node.isInt() else None
+def _parsed(text: str) -> Any:
+    """The values of a text in the format that its first characters show, as OpenCV tells formats apart. Raises `NotParsed`."""
+    head = text.lstrip()[:20]
+    if head.startswith("<"):
+        root = xml_of(text)
+        if root.tag != "opencv_storage":
+            raise NotParsed("its first element is not <opencv_storage>")
+        return _of_xml(root)
+    found = json_of(text) if head.startswith(("{", "[")) else yaml_of(text)
+    if not isinstance(found, dict | list):
+        raise NotParsed("holds one value only")
+    return _with_plain_keys(found, DEEPEST)
+
+
+def _of_xml(element: ElementTree.Element) -> Any:
+    """An element of OpenCV's XML: `<_>` are entries of a list, other elements those of a table, words numbers or a text."""
+    children = list(element)
+    if children and all(child.tag == "_" for child in children):
+        return [_of_xml(child) for child in children]
+    if children:
+        return {_plain(child.tag): _of_xml(child) for child in children}
+    text = (element.text or "").strip()
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        return text.strip('"')
+    return values[0] if len(values) == 1 else values
+
+
+def _with_plain_keys(value: Any, levels: int) -> Any:
+    """The same, its keys plain; what lies deeper than so many levels is left out, since YAML can hold itself."""
+    if levels == 0:
+        return None
+    if isinstance(value, dict):
+        return {_plain(str(key)): _with_plain_keys(inner, levels - 1) for key, inner in value.items()}
+    return value
 
 
 def _plain(key: str) -> str:
@@ -128,11 +154,11 @@ def numbers_of(path: Path, what: str, value: Any) -> Floats:
     if isinstance(value, dict):
         value = value.get("data")
     try:
-        array = np.array(value, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
+        array = np.array([float(number) for number in leaves(value)])
+    except (TypeError, ValueError, OverflowError):
         array = np.array([np.nan])
     if not np.isfinite(array).all():
-        raise InputError(f"{path}: {what} is {value!r}: finite numbers are needed")
+        raise InputError(f"{path}: {what} is {shortened(value)}: finite numbers are needed")
     return array
 
 
@@ -147,6 +173,8 @@ def _size(path: Path, content: Mapping[str, Any]) -> tuple[int, int] | None:
     if width is None or height is None:
         return None
     numbers = numbers_of(path, "the picture's size", [width, height])
-    if (numbers < 1).any() or (numbers != np.floor(numbers)).any():
-        raise InputError(f"{path}: the picture's size is {numbers.tolist()}: whole numbers of pixels above 0 are needed")
+    if numbers.size != 2 or (numbers < 1).any() or (numbers != np.floor(numbers)).any():
+        raise InputError(
+            f"{path}: the picture's size is {shortened(numbers.tolist())}: whole numbers of pixels above 0 are needed"
+        )
     return int(numbers[0]), int(numbers[1])

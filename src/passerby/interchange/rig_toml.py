@@ -8,7 +8,6 @@ then rotation vector in radians, camera frame).
 
 from __future__ import annotations
 
-import tomllib
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,8 @@ from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.faults import read_text
 from passerby.interchange.gathering import gathered_rig
+from passerby.interchange.rotation_vectors import rotation_of
+from passerby.interchange.untrusted import NotParsed, shortened, toml_of
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
@@ -77,8 +78,8 @@ def write_rig(path: str | Path, rig: Rig) -> None:
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(read_text(path, "a rig file (TOML)"))
-    except tomllib.TOMLDecodeError as error:
+        return toml_of(read_text(path, "a rig file (TOML)"))
+    except NotParsed as error:
         raise InputError(f"{path}: is not TOML: {error}") from None
 
 
@@ -97,7 +98,7 @@ def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, A
 def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
     units = metadata.get("units", "m")
     if units not in METRES_PER_UNIT:
-        raise InputError(f"{path}: [{METADATA}] units is {units!r}: write one of {', '.join(METRES_PER_UNIT)}")
+        raise InputError(f"{path}: [{METADATA}] units is {shortened(units)}: write one of {', '.join(METRES_PER_UNIT)}")
     return METRES_PER_UNIT[units]
 
 
@@ -105,7 +106,7 @@ def camera_of(key: str, table: dict[str, Any], metres_per_unit: float = 1.0) -> 
     """The camera that a table describes; called `key` where the table has no name. Raises `InputError` without the place."""
     name = table.get("name", key)
     if not isinstance(name, (str, int)) or name == "":
-        raise InputError(f"name is {name!r}: give the camera's name in quotes")
+        raise InputError(f"name is {shortened(name)}: give the camera's name in quotes")
     return Camera(str(name), _lens(table), _pose(table, metres_per_unit), _sigma(table))
 
 
@@ -119,7 +120,7 @@ def _lens(table: dict[str, Any]) -> Lens:
     matrix = _numbers(table, "matrix", (3, 3), "three rows of three numbers")
     fisheye = table.get("fisheye", False)
     if not isinstance(fisheye, bool):
-        raise InputError(f"fisheye is {fisheye!r}: write true or false")
+        raise InputError(f"fisheye is {shortened(fisheye)}: write true or false")
     if (size != np.floor(size)).any():
         raise InputError(f"size is {size.tolist()}: whole numbers of pixels are needed")
     distortions = _numbers(table, "distortions", (-1,), "a list of OpenCV's coefficients")
@@ -134,10 +135,10 @@ def _pose(table: dict[str, Any], metres: float) -> Pose | None:
         missing = "translation" if present == ["rotation"] else "rotation"
         raise InputError(f"has a {present[0]} but no {missing}: give both, or neither for a camera without a pose")
     translation = _numbers(table, "translation", (3,), "three numbers")
-    if np.asarray(table["rotation"], dtype=object).ndim == 2:
+    if isinstance(table["rotation"], list) and any(isinstance(row, list) for row in table["rotation"]):
         return Pose(_rotation(_numbers(table, "rotation", (3, 3), "a Rodrigues vector")), metres * translation)
     vector = _numbers(table, "rotation", (3,), "a Rodrigues vector of three numbers")
-    return Pose(np.asarray(cv2.Rodrigues(vector)[0]), metres * translation)
+    return Pose(rotation_of(vector), metres * translation)
 
 
 def _rotation(matrix: Floats) -> Floats:
@@ -164,12 +165,12 @@ def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], meaning: s
         if any(type(number) not in (int, float) for number in _flat(value)):
             raise ValueError
         array = np.array(value, dtype=np.float64)
-    except ValueError:
-        raise InputError(f"{key} is {value!r}: give {meaning}") from None
+    except (ValueError, OverflowError):
+        raise InputError(f"{key} is {shortened(value)}: give {meaning}") from None
     if array.ndim != len(shape) or (shape != (-1,) and array.shape != shape):
-        raise InputError(f"{key} is {value!r}: give {meaning}")
+        raise InputError(f"{key} is {shortened(value)}: give {meaning}")
     if not np.isfinite(array).all():
-        raise InputError(f"{key} is {value!r}: its numbers must be finite")
+        raise InputError(f"{key} is {shortened(value)}: its numbers must be finite")
     return array
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import csv
-import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +11,16 @@ import numpy as np
 
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
+from passerby.interchange.csv_text import csv_rows
 from passerby.interchange.faults import FileFaults, read_text
+from passerby.interchange.untrusted import shortened, shortened_text
 from passerby.observations import Clock, Floats, Ints
 from passerby.tracks3d.trajectories import Trajectories
 
 HEADER = ("time_s", "frame", "id", "x_m", "y_m", "z_m", "sigma_m", "cameras")
+LARGEST = 1e12
+"""Frames, identities, seconds since 1970 and metres stay far below."""
+WHOLE = ("frame", "id", "cameras")
 IDENTITY_NAMES = ("id", "person", "identity")
 
 
@@ -61,14 +64,14 @@ def read_trajectories(path: str | Path) -> Trajectories:
 
     Raises `FileFaults` (an `InputError`) that names file, line, value and mend.
     """
-    lines = csv.DictReader(io.StringIO(read_text(path, "people's ways (CSV)")))
-    missing = [name for name in HEADER if name not in (lines.fieldnames or ())]
+    header, lines = csv_rows(path, read_text(path, "people's ways (CSV)"))
+    missing = [name for name in HEADER if name not in header]
     if missing:
         raise InputError(f"{path}: line 1: has no column {missing[0]}: give the trajectories.csv that `passerby track` wrote")
     rows, faults = [], []
-    for number, line in enumerate(lines, start=2):
+    for number, line in lines:
         try:
-            rows.append(_place(line))
+            rows.append(_place(dict(zip(header, line, strict=False))))
         except InputError as error:
             faults.append(f"{path}: line {number}: {error}")
     if faults:
@@ -91,14 +94,16 @@ def _place(line: dict[str, str]) -> tuple[float, ...]:
     """The numbers of a row, in the order of the header. Raises `InputError` without the place."""
     numbers = []
     for name in HEADER:
-        text = (line[name] or "").strip()
+        text = line.get(name, "").strip()
         value = math.nan
         with contextlib.suppress(ValueError):
             value = float(text)
         if not (math.isfinite(value) or (name == "sigma_m" and text == "")):
-            raise InputError(f"{name} is '{text}': a finite number is needed")
-        if name in ("frame", "id", "cameras") and value != math.floor(value):
-            raise InputError(f"{name} is {text}: a whole number is needed")
+            raise InputError(f"{name} is {shortened(text)}: a finite number is needed")
+        if math.isfinite(value) and not abs(value) <= LARGEST:
+            raise InputError(f"{name} is {value:g}: no way has such a number")
+        if name in WHOLE and value != math.floor(value):
+            raise InputError(f"{name} is {value:.12g}: a whole number is needed")
         numbers.append(value)
     return tuple(numbers)
 
@@ -132,22 +137,19 @@ def read_ground_positions(path: str | Path) -> GroundPositions:
     number, a frame or an id that is not whole, and somebody who is twice in a frame.
     """
     text = read_text(path, "a table of true ground positions (CSV)")
-    rows = csv.reader(io.StringIO(text))
-    header = [name.strip() for name in next(rows, [])]
+    header, rows = csv_rows(path, text)
     who = next((name for name in IDENTITY_NAMES if name in header), "id")
     wanted = ("frame", who, "x_m", "y_m")
     missing = [name for name in wanted if name not in header]
     if missing:
         raise InputError(
             f"{path}: line 1: has no column {missing[0]}: give a header with frame, id, x_m and y_m "
-            f"(it has {', '.join(header) or 'nothing'})"
+            f"(it has {shortened_text(', '.join(header)) or 'nothing'})"
         )
     places = [header.index(name) for name in wanted]
     values, faults = [], []
     seen: dict[tuple[float, float], int] = {}
-    for number, row in enumerate(rows, start=2):
-        if not row:
-            continue
+    for number, row in rows:
         try:
             values.append(_row(row, places, wanted))
         except InputError as error:
@@ -179,7 +181,9 @@ def _row(row: list[str], places: list[int], names: tuple[str, ...]) -> tuple[flo
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            raise InputError(f"{name} is '{row[place].strip()}': a finite number is needed")
+            raise InputError(f"{name} is {shortened(row[place].strip())}: a finite number is needed")
+        if not abs(number) <= LARGEST:
+            raise InputError(f"{name} is {number:g}: no place and no frame has such a number")
         if name not in ("x_m", "y_m") and number != math.floor(number):
             raise InputError(f"{name} is {number:.12g}: a whole number is needed")
         numbers.append(number)

@@ -33,6 +33,7 @@ import numpy as np
 from passerby.cameras import Camera, Floats, Lens, Pose
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
+from passerby.interchange.untrusted import NotParsed, xml_of
 
 METRES = 1e-3
 """The files' unit of length."""
@@ -228,8 +229,8 @@ def read_tsai_cameras(path: str | Path) -> dict[str, TsaiCamera]:
     path = Path(path)
     text = read_text(path, "a camera calibrated by Tsai's method (XML)")
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        root = xml_of(text)
+    except NotParsed as error:
         raise InputError(f"{path}: is not XML: {error}: fetch the file again") from None
     elements = list(root.iter("Camera"))
     if not elements:

@@ -9,8 +9,6 @@ coordinates) tell of one point. z is 0, the ground, where it is not told. `point
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,7 +17,9 @@ from typing import Any
 import numpy as np
 
 from passerby.errors import InputError
+from passerby.interchange.csv_text import csv_rows
 from passerby.interchange.faults import FileFaults, read_text, read_toml
+from passerby.interchange.untrusted import shortened, shortened_text
 from passerby.scene_errors import nearest
 from passerby.world_places import GPS_SD_M, POINT_SD_M, POSITION_SD_M, KnownPoint, KnownPosition
 
@@ -113,7 +113,7 @@ def _toml_rows(path: Path, table: str, keys: Sequence[str]) -> list[Row]:
         raise InputError(f"{path}: has no tables [[{table}]]: give one for each row, with the keys {', '.join(keys)}")
     rows = [(f"[[{table}]] {number}", row) for number, row in enumerate(listed, start=1)]
     faults = [
-        f"{path}: {place}: unknown key '{key}': {nearest(key, list(keys))}"
+        f"{path}: {place}: unknown key {shortened(key)}: {nearest(key[:80], list(keys))}"
         for place, row in rows
         for key in row
         if key not in keys
@@ -125,21 +125,17 @@ def _toml_rows(path: Path, table: str, keys: Sequence[str]) -> list[Row]:
 
 def _csv_rows(path: Path, keys: Sequence[str], needed: Sequence[str]) -> list[Row]:
     """The lines below the header; a column's name counts in any case of letters."""
-    reader = csv.reader(io.StringIO(read_text(path, "a table with a header (CSV)")))
-    try:
-        rows = [(reader.line_num, [field.strip() for field in line]) for line in reader]
-    except csv.Error as error:
-        raise InputError(f"{path}: line {reader.line_num}: is not CSV ({error}): give fields parted by commas") from None
-    header = [name.lower() for name in rows[0][1]] if rows else []
+    names, rows = csv_rows(path, read_text(path, "a table with a header (CSV)"))
+    header = [name.lower() for name in names]
     missing = [name for name in needed if name not in header]
     if missing:
         raise InputError(
             f"{path}: line 1: has no column {missing[0]}: give a header out of {', '.join(keys)} (it has "
-            f"{', '.join(header) or 'nothing'})"
+            f"{shortened_text(', '.join(header)) or 'nothing'})"
         )
     return [
         (f"line {number}", {name: field for name, field in zip(header, line, strict=False) if name in keys and field})
-        for number, line in rows[1:]
+        for number, line in rows
         if any(line)
     ]
 
@@ -148,7 +144,7 @@ def _text(row: Mapping[str, Any], key: str) -> str:
     """A name; empty where there is none."""
     value = row.get(key, "")
     if isinstance(value, bool) or not isinstance(value, (str, int)):
-        raise InputError(f"{key} is {value!r}: give a name in quotes")
+        raise InputError(f"{key} is {shortened(value)}: give a name in quotes")
     return str(value)
 
 

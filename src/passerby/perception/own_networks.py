@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +10,7 @@ from pydantic import Field, ValidationError
 
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
+from passerby.interchange.untrusted import NotParsed, shortened, toml_of
 from passerby.perception.catalogue import InputTable, Table
 from passerby.perception.networks import InputConvention, Network, Output, Role
 
@@ -63,7 +63,7 @@ def own_network(path: Path, role: Role, sha256: str) -> Network:
     from passerby.perception.sessions import open_session, outputs_of
 
     session = open_session(path, allow_cuda=False)
-    metadata = session.get_modelmeta().custom_metadata_map
+    metadata = _metadata(path, session)
     told = {key.removeprefix(PREFIX): value for key, value in metadata.items() if key.startswith(PREFIX)}
     beside = path.with_suffix(".toml")
     if told:
@@ -82,6 +82,15 @@ def own_network(path: Path, role: Role, sha256: str) -> Network:
     return Network(description.name or path.name, role, path, sha256, output, convention, description.licence or "unknown")
 
 
+def _metadata(path: Path, session: Any) -> dict[str, str]:
+    """What an ONNX file says of itself. Raises `InputError` where that is no text."""
+    try:
+        found: dict[str, str] = session.get_modelmeta().custom_metadata_map
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: its metadata are no text: the file is damaged; fetch it again or give another") from None
+    return found
+
+
 def _nested(told: dict[str, str]) -> dict[str, Any]:
     """Metadata, which are all texts, as the tables of a manifest: lists are numbers parted by commas or spaces."""
     pixels: dict[str, Any] = {key: told[key] for key in INPUT_KEYS if key in told}
@@ -94,8 +103,8 @@ def _nested(told: dict[str, str]) -> dict[str, Any]:
 def _from_toml(path: Path) -> Description:
     """The description in a file of its own."""
     try:
-        return _described(str(path), tomllib.loads(read_text(path, "the description of a network")))
-    except tomllib.TOMLDecodeError as error:
+        return _described(str(path), toml_of(read_text(path, "the description of a network")))
+    except NotParsed as error:
         raise InputError(f"{path}: is not TOML: {error}: mend it there") from None
 
 
@@ -109,7 +118,9 @@ def _described(place: str, tables: dict[str, Any]) -> Description:
         if fault["type"] == "extra_forbidden":
             known = ", ".join((*Description.model_fields, *(f"input.{key}" for key in INPUT_KEYS)))
             raise InputError(f"{place}: unknown key {key}: there are {known}") from None
-        raise InputError(f"{place}: {key} is {fault['input']!r}: {fault['msg'][0].lower()}{fault['msg'][1:]}") from None
+        raise InputError(
+            f"{place}: {key} is {shortened(fault['input'])}: {fault['msg'][0].lower()}{fault['msg'][1:]}"
+        ) from None
 
 
 def _usual_output(path: Path, role: Role, shapes: list[tuple[int | None, ...]]) -> Output:

@@ -11,7 +11,9 @@ from typing import Any
 
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
+from passerby.interchange.csv_text import csv_rows
 from passerby.interchange.faults import read_text
+from passerby.interchange.untrusted import shortened
 
 LOG_FILE = "log.csv"
 CURVES_FILE = "curves.html"
@@ -58,15 +60,14 @@ class TrainingLog:
         """
         if not self.path.exists():
             return ()
-        reader = csv.reader(io.StringIO(read_text(self.path, "the log of a training"), newline=""))
-        if tuple(next(reader, ())) != COLUMNS:
+        header, lines = csv_rows(self.path, read_text(self.path, "the log of a training"))
+        if tuple(header) != COLUMNS:
             raise InputError(f"{self.path}: line 1 is not {','.join(COLUMNS)}: this is no log of a training; delete or move it")
         rows: list[EpochRecord] = []
-        for texts in reader:
-            if texts:
-                rows.append(self._row(texts, reader.line_num))
-                if len(rows) > 1 and rows[-1].epoch <= rows[-2].epoch:
-                    raise self._fault(reader.line_num, f"epoch {rows[-1].epoch} comes after epoch {rows[-2].epoch}")
+        for number, texts in lines:
+            rows.append(self._row(texts, number))
+            if len(rows) > 1 and rows[-1].epoch <= rows[-2].epoch:
+                raise self._fault(number, f"epoch {rows[-1].epoch} comes after epoch {rows[-2].epoch}")
         return tuple(rows)
 
     def append(self, row: EpochRecord) -> None:
@@ -111,7 +112,7 @@ class TrainingLog:
             try:
                 values[name] = int(text) if name in WHOLE else float(text)
             except ValueError:
-                raise self._fault(line, f"{name} is {text!r}, not a number") from None
+                raise self._fault(line, f"{name} is {shortened(text)}, not a number") from None
         return EpochRecord(**values)
 
     def _fault(self, line: int, what: str) -> InputError:

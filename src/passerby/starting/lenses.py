@@ -7,13 +7,13 @@ folders and in the folder of a camera's video.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from passerby.cameras import Lens
 from passerby.errors import InputError
+from passerby.interchange.faults import read_toml
 from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, StoredLens, read_opencv_lens
 from passerby.interchange.rig_toml import METADATA, read_lens
 from passerby.scene import CAMERA_NAME
@@ -135,9 +135,9 @@ def _rig_files(folder: Path, notes: list[str], besides: Path) -> list[list[_Tabl
 def _tables(path: Path, notes: list[str]) -> list[_Table]:
     """The cameras' tables of a TOML file; none where it is no rig file."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        notes.append(f"not used: {path}: is not TOML: {error}")
+        content = read_toml(path, "a rig file (TOML)")
+    except InputError as error:
+        notes.append(f"not used: {error}")
         return []
     found: list[_Table] = []
     for key, table in content.items():

@@ -23,6 +23,7 @@ from passerby.interchange.formats.format import Format, Given, People
 from passerby.interchange.formats.found_people import Found, frame_in, identity_in, numbers_in, people_of
 from passerby.interchange.formats.frame_numbers import frames_of_names
 from passerby.interchange.formats.values import load_json
+from passerby.interchange.untrusted import shortened
 
 _OF_A_VIDEO = re.compile(r"(0|[1-9]\d*)\.jpg")
 
@@ -52,7 +53,7 @@ def _checked(place: str, person: Any) -> dict[str, Any]:
     if not isinstance(person, dict) or "keypoints" not in person:
         raise InputError(f"{place}: has no keypoints: give AlphaPose's results")
     if type(person.get("image_id")) not in (str, int):
-        raise InputError(f"{place}: image_id is {person.get('image_id')!r}: the picture's name or number is needed")
+        raise InputError(f"{place}: image_id is {shortened(person.get('image_id'))}: the picture's name or number is needed")
     return person
 
 

@@ -26,6 +26,7 @@ from passerby.interchange.formats.format import Format, Given, People
 from passerby.interchange.formats.found_people import Found, frame_in, identity_in, numbers_in, people_of
 from passerby.interchange.formats.frame_numbers import frames_of_names
 from passerby.interchange.formats.values import load_json
+from passerby.interchange.untrusted import shortened
 
 PERSON = 1
 """COCO's category of people."""
@@ -63,7 +64,7 @@ def _of_list(
         if not isinstance(annotation, dict):
             raise InputError(f"{place}: is not an object: give COCO JSON")
         category = annotation.get("category_id", PERSON)
-        if category not in people:
+        if type(category) is not int or category not in people:
             others += 1
         elif annotation.get("iscrowd"):
             crowds += 1
@@ -83,7 +84,7 @@ def _of_list(
 def _found(place: str, annotation: dict[str, Any], frames: Mapping[int | str, int]) -> Found:
     image: Any = annotation.get("image_id")
     if type(image) not in (int, str) or image not in frames:
-        raise InputError(f"{place}: image_id {image!r} is none of the images: add the image or delete the annotation")
+        raise InputError(f"{place}: image_id {shortened(image)} is none of the images: add the image or delete the annotation")
     attributes = annotation.get("attributes")
     track = annotation.get("track_id", attributes.get("track_id") if isinstance(attributes, dict) else None)
     box, joints = annotation.get("bbox"), annotation.get("keypoints")
@@ -106,7 +107,8 @@ def _frames_of_results(path: Path, results: list[Any]) -> Mapping[int | str, int
     if names:
         by_name = frames_of_names(names, str(path))
         return {name: by_name[name] for name in names}
-    return {image: frame_in(image, f"{path}: image_id") for image in images if image is not None}
+    frames = [frame_in(image, f"{path}: image_id") for image in images if image is not None]
+    return {frame: frame for frame in frames}
 
 
 def _frames_of_images(path: Path, images: Any) -> Mapping[int | str, int]:
@@ -129,10 +131,11 @@ def _frames_of_images(path: Path, images: Any) -> Mapping[int | str, int]:
         frame = by_name[image["file_name"]] if key == "file_name" else image.get(key)
         frame = frame_in(frame, f"{path}: images[{number}]: {key}")
         if identifier in frames:
-            raise InputError(f"{path}: images[{number}]: image id {identifier!r} stands twice: image ids must differ")
+            raise InputError(f"{path}: images[{number}]: image id {shortened(identifier)} stands twice: image ids must differ")
         if frame in image_of:
             raise InputError(
-                f"{path}: images[{number}]: frame {frame} is that of image {image_of[frame]!r} too: give one camera's recording"
+                f"{path}: images[{number}]: frame {frame} is that of image {shortened(image_of[frame])} too: give one "
+                "camera's recording"
             )
         frames[identifier], image_of[frame] = frame, identifier
     return frames
@@ -155,7 +158,7 @@ def _categories(path: Path, categories: Any) -> tuple[Mapping[int, tuple[str, ..
     if people:
         return {identifier: found[identifier] for identifier in people}, ()
     if len(found) == 1:
-        return found, (f"the only category, {categories[0].get('name')!r}, is taken to be people",)
+        return found, (f"the only category, {shortened(categories[0].get('name'))}, is taken to be people",)
     raise InputError(f"{path}: none of the categories is called person: call that of people so")
 
 

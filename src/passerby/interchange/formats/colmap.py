@@ -27,7 +27,10 @@ from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import expressed
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
+from passerby.interchange.untrusted import shortened
 
+LEAST_QUATERNION, MOST_QUATERNION = 0.25, 1e6
+"""Of the largest part of a quaternion, whose length should be one: others are no rotation, or another number's bytes."""
 MOST_POINTS = 100_000
 """Of people's places; more are thinned evenly: COLMAP's viewer shows no more at a usable rate."""
 IMAGE_ENDING = ".png"
@@ -113,8 +116,10 @@ def _ending(name: str) -> str:
 
 def _pose(image: ColmapImage, metres_per_unit: float, folder: Path) -> Pose:
     w, x, y, z = image.quaternion
-    if not np.linalg.norm(image.quaternion) > 0.5:
-        raise InputError(f"{folder}: image {image.name}: the quaternion {list(image.quaternion)} is no rotation")
+    if not LEAST_QUATERNION < max(map(abs, image.quaternion)) < MOST_QUATERNION:
+        raise InputError(
+            f"{folder}: image {shortened(image.name)}: the quaternion {shortened(list(image.quaternion))} is no rotation"
+        )
     return Pose(Rotation.from_quat([x, y, z, w]).as_matrix(), metres_per_unit * np.array(image.translation))
 
 
@@ -124,7 +129,7 @@ def _lens(camera: ColmapCamera, given: Given, place: str, name: str) -> Lens | N
         given.losses.add(f"camera {name}: COLMAP's model EQUIRECTANGULAR is no lens and is left out")
         return None
     if camera.model not in MODELS:
-        raise InputError(f"{place}: COLMAP's model {camera.model!r} is not known: there are {', '.join(MODELS)}")
+        raise InputError(f"{place}: COLMAP's model {shortened(camera.model)} is not known: there are {', '.join(MODELS)}")
     model = MODELS[camera.model]
     try:
         lens = lens_of(model, camera.parameters, camera.size)

@@ -16,6 +16,7 @@ from passerby.cameras import Floats
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.formats.colmap_models import MODELS
+from passerby.interchange.untrusted import file_bytes, shortened
 
 LENGTHS = {model.number: model.length for model in MODELS.values()} | {17: 2}
 """Number of parameters by the model's number, EQUIRECTANGULAR's too."""
@@ -161,7 +162,7 @@ def _whole(place: str, *words: str) -> list[int]:
     try:
         return [int(word) for word in words]
     except ValueError:
-        raise InputError(f"{place}: {' '.join(words)!r}: whole numbers are needed") from None
+        raise InputError(f"{place}: {shortened(' '.join(words))}: whole numbers are needed") from None
 
 
 def _finite(place: str, words: Sequence[str]) -> tuple[float, ...]:
@@ -170,7 +171,7 @@ def _finite(place: str, words: Sequence[str]) -> tuple[float, ...]:
     except ValueError:
         numbers = (math.nan,)
     if not all(map(math.isfinite, numbers)):
-        raise InputError(f"{place}: {' '.join(words)[:80]!r}: finite numbers are needed")
+        raise InputError(f"{place}: {shortened(' '.join(words))}: finite numbers are needed")
     return numbers
 
 
@@ -179,12 +180,7 @@ class _Reader:
 
     def __init__(self, path: Path) -> None:
         self.path, self.at = path, 0
-        try:
-            self.data = path.read_bytes()
-        except OSError as error:
-            raise InputError(
-                f"{path}: cannot be read ({error.strerror or error}): a binary model of COLMAP is needed"
-            ) from None
+        self.data = file_bytes(path, "a binary model of COLMAP")
 
     def take(self, form: str) -> tuple[float, ...]:
         """Values as `struct` unpacks them."""

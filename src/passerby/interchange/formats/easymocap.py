@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from passerby.cameras import Camera, Floats, Lens, Pose, Rig
@@ -38,6 +37,8 @@ from passerby.interchange.formats.values import (
     rotation,
     table,
 )
+from passerby.interchange.rotation_vectors import rotation_of
+from passerby.interchange.untrusted import NotParsed, json_of
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 NAMES, TRUE_NAMES = "names", "passerby_names"
@@ -110,8 +111,8 @@ def _content(path: Path) -> dict[Any, Any]:
 def _true_names(told: Any, names: list[str]) -> list[str]:
     """The names before they had to change; `names` where the file does not tell."""
     try:
-        found = json.loads(told) if isinstance(told, str) else None
-    except ValueError:
+        found = json_of(told) if isinstance(told, str) else None
+    except NotParsed:
         return names
     if isinstance(found, list) and len(found) == len(names) and all(isinstance(name, str) and name for name in found):
         return found
@@ -141,8 +142,8 @@ def _pose(place: str, values: dict[Any, Any], name: str, metres: float) -> Pose 
         return None
     if translation is None or (vector is None and matrix is None):
         raise InputError(f"{place}: R_{name} or T_{name} is missing: give both, or neither for a camera without a pose")
-    R = cv2.Rodrigues(vector)[0] if vector is not None else rotation(place, np.asarray(matrix))
-    return Pose(np.asarray(R, dtype=np.float64), metres * translation)
+    R = rotation_of(vector, f"{place}: R_{name}: ") if vector is not None else rotation(place, np.asarray(matrix))
+    return Pose(R, metres * translation)
 
 
 def _matrix(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]) -> Floats | None:

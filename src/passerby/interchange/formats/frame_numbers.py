@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import PurePosixPath
 
 from passerby.errors import InputError
+from passerby.interchange.untrusted import shortened
 
 LARGEST = 2**53
 """Above it a float64, which other tools keep numbers in, no longer tells whole numbers apart."""
@@ -37,15 +38,21 @@ def frames_of_names(names: Iterable[str], place: str) -> Mapping[str, int]:
         path = PurePosixPath(name.replace("\\", "/"))
         match = _LAST_NUMBER.match(path.stem)
         if match is None or int(match[2]) > LARGEST:
-            raise InputError(f"{place}: {name!r} does not end with a frame number: name pictures as in cam1_000012.jpg")
+            raise InputError(
+                f"{place}: {shortened(name)} does not end with a frame number: name pictures as in cam1_000012.jpg"
+            )
         before = f"{path.parent}/{match[1]}"
         if first is not None and before != first[0]:
             raise InputError(
-                f"{place}: {first[1]!r} and {name!r} differ in more than the number at their end: give one camera's recording"
+                f"{place}: {shortened(first[1])} and {shortened(name)} differ in more than the number at their end: "
+                "give one camera's recording"
             )
         first = first or (before, name)
         frame = int(match[2])
         if frame in name_of:
-            raise InputError(f"{place}: {name_of[frame]!r} and {name!r} are both frame {frame}: give one camera's recording")
+            raise InputError(
+                f"{place}: {shortened(name_of[frame])} and {shortened(name)} are both frame {frame}: give one camera's "
+                "recording"
+            )
         found[name], name_of[frame] = frame, name
     return found

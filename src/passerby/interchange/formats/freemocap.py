@@ -35,6 +35,7 @@ from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.values import padded
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
+from passerby.interchange.untrusted import shortened
 
 MILLIMETRES = 1000.0
 LEAST_COEFFICIENTS = 5
@@ -83,7 +84,7 @@ def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
         )
     units = metadata.get("units", "mm")
     if units not in METRES_PER_UNIT:
-        raise InputError(f"{path}: [{METADATA}] units is {units!r}: write one of {', '.join(METRES_PER_UNIT)}")
+        raise InputError(f"{path}: [{METADATA}] units is {shortened(units)}: write one of {', '.join(METRES_PER_UNIT)}")
     return METRES_PER_UNIT[units]
 
 

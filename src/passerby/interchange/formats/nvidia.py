@@ -52,11 +52,11 @@ from passerby.interchange.formats.values import (
     numbers,
     parse_yaml,
     rotation,
-    shortened,
     table,
     whole,
 )
 from passerby.interchange.json_text import to_json
+from passerby.interchange.untrusted import NotParsed, json_of, shortened
 
 CAMERAS, CALIBRATION = "camInfo", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")
@@ -169,8 +169,8 @@ def _told(text: str) -> dict[str, Any]:
     """What Passerby's comment tells; empty where there is none."""
     found = _COMMENT.search(text)
     try:
-        told = json.loads(found[1]) if found else {}
-    except ValueError:
+        told = json_of(found[1]) if found else {}
+    except NotParsed:
         told = {}
     return told if isinstance(told, dict) else {}
 

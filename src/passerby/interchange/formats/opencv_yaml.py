@@ -32,6 +32,7 @@ from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, first_value, lens_in, numbers_of, read_values
 from passerby.interchange.rig_toml import METRES_PER_UNIT
+from passerby.interchange.rotation_vectors import rotation_of
 from passerby.starting.names import natural_key
 
 ENDING = ".yml"
@@ -199,7 +200,7 @@ def _posed(path: Path, rotation: Any, translation: Any, metres_per_unit: float) 
             f"{path}: the pose has {turned.size} and {moved.size} numbers: a 3 x 3 rotation, or a Rodrigues vector, and 3 of a "
             "translation are needed"
         )
-    matrix = turned.reshape(3, 3) if turned.size == 9 else np.asarray(cv2.Rodrigues(turned)[0], dtype=np.float64)
+    matrix = turned.reshape(3, 3) if turned.size == 9 else rotation_of(turned, f"{path}: ")
     if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-4) or np.linalg.det(matrix) < 0:
         raise InputError(f"{path}: the rotation {matrix.tolist()} is none: orthogonal rows and no mirror image are needed")
     return Pose(matrix, metres_per_unit * moved)

@@ -32,6 +32,7 @@ from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.gathering import gathered_rig
+from passerby.interchange.untrusted import NotParsed, xml_of
 
 METRES = 1e-3
 SUBPIXELS = 64.0
@@ -50,8 +51,8 @@ def read(path: Path, given: Given) -> Rig:
     """
     text = read_text(path, "a calibration of Qualisys Track Manager (.qca.txt)")
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
+        root = xml_of(text)
+    except NotParsed as error:
         raise InputError(f"{path}: is not XML: {error}: export the calibration from QTM again") from None
     elements = root.findall(".//cameras/camera")
     if not elements:

@@ -43,10 +43,10 @@ from passerby.interchange.formats.values import (
     matrix_data,
     numbers,
     padded,
-    shortened,
     table,
     whole,
 )
+from passerby.interchange.untrusted import shortened
 
 FORBIDDEN = re.compile(r"[^A-Za-z0-9_]")
 INFOS, TRANSFORMS, LAUNCH = "camera_info", "static_transforms.yaml", "static_transforms.launch.py"

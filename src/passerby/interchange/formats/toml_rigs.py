@@ -25,7 +25,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 
 from passerby.cameras import Camera, Lens, Rig
@@ -151,11 +150,16 @@ def _camera(key: str, table: dict[str, Any], given: Given, metres_per_unit: floa
     """The camera of a table. Raises `InputError` without the place."""
     flat = dict(table)
     for name in ("distortions", "translation", "rotation"):
-        if name in table and not (name == "rotation" and np.shape(table[name]) == (3, 3)):
+        if name in table and not (name == "rotation" and _is_square(table[name])):
             flat[name] = _flat(table[name])
     if flat.get("size") is None:
         flat["size"] = list(given.size_of("the table"))
     return camera_of(key, flat, metres_per_unit)
+
+
+def _is_square(value: Any) -> bool:
+    """Whether a rotation is given as three rows of three numbers."""
+    return isinstance(value, list) and len(value) == 3 and all(isinstance(row, list) and len(row) == 3 for row in value)
 
 
 def _flat(value: Any) -> Any:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import re
-import reprlib
+import sys
+from json import JSONDecodeError
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,35 +14,17 @@ import yaml
 from passerby.cameras import Floats, Pose
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
+from passerby.interchange.untrusted import FLOAT, NotParsed, json_of, leaves, shortened, yaml_of
 
 ROTATION_TOLERANCE = 1e-3
 """Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
 
 
-MOST_VALUES = 1000
-"""Numbers and lists below one key that are looked at: no key of any format has more."""
-
-
-class _Loader(yaml.SafeLoader):
-    """Plain YAML 1.1, but numbers such as 1e-05, which YAML writers of other languages make, are numbers and not text."""
-
-
-def _opencv_matrix(loader: _Loader, node: yaml.Node) -> Any:
-    """A matrix of OpenCV's FileStorage as the table that it is."""
-    return loader.construct_mapping(cast(yaml.MappingNode, node), deep=True)
-
-
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
-
-
 class _Dumper(yaml.SafeDumper):
-    """Plain YAML 1.1, with quotes around text that other readers, and `_Loader`, would take for a number."""
+    """Plain YAML 1.1, with quotes around text that other readers, and `untrusted.Loader`, would take for a number."""
 
 
-for _kind in (_Loader, _Dumper):
-    _kind.add_implicit_resolver(
-        "tag:yaml.org,2002:float", re.compile(r"^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-    )
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 
 
 def load_yaml(path: Path, kind: str) -> Any:
@@ -53,14 +34,10 @@ def load_yaml(path: Path, kind: str) -> Any:
 
 def parse_yaml(path: Path, text: str) -> Any:
     """The first document of YAML text, a matrix of OpenCV as a table; `path` is for messages. Raises `InputError`."""
-    text = re.sub(r"\A%YAML.*", "", text)  # OpenCV's %YAML:1.0 is no YAML
     try:
-        return next(iter(yaml.load_all(text, Loader=_Loader)), None)
-    except yaml.MarkedYAMLError as error:
-        line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
-        raise InputError(f"{path}: {line}is not YAML: {error.problem or error.context}: is it another kind of file?") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not YAML: {' '.join(str(error).split())}: is it another kind of file?") from None
+        return yaml_of(text)
+    except NotParsed as error:
+        raise InputError(f"{path}: {error}: is it another kind of file?") from None
 
 
 def dump_yaml(value: Any) -> bytes:
@@ -77,11 +54,12 @@ def matrix_data(values: dict[Any, Any], key: str) -> Any:
 def load_json(path: Path, kind: str) -> Any:
     """The content of a JSON file. Raises `InputError` for a file that cannot be read or is not JSON."""
     try:
-        return json.loads(read_text(path, f"{kind} (JSON)"))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: line {error.lineno}: is not JSON: {error.msg}: is it another kind of file?") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not JSON: {error}: is it another kind of file?") from None
+        return json_of(read_text(path, f"{kind} (JSON)"))
+    except NotParsed as error:
+        cause, told = error.__cause__, f"is not JSON: {error}"
+        if isinstance(cause, JSONDecodeError):
+            told = f"line {cause.lineno}: is not JSON: {cause.msg}"
+        raise InputError(f"{path}: {told}: is it another kind of file?") from None
 
 
 def table(place: str, value: Any, meaning: str) -> dict[Any, Any]:
@@ -99,8 +77,8 @@ def numbers(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]
     wanted = "numbers are" if shape == (-1,) else f"{int(np.prod(shape))} numbers are" if shape else "a number is"
     if values.get(key) is None:
         raise InputError(f"{place}: {key} is missing: {wanted} needed")
-    flat = _flat(values[key])
-    bad = any(type(value) not in (int, float) for value in flat)
+    flat = leaves(values[key])
+    bad = any(type(value) not in (int, float) or abs(value) > sys.float_info.max for value in flat)
     array = np.array([np.nan] if bad else flat, dtype=np.float64)
     if bad or not np.isfinite(array).all() or (shape != (-1,) and array.size != int(np.prod(shape))):
         raise InputError(f"{place}: {key} is {shortened(values[key])}: {wanted} needed, finite ones")
@@ -113,14 +91,6 @@ def whole(place: str, values: dict[Any, Any], key: str) -> int:
     if value < 1 or value != int(value):
         raise InputError(f"{place}: {key} is {value:g}: a whole number above 0 is needed")
     return int(value)
-
-
-def shortened(value: Any) -> str:
-    """A value as a message shows it; quick even where a few bytes of YAML stand for endless lists."""
-    short = reprlib.Repr()
-    short.maxlevel, short.maxlist, short.maxdict, short.maxstring = 3, 16, 8, 90
-    text = short.repr(value)
-    return text if len(text) <= 100 else f"{text[:97]}..."
 
 
 def rotation(place: str, matrix: Floats) -> Floats:
@@ -153,17 +123,3 @@ def homogeneous(pose: Pose) -> Floats:
 def padded(coefficients: Floats, length: int) -> list[float]:
     """Distortion coefficients with zeros up to `length`."""
     return [*coefficients.tolist(), *[0.0] * (length - coefficients.size)]
-
-
-def _flat(value: Any) -> list[Any]:
-    """What is in lists in lists, one by one; of an endless one only the first `MOST_VALUES`."""
-    found, left = [], [value]
-    for _ in range(MOST_VALUES):
-        if not left:
-            break
-        item = left.pop()
-        if isinstance(item, list):
-            left += reversed(item)
-        else:
-            found.append(item)
-    return found + left[:1]

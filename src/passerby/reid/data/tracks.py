@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
-from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
 from passerby.observations import UNKNOWN, Boxes, Ints
 from passerby.progress import Progress, silent
 from passerby.reid.crops import DataSet
@@ -214,7 +214,7 @@ def _read_truth(path: Path) -> tuple[Boxes, NDArray[np.bool_]]:
         rows = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, ndmin=2) if text.strip() else np.zeros((0, 9))
     except ValueError as error:
         raise InputError(f"{path}: is not MOTChallenge text: {error}") from None
-    if rows.shape[1] < MOT_COLUMNS or not np.isfinite(rows).all():
+    if rows.shape[1] < MOT_COLUMNS or not (np.abs(rows) <= LARGEST_WHOLE).all():
         raise InputError(
             f"{path}: {rows.shape[1]} columns: frame, id, left, top, width, height as numbers are needed in each row"
         )

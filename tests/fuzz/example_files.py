@@ -1,0 +1,341 @@
+"""Sound examples of every kind of file that Passerby reads, small, as bytes."""
+
+# ruff: noqa: E501 (tables of text that is broken, or read, as it stands)
+
+from __future__ import annotations
+
+import io
+import json
+import tempfile
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.interchange.coco import write_keypoints
+from passerby.interchange.formats import Export, export
+from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.video_writer import VideoWriter
+from passerby.observations import BODY_17, Boxes, Keypoints
+
+Files = Mapping[str, bytes]
+"""Name below a folder -> content; the first is the one that a reader is given, where that is not the folder."""
+
+SCENE = """# two cameras
+[scene]
+name = "court"
+fps = 25
+[cameras.A]
+intrinsics = "rig.toml"
+tracks = "A.txt"
+keypoints = "A.json"
+embeddings = "A.npz"
+[cameras.B]
+intrinsics = "rig.toml"
+detections = "B.txt"
+fps = 12.5
+[association]
+mode = "combined"
+max_offset_s = 2
+[perception]
+detector = "background"
+tiles = [2, 1]
+[solver]
+reference = "A"
+[scale]
+person_height_m = 1.7
+[[scale.lengths]]
+metres = 3.6
+points = { A = [[1, 2], [30, 40]], B = [[5, 6], [70, 80]] }
+[[scale.distances]]
+between = ["A", "B"]
+metres = 7.5
+[[scale.camera_heights]]
+camera = "B"
+metres = 2.5
+[world]
+points = "points.csv"
+scale = true
+"""
+POINTS = "camera,u,v,x,y,z,point,sd_m\nA,10,20,0,0,0,corner,0.05\nB,30.5,40,0,0,0,corner,0.05\nA,50,60,4,0,1.5,post,\n"
+POINTS_TOML = '[[points]]\ncamera = "A"\nu = 10.5\nv = 20\nx = 0\ny = 1.5\npoint = "p"\n[[points]]\ncamera = "B"\nu = 1\nv = 2\nx = 3\ny = 4\nsd_m = 0.1\n'
+POSITIONS = "camera,lat,lon,alt,sd_m\nA,48.1,11.5,520,2\nB,48.1001,11.5002,521,2\n"
+POSITIONS_TOML = '[[positions]]\ncamera = "A"\nx = 0\ny = 1.5\nz = 3\n[[positions]]\ncamera = "B"\nx = 5\ny = 6\n'
+TRAJECTORIES = (
+    "time_s,frame,id,x_m,y_m,z_m,sigma_m,cameras\n0.0000,1,1,0.5,1.5,0.86,0.03,2\n0.0400,2,1,0.55,1.5,0.86,0.03,2\n"
+    "0.0800,3,1,0.6,1.5,0.86,,1\n0.0400,2,4,5.55,1.5,0.86,0.03,2\n"
+)
+GROUND = "frame,id,x_m,y_m,z_m\n1,1,0.5,1.5,0\n2,1,0.6,1.5,0\n2,2,-3,2e0,0\n"
+VATIC = '0 10 20 50 120 0 0 0 0 "PERSON"\n0 12 20 52 120 1 0 1 0 "PERSON"\n3 100 20 150 120 1 1 0 0 "PERSON"\n'
+CVML = (
+    '<?xml version="1.0"?>\n<dataset name="a">\n<frame number="0"><objectlist><object id="1"><box h="80" w="30" xc="50.5" '
+    'yc="60"/></object><object id="2"><box h="81" w="31" xc="150" yc="61"/></object></objectlist></frame>\n'
+    '<frame number="1"><objectlist/></frame>\n</dataset>\n'
+)
+MOT_TRUTH = "1,1,10,20,30,80,1,0.5,1.5,0\n2,1,11,20,30,80,1,0.6,1.5,0\n1,2,-1,-1,-1,-1,1,3,4,0\n2,2,60,20,31,82,0\n"
+GRID = "comment\n3 2 30 44 25 0 75\n10 -1\n11 -2\n12 400\n"
+SEQUENCE = "[Sequence]\nname=MOT-1\nimDir=img1\nframeRate=30\nseqLength=2\nimWidth=64\nimHeight=48\nimExt=.jpg\n"
+PEDESTRIANS = "1,1,10,20,30,80,1,1,1\n2,1,11,20,30,80,1,1,0.4\n1,2,60,20,31,82,1,7,1\n"
+LOG = "epoch,step,learning_rate,loss,identity_loss,triplet_loss,rank_1,map\n1,10,0.001,5.5,4.0,1.5,,\n2,20,0.001,4.5,3.5,1.0,0.5,0.4\n"
+MSMT17 = "0000/0000_000_01_0303morning_0015_0.jpg 0\n0000/0000_001_02_0303noon_0015_1.jpg 0\n0001/0001_000_03_0303morning_1_0.jpg 1\n"
+XML_STORAGE = (
+    '<?xml version="1.0"?>\n<opencv_storage>\n<camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>'
+    "<data>\n900. 0. 320. 0. 900. 240. 0. 0. 1.</data></camera_matrix>\n<rvec>0.1 0.2 0.3</rvec>\n</opencv_storage>\n"
+)
+PANOPTIC = {
+    "cameras": [
+        {"name": f"00_0{n}", "type": "hd", "resolution": [640, 480], "panel": 0, "node": n,
+         "K": [[700, 0, 320], [0, 700, 240], [0, 0, 1]], "distCoef": [-0.2, 0.1, 0, 0, 0],
+         "R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "t": [[10.0 * n], [0], [300]]}
+        for n in range(2)
+    ]
+}  # fmt: skip
+TSAI = """<?xml version="1.0" encoding="UTF-8"?>
+<Camera name="c0">
+ <Geometry width="720" height="576" ncx="0" nfx="0" dx="0" dy="0" dpx="0.023" dpy="0.023"/>
+ <Intrinsic focal="20.2" kappa1="5.7e-4" cx="366.5" cy="305.8" sx="1.08"/>
+ <Extrinsic tx="-4.8" ty="2.25" tz="35.3" rx="1.75" ry="0.42" rz="0.05"/>
+</Camera>
+"""
+QUALISYS = (
+    '<?xml version="1.0"?><calibration source="x"><cameras><camera active="1" calibrated="true" serial="26580" '
+    'viewrotation="0"><fov_video left="0" top="0" right="1919" bottom="1087"/>'
+    '<transform x="4000" y="0" z="2000" r11="0" r12="1" r13="0" r21="0" r22="0" r23="1" r31="1" r32="0" r33="0"/>'
+    '<intrinsic focallength="9.3" sensorMinU="0" sensorMaxU="122879" sensorMinV="0" sensorMaxV="69631" '
+    'focalLengthU="102400" focalLengthV="102400" centerPointU="61408" centerPointV="34784" skew="0" '
+    'radialDistortion1="-0.05" radialDistortion2="0.1" radialDistortion3="0" tangentalDistortion1="0.001" '
+    'tangentalDistortion2="0"/></camera></cameras></calibration>'
+)
+NETWORK = 'role = "embedder"\noutput = "embedding"\nlicence = "MIT"\n[input]\ncolour = "rgb"\nscale = 0.0039\nmean = [0.5, 0.5, 0.5]\nstd = [0.2, 0.2, 0.2]\nfit = "stretch"\n'
+
+
+@cache
+def rig(bent: bool = True) -> Rig:
+    """Two cameras with poses, the first with a distorted lens unless `bent` is False, and with a sigma."""
+    lens = Lens(
+        (640, 480), np.array([[700.0, 0, 320], [0, 710, 240], [0, 0, 1]]), np.array([-0.2, 0.1, 1e-3, -1e-3, 0.01]) * bent
+    )
+    plain = Lens((640, 480), np.array([[800.0, 0, 319.5], [0, 800, 239.5], [0, 0, 1]]), np.zeros(0))
+    across = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    along = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    sigma = PoseSigma(0.02, 0.3, np.eye(6) * 1e-4)
+    return Rig((Camera("A", lens, Pose.from_centre(across, np.array([0.0, -5, 3])), sigma),
+                Camera("B", plain, Pose.from_centre(along, np.array([-6.0, 1, 2.5])))), "accepted")  # fmt: skip
+
+
+def boxes(identity: int = 1) -> Boxes:
+    """Two people for four frames."""
+    frame, who = np.repeat(np.arange(1, 5), 2), np.tile([identity, identity + 1], 4)
+    ltwh = np.column_stack([40.0 * who + frame, 100.0 + frame, np.full(8, 31.5), np.full(8, 90.0)])
+    return Boxes(frame, who, ltwh, np.full(8, 0.9))
+
+
+def joints() -> Keypoints:
+    """One person for three frames."""
+    xy = np.arange(3 * 17 * 2, dtype=np.float64).reshape(3, 17, 2) + 50
+    return Keypoints(np.arange(1, 4), np.ones(3, dtype=np.int64), xy, np.full((3, 17), 0.75))
+
+
+def files_of(folder: Path) -> Files:
+    """All files below a folder."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def written(name: str, write: object) -> bytes:
+    """What a function writes that takes a path."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / name)  # type: ignore[operator]
+        return (Path(folder) / name).read_bytes()
+
+
+READ_ONLY = {"tsai": TSAI, "qualisys": QUALISYS}
+"""Formats that are not written."""
+
+
+def rig_file() -> bytes:
+    """rig.toml."""
+    return written("rig.toml", lambda path: write_rig(path, rig()))
+
+
+def boxes_file() -> bytes:
+    """MOTChallenge text."""
+    return written("A.txt", lambda path: write_boxes(path, boxes()))
+
+
+def joints_file() -> bytes:
+    """COCO JSON."""
+    return written("A.json", lambda path: write_keypoints(path, joints()))
+
+
+def looks_file(rows: int = 8) -> bytes:
+    """Embeddings."""
+    held = io.BytesIO()
+    np.savez(held, embeddings=np.eye(rows, 4, dtype=np.float32) + 0.1, frame=np.repeat(np.arange(1, 5), 2)[:rows])
+    return held.getvalue()
+
+
+def looks_packed() -> bytes:
+    """Embeddings in a compressed archive."""
+    held = io.BytesIO()
+    np.savez_compressed(held, embeddings=np.eye(8, 4, dtype=np.float64))
+    return held.getvalue()
+
+
+def scene_folder() -> Files:
+    """A scene file and all that it names."""
+    return {
+        "scene.toml": SCENE.encode(), "rig.toml": rig_file(), "A.txt": boxes_file(), "A.json": joints_file(), "A.npz": looks_file(),
+        "B.txt": boxes_file(), "points.csv": POINTS.encode(),
+    }  # fmt: skip
+
+
+def output_folder() -> Files:
+    """What a calibration leaves, as far as it is read again."""
+    cameras = [{"name": name, "boxes": 8, "fps": 25.0, "time_offset_s": 0.1} for name in rig().names]
+    scene = {"scene": {"fps": 25.0}, "scale": {"person_height_m": 1.72}}
+    report = {"verdict": "accepted", "reasons": [], "cameras": cameras, "scene": scene, "association": {"mode": "given"}}
+    return {
+        "calibration.json": json.dumps(report).encode(), "rig.toml": rig_file(), "tracks/A.txt": boxes_file(),
+        "tracks/B.txt": boxes_file(),
+    }  # fmt: skip
+
+
+def exported(name: str, target: str) -> Files:
+    """The rig in a format, in one file of that name, or in a folder where it is empty."""
+    if name in READ_ONLY:
+        return {target: READ_ONLY[name].encode()}
+    with tempfile.TemporaryDirectory() as folder:
+        export(Export(rig(bent=name not in ("tsai",))), name, Path(folder) / (target or "rig"), lossy=True)
+        return files_of(Path(folder) / ("" if target else "rig"))
+
+
+def openpose() -> Files:
+    """Three frames."""
+    people = [
+        {"person_id": [1], "pose_keypoints_2d": [100.5, 50, 0.9] * 25},
+        {"person_id": [-1], "pose_keypoints_2d": [7, 8, 0.5] * 25},
+    ]
+    return {f"cam_{number:012d}_keypoints.json": json.dumps({"version": 1.3, "people": people}).encode() for number in range(3)}
+
+
+def alphapose() -> Files:
+    """Two people."""
+    people = [
+        {"image_id": f"{number}.jpg", "category_id": 1, "keypoints": [100.5, 50, 0.9] * 17, "score": 2.5, "box": [1, 2, 30, 80.5],
+         "idx": who}
+        for number in range(3) for who in (1, 2)
+    ]  # fmt: skip
+    return {"alphapose-results.json": json.dumps(people).encode()}
+
+
+def coco_people() -> Files:
+    """Annotations with boxes, joints, crowds and other categories."""
+    images = [{"id": 7 + number, "file_name": f"cam1_{number:06d}.jpg"} for number in range(1, 4)]
+    categories = [{"id": 1, "name": "person", "keypoints": list(BODY_17)}, {"id": 2, "name": "bag"}]
+    annotations = [
+        {"id": 1, "image_id": 8, "category_id": 1, "bbox": [1, 2, 30, 80], "keypoints": [10, 20, 2] * 17, "track_id": 1, "score": 0.9},
+        {"id": 2, "image_id": 9, "category_id": 1, "bbox": [1, 2, 30, 80], "attributes": {"track_id": 4}, "iscrowd": 0},
+        {"id": 3, "image_id": 9, "category_id": 1, "bbox": [5, 2, 30, 80], "iscrowd": 1},
+        {"id": 4, "image_id": 10, "category_id": 2, "bbox": [5, 2, 30, 80]},
+    ]  # fmt: skip
+    return {"coco.json": json.dumps({"images": images, "categories": categories, "annotations": annotations}).encode()}
+
+
+def coco_results() -> Files:
+    """A detector's list."""
+    results = [{"image_id": number, "category_id": 1, "bbox": [1, 2, 30, 80], "score": 0.5} for number in range(4)]
+    return {"results.json": json.dumps(results).encode()}
+
+
+def opencv_lens(suffix: str) -> Files:
+    """One camera as OpenCV's calibration sample writes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"lens{suffix}"
+        storage = cv2.FileStorage(str(path), cv2.FileStorage_WRITE)
+        storage.write("image_width", 640)
+        storage.write("image_height", 480)
+        storage.write("camera_matrix", np.array(rig()["A"].lens.matrix))
+        storage.write("distortion_coefficients", np.array(rig()["A"].lens.distortions)[:, None])
+        storage.write("camera_model", "pinhole")
+        storage.release()
+        return {path.name: path.read_bytes()}
+
+
+def plain_lens() -> Files:
+    """A lens as scripts write it."""
+    lens = {
+        "K": [[700, 0, 320], [0, 700, 240], [0, 0, 1]],
+        "dist": [0.1, 0, 0, 0, 0],
+        "image_size": [640, 480],
+        "fisheye": False,
+    }
+    return {"lens.json": json.dumps(lens).encode()}
+
+
+def ros_lens() -> Files:
+    """A lens as ROS writes it, to the reader of OpenCV's files."""
+    info = {"image_width": 640, "image_height": 480, "camera_matrix": {"rows": 3, "cols": 3, "data": [700.0, 0, 320, 0, 700, 240, 0, 0, 1]},
+            "distortion_model": "plumb_bob", "distortion_coefficients": {"rows": 1, "cols": 5, "data": [0.1, 0, 0, 0, 0]}}  # fmt: skip
+    return {"lens.yaml": yaml.safe_dump(info).encode()}
+
+
+def video(suffix: str) -> Files:
+    """A dozen pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"film{suffix}"
+        rng = np.random.default_rng(0)
+        if suffix == ".avi":
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
+            for _ in range(8):
+                writer.write(rng.integers(0, 255, (48, 64, 3), dtype=np.uint8))
+            writer.release()
+        else:
+            with VideoWriter(path, (64, 48), 10.0) as film:
+                for _ in range(12):
+                    film.write(np.full((48, 64, 3), rng.integers(0, 255), dtype=np.uint8))
+        return {path.name: path.read_bytes()}
+
+
+def picture(suffix: str) -> bytes:
+    """A small picture."""
+    noise = np.random.default_rng(0).integers(0, 255, (40, 20, 3), dtype=np.uint8)
+    return bytes(cv2.imencode(suffix, noise)[1].tobytes())
+
+
+def network() -> bytes:
+    """An ONNX file: mean colours of a crop, times a table."""
+    from onnx import TensorProto, helper, numpy_helper
+
+    nodes = [
+        helper.make_node("GlobalAveragePool", ["crop"], ["mean"]), helper.make_node("Flatten", ["mean"], ["flat"], axis=1),
+        helper.make_node("MatMul", ["flat", "weights"], ["embedding"]),
+    ]  # fmt: skip
+    ports = [helper.make_tensor_value_info("crop", TensorProto.FLOAT, ["n", 3, 32, 16])]
+    outputs = [helper.make_tensor_value_info("embedding", TensorProto.FLOAT, ["n", 4])]
+    weights = numpy_helper.from_array(np.eye(3, 4, dtype=np.float32), "weights")
+    model = helper.make_model(
+        helper.make_graph(nodes, "test", ports, outputs, [weights]), opset_imports=[helper.make_opsetid("", 17)], ir_version=8
+    )
+    helper.set_model_props(model, {"passerby.role": "embedder", "passerby.mean": "0.5, 0.5, 0.5"})
+    return bytes(model.SerializeToString())
+
+
+def matlab() -> Files:
+    """A matrix, version 5."""
+    from scipy.io import savemat
+
+    return {"cam1.mat": written("cam1.mat", lambda path: savemat(path, {"cam1": np.arange(12.0).reshape(3, 4) + 1}))}
+
+
+def bare_network() -> bytes:
+    """The same without a word about itself."""
+    import onnx
+
+    model = onnx.load_from_string(network())
+    del model.metadata_props[:]
+    return bytes(model.SerializeToString())
