@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from passerby.association.associate import Tracklets, people_of_rig
 from passerby.association.cleaning import clean
-from passerby.association.drift import clock_drifts, drift_findings
+from passerby.association.drift import Drift, clock_drifts, drift_findings
 from passerby.association.figures import association_figures
 from passerby.association.instants import common_clock
 from passerby.association.joint_graph import joined_by_joints
@@ -195,22 +195,28 @@ class _Run:
         known = {} if sigma_s is None else dict(zip(self.rig.names, sigma_s.tolist(), strict=True))
         figures = association_figures(self.cameras, self.tracklets, self.looks, beginning, person, offset_s)
         graph = beginning.graph if beginning is not None else None
+        drifts = {} if solution is None else self._drifts(person, offset_s, solution)
         return Association(
             identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, figures | {"rounds": rounds},
             {} if graph is None else reasons_of_lost(self.cameras, graph, self.options.search_s),
-            *self._told(person, offset_s, solution, beginning),
+            *self._told(solution, beginning, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
         )  # fmt: skip
 
+    def _drifts(self, person: Ints, offset_s: Floats, solution: Solution) -> dict[int, Drift]:
+        """How the clocks drift, by the rig."""
+        first, poses = self.tracklets.first, [camera.pose for camera in solution.rig]
+        own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
+        return clock_drifts(self.cameras, poses, own, offset_s)
+
     def _told(
-        self, person: Ints, offset_s: Floats, solution: Solution | None, beginning: Beginning | None
+        self, solution: Solution | None, beginning: Beginning | None, drifts: Mapping[int, Drift]
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """What speaks against relying on the association, and what is odd about it."""
         if solution is None:
             return (), ()
-        first, poses = self.tracklets.first, [camera.pose for camera in solution.rig]
-        own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
-        doubts, findings = drift_findings(self.cameras, clock_drifts(self.cameras, poses, own, offset_s))
+        poses = [camera.pose for camera in solution.rig]
+        doubts, findings = drift_findings(self.cameras, drifts)
         graph = beginning.graph if beginning is not None else None
         walked = graph is not None and any(edge.used for edge in graph.edges)
         joined = joined_by_joints(self.cameras, beginning.by_joints) if beginning is not None else []

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from passerby.alternation import Solve
 from passerby.association.associate import Tracklets
+from passerby.association.bodies import bodies_of
 from passerby.association.drift import clock_drifts, drift_findings
 from passerby.association.figures import association_figures
 from passerby.association.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
@@ -20,7 +21,7 @@ from passerby.association.starting import Beginning, begin_with_tracks
 from passerby.association.unregistered import reasons_of_lost
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Observations
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.progress import Progress, silent
 from passerby.solver.solution import Solution
 
@@ -183,8 +184,41 @@ def _association(
     people = [np.arange(camera.n_tracklets) for camera in cameras]
     figures = association_figures(cameras, Tracklets.of(cameras), None, beginning, np.concatenate(people), offset_s)
     poses = [camera.pose for camera in solution.rig]
-    doubts, findings = drift_findings(cameras, clock_drifts(cameras, poses, people, offset_s) if any(poses) else {})
+    drifts = clock_drifts(cameras, poses, people, offset_s) if any(poses) else {}
+    doubts, findings = drift_findings(cameras, drifts)
     sigma_s = {name: clock["sigma_s"] for name, clock in solution.figures.get("clocks", {}).items()}
     instants = at_common_instants(rig, cameras, observations, offset_s)
     clocks = clocks_with(cameras, offset_s)
-    return Association(observations, instants, clocks, sigma_s, figures, notes=tuple(doubts), findings=tuple(findings))
+    return Association(
+        observations, instants, clocks, sigma_s, figures, notes=tuple(doubts), findings=tuple(findings),
+        drifts={cameras[c].name: drift for c, drift in drifts.items()},
+    )  # fmt: skip
+
+
+def association_in_step(rig: Rig, observations: Observations, instants: Observations, solution: Solution) -> Association:
+    """The association where identities are given and no clock is searched for: whether the clocks keep step all the same.
+
+    Args:
+        rig: names and lenses.
+        observations: as they were read, with clocks where the rates differ.
+        instants: the same at common instants.
+        solution: the rig that was made of them.
+    """
+    clocks = observations.clocks or ({} if observations.fps is None else dict.fromkeys(rig.names, Clock(observations.fps)))
+    poses = [camera.pose for camera in solution.rig]
+    if not clocks or not any(poses):
+        return Association(observations, instants, observations.clocks)
+    numbers, none = _numbers(observations), np.zeros(0, np.int64)
+    seen = [_renumbered(observations[name], numbers) for name in rig.names]
+    cameras = [
+        PreparedCamera(camera.name, own, clock, bodies_of(own, camera.lens, clock), None, None, (none, none))
+        for camera, own in zip(rig, seen, strict=True)
+        for clock in (clocks[camera.name],)
+    ]
+    people = [np.arange(camera.n_tracklets) for camera in cameras]
+    drifts = clock_drifts(cameras, poses, people, np.zeros(len(cameras)))
+    doubts, findings = drift_findings(cameras, drifts)
+    return Association(
+        observations, instants, observations.clocks, notes=tuple(doubts), findings=tuple(findings),
+        drifts={cameras[c].name: drift for c, drift in drifts.items()},
+    )  # fmt: skip

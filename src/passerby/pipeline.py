@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -18,8 +19,9 @@ from passerby.alternation import AssociationOptions, solve_unidentified
 from passerby.association.instants import common_instants
 from passerby.association.result import Association
 from passerby.cameras import Rig
+from passerby.clock_rates import rate_findings, rated
 from passerby.errors import EvidenceError, InputError
-from passerby.given_clocks import solve_with_clocks
+from passerby.given_clocks import association_in_step, solve_with_clocks
 from passerby.inputs import SceneInputs, read_inputs
 from passerby.moved_cameras import steadied
 from passerby.observations import Observations
@@ -202,13 +204,14 @@ def calibrate_inputs(
         def solve(inputs: SceneInputs) -> tuple[Solution, Association]:
             return _solved(scene, inputs, options, np.random.default_rng(seed), tell, executor)
 
-        steady = steadied(inputs, solve, given=given, body_m=body_m)
+        in_step = partial(rated, solve=solve) if "clock_rate" in scene.solver.refine else solve
+        steady = steadied(inputs, in_step, given=given, body_m=body_m)
         association = steady.association
         doubts = (*steady.reasons, *association.notes)
         solution = judged(steady.solution, association.instants, given=given, why=association.lost, doubts=doubts)
         placed = in_world(scene, solution)
     solved = time.perf_counter()
-    lenses = lens_notes(solution.figures)
+    lenses = (*lens_notes(solution.figures), *rate_findings(solution.figures))
     for note in (
         *lenses,
         *association.findings,
@@ -286,7 +289,8 @@ def _solved(
         sizes = {camera.name: camera.lens.size for camera in rig}
         instants = common_instants(seen, seen.clocks, sizes=sizes) if seen.clocks else seen
         tell("solving")
-        return _solve(scene, rig, instants, options, rng), Association(seen, instants, seen.clocks)
+        solution = _solve(scene, rig, instants, options, rng)
+        return solution, association_in_step(rig, seen, instants, solution)
 
     def solve(instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool, refine_time: bool) -> Solution:
         chosen = options

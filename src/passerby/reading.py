@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from passerby.cameras import Lens
 from passerby.errors import InputError
@@ -105,6 +106,7 @@ def read_camera(scene: Scene, name: str) -> CameraReading:
     reading.awaiting = table.watched
     if reading.lens is not None:
         check_principal_point(scene, reading, reading.lens)
+    _keep_used(scene, reading)
     if not reading.awaiting:
         _check_people(scene, reading)
     return reading
@@ -114,6 +116,7 @@ def reading_in_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoin
     """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
     reading = CameraReading(name, scene.association.given, lens, boxes, Path("boxes"), keypoints, fps=scene.fps_of(name))
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
+    _keep_used(scene, reading)
     check_principal_point(scene, reading, lens)
     _check_people(scene, reading)
     return reading
@@ -144,7 +147,32 @@ def fill(scene: Scene, reading: CameraReading, boxes: Boxes, keypoints: Keypoint
         reading.keypoints, reading.keypoints_path = keypoints, path
     if reading.awaiting:
         reading.boxes_path, reading.awaiting = path, False
+        _keep_used(scene, reading)
         _check_people(scene, reading)
+
+
+def _keep_used(scene: Scene, reading: CameraReading) -> None:
+    """Leave out what the camera saw before `from_s` and after `until_s`."""
+    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
+    named = [key for key in ("from_s", "until_s") if getattr(table, key) is not None]
+    if not named or reading.faults:
+        return
+    if reading.fps is None:
+        reading.faults.append(f"{place} {named[0]}: its frame rate is not known: add fps there, or to [scene]")
+        return
+    fps, first, last = reading.fps, table.from_s or 0.0, np.inf if table.until_s is None else table.until_s
+    before = reading.frames
+
+    def used(frame: Ints) -> NDArray[np.bool_]:
+        seconds = (frame - 1) / fps
+        return np.asarray((seconds >= first) & (seconds <= last))
+
+    reading.boxes = reading.boxes.take(used(reading.boxes.frame))
+    reading.keypoints = reading.keypoints.take(used(reading.keypoints.frame))
+    if len(before) and not reading.people:
+        seen = f"{(before[0] - 1) / fps:.1f} to {(before[-1] - 1) / fps:.1f} s"
+        told = " and ".join(f"{key} = {getattr(table, key):g}" for key in named)
+        reading.faults.append(f"{place} {told}: it saw people from {seen} only, nothing is left: check the seconds")
 
 
 def _check_people(scene: Scene, reading: CameraReading) -> None:

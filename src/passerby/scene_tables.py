@@ -69,6 +69,10 @@ class CameraTable(Table):
     """Appearance of the boxes in `tracks`, or else in `detections`: npz, one row a row of that file, in its order."""
     fps: FramesPerSecond | None = None
     """Frames per second of this camera's frame numbers. None: those of `[scene]`, or else the video's own."""
+    from_s: Seconds | None = None
+    """What the camera saw earlier is not used: seconds of its own recording, (frame - 1) / fps. For one that was moved."""
+    until_s: Seconds | None = None
+    """What the camera saw later is not used, likewise."""
 
     @property
     def watched(self) -> bool:
@@ -84,6 +88,8 @@ class CameraTable(Table):
             )
         if self.embeddings is not None and self.detections is None and self.tracks is None:
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")
+        if self.from_s is not None and self.until_s is not None and self.from_s >= self.until_s:
+            raise ValueError(f"from_s = {self.from_s:g} is not before until_s = {self.until_s:g}: nothing would be left")
         return self
 
 
@@ -139,9 +145,10 @@ class SolverTable(Table):
     """people: the person-model adjustment, the more accurate; geopose: the paper's method, as described there."""
     reference: str | None = None
     """The reference camera. geopose needs one; people treats all cameras alike."""
-    refine: tuple[Literal["focal", "principal_point"], ...] = ()
+    refine: tuple[Literal["focal", "principal_point", "clock_rate"], ...] = ()
     """What is computed beside the poses, about what is stated. focal: each camera's focal length, where it comes from a data
-    sheet or a zoom was moved. principal_point: where each lens's axis meets the picture."""
+    sheet or a zoom was moved. principal_point: where each lens's axis meets the picture. clock_rate: each camera's frames
+    per second, where a clock drifts."""
     options: dict[str, Any] = Field(default_factory=dict)
     """`[solver.options]`: fields of the method's options dataclass, for experiments; nothing needs to be set."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -56,7 +57,9 @@ class Videos:
             if isinstance(result, InputError):
                 reading.faults += faults_of(result)
                 continue
-            reading.faults += result.faults(reading.name, job.info)
+            table = scene.cameras[reading.name]
+            used = table.from_s or 0.0, math.inf if table.until_s is None else table.until_s
+            reading.faults += result.faults(reading.name, job.info, *used)
             reading.findings += result.findings(reading.name, job.info)
             fill(scene, reading, result.boxes, result.keypoints)
             for stage, seconds in result.seconds.items():

@@ -19,6 +19,7 @@ MODULES = (
     "verdict",
     "sharing",
     "given_clocks",
+    "clock_rates",
     "moved_cameras",
     "inputs",
     "reading",
@@ -73,6 +74,8 @@ OTHERWISE = (
     "(the lens is in ",
     "(the video of camera",
     "farther than can be told",
+    "its frame rate is not known",
+    "nothing is left",
 )
 """Faults of a file or of an option that say all there is to say."""
 

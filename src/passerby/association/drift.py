@@ -39,6 +39,8 @@ HARMFUL_S, HARMFUL_RATE, SPOILING_S = 0.5, 0.01, 1.0
 mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. 0.8 s cost 30 mm on a
 terrace."""
 
+MEND = 'or let it be fitted: [solver] refine = ["clock_rate"]'
+
 
 @dataclass(frozen=True)
 class Drift:
@@ -78,7 +80,7 @@ def drift_findings(cameras: Sequence[PreparedCamera], drifts: Mapping[int, Drift
         (a, one), (b, other) = drifts.items()
         between = Drift(one.rate - other.rate, max(one.sigma, other.sigma), max(one.span_s, other.span_s))
         both = f"{cameras[a].name} and {cameras[b].name}"
-        text = [f"the clocks of {both} drift apart by {abs(between.seconds):.2f} s: check their fps"]
+        text = [f"the clocks of {both} drift apart by {abs(between.seconds):.2f} s: check their fps, {MEND}"]
         return (text, []) if one.sure and between.harmful else ([], text if one.sure else [])
     told = {c: drift for c, drift in drifts.items() if drift.sure}
     texts = {c: _sentence(cameras[c].name, cameras[c].clock.fps, drift) for c, drift in told.items()}
@@ -89,7 +91,7 @@ def drift_findings(cameras: Sequence[PreparedCamera], drifts: Mapping[int, Drift
 def _sentence(name: str, fps: float, drift: Drift) -> str:
     return (
         f"the clock of {name} drifts by {abs(drift.seconds):.2f} s over {drift.span_s:.0f} s: its people fit about "
-        f"{fps / (1 - drift.rate):.4g} frames per second better than the stated {fps:.4g}: check its fps"
+        f"{fps / (1 - drift.rate):.4g} frames per second better than the stated {fps:.4g}: check its fps, {MEND}"
     )
 
 

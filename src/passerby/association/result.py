@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from passerby.association.drift import Drift
 from passerby.observations import Clock, Observations
 
 
@@ -29,3 +30,5 @@ class Association:
     """What speaks against relying on it, one sentence each."""
     findings: tuple[str, ...] = ()
     """What is odd, one sentence each."""
+    drifts: Mapping[str, Drift] = field(default_factory=dict)
+    """By camera, how its clock drifts against the others'; empty where too few people walk to tell."""
