@@ -210,12 +210,16 @@ def _text(quiet: Sequence[dict[str, Any]], knocks: Sequence[dict[str, Any]], ful
         for turn, name in ((True, f"{TURN_DEG:g} degree"), (False, f"{100 * SHIFT_M:g} cm"))
     ]
     rows += [_row(f"cheap, {n} cameras", [one for one in knocks if one["cameras"] == n]) for n in CAMERAS]
-    for low, high in ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 99.0)):
+    for low, high in ((0, 2), (2, 4), (4, 6), (6, 99)):
         some = [one for one in knocks if low <= one["people"] < high]
-        rows.append(_row(f"cheap, {low:g} to {high:g} boxes in a picture" if high < 99 else f"cheap, over {low:g} boxes", some))
-    rows += [
-        _row(f"simulated, identities {'given' if g else 'not given'}", [o for o in full if o["given"] == g]) for g in (1, 0)
-    ]
+        rows.append(_row(f"cheap, {low} to {high} people in a picture" if high < 99 else f"cheap, over {low} people", some))
+    for known, name in ((True, "given"), (False, "not given")):
+        rows.append(_row(f"simulated, identities {name}", [one for one in full if one["given"] == known]))
+    crowd = ", ".join(f"{low:g} to {high:g} ({preset})" for preset, (low, high) in PEOPLE.items())
+    columns = (
+        "knocks", "number", "seen", "camera named", "one of several", "wrong", "false before", "s late (median)", "m off",
+        "degrees off",
+    )  # fmt: skip
     return f"""
 Footage of rigs of 3 to 6 cameras around the areas of the three presets. The rig that the monitor is given is off as a
 calibration would leave it (1 to 3 cm, 0.1 degrees, all lengths by 1 %), and says so. Most footage is *cheap*: people who come

@@ -29,8 +29,8 @@ BEFORE_WINDOWS = 5
 FIRST_S = 15.0
 """A move that seems to lie so near to the beginning of the footage cannot be told from one before it."""
 UNLIKELY, CLEARER = 1.5, 1.2
-"""Score of the cameras that are left from which it was not the one that was taken away: one case in thirty, and sixteen times less
-likely than with the best one taken away."""
+"""Score of the cameras that are left from which it was not the one that was taken away: one case in thirty, and sixteen
+times less likely than with the best one taken away."""
 CLEAR_DEG, CLEAR_M = 3.0, 0.5
 """Where a move must be larger than either to be seen, nothing is said of a camera."""
 
