@@ -13,6 +13,7 @@ from passerby.geometry.triangulation import triangulate
 from passerby.observations import UNKNOWN, Observations
 from passerby.sharing import missing_overlap, shared_people
 from passerby.solver.solution import Solution
+from passerby.unseen_people import doubts_of_missed
 
 LINE_WIDTH_M = 0.25
 """Nine of ten people this close to one line walked on one line: half a body's breadth, and the noise of a box's centre."""
@@ -26,7 +27,8 @@ def judged(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, str] | None = None,
     doubts: Sequence[str] = (),
 ) -> Solution:  # fmt: skip
-    """The solution, no longer accepted where it lacks a camera, or where all people were on one line or spot.
+    """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
+    does not see whom it should by the rig.
 
     The reasons name the camera, and what to record.
 
@@ -37,6 +39,7 @@ def judged(
         why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
         doubts: what else speaks against relying on it.
     """
+    doubts = [*doubts, *(doubts_of_missed(solution.rig, observations) if solution.method == "people" else ())]
     reasons = [*solution.reasons, *doubts]
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:

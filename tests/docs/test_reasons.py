@@ -17,6 +17,7 @@ from documentation import DOCS, ROOT
 SOURCE = ROOT / "src" / "passerby"
 MODULES = (
     "verdict",
+    "unseen_people",
     "sharing",
     "given_clocks",
     "clock_rates",
