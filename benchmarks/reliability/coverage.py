@@ -15,6 +15,7 @@ from passerby.evaluation.metrics import compare
 from passerby.in_memory import calibrate_observations
 from passerby.pipeline import Calibration, calibrate
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.write import MEAN_SD
 from reliability.page import Line, Part
 from reliability.runs import Wanted, kept, seeds
 
@@ -66,7 +67,7 @@ def work(seed: int) -> dict[str, Any]:
         association={"mode": "given", "max_offset_s": 1.5 if clocked else 0.0},
         scale={
             "person_height_m": options.person_height_mean_m, "person_height_sd_m": options.person_height_sd_m,
-            "person_height_mean_sd_m": 0.02 * options.person_height_mean_m,
+            "person_height_mean_sd_m": MEAN_SD * options.person_height_mean_m,
         },
     )  # fmt: skip
     about = {

@@ -213,7 +213,7 @@ class ScaleTable(Table):
     person_height_sd_m: Metres = 0.09
     """How much people's heights differ around it."""
     person_height_mean_sd_m: Metres | None = None
-    """How well that mean is known of the people in these videos. None: 4 % of it, as where nobody asked them; 0.035 is as good
+    """How well that mean is known of the people in these videos. None: 4 % of it, as where nobody asked them; 0.02 is as good
     as boxes allow for people whose mean was measured."""
     people: tuple[PersonTable, ...] = ()
     """Single people whose height was measured: `[[scale.people]]`."""

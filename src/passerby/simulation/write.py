@@ -25,6 +25,8 @@ from passerby.simulation.scene import SimulatedScene
 SCENE_FILE = "scene.toml"
 BOXES_FILE = "boxes.toml"
 """Beside a scene file of videos: the same scene from boxes that are known."""
+MEAN_SD = 0.0125
+"""Boxes show a known mean height to about this share of it: what lengths are off by in simulated scenes of many people."""
 OPTIONS_FILE = "simulation.toml"
 VIDEOS = "videos"
 
@@ -114,8 +116,8 @@ def _scene(simulated: SimulatedScene, name: str, keypoints: bool) -> dict[str, A
             "person_height_m": options.person_height_mean_m,
             # A spread of zero would claim a height that is known exactly; a centimetre is as good as anybody knows it.
             "person_height_sd_m": max(options.person_height_sd_m, 0.01),
-            # The mean is the one that heights were drawn from; boxes are bodies to about so much.
-            "person_height_mean_sd_m": 0.02 * options.person_height_mean_m,
+            # The mean is the one that heights were drawn from.
+            "person_height_mean_sd_m": MEAN_SD * options.person_height_mean_m,
         },
     }
 
