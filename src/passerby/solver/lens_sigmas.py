@@ -1,57 +1,96 @@
-"""How sure refined lenses are, and what that does to the poses: priors that are no normal distributions, and what misleads."""
+"""What the sightings say of refined lenses, and how sure these are with what is stated of them."""
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.solver.least_squares import NormalEquations
 from passerby.solver.people_state import PeopleState
+from passerby.solver.person_model import PeopleProblem
+from passerby.solver.systematic import SIGMAS, with_systematic
+from passerby.solver.uncertainty import deflated
 
 Floats = NDArray[np.float64]
 
 
+BOXES_MISLEAD = 2.5
+"""Lenses follow what boxes are off by alike more than poses do. What sightings alone say of right focal lengths was off by 2.3
+of its sigmas, root mean square over 16 cameras of simulated scenes with 2 % box noise: by 0 to 9 % at terrace, where people
+are near, by 2 % at construction and by 0.5 % at basketball."""
+
+
 @dataclass(frozen=True, eq=False)
-class LensPriors:
-    """What is known of refined lenses beside the sightings, (C, L) each."""
+class LensEvidence:
+    """What the sightings alone say of the lenses' unknowns, (C, L) each."""
 
-    core: Floats
-    """Scales of the Cauchy distributions of the stated lenses."""
-    drift: Floats
-    """How far what all sightings of a camera have in common misleads its lens, one sigma."""
+    seen: Floats
+    """Where they would put them."""
+    sd: Floats
+    """How surely, with what boxes are off by alike (`BOXES_MISLEAD`)."""
+    random: Floats
+    """The same without."""
+
+    @property
+    def excess(self) -> Floats:
+        """(C, L) how many times more the priors must count against residuals that do not know what boxes are off by alike."""
+        return np.asarray((self.sd / self.random) ** 2)
 
 
-def with_lenses(covariance: Floats, state: PeopleState, lenses: LensPriors, size: int) -> tuple[Floats, Floats, Floats]:
-    """The covariance with what misleads the lenses, and with their priors as they are.
-
-    What sightings alone say of an unknown is its variance less the prior as it was linearised; the drift adds to it. The
-    product of both distributions gives the standard deviation by quadrature, and all other unknowns follow by their
-    regression on it.
+def lens_evidence(problem: PeopleProblem, state: PeopleState, inflation: float) -> LensEvidence:
+    """What the sightings alone say of the lenses at an optimum; the priors, as they were linearised, are taken off again.
 
     Args:
-        covariance: of the shared unknowns, those of each camera's lens the last of its `size`.
-        state: the optimum.
-        lenses: priors and drift.
-        size: number of a camera's unknowns.
-
-    Returns:
-        The covariance; (C, L) standard deviations of the lenses' unknowns; the same by sightings alone.
+        problem: the person model, lenses refined.
+        state: its optimum.
+        inflation: how many times less the sightings tell than as many independent ones would.
     """
-    n, k = lenses.core.shape
-    places = (np.arange(n)[:, None] + 1) * size - k + np.arange(k)
-    added, sigma, alone = np.zeros_like(covariance), np.zeros((n, k)), np.zeros((n, k))
-    for c, u in itertools.product(range(n), range(k)):
-        at, variance = places[c, u], float(covariance[places[c, u], places[c, u]])
-        value, core = float(state.lens[c, u]), float(lenses.core[c, u])
-        prior = 1 / (core**2 + value**2)
-        told = max(1 / variance - prior, 0.001 / variance)
-        alone[c, u] = np.hypot(1 / np.sqrt(told), lenses.drift[c, u])
-        sigma[c, u] = posterior_sd(value * (1 + prior / told), float(alone[c, u]), core, value)
-        along = covariance[:, at] / variance
-        added += max(sigma[c, u] ** 2 - variance, 0.0) * np.outer(along, along)
-    return covariance + added, sigma, alone
+    assert problem.lens_core is not None
+    terms = [deflated(term, inflation) for term in replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)]
+    widened, wide, own, biases = with_systematic(problem, state, terms)
+    H_all = NormalEquations(wide, widened).reduce().H
+    H, H_cb = H_all[np.ix_(own, own)], H_all[np.ix_(own, biases.ravel())]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
+    inverse = np.linalg.pinv(H * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale
+    moved = inverse @ H_cb * np.tile(SIGMAS, len(biases))
+    at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
+    variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
+    prior = 1 / (problem.lens_core**2 + state.lens**2)
+    # The share of what sightings say that is left beside the prior.
+    share = np.clip(1 - prior * variance, 1e-3, 1.0)
+    told = share / variance
+    seen = state.lens * (1 + problem.lens_weight / inflation * prior / told)
+    misled = np.where(by_boxes(problem), BOXES_MISLEAD, 1.0)[:, None]
+    return LensEvidence(seen, misled * np.sqrt(1 / told + biased / share**2), np.sqrt(1 / told))
+
+
+def by_boxes(problem: PeopleProblem) -> NDArray[np.bool_]:
+    """(C,) cameras whose sightings are boxes alone: joints fix a lens by geometry, not by how tall people seem."""
+    return np.asarray(np.bincount(problem.joints.camera, minlength=problem.n_cameras) == 0)
+
+
+def lens_places(n_cameras: int, camera_size: int, n_lens: int) -> NDArray[np.int64]:
+    """(C, L) places of the lenses' unknowns among the shared ones."""
+    return np.asarray((np.arange(n_cameras)[:, None] + 1) * camera_size - n_lens + np.arange(n_lens))
+
+
+def refined_sigmas(seen: LensEvidence, drift: Floats, core: Floats, lens: Floats) -> Floats:
+    """(C, L) root mean square errors of the lenses `lens`.
+
+    Args:
+        seen: what the sightings say.
+        drift: (C, L) how far all sightings of a camera may mislead, beyond what is known of boxes.
+        core: (C, L) scales of the Cauchy distributions of the stated lenses.
+        lens: (C, L) the lenses found, as changes of the stated ones.
+    """
+    out = np.zeros_like(lens)
+    for c, u in itertools.product(*map(range, lens.shape)):
+        sd = float(np.hypot(seen.sd[c, u], drift[c, u]))
+        out[c, u] = posterior_sd(float(seen.seen[c, u]), sd, float(core[c, u]), float(lens[c, u]))
+    return out
 
 
 def posterior_sd(seen: float, seen_sd: float, core: float, at: float) -> float:

@@ -19,17 +19,17 @@ _TINY = 1e-12
 class Cauchy:
     """The Cauchy loss on whitened residuals: a row at `scale` sigmas has half its weight; far outliers are let go."""
 
-    scale: float
+    scale: float | Floats
+    """One for all rows, or (M,)."""
 
     def cost(self, squared: Floats) -> Floats:
         """Half the robust cost of squared norms (M,)."""
         c2 = self.scale**2
-        return 0.5 * c2 * np.log1p(squared / c2)
+        return np.asarray(0.5 * c2 * np.log1p(squared / c2))
 
     def weight(self, squared: Floats) -> Floats:
         """IRLS weights (M,) of squared norms (M,)."""
-        weight: Floats = 1.0 / (1.0 + squared / self.scale**2)
-        return weight
+        return np.asarray(1.0 / (1.0 + squared / self.scale**2))
 
 
 @dataclass(frozen=True, eq=False)

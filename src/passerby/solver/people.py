@@ -21,7 +21,7 @@ from passerby.solver.findings import apart, contradictions, doubts_about, figure
 from passerby.solver.lens_check import check_focals
 from passerby.solver.pairs import MIN_MATCHES, PairHypothesis
 from passerby.solver.people_state import PeopleState
-from passerby.solver.refined_lenses import far_lenses, lens_figures, lens_priors
+from passerby.solver.refined_lenses import far_lenses, lens_figures, refined_lenses
 from passerby.solver.scale import ScaleCues
 from passerby.solver.solution import Solution, Verdict
 from passerby.solver.stages import Fit, PeopleOptions, Start, choose, descend
@@ -78,11 +78,10 @@ def solve_people(
         choice = choose(start, options, rng)
         fit = descend(start, choice.state, options, rng)
     start = fit.start
-    covariance, cue_report = _sure(start, fit, cues)
+    covariance, cue_report, lenses = _sure(start, fit, cues)
     focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
-    lenses = lens_figures(start.unknowns, start.stated, start.rig, covariance)
     reasons = [
         *start.evidence.notes,
         *reasons,
@@ -97,8 +96,8 @@ def solve_people(
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(reasons), figures)
 
 
-def _sure(start: Start, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[str, Any]]:
-    """The covariance of the cameras, and what the scale rests on."""
+def _sure(start: Start, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[str, Any], dict[str, Any]]:
+    """The covariance of the cameras, what the scale rests on, and what became of the lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
     report, sigma = report_pull(
@@ -107,12 +106,12 @@ def _sure(start: Start, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
-    terms = replace(fit.model.problem, lens_weight=1.0).terms(state, jacobians=True)
+    terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
     inflation = correlation_inflation(fit.model, start.evidence, terms)
     terms = with_learnt_stance(terms, fit.result.normal)
-    lenses = lens_priors(start.unknowns, start.stated, fit.model.problem, state)
-    covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses)
-    return covariance, {"relative_sigma": sigma, "cues": report}
+    lenses = refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
+    covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None)
+    return covariance, {"relative_sigma": sigma, "cues": report}, lens_figures(lenses, start.stated, start.rig)
 
 
 def _placed(rig: Rig, state: PeopleState, covariance: RigCovariance) -> Rig:

@@ -73,9 +73,9 @@ class PeopleProblem:
     itself: weighed by it, boxes that are too small by chance would count more than those that are too large."""
     lens_core: Floats | None = None
     """(C, L) scales of the Cauchy distributions of the lenses' unknowns around 0; None where they are not refined."""
-    lens_weight: float = 1.0
-    """How many times more those priors count: sightings that follow one another tell less than as many independent ones, and
-    would drive lenses far off against priors that are right."""
+    lens_weight: Floats = field(default_factory=lambda: np.ones(()))
+    """(C, L), or one for all: how many times more those priors count. Sightings that follow one another, and are off alike,
+    tell less than as many independent ones, and would drive lenses far off against priors that are right."""
 
     @property
     def timed(self) -> bool:
@@ -273,13 +273,15 @@ class PeopleProblem:
         """Each lens is about what it is stated to be, or quite another one."""
         if self.lens_core is None:
             return []
-        n, k, root = self.n_cameras, self.n_lens, float(np.sqrt(self.lens_weight))
+        n, k = self.n_cameras, self.n_lens
+        root = np.broadcast_to(np.sqrt(self.lens_weight), (n, k))
         of_camera, terms = np.arange(n), []
         for unknown in range(k):
+            by_lens = root[:, unknown] / self.lens_core[:, unknown]
             J = np.zeros((n, 1, self.layout.n_shared))
-            J[of_camera, 0, (of_camera + 1) * self.camera_size - k + unknown] = root / self.lens_core[:, unknown]
-            residual = root * state.lens[:, unknown] / self.lens_core[:, unknown]
-            terms.append(Term(residual[:, None], Cauchy(root), by_shared=J))
+            J[of_camera, 0, (of_camera + 1) * self.camera_size - k + unknown] = by_lens
+            residual = by_lens * state.lens[:, unknown]
+            terms.append(Term(residual[:, None], Cauchy(root[:, unknown]), by_shared=J))
         return terms
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:

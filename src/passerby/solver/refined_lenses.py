@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,10 @@ from numpy.typing import NDArray
 
 from passerby.cameras import Lens, Rig
 from passerby.solver.lens_check import size_drift
-from passerby.solver.lens_sigmas import LensPriors
+from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.uncertainty import RigCovariance
 
 Floats = NDArray[np.float64]
 
@@ -24,36 +24,55 @@ _FAR_SIGMAS = 3.0
 _UNTOLD_SHARE = 0.8
 
 
-def lens_priors(unknowns: LensUnknowns, stated: Rig, problem: PeopleProblem, state: PeopleState) -> LensPriors | None:
-    """What is known of the lenses beside the sightings, and how far their errors mislead; None where none is refined.
+@dataclass(frozen=True, eq=False)
+class RefinedLenses:
+    """How sure the refined lenses are, (C, L) each."""
+
+    unknowns: LensUnknowns
+    sigma: Floats
+    """One sigma of the unknowns."""
+    by_people: Floats
+    """The same by the sightings alone, whatever is stated."""
+
+
+def refined_lenses(
+    unknowns: LensUnknowns, stated: Rig, problem: PeopleProblem, state: PeopleState, inflation: float
+) -> RefinedLenses | None:
+    """How sure the lenses are; None where none is refined.
 
     Sightings of joints fix a focal length by geometry alone; that of a camera with boxes alone follows how tall people seem
     near and far.
+
+    Args:
+        unknowns: what is refined.
+        stated: lenses as stated.
+        problem: the person model.
+        state: its optimum.
+        inflation: how many times less the sightings tell than as many independent ones would.
     """
     if not unknowns.parts:
         return None
     core = unknowns.core(stated)
     drift = np.zeros_like(core)
-    by_boxes = np.bincount(problem.joints.camera, minlength=len(stated)) == 0
-    drift[:, unknowns.columns_of("focal")] = (size_drift(problem, state) * by_boxes)[:, None]
-    return LensPriors(core, drift)
+    drift[:, unknowns.columns_of("focal")] = (size_drift(problem, state) * by_boxes(problem))[:, None]
+    seen = lens_evidence(problem, state, inflation)
+    return RefinedLenses(unknowns, refined_sigmas(seen, drift, core, state.lens), np.hypot(seen.sd, drift))
 
 
-def lens_figures(unknowns: LensUnknowns, stated: Rig, refined: Rig, covariance: RigCovariance) -> dict[str, dict[str, Any]]:
+def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dict[str, dict[str, Any]]:
     """JSON-ready: by camera, each refined part as stated and as refined, its sigma, and the sigma that people alone would give;
     empty where nothing is refined.
 
     Args:
-        unknowns: what was refined.
+        lenses: how sure they are.
         stated: lenses as stated.
         refined: as refined, in the same order.
-        covariance: of the refined rig.
     """
-    if covariance.lens is None or covariance.lens_alone is None:
+    if lenses is None:
         return {}
-    usual = unknowns.uncalibrated_sd(stated)
+    usual = lenses.unknowns.uncalibrated_sd(stated)
     return {
-        before.name: _parts(unknowns, before.lens, after.lens, covariance.lens[c], covariance.lens_alone[c], usual[c])
+        before.name: _parts(lenses.unknowns, before.lens, after.lens, lenses.sigma[c], lenses.by_people[c], usual[c])
         for c, (before, after) in enumerate(zip(stated, refined, strict=True))
     }
 

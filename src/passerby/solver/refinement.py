@@ -92,7 +92,7 @@ class Knowledge:
     cues: CueRows | None = None
     lens_core: Floats | None = None
     """(C, L) scales of what is stated of the lenses; None where they are not refined."""
-    lens_weight: float = 1.0
+    lens_weight: Floats = field(default_factory=lambda: np.ones(()))
     """How many times more that counts (`PeopleProblem`)."""
 
 

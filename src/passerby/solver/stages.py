@@ -19,6 +19,7 @@ from passerby.solver.assembly import candidate_trees, levelled, poses_of_tree
 from passerby.solver.cues import cue_rows, expected_heights, first_scale, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.least_squares import Result, Stopping
+from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensPart, LensUnknowns
 from passerby.solver.pairs import PairHypothesis, judged_guesses, pair_hypotheses
 from passerby.solver.people_state import Noise, PeopleState, Priors
@@ -51,6 +52,8 @@ _GROWTH, _MORE_ROUNDS = 1.15, 4
 _LENS_ROUNDS = 6
 # A first guess that was made with lenses farther off than this is made anew.
 _MISLEADING_FOCAL, _MISLEADING_PX = 0.05, 30.0
+# What boxes are off by alike makes priors of the lenses count more by this at most.
+_MOST_EXCESS = 30.0
 # A coarse descent stops here; the optimum needs more evidence anyhow.
 _COARSE = Stopping(15, 1e-4)
 
@@ -144,8 +147,10 @@ class Start:
         """The same with priors of the lenses that count as much more as the sightings of an optimum follow one another."""
         if not self.unknowns.parts:
             return self
-        inflation = correlation_inflation(model, self.evidence, model.problem.terms(result.state, jacobians=False))
-        return replace(self, knowledge=replace(self.knowledge, lens_weight=inflation))
+        problem, state = model.problem, result.state
+        inflation = correlation_inflation(model, self.evidence, problem.terms(state, jacobians=False))
+        weight = inflation * np.clip(lens_evidence(problem, state, inflation).excess, 1.0, _MOST_EXCESS)
+        return replace(self, knowledge=replace(self.knowledge, lens_weight=weight))
 
     def near(self, other: Start) -> bool:
         """Whether the lenses differ too little from those of `other` to mislead a first guess."""
