@@ -14,6 +14,7 @@ from passerby.observations import UNKNOWN, Observations
 from passerby.sharing import missing_overlap, shared_people
 from passerby.solver.solution import Solution
 from passerby.unseen_people import doubts_of_missed
+from passerby.walking_pace import doubts_of_pace
 
 LINE_WIDTH_M = 0.25
 """Nine of ten people this close to one line walked on one line: half a body's breadth, and the noise of a box's centre."""
@@ -25,7 +26,7 @@ SPOT_MEND = "record people who walk all over the view that the cameras share"
 
 def judged(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, str] | None = None,
-    doubts: Sequence[str] = (),
+    doubts: Sequence[str] = (), scale_known: bool = False,
 ) -> Solution:  # fmt: skip
     """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
     does not see whom it should by the rig.
@@ -38,8 +39,9 @@ def judged(
         given: whether their identities were given, not found.
         why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
         doubts: what else speaks against relying on it.
+        scale_known: whether the user has said how tall people are, or how long something is.
     """
-    doubts = [*doubts, *(doubts_of_missed(solution.rig, observations) if solution.method == "people" else ())]
+    doubts = [*doubts, *_against_people(solution, observations, scale_known)]
     reasons = [*solution.reasons, *doubts]
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:
@@ -65,6 +67,16 @@ def judged(
     return replace(solution, verdict=verdict, reasons=tuple(reasons))
 
 
+def _against_people(solution: Solution, observations: Observations, scale_known: bool) -> list[str]:
+    """What the places of the people say against a rig that was computed from them."""
+    if solution.method != "people" or len(solution.rig.posed()) < 2:
+        return []
+    out = doubts_of_missed(solution.rig, observations)
+    if not scale_known:
+        out += doubts_of_pace(*_positions(solution.rig, observations), observations.fps)
+    return out
+
+
 def _apart(observations: Observations, given: bool, why: Mapping[str, str], *, nothing_known: bool) -> list[str]:
     """What keeps cameras apart, one sentence for each group of them."""
     found = missing_overlap(shared_people(observations), given=given)
@@ -80,6 +92,11 @@ def _who(text: str) -> str:
 
 def people_positions(rig: Rig, observations: Observations) -> Floats:
     """Where the people were whose boxes two cameras or more saw: (N, 3) triangulated box centres, world, metres."""
+    return _positions(rig, observations)[1]
+
+
+def _positions(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
+    """(N, 2) frame and identity of the people whom two cameras or more saw, and (N, 3) their boxes' triangulated centres."""
     posed = [camera for camera in rig if camera.pose is not None]
     columns, bearings = [], []
     for index, camera in enumerate(posed):
@@ -87,12 +104,12 @@ def people_positions(rig: Rig, observations: Observations) -> Floats:
         columns.append(np.column_stack([np.full(len(boxes), index), boxes.frame, boxes.identity]))
         bearings.append(camera.lens.bearings(boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2))
     if not columns:
-        return np.zeros((0, 3))
+        return np.zeros((0, 2)), np.zeros((0, 3))
     rows, rays = np.concatenate(columns), np.concatenate(bearings)
     sound = np.isfinite(rays).all(axis=1) & (rows[:, 2] > UNKNOWN)
     rows, rays = rows[sound], rays[sound]
     if not len(rows):
-        return np.zeros((0, 3))
+        return np.zeros((0, 2)), np.zeros((0, 3))
     instants, point = np.unique(rows[:, 1:], axis=0, return_inverse=True)
     poses = [camera.pose for camera in posed if camera.pose is not None]
     points = triangulate(
@@ -103,7 +120,8 @@ def people_positions(rig: Rig, observations: Observations) -> Floats:
         np.array([pose.t_cw for pose in poses]),
         len(instants),
     )
-    return points[np.isfinite(points).all(axis=1)]
+    placed = np.isfinite(points).all(axis=1)
+    return instants[placed], points[placed]
 
 
 def _one_line_or_spot(points: Floats) -> str | None:

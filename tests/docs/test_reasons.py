@@ -18,10 +18,12 @@ SOURCE = ROOT / "src" / "passerby"
 MODULES = (
     "verdict",
     "unseen_people",
+    "walking_pace",
     "sharing",
     "given_clocks",
     "clock_rates",
     "moved_cameras",
+    "uneven_ground",
     "inputs",
     "reading",
     "picture_checks",
