@@ -13,12 +13,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from passerby.api import align, evaluate, export_rig, import_rig, read_calibration, trajectories
+    from passerby.api import align, evaluate, export_rig, import_rig, monitor, read_calibration, trajectories
     from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
     from passerby.errors import EvidenceError, InputError, PasserbyError
     from passerby.evaluation.metrics import Comparison
     from passerby.in_memory import calibrate_observations
     from passerby.interchange.rig_toml import read_rig, write_rig
+    from passerby.monitoring.result import Monitored
     from passerby.observations import Boxes, Keypoints, Observations
     from passerby.output_folder import OutputFolder
     from passerby.pipeline import Calibration, calibrate
@@ -42,6 +43,7 @@ __all__ = [
     "KnownPoint",
     "KnownPosition",
     "Lens",
+    "Monitored",
     "Observations",
     "OutputFolder",
     "PasserbyError",
@@ -57,6 +59,7 @@ __all__ = [
     "evaluate",
     "export_rig",
     "import_rig",
+    "monitor",
     "read_calibration",
     "read_rig",
     "trajectories",
@@ -75,6 +78,7 @@ _HOMES = {
     "KnownPoint": "world_places",
     "KnownPosition": "world_places",
     "Lens": "cameras",
+    "Monitored": "monitoring.result",
     "Observations": "observations",
     "OutputFolder": "output_folder",
     "PasserbyError": "errors",
@@ -90,6 +94,7 @@ _HOMES = {
     "evaluate": "api",
     "export_rig": "api",
     "import_rig": "api",
+    "monitor": "api",
     "read_calibration": "api",
     "read_rig": "interchange.rig_toml",
     "trajectories": "api",

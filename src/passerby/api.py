@@ -12,9 +12,15 @@ from passerby.following import folder_clocks, track_options, ways_by
 from passerby.interchange.formats import Export, Given, export, read_rig_as
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.world_files import read_known_points, read_known_positions
+from passerby.monitoring.given_rig import GivenRig, read_given
+from passerby.monitoring.monitor import monitor as watch_rig
+from passerby.monitoring.result import Monitored
+from passerby.monitoring.watching import WatchOptions
 from passerby.observations import Clock
 from passerby.output_folder import OutputFolder, read_folder_rig, read_output
 from passerby.pipeline import Calibration
+from passerby.progress import Progress
+from passerby.scene import Scene
 from passerby.tracks3d import trajectories as following
 from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions, Trajectories
 from passerby.world import Aligned, align_to_camera, align_to_points, align_to_positions
@@ -127,6 +133,40 @@ def trajectories(
     clocks = {name: told[name] if told else Clock(rate or 1.0) for name in names}
     options = TrackOptions(method, max_gap_s, calibration.scene.scale.person_height_m)
     return following.trajectories(calibration.rig, calibration.observations, clocks, options)
+
+
+def monitor(
+    rig: RigLike, scene: Scene | str | Path, *, every_s: float = 60.0, in_step: bool = False, keep: str | Path | None = None,
+    progress: Progress | None = None,
+) -> Monitored:  # fmt: skip
+    """Whether cameras have moved since they were calibrated, as `passerby monitor`.
+
+        found = passerby.monitor("out", "today.toml")
+        found.sentences()
+        passerby.write_rig("new.toml", found.rig)
+
+    Args:
+        rig: a rig, a calibration, or the path of a rig file or an output folder.
+        scene: new footage of its cameras, under the same names: a scene, or the path of a scene file.
+        every_s: seconds of footage that are judged at once.
+        in_step: whether the footage's clocks agree, whatever they did in the calibration.
+        keep: folder in which is kept what was seen in videos.
+        progress: told of each stage.
+
+    Raises:
+        InputError: the scene cannot be read, its cameras are not the rig's, or `every_s` is out of range.
+    """
+    return watch_rig(_given(rig), scene, WatchOptions(every_s=every_s), in_step=in_step, keep=keep, progress=progress)
+
+
+def _given(rig: RigLike) -> GivenRig:
+    """A rig with what its calibration knew."""
+    if isinstance(rig, Rig):
+        return GivenRig(rig)
+    if isinstance(rig, Calibration):
+        clocks = rig.association.clocks if rig.association else {}
+        return GivenRig(rig.rig, {name: clock.offset_s for name, clock in clocks.items()})
+    return read_given(rig.path if isinstance(rig, OutputFolder) else Path(rig))
 
 
 def align(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -31,6 +31,8 @@ FIRST_S = 15.0
 UNLIKELY, CLEARER = 1.5, 1.2
 """Score of the cameras that are left from which it was not the one that was taken away: one case in thirty, and sixteen
 times less likely than with the best one taken away."""
+MOST_SETS = 130
+"""Of cameras that are tried as those that moved together: all threes of ten cameras."""
 CLEAR_DEG, CLEAR_M = 3.0, 0.5
 """Where a move must be larger than either to be seen, nothing is said of a camera."""
 
@@ -180,21 +182,27 @@ class _Run:
         """Who moved, when and by how much; returns the time at which watching begins anew."""
         every = self.options.every_s
         cameras, others = self._culprits(found, self.scores.between(from_s, until_s))
-        low, high = max(self.start, from_s - every), min(until_s + every / 2, self.end)
-        moment = moment_of(self.rig, self.seen.between(low, high), self.names[cameras[0]], self.baseline, self.ground)
-        after = max(from_s - every, moment.seconds)
+        moments = self._moments(cameras, from_s, until_s)
+        after = max(from_s - every, min(moment.seconds for moment in moments))
         high = min(max(after + every, until_s), self.end)
-        again, others_again = self._again(after, high, cameras, others)
+        again, others = self._again(after, high, cameras, others)
         if again != cameras:
-            cameras, others = again, others_again
-            moment = moment_of(self.rig, self.seen.between(low, high), self.names[cameras[0]], self.baseline, self.ground)
+            cameras, moments = again, self._moments(again, from_s, until_s)
         score = max(test.score for test in found)
-        for camera in cameras:
-            if camera != cameras[0]:
-                moment = moment_of(self.rig, self.seen.between(low, high), self.names[camera], self.baseline, self.ground)
+        for camera, moment in zip(cameras, moments, strict=True):
             self._settle(camera, cameras, others, moment, until_s, high, score)
         self.scores = self._scores(high)
         return high
+
+    def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[Moment]:
+        """When each of the cameras moved, by those that did not."""
+        every = self.options.every_s
+        seen = self.seen.between(max(self.start, from_s - every), min(until_s + every / 2, self.end))
+        found = []
+        for camera in cameras:
+            gone = np.isin(self.names, [*self.lost, *(self.names[c] for c in cameras if c != camera)])
+            found.append(moment_of(self.rig, seen.without(gone), self.names[camera], self.baseline, self.ground))
+        return found
 
     def _again(self, from_s: float, until_s: float, cameras: list[int], others: list[int]) -> tuple[list[int], list[int]]:
         """The culprits by all that was seen after the move, within a window."""
@@ -205,20 +213,22 @@ class _Run:
         return self._culprits(found, window)
 
     def _culprits(self, found: Sequence[Test], window: Scores) -> tuple[list[int], list[int]]:
-        """The fewest cameras without which all others agree, and those that would do as well as the last of them."""
-        limit, freed = self.options.threshold, list[int]()
-        others: list[int] = []
-        while max((test.score for test in found), default=0.0) >= limit and len(freed) < len(self.names) - 1:
-            suspects = [test.camera for test in found if test.score >= limit]
-            left = {c: tests(window, self.baseline, (*freed, c), limit) for c in suspects}
-            rest = {c: max((test.score for test in own), default=0.0) for c, own in left.items()}
-            strength = {test.camera: test.score for test in found}
-            best = min(suspects, key=lambda c: (max(rest[c], limit / 2), -strength[c]))
-            others = [c for c in suspects if c != best and rest[c] < limit]
-            others = [c for c in others if rest[c] < max(UNLIKELY, rest[best] + CLEARER)]
-            freed.append(best)
-            found = left[best]
-        return freed, others
+        """The fewest cameras without which all others agree, and those that would do as well in place of a single one."""
+        limit, strength = self.options.threshold, {test.camera: test.score for test in found}
+        cameras = sorted(strength, key=lambda c: -strength[c])
+        best: tuple[int, ...] = (cameras[0],)
+        for size in range(1, max(2, len(self.names) - 1)):
+            sets = list(combinations(cameras, size))[:MOST_SETS]
+            # Two cameras that agree are needed to say that a third one does not.
+            rest = {freed: max((t.score for t in tests(window, self.baseline, freed, limit)), default=0.0) for freed in sets}
+            best = min(
+                sets, key=lambda freed: (max(rest[freed], limit / 2 if size == 1 else 0.0), -min(strength[c] for c in freed))
+            )
+            if rest[best] < limit:
+                doubtful = max(UNLIKELY, rest[best] + CLEARER)
+                others = [c for (c, *more) in sets if not more and (c,) != best and rest[(c,)] < min(doubtful, limit)]
+                return list(best), others
+        return list(best), []
 
     def _settle(
         self, camera: int, cameras: list[int], others: list[int], moment: Moment, noticed: float, until: float, score: float

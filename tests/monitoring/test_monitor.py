@@ -1,0 +1,96 @@
+"""`passerby monitor` and `passerby.monitor`: names, files, exit status; the output leaves other cameras alone."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.cli import run
+from passerby.errors import InputError
+from passerby.interchange.rig_toml import read_rig
+from walkers_watched import calibrated, knocked, true_rig, walkers, write_watched
+
+RIG = true_rig()
+GIVEN = calibrated(RIG)
+AFTER = knocked(RIG["C2"].pose, (0, 2, 0))
+
+
+@pytest.fixture(scope="module")
+def moved(tmp_path_factory):
+    return write_watched(tmp_path_factory.mktemp("moved"), GIVEN, walkers(RIG, 160, knocks={"C2": (90.0, AFTER)}), known=False)
+
+
+def test_a_knock_without_identities(moved, tmp_path, capsys):
+    rig, scene = moved
+    assert run(["monitor", str(rig), str(scene), "-o", str(tmp_path / "out")]) == 3
+    printed = capsys.readouterr().out
+    assert "C2 moved at 00:01:" in printed
+    assert printed.count("steady") == 3
+    old, new = (tomllib.loads(path.read_text()) for path in (rig, tmp_path / "out" / "rig.toml"))
+    assert {name for name in old if old[name] != new[name]} == {"C2"}
+    assert {key for key in old["C2"] if old["C2"][key] != new["C2"][key]} == {
+        "rotation", "translation", "position_sigma_mm", "orientation_sigma_deg", "covariance"
+    }  # fmt: skip
+    camera = read_rig(tmp_path / "out" / "rig.toml")["C2"]
+    assert np.linalg.norm(camera.centre - AFTER.centre) < 3 * camera.sigma.position_m
+    told = json.loads((tmp_path / "out" / "monitor.json").read_text())
+    assert [move["camera"] for move in told["moves"]] == ["C2"]
+    assert told["exit_status"] == 3
+
+
+def test_a_quiet_rig(tmp_path, capsys):
+    rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 120))
+    assert run(["monitor", str(rig), str(scene), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [camera["state"] for camera in told["cameras"]] == ["steady"] * 4
+    assert all(0 < camera["smallest_turn_deg"] < 3 for camera in told["cameras"])
+    found = passerby.monitor(rig, scene)
+    assert found.exit_status == 0
+    assert all(new is old for new, old in zip(found.rig, found.given, strict=True))
+
+
+def test_too_few_people(tmp_path, capsys):
+    rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 10, people=1))
+    assert run(["monitor", str(rig), str(scene)]) == 3
+    printed = capsys.readouterr().out
+    assert printed.count("cannot tell: not enough people") == 4
+    assert "steady" not in printed
+
+
+def test_names_that_do_not_match(tmp_path):
+    rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 10))
+    text = scene.read_text()
+    scene.write_text(
+        text.replace("[cameras.C3]", "[cameras.C7]").replace('rig.toml"\ntracks = "C3', 'other.toml"\ntracks = "C3')
+    )
+    with pytest.raises(InputError, match="camera C7 is not in the rig, which has C1, C2, C3, C4"):
+        passerby.monitor(rig, scene)
+    scene.write_text(text)
+    unposed = [replace(camera, pose=None, sigma=None) if camera.name != "C1" else camera for camera in GIVEN]
+    passerby.write_rig(rig, passerby.Rig(tuple(unposed)))
+    with pytest.raises(InputError, match="only C1 has a pose in the rig: two or more"):
+        passerby.monitor(rig, scene)
+
+
+def test_footage_without_a_frame_rate(tmp_path):
+    rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 10), fps=None)
+    with pytest.raises(InputError, match="add fps to"):
+        passerby.monitor(rig, scene)
+
+
+def test_pictures_of_another_size(tmp_path):
+    rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 10))
+    (tmp_path / "small.toml").write_text(rig.read_text().replace("720", "1440", 1).replace("576", "1152", 1))
+    scene.write_text(scene.read_text().replace("rig.toml", "small.toml", 1))
+    with pytest.raises(InputError, match="camera C1 has pictures of 1440 x 1152, the rig's of 720 x 576"):
+        passerby.monitor(rig, scene)
+
+
+def test_a_calibration_is_not_overwritten(moved, tmp_path, capsys):
+    (tmp_path / "calibration.json").write_text("{}")
+    assert run(["monitor", *map(str, moved), "-o", str(tmp_path)]) == 2
+    assert "holds a calibration" in capsys.readouterr().err
+    assert run(["monitor", *map(str, moved), "--every", "1"]) == 2

@@ -1,0 +1,153 @@
+"""A rig in use: silent while nothing moves, and loud and right when something does."""
+
+import numpy as np
+import pytest
+
+from passerby.geometry.rotations import log_rotation
+from passerby.monitoring.ground import fit_ground
+from passerby.monitoring.resection import resect
+from passerby.monitoring.sightings import poses_of, sightings_of
+from passerby.monitoring.watching import watch
+from passerby.observations import Boxes, CameraObservations, Observations
+from walkers_watched import calibrated, knocked, only, true_rig, walkers
+
+RIG = true_rig()
+GIVEN = calibrated(RIG)
+
+
+@pytest.fixture(scope="module")
+def still():
+    return watch(GIVEN, sightings_of(GIVEN, walkers(RIG)))
+
+
+def true_shift(before, after):
+    return np.concatenate([after.centre - before.centre, log_rotation(after.R_cw @ before.R_cw.T)])
+
+
+def test_nothing_moves(still):
+    assert still.moves == ()
+    assert [window.clear(c) for window in still.windows for c in range(4)] == [True] * 12
+    scores = [test.score for window in still.windows for test in window.tests]
+    assert max(scores) < 3
+
+
+@pytest.mark.parametrize(
+    ("camera", "turn", "shift"),
+    [
+        ("C2", (0, 1, 0), (0, 0, 0)),
+        ("C4", (0.8, 0, 0.6), (0, 0, 0)),
+        ("C1", (0, 0, 0), (0.06, 0, 0.08)),
+        ("C3", (0, 9, 3), (0.3, 0, 0)),
+    ],
+)
+def test_a_knock_is_named_dated_and_measured(camera, turn, shift):
+    before = RIG[camera].pose
+    after = knocked(before, turn, shift)
+    found = watch(GIVEN, sightings_of(GIVEN, walkers(RIG, knocks={camera: (100.0, after)})))
+    assert [move.camera for move in found.moves] == [camera]
+    (move,) = found.moves
+    assert move.others == ()
+    assert 100 < move.noticed_s <= 160
+    assert abs(move.moment.seconds - 100) <= 5
+    assert move.moment.from_s <= 100 <= move.moment.until_s
+    error = move.shift - true_shift(before, after)
+    assert error @ np.linalg.solve(move.covariance, error) < 22.5  # 99.9 % of a chi squared of six
+    off = move.pose.centre - after.centre
+    assert np.linalg.norm(off) < 3 * move.sigma.position_m
+
+
+def test_two_cameras_knocked_at_once():
+    rig = true_rig(6)
+    given = calibrated(rig)
+    knocks = {
+        "C2": (100.0, knocked(rig["C2"].pose, (0, 2, 0))),
+        "C5": (100.0, knocked(rig["C5"].pose, (0, -2, 0), (0.1, 0, 0))),
+    }
+    found = watch(given, sightings_of(given, walkers(rig, knocks=knocks)))
+    assert sorted(move.camera for move in found.moves) == ["C2", "C5"]
+
+
+def test_a_camera_that_moved_before_the_footage_began():
+    after = knocked(RIG["C3"].pose, (0, 2, 0), (0.1, 0.1, 0))
+    found = watch(GIVEN, sightings_of(GIVEN, walkers(RIG, 120, knocks={"C3": (-1.0, after)})))
+    assert [(move.camera, move.moment) for move in found.moves] == [("C3", None)]
+
+
+def test_a_camera_that_moves_twice():
+    once = knocked(RIG["C1"].pose, (0, 2, 0))
+    first = walkers(RIG, 300, knocks={"C1": (80.0, once)})
+    second = walkers(RIG, 300, knocks={"C1": (200.0, knocked(once, (0, 2, 0)))})
+    boxes, late = first["C1"].boxes, second["C1"].boxes
+    early = boxes.take(boxes.frame <= 400)
+    late = late.take(late.frame > 400)
+    both = Boxes(*(np.concatenate([getattr(p, n) for p in (early, late)]) for n in ("frame", "identity", "ltwh", "score")))
+    seen = Observations({**first.cameras, "C1": CameraObservations(both)}, first.fps)
+    found = watch(GIVEN, sightings_of(GIVEN, seen))
+    assert [move.camera for move in found.moves] == ["C1", "C1"]
+    assert np.degrees(np.linalg.norm(found.moves[1].shift[3:])) == pytest.approx(2, abs=0.6)
+
+
+def test_with_two_cameras_nobody_can_tell_which():
+    rig, given = only(RIG, "C1", "C2"), only(GIVEN, "C1", "C2")
+    knocks = {"C1": (100.0, knocked(RIG["C1"].pose, (3, 3, 0)))}
+    found = watch(given, sightings_of(given, walkers(rig, knocks=knocks)))
+    assert len(found.moves) == 1
+    assert {found.moves[0].camera, *found.moves[0].others} == {"C1", "C2"}
+
+
+def test_few_people_tell_nothing():
+    seen = walkers(RIG, 60, people=1)
+    few = {name: CameraObservations(seen[name].boxes.take(seen[name].boxes.frame <= 20)) for name in RIG.names}
+    found = watch(GIVEN, sightings_of(GIVEN, Observations(few, seen.fps)))
+    assert found.moves == ()
+    assert not any(window.clear(c) for window in found.windows for c in range(4))
+    assert watch(GIVEN, sightings_of(GIVEN, Observations({}, 2.0))).moves == ()
+
+
+def test_the_same_footage_gives_the_same_bits():
+    seen = walkers(RIG, 150, knocks={"C2": (80.0, knocked(RIG["C2"].pose, (0, 2, 0)))})
+    first, again = (watch(GIVEN, sightings_of(GIVEN, seen)).moves[0] for _ in range(2))
+    assert np.array_equal(first.shift, again.shift)
+    assert np.array_equal(first.covariance, again.covariance)
+
+
+def test_one_cameras_pose_is_found_again_from_far_off():
+    seen = walkers(RIG, 120)
+    off = calibrated(RIG)
+    cameras = tuple(
+        camera if camera.name != "C2" else type(camera)(camera.name, camera.lens, knocked(camera.pose, (0, 15, 5), (0.5, 0, 0)))
+        for camera in off
+    )
+    found = resect(type(off)(cameras), seen, "C2")
+    assert found is not None
+    assert np.linalg.norm(found.pose.centre - RIG["C2"].centre) < 3 * found.sigma.position_m + 3 * 0.01
+    assert found.degrees == pytest.approx(np.hypot(15, 5), abs=1)
+    assert resect(off, seen, "C2", until_s=4.0) is None
+
+
+def test_ground_that_is_a_slope_somewhere_else():
+    moved = GIVEN.moved(np.eye(3), np.array([0.0, 0.0, 30.0]))
+    seen = walkers(RIG, 60, ground=lambda xy: 0.05 * xy[:, 0])
+    ground = fit_ground(moved, sightings_of(moved, seen), 30.0)
+    assert ground.height == pytest.approx(30, abs=0.05)
+    assert ground.slope == pytest.approx((0.05, 0.0), abs=0.015)
+
+
+def test_derivatives_of_the_equations():
+    from passerby.geometry.rotations import exp_rotation
+    from passerby.monitoring.people import equations_of, solve_people
+
+    seen = sightings_of(GIVEN, walkers(RIG, 20))
+    rotation, centre = poses_of(GIVEN, seen.names)
+    body = solve_people(seen, rotation, centre).body
+    here, step = equations_of(seen, rotation, centre, body), 1e-6
+    for k in range(6):
+        turned, placed = rotation.copy(), centre.copy()
+        if k < 3:
+            placed[:, k] += step
+        else:
+            turned = exp_rotation(step * np.eye(3)[k - 3]) @ rotation
+        there = equations_of(seen, turned, placed, body)
+        numeric = -(there.residual - here.residual) / step
+        # Linear about the rays: what the residual itself changes by is left out.
+        assert np.abs(numeric - here.by_camera[:, :, k]).max() < 0.15 * np.abs(here.by_camera[:, :, k]).max() + 1e-6
