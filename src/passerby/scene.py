@@ -15,7 +15,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from passerby.errors import InputError
 from passerby.interchange.faults import FileFaults, read_text
-from passerby.interchange.untrusted import NotParsed, toml_of
+from passerby.interchange.untrusted import NotParsed, shortened, toml_of, unopenable
 from passerby.scene_errors import explained, nearest
 from passerby.scene_tables import (
     AssociationTable,
@@ -35,6 +35,9 @@ from passerby.solver.scale import CameraDistance, CameraHeight, KnownLength, Per
 
 CAMERA_NAME = re.compile(r"[\w+@-][\w .+@-]*")
 """Names become TOML tables and file names."""
+LONGEST_NAME = 100
+RESERVED = frozenset(["con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10))])
+"""No file can be called so on Windows, whatever its ending."""
 
 
 class Scene(Table):
@@ -64,7 +67,25 @@ class Scene(Table):
             faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
             raise FileFaults([f"{path}: {explained(dict(fault), TABLES)}" for fault in faults]) from None
         scene._path = path
+        scene._check_paths()
         return scene
+
+    def _check_paths(self) -> None:
+        """Raises `FileFaults` for paths that no system can open, so that nobody has to think of them later."""
+        faults = []
+        for name, table in self.cameras.items():
+            for key, value in table:
+                if isinstance(value, Path) and (why := unopenable(self.resolve(value))):
+                    faults.append(f"{self.place}: [cameras.{name}] {key} is {shortened(str(value))}: {why}")
+        for where, value in (("[perception] models", self.perception.models), *self._world_paths()):
+            if value is not None and (why := unopenable(self.resolve(value))):
+                faults.append(f"{self.place}: {where} is {shortened(str(value))}: {why}")
+        if faults:
+            raise FileFaults(faults)
+
+    def _world_paths(self) -> list[tuple[str, Path | None]]:
+        """The files of known places."""
+        return [] if self.world is None else [(f"[world] {key}", getattr(self.world, key)) for key in ("points", "positions")]
 
     @property
     def path(self) -> Path | None:
@@ -129,8 +150,13 @@ class Scene(Table):
         for name in self.cameras:
             if not CAMERA_NAME.fullmatch(name) or name == "metadata":
                 raise ValueError(
-                    f"[cameras.{name}]: '{name}' cannot be a camera's name: use letters, digits, spaces and _ . + @ -, "
-                    "not 'metadata'"
+                    f"[cameras.{name[:40]}]: '{name[:40]}' cannot be a camera's name: use letters, digits, spaces and "
+                    "_ . + @ -, not 'metadata'"
+                )
+            if len(name) > LONGEST_NAME or name.split(".")[0].casefold() in RESERVED:
+                raise ValueError(
+                    f"[cameras.{name[:40]}]: '{name[:40]}' cannot be a file's name everywhere: give another one, of up to "
+                    f"{LONGEST_NAME} characters"
                 )
         for place, name in self._mentions():
             if name not in self.cameras:

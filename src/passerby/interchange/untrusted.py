@@ -7,6 +7,7 @@ other. OpenCV's own parser is not used: version 5 reads beyond its text (a JSON 
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 import reprlib
@@ -34,6 +35,9 @@ NESTED = re.compile(r"(?:[\[{]\s*){64}")
 
 LONG_NUMBER = re.compile(r"[0-9_]{1000}")
 """Floats end at 308 digits. YAML's own parser takes minutes for a number of 100,000 digits."""
+
+MOST_DOTS = 5000
+"""In one line of TOML. The parser keeps every beginning of a dotted key: one of 50,000 parts takes ten gigabytes."""
 
 MOST_LEAVES = 1000
 """Values in one list that are looked at, where a few bytes of YAML may stand for endless ones."""
@@ -81,9 +85,23 @@ def check_is_file(path: Path, kind: str) -> None:
         )
 
 
+def unopenable(path: Path) -> str | None:
+    """Why no file can be called so, or None; one that is only missing, or that may not be read, is told when it is read."""
+    try:
+        path.stat()
+    except ValueError:
+        return "it holds a zero byte: give a path"
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            return "no file can have so long a name: give a path"
+    return None
+
+
 def toml_of(text: str) -> dict[str, Any]:
     """The tables of TOML. Raises `NotParsed`."""
     _check_numbers(text)
+    if max((line.count(".") for line in text.splitlines()), default=0) > MOST_DOTS:
+        raise NotParsed("it is nested too deep")
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError, OverflowError) as error:

@@ -6,6 +6,7 @@ leaves its number out); one of variable rate counts hundredths of a second, so t
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from passerby.errors import InputError
+from passerby.interchange.untrusted import shortened_text
 from passerby.observations import Floats
 
 VARIABLE_CLOCK_FPS = 100.0
@@ -37,6 +39,32 @@ TRIED_PACKETS = 600
 
 # H.264 codes whole blocks of this size; a video leaves out at most one pixel less of the last ones.
 MACROBLOCK = 16
+
+# Containers of videos. Others of FFmpeg's open further files or addresses that their text names (playlists, lists of pieces,
+# session descriptions) or devices; a scene file names a video, and that file alone is read.
+VIDEO_CONTAINERS = (
+    "mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "m4v", "h264",
+    "hevc", "vvc", "obu", "ivf", "av1", "mjpeg", "mjpeg_2000", "mpjpeg", "flv", "asf", "ogg", "mxf", "gxf", "dv", "dhav",
+    "nut", "rm", "wtv", "swf", "nuv", "nsv", "avs2", "avs3", "cavsvideo", "vc1", "vc1test", "h261", "h263", "dirac",
+    "dnxhd", "yuv4mpegpipe", "gif", "apng", "ismv", "ipmovie", "ser", "lmlm4", "xmv", "pva", "ty", "viv", "vivo", "cine",
+    "roq", "smjpeg", "kux", "live_flv", "evc",
+)  # fmt: skip
+# Looked into only to tell what they are: they open nothing else.
+OTHER_KINDS = (
+    "wav", "mp3", "flac", "aac", "ac3", "eac3", "dts", "aiff", "au", "caf", "amr", "srt", "ass", "webvtt", "tty",
+    "png_pipe", "jpeg_pipe", "jpegls_pipe", "bmp_pipe", "tiff_pipe", "webp_pipe", "gif_pipe", "j2k_pipe", "ppm_pipe",
+    "pgm_pipe", "psd_pipe", "pcx_pipe", "exr_pipe", "dpx_pipe", "qoi_pipe", "sgi_pipe", "sunrast_pipe", "xpm_pipe",
+    "svg_pipe", "jpegxl_pipe", "webp",
+)  # fmt: skip
+
+MOST_PIXELS = 1 << 26
+"""Of a picture: 8K has half as many. A head of a few bytes may promise more than the memory holds."""
+
+OPTIONS = {
+    "protocol_whitelist": "file",
+    "format_whitelist": ",".join(VIDEO_CONTAINERS + OTHER_KINDS),
+    "max_pixels": str(MOST_PIXELS),
+}
 
 MEND = "convert it, for example with `ffmpeg -i {name} -c:v libx264 converted.mp4`, or take it out of the scene"
 
@@ -102,7 +130,7 @@ def opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     _check_file(path)
     try:
         # An absolute path, so that no name is taken for a protocol's.
-        container = av.open(str(path.absolute()), metadata_errors="replace")
+        container = av.open(str(path.absolute()), metadata_errors="replace", options=OPTIONS)
     except (FFmpegError, OSError) as error:
         if "moov atom" in str(getattr(error, "log", "")) or _is_unfinished_mp4(path):
             raise InputError(
@@ -117,12 +145,19 @@ def opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
 
 
 def _check_file(path: Path) -> None:
-    """Raise `InputError` unless `path` is a file with something in it."""
-    if path.is_dir():
+    """Raise `InputError` unless `path` is a file with something in it; a pipe or a device might never end."""
+    try:
+        kind = path.stat()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file: a video is needed here; check the path and its spelling") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{shortened_text(str(path), 1000)}: cannot be read ({why}): a video is needed here") from None
+    if stat.S_ISDIR(kind.st_mode):
         raise InputError(f"{path}: is a folder: name a video file")
-    if not path.exists():
-        raise InputError(f"{path}: no such file: a video is needed here; check the path and its spelling")
-    if path.is_file() and path.stat().st_size == 0:
+    if not stat.S_ISREG(kind.st_mode):
+        raise InputError(f"{path}: is a pipe or a device: name a video file")
+    if kind.st_size == 0:
         raise InputError(f"{path}: holds 0 bytes: copy the video again, or take it out of the scene")
 
 
@@ -151,7 +186,9 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
         kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
         raise InputError(f"{path}: has no video stream, only {kinds}: name a file with pictures")
     stream = streams[0]
-    if stream.codec_context is None:
+    if stream.codec_context is not None:
+        stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
+    else:
         raise InputError(f"{path}: its video codec is unknown and cannot be decoded: {_mend(path)}")
     return stream
 
