@@ -34,6 +34,7 @@ from passerby.solver.pairs import PairHypothesis
 from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.refined_lenses import lens_notes
 from passerby.solver.solution import Solution, Verdict
+from passerby.uneven_ground import ground_figures, shape_of, told_of_ground
 from passerby.verdict import judged
 from passerby.videos import Videos
 from passerby.wanted_world import in_world
@@ -207,13 +208,19 @@ def calibrate_inputs(
         in_step = partial(rated, solve=solve) if "clock_rate" in scene.solver.refine else solve
         steady = steadied(inputs, in_step, given=given, body_m=body_m)
         association = steady.association
-        doubts = (*steady.reasons, *association.notes)
-        solution = judged(steady.solution, association.instants, given=given, why=association.lost, doubts=doubts)
+        shape = shape_of(steady.solution, association.instants, body_m)
+        tilt_known = scene.world is not None and scene.world.tilt
+        uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
+        doubts = (*steady.reasons, *association.notes, *uneven)
+        found = replace(steady.solution, figures=steady.solution.figures | {"ground": ground_figures(shape)})
+        known = bool(scene.scale.model_fields_set)
+        why = association.lost
+        solution = judged(found, association.instants, given=given, why=why, doubts=doubts, scale_known=known)
         placed = in_world(scene, solution)
     solved = time.perf_counter()
-    lenses = (*lens_notes(solution.figures), *rate_findings(solution.figures))
+    refined = (*lens_notes(solution.figures), *rate_findings(solution.figures), *ground)
     for note in (
-        *lenses,
+        *refined,
         *association.findings,
         *placed.findings,
         f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
@@ -228,7 +235,7 @@ def calibrate_inputs(
         seed=seed,
         options=asdict(options),
         figures=placed.figures,
-        findings=(*inputs.findings, *association.findings, *lenses, *placed.findings),
+        findings=(*inputs.findings, *association.findings, *refined, *placed.findings),
         association=association,
         clocked=bool(inputs.observations.clocks),
         world=placed.world,
