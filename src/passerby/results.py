@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import json
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,7 +55,7 @@ def write_results(calibration: Calibration, folder: Path, *, report: bool = True
     libraries give the same bytes. Raises `InputError` where the folder is not writable.
     """
     seen = {camera.name: calibration.observations[camera.name] for camera in calibration.rig}
-    with together(folder, [REPORT_FILE, *(name for camera, people in seen.items() for name in _gone(camera, people))]) as new:
+    with together(folder, [REPORT_FILE, *_earlier_tracks(folder, seen)]) as new:
         for name, people in seen.items():
             _write_seen(new / TRACKS_FOLDER, name, people)
         write_rig(new / RIG_FILE, calibration.rig)
@@ -93,10 +95,15 @@ def _write_seen(folder: Path, name: str, seen: CameraObservations) -> None:
         write_keypoints(folder / f"{name}.json", seen.keypoints)
 
 
-def _gone(name: str, seen: CameraObservations) -> list[str]:
-    """The files of an earlier run in which this camera saw what it does not show now."""
-    boxes, joints = f"{TRACKS_FOLDER}/{name}.txt", f"{TRACKS_FOLDER}/{name}.json"
-    return [path for path, found in ((boxes, seen.boxes), (joints, seen.keypoints)) if not len(found)]
+def _earlier_tracks(folder: Path, cameras: Iterable[str]) -> list[str]:
+    """The tracks of an earlier run: of these cameras, and those that its `calibration.json` tells of."""
+    ours = [f"{TRACKS_FOLDER}/{name}{ending}" for name in cameras for ending in (".txt", ".json")]
+    try:
+        told = json.loads((folder / CALIBRATION_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # none, or one that is broken
+        return ours
+    files = told.get(FILES) if isinstance(told, dict) else None
+    return ours + [name for name in files or () if name.startswith(f"{TRACKS_FOLDER}/") and name.count("/") == 1]
 
 
 def scene_file(scene: Path | None) -> str | None:

@@ -82,6 +82,10 @@ def _taken(path: Path, place: Path, wait_s: float) -> IO[bytes]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             file = path.open("a+b")
+        except FileNotFoundError as error:
+            if not path.parent.exists():  # another process has just removed the folder, as nothing was put into it
+                continue
+            raise cannot_write(place, error) from error
         except OSError as error:
             raise cannot_write(place, error) from error
         try:

@@ -49,7 +49,7 @@ def together(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
 
     Args:
         folder: made where it is missing; files in it with other names stay.
-        gone: names of files in it that go when the new ones come.
+        gone: names of files in it that go when the new ones come, as far as no new ones take their places.
 
     Raises:
         InputError: the folder cannot be written. As long as `.written` is not there, nothing in it has changed then.
@@ -62,7 +62,8 @@ def together(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
         raise cannot_write(folder, error) from error
     try:
         yield new
-        write_text(new / GONE, json.dumps(sorted(gone)))
+        come = {path.as_posix() for path in _below(new)}
+        write_text(new / GONE, json.dumps(sorted({*gone} - come)))
         # A disk that is full is found out now, while nothing is decided.
         for path in _below(new):
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
