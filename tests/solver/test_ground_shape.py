@@ -27,7 +27,7 @@ def test_a_step_is_told_and_the_cameras_stand_right_to_each_other():
     assert calibration.verdict == "doubtful"
     assert any(reason.startswith("the people's ground is not one plane: 0.") for reason in calibration.reasons)
     assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 50  # measured 32, and 27 on level ground
-    assert calibration.figures["ground"]["chance_sigmas"] > 8
+    assert calibration.figures["ground"]["chance_sigmas"] > 6.5
 
 
 @pytest.mark.parametrize("ground", [level, lambda xy: 0.1 * xy[..., 1]], ids=["level", "10 % slope"])

@@ -26,8 +26,8 @@ UNSURE_M = 0.3
 ROUNDS, LOSS = 10, 2.0
 LEAST_M, LEAST_SIGMAS, LEAST_CHANCE = 0.15, 3.5, 6.5
 """A ground is told to be no plane where its rise is so large and so many sigmas, and all cells together so far from chance. On
-flat ground the last is 1 or 2; a step of half a metre across a terrace makes it 15 in half a minute, a metre on a building site,
-where people crouch, 13."""
+flat ground the last is 1 or 2; a step of half a metre across a terrace makes it 15 in half a minute, one of a metre on a
+building site, where people crouch, 13."""
 MOST_PLACES = 6000
 """Places at most: of more, even steps of instants are taken."""
 EXCESS = 2.0

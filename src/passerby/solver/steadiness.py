@@ -225,7 +225,7 @@ class Change:
     def sure(self) -> bool:
         """Whether it is beyond doubt, and large enough to matter."""
         return (
-            min(self.borne_out) > BORNE_OUT
+            BORNE_OUT[0] < min(self.borne_out) <= max(self.borne_out) < BORNE_OUT[1]
             and self.gain > LEAST_GAIN
             and self.sigmas > LEAST_SIGMAS
             and self.shift > LEAST_SHIFT
