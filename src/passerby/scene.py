@@ -160,7 +160,8 @@ class Scene(Table):
                 )
         for place, name in self._mentions():
             if name not in self.cameras:
-                raise ValueError(f"{place}: camera '{name}' is not declared: {nearest(name, list(self.cameras))}")
+                told = nearest(name[:LONGEST_NAME], list(self.cameras))
+                raise ValueError(f"{place}: camera {shortened(name)} is not declared: {told}")
         for number, length in enumerate(self.scale.lengths, start=1):
             if len(length.points) < 2:
                 raise ValueError(f"[[scale.lengths]] {number}: points are marked in one camera: mark both ends in two or more")

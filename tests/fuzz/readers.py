@@ -38,6 +38,9 @@ from passerby.scene import Scene
 from passerby.starting.folders import FoundCamera
 from passerby.starting.lenses import find_lenses
 
+OWN_PROCESS = 0.01
+"""Of the usual number of cases, where each is read in a new process: SciPy can be made to end its own."""
+
 
 @dataclass(frozen=True, eq=False)
 class Reader:
@@ -166,7 +169,7 @@ def _people() -> list[Reader]:
 
 READERS: tuple[Reader, ...] = (
     Reader("scene file", _one("scene.toml", lambda: example.SCENE), Scene.load),
-    Reader("scene and its files", example.scene_folder, _scene, share=0.5),
+    Reader("scene and its files", example.scene_folder, _scene),
     Reader("rig file", _one("rig.toml", example.rig_file), read_rig),
     Reader("lens of a rig file", _one("rig.toml", example.rig_file), lambda path: read_lens(path, "A")),
     Reader("OpenCV lens, YAML", lambda: example.opencv_lens(".yml"), read_opencv_lens),
@@ -203,7 +206,7 @@ READERS: tuple[Reader, ...] = (
     Reader("EPFL positions", _one("gt.txt", lambda: example.GRID), read_grid),
     Reader("Panoptic cameras", _one("calibration_a.json", lambda: example.json.dumps(example.PANOPTIC)), _panoptic),
     Reader("projection matrix, text", _one("P.txt", lambda: "1 2 3 4\n5 6 7.5 8\n9 10 11 12e0\n"), text_matrix),
-    Reader("projection matrix, MATLAB", example.matlab, lambda path: mat_matrix(path, "cam1", (3, 4))),
+    Reader("projection matrix, MATLAB", example.matlab, lambda path: mat_matrix(path, "cam1", (3, 4)), share=OWN_PROCESS),
     Reader("OpenCV storage, XML", _one("a.xml", lambda: example.XML_STORAGE), lambda path: xml_numbers(path, "camera_matrix", (3, 3))),
     Reader("MOTChallenge sequence", lambda: {"seqinfo.ini": example.SEQUENCE.encode(), "gt/gt.txt": example.PEDESTRIANS.encode()},
            lambda path: camera_of_sequence(path.parent).boxes, folders=("img1",)),

@@ -111,7 +111,7 @@ def test_damaged_files_are_read_or_refused(reader, tmp_path_factory):
         raise
     finally:
         if RECORDS is not None:
-            content = {"reader": reader.name, "example": told[:1], **counts}
+            content = {"reader": reader.name, "share": reader.share, **counts}
             (Path(RECORDS) / f"{reader.name.replace('/', '-')}.json").write_text(json.dumps(content))
 
 

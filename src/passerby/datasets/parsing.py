@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,8 @@ def numbers(value: Any, shape: tuple[int, ...], place: str, meaning: str) -> Flo
     wanted = len(flat) if shape == (-1,) else math.prod(shape)
     if any(type(number) not in (int, float) for number in flat) or len(flat) != wanted:
         raise InputError(f"{place} is {_short(value)}: {meaning} are needed")
+    if any(abs(number) > sys.float_info.max for number in flat):
+        raise InputError(f"{place} is {_short(value)}: its numbers must be finite")
     array = np.array(flat, dtype=np.float64).reshape(shape)
     if not np.isfinite(array).all():
         raise InputError(f"{place} is {_short(value)}: its numbers must be finite")

@@ -22,6 +22,9 @@ from passerby.interchange.faults import FileFaults, read_text
 from passerby.interchange.untrusted import NotParsed, json_of, shortened
 from passerby.observations import UNKNOWN, Floats, Keypoints
 
+LARGEST_WHOLE = 2**53
+"""Above it JSON of most programs no longer tells whole numbers apart."""
+
 HIDDEN_CONFIDENCE = 0.5
 """Confidence of a joint that an annotator placed though it was hidden."""
 
@@ -236,7 +239,7 @@ class _Reader:
 
 
 def _is_whole(value: Any) -> bool:
-    return type(value) is int
+    return type(value) is int and abs(value) <= LARGEST_WHOLE
 
 
 def _is_finite(value: Any) -> bool:

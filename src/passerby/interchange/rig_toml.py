@@ -97,7 +97,7 @@ def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, A
 
 def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
     units = metadata.get("units", "m")
-    if units not in METRES_PER_UNIT:
+    if not isinstance(units, str) or units not in METRES_PER_UNIT:
         raise InputError(f"{path}: [{METADATA}] units is {shortened(units)}: write one of {', '.join(METRES_PER_UNIT)}")
     return METRES_PER_UNIT[units]
 

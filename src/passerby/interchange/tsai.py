@@ -33,7 +33,7 @@ import numpy as np
 from passerby.cameras import Camera, Floats, Lens, Pose
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import NotParsed, xml_of
+from passerby.interchange.untrusted import NotParsed, shortened, xml_of
 
 METRES = 1e-3
 """The files' unit of length."""
@@ -51,6 +51,9 @@ FAR = 6.0
 """Where the choice is free, the drawn radius grows out to so many focal lengths (80 degrees off the axis), so that nobody
 outside the view is drawn inside the picture. Polynomials of three coefficients fitted to EPFL's lenses turn back at 48 degrees.
 """
+
+MOST_KAPPA, MOST_RADIUS = 1e6, 1e3
+"""Of a distortion, and of a picture's half diagonal, both in focal lengths: some 1 and 2 in any lens that was built."""
 
 _SAMPLES = 400
 _ATTRIBUTES = {
@@ -142,6 +145,8 @@ def fitted_distortions(kappa: float, radius: float, focal_px: float, place: str 
     """
     if kappa == 0:
         return np.zeros(0), 0.0
+    if not (abs(kappa) < MOST_KAPPA and 0 < radius < MOST_RADIUS and math.isfinite(focal_px)):
+        raise InputError(f"{place}: its numbers are no lens's: are focal, dpx and dpy in millimetres, and cx and cy in pixels?")
     if 1 + 3 * kappa * radius**2 <= 0:
         raise InputError(
             f"{place}: kappa1 is so far below 0 that the distortion turns back inside the picture: is the sign right, "
@@ -280,5 +285,5 @@ def _number(path: Path, camera: ElementTree.Element, element: str, name: str) ->
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise InputError(f"{path}: <{element}> {name} is '{text}': a finite number is needed")
+        raise InputError(f"{path}: <{element}> {name} is {shortened(text)}: a finite number is needed")
     return number

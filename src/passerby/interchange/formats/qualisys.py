@@ -32,7 +32,7 @@ from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.untrusted import NotParsed, xml_of
+from passerby.interchange.untrusted import NotParsed, shortened, xml_of
 
 METRES = 1e-3
 SUBPIXELS = 64.0
@@ -146,7 +146,7 @@ def _numbers(element: ElementTree.Element, tag: str, names: list[str], missing: 
         except ValueError:
             value = math.nan
         if value is None or not math.isfinite(value):
-            raise InputError(f"<{tag}> {name} is '{text}': a finite number is needed")
+            raise InputError(f"<{tag}> {name} is {shortened(text)}: a finite number is needed")
         values.append(value)
     return np.array(values)
 

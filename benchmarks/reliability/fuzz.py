@@ -1,0 +1,109 @@
+"""Damaged, lying and malicious files for every reader: the marked tests, run and counted."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from passerby.benchmark.page import table
+from reliability.page import Line, Part
+from reliability.runs import ROOT, Wanted
+
+CASES, QUICK_CASES = 10_000, 60
+LONGEST_S = 3600
+COUNTS = ("cases", "read", "refused", "faults")
+
+TEXT = """\
+Every reader of files was given sound files that were then damaged in one to three ways: bytes flipped or set to the
+largest number, ends cut off, spans left out, doubled or put elsewhere, numbers and words replaced (by NaN,
+infinities, 1e308, -1, numbers of thirty to five thousand digits, nothing, thousands of brackets, control characters,
+text of HTML and shells), values of JSON, TOML and YAML replaced by others of every type or moved, lines doubled and
+left out, other encodings and ends of lines, or the whole file replaced by noise. *Read*: the file gave a value that
+keeps what its type promises. *Refused*: an error that names the file, in one line that shows little of what is in it.
+Anything else is a fault: another exception, a crash of the process, a case that does not end. The cases are the same
+in every run.
+
+{readers}
+
+Besides, {bombs} checks of untrusted files passed, {failed} failed: files of some kilobytes that promise 10⁹ rows,
+pixels or tables, or unfold to gigabytes, are read in a process that may take 768 MB; pickled objects, YAML tags, XML
+entities, networks with tables in other files and playlists run nothing and open nothing else; pipes, devices, folders
+and loops of links are refused in every place where a scene file names a file; and names of cameras stay text, and
+inside the folder, in every format that is written.
+
+What "where the user may read" means: a scene file may name any file that the user may read, with an absolute path or
+above its own folder, since recordings lie where there is room for them. It is opened as what it is named for, with
+the user's own rights, and its content is not shown. Nothing is written outside the output folder. An ONNX network
+remains a program of arithmetic: one that is made to take long, or much memory, does.
+
+Found and mended on the way: OpenCV's own reader of YAML, XML and JSON ended the process at a JSON file that was cut
+off, and libyaml at deep nesting (neither is used now); an embeddings' header, dotted keys of TOML and merged tables
+of YAML filled the memory; a number of many digits, or brackets, kept the reader of YAML busy for seconds to minutes;
+a file that only called itself a video was followed to other files and addresses if it was a playlist; a pipe named in
+a scene file was waited for without end; and some thirty readers let a traceback through for numbers too large for a
+float or an index, for values of the wrong type, or for a length that did not fit.
+"""
+
+
+def run(wanted: Wanted) -> Part:
+    """Run the marked tests, and those of untrusted files."""
+    cases = QUICK_CASES if wanted.quick else CASES
+    with TemporaryDirectory() as folder:
+        status = _tests(wanted, "tests/fuzz/test_readers.py", ["-m", "fuzz"], cases, Path(folder))
+        records = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob("*.json"))]
+        report = Path(folder) / "untrusted.xml"
+        _tests(wanted, "tests/fuzz/test_untrusted.py", [f"--junitxml={report}"], cases, Path(folder))
+        checks, failed = _counted(report)
+    faults = sum(record.get("faults", 0) for record in records)
+    whole = [record for record in records if record["share"] == 1.0]
+    least = min((record.get("cases", 0) for record in whole), default=0)
+    sound = status == 0 and faults == 0
+    lines = [
+        Line(
+            "damaged files, readers without a fault",
+            f"{sum(not record.get('faults') for record in records)} of {len(records)}",
+            "all",
+            sound and bool(records),
+        ),
+        Line(f"cases for each of {len(whole)} readers, fewest", f"{least:,}", f"{CASES:,}", least >= CASES),
+        Line("checks of untrusted files", f"{checks - failed} of {checks}", "all", failed == 0 and checks > 0),
+    ]
+    readers = table(
+        ("reader", "cases", "read", "refused", "faults"),
+        [tuple(str(part) for part in _row(record)) for record in records]
+        + [
+            (
+                "**all**",
+                f"{total:,}",
+                *(f"{sum(record.get(key, 0) for record in records):,}" for key in ("read", "refused", "faults")),
+            )
+        ],
+    )
+    return Part("fuzz", "Files from anybody", lines, TEXT.format(readers=readers, bombs=checks - failed, failed=failed))
+
+
+def _tests(wanted: Wanted, path: str, options: list[str], cases: int, records: Path) -> int:
+    """Run tests in a process of their own, whose crash is not this one's; its exit status."""
+    environment = os.environ | {
+        "PASSERBY_FUZZ_CASES": str(cases), "PASSERBY_FUZZ_RECORDS": str(records), "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }  # fmt: skip
+    command = [sys.executable, "-m", "pytest", "-n", str(wanted.workers), "--dist=worksteal", "-p", "no:cacheprovider", path]
+    done = subprocess.run([*command, *options], cwd=ROOT, env=environment, stdout=sys.stderr, timeout=LONGEST_S, check=False)
+    return done.returncode
+
+
+def _counted(report: Path) -> tuple[int, int]:
+    """How many tests ran, and how many of them failed; (0, 0) where the run did not end."""
+    from xml.etree import ElementTree
+
+    if not report.is_file():
+        return 0, 0
+    suites = ElementTree.parse(report).getroot().iter("testsuite")
+    counts = [{key: int(suite.get(key, "0")) for key in ("tests", "failures", "errors", "skipped")} for suite in suites]
+    failed = sum(count["failures"] + count["errors"] for count in counts)
+    return sum(count["tests"] - count["skipped"] for count in counts), failed
