@@ -202,7 +202,6 @@ CAMERAS: Mapping[str, tuple[str, Build]] = MappingProxyType(
         "on-its-side": ("a camera on its side", partial(rolled, degrees=90.0, given=False)),
         "flipped": ("a picture mirrored left to right", partial(flipped, given=True)),
         "flipped-found": ("the same, identities found", partial(flipped, given=False)),
-        "flipped-all": ("all pictures mirrored, identities found", partial(flipped, given=False, cameras=EVERY)),
         "moved-pan-4": ("a camera turned by 4 degrees half-way", partial(moved, pan=4.0)),
         "moved-pan-4-found": ("the same, identities found", partial(moved, pan=4.0, given=False)),
         "moved-pan-15": ("turned by 15 degrees half-way", partial(moved, pan=15.0)),

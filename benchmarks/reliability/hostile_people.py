@@ -110,10 +110,12 @@ def one_side(seed: int, *, given: bool) -> HandedIn:
 
 
 def sloped(seed: int, *, grade: float, given: bool = True) -> HandedIn:
-    """Ground that rises along x."""
-    return staged(
+    """Ground that rises along x. A rig's ground is what people walk on: the truth is laid upon it."""
+    scene = staged(
         seed, preset="construction", given=given, people_move=lambda m, h, r: raised(m, lambda xy: grade * xy[..., 0])
     )
+    c, s = np.array([1.0, grade]) / np.hypot(1.0, grade)
+    return replace(scene, truth=scene.truth.moved(np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]), np.zeros(3)))
 
 
 def stepped(seed: int, *, height_m: float, given: bool = True) -> HandedIn:

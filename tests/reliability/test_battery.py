@@ -1,0 +1,113 @@
+"""The battery in small: hostile scenes that must not be accepted with a wrong rig, ordinary ones that must be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Pose, PoseSigma, Rig
+from passerby.simulation.placement import place_cameras
+
+Bench = Callable[[str], ModuleType]
+SEED = 31
+ORDINARY = (3, 4, 9)
+"""One of each preset, identities given."""
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("court-confused", "C3: only"),
+        ("flipped", "C2"),
+        ("focal-20-all", ""),
+        ("stairs", ""),
+        ("children-given", "are they children"),
+        ("in-step-shifted", "C2"),
+        ("moved-tilt-5", "C2"),
+        ("apart-given", "C3, C4"),
+    ],
+)
+def test_a_wrong_rig_is_not_accepted_and_the_reason_tells_of_it(bench: Bench, name: str, told: str) -> None:
+    result = bench("reliability.hostile").work((name, SEED))
+    assert result["verdict"] != "accepted"
+    assert any(told in reason for reason in result["reasons"]), result["reasons"]
+
+
+@pytest.mark.parametrize("seed", ORDINARY)
+def test_an_ordinary_scene_is_accepted_and_right(bench: Bench, seed: int) -> None:
+    result = bench("reliability.ordinary").work(seed)
+    assert result["verdict"] == "accepted", result["reasons"]
+    assert not result["wrong"]
+    assert result["similarity_mm"] < 100
+
+
+def test_ordinary_scenes_are_of_all_presets_and_both_modes(bench: Bench) -> None:
+    drawn = [bench("reliability.ordinary").ordinary_options(seed) for seed in range(60)]
+    assert {(one.preset, one.unrelated_ids) for one in drawn} == {
+        (preset, found) for preset in ("terrace", "basketball", "construction") for found in (False, True)
+    }
+    assert {one.n_cameras for one in drawn} >= {3, 4, 5}
+    assert all(20 <= one.seconds <= 60 and 0.01 <= one.box_noise <= 0.04 for one in drawn)
+
+
+def test_there_are_enough_hostile_cases_and_each_says_what_it_is(bench: Bench) -> None:
+    cases = bench("reliability.hostile").HOSTILE
+    assert len(cases) >= 45
+    assert all(len(what) > 10 for what, _ in cases.values())
+
+
+def rig_of(seed: int, sigma_m: float) -> Rig:
+    """Four cameras that are stated to be so sure."""
+    rig = place_cameras(4, (10.0, 10.0), 2.0, 2.5, (1280, 720), np.random.default_rng(seed))
+    return Rig(tuple(replace(camera, sigma=PoseSigma(sigma_m, 0.1)) for camera in rig))
+
+
+def test_a_rig_laid_elsewhere_on_the_ground_is_right(bench: Bench) -> None:
+    truth = rig_of(1, 0.05)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    errors = bench("reliability.judging").errors_of(truth.moved(quarter, np.array([7.0, -3.0, 0.0])), truth)
+    assert errors is not None
+    assert not errors.wrong
+    assert errors.placed_mm < 1e-6
+    assert errors.similarity_mm < 1e-6
+
+
+def test_a_wrong_scale_is_wrong_unless_the_sigma_says_so(bench: Bench) -> None:
+    truth = rig_of(1, 0.05)
+    larger = truth.moved(np.eye(3), np.zeros(3), 1.1)
+    errors = bench("reliability.judging").errors_of(larger, truth)
+    assert errors is not None
+    assert errors.similarity_mm < 1e-6
+    assert errors.placed_mm > 500
+    assert errors.wrong
+    unsure = Rig(tuple(replace(camera, sigma=PoseSigma(1.0, 0.1)) for camera in larger))
+    assert not bench("reliability.judging").errors_of(unsure, truth).wrong
+
+
+def test_one_camera_that_is_turned_is_wrong_however_unsure(bench: Bench) -> None:
+    truth = rig_of(1, 10.0)
+    errors = bench("reliability.judging").errors_of(bench("reliability.staging").turned(truth, "C2", pan=6.0), truth)
+    assert errors is not None
+    assert errors.similarity_deg > 3
+    assert errors.wrong
+
+
+def test_cameras_that_no_similarity_brings_near_are_wrong(bench: Bench) -> None:
+    truth = rig_of(1, 10.0)
+    at_one_place = Rig(tuple(Camera(c.name, c.lens, Pose.from_centre(c.pose.R_cw, np.zeros(3)), c.sigma) for c in truth))
+    errors = bench("reliability.judging").errors_of(at_one_place, truth)
+    assert errors is not None
+    assert errors.wrong
+
+
+def test_only_accepted_wrong_rigs_are_false_accepts(bench: Bench) -> None:
+    results = {
+        "wrong": {"verdict": "accepted", "wrong": True},
+        "told": {"verdict": "doubtful", "wrong": True},
+        "right": {"verdict": "accepted", "wrong": False},
+    }
+    assert bench("reliability.battery").false_accepts(results) == ["wrong"]
