@@ -31,10 +31,10 @@ OUTLYING, LEAST_REDUNDANCY, LEAST_STANCE = 3.0, 0.25, 0.1
 """Of the noise of feet and standing heights, in units of the noise given: residuals count as this large at most, the redundancy
 as no smaller, and the noise learnt as no smaller."""
 
-MODEL_EXCESS = 1.4
+MODEL_EXCESS = 1.5
 """Factor on the design effect for what no stretch shows; fitted together with what is systematic (`systematic.SIGMAS`)."""
 
-TIME_EXCESS = 1.9
+TIME_EXCESS = 1.6
 """Factor on the sigmas of clocks: gait and lean go with the way that a person walks, as a late clock does. Errors over sigmas,
 root mean square, without it: 1.3 to 2.3 in 18 scenes of the three presets."""
 
