@@ -40,7 +40,7 @@ def test_level_ground_and_an_even_slope_are_planes(ground):
 
 def people(height: np.ndarray, places: np.ndarray) -> People:
     n = len(places)
-    instant = np.arange(n) // 4
+    instant = np.arange(n) // 4  # seconds apart: who is elsewhere each time walks
     place = np.column_stack([places, height])
     return People(instant, np.arange(n) % 4, place, np.tile(np.diag([0.01, 0.01, 0.02]) ** 2, (n, 1, 1)))
 
@@ -66,6 +66,18 @@ def test_a_ridge_is_measured():
     assert shape.sure
     assert shape.rise_m == pytest.approx(0.3, abs=0.05)  # between the means of cells of 2.5 m
     assert abs(shape.high[0]) < 2 < abs(shape.low[0])
+
+
+def test_people_who_work_near_the_ground_make_no_hole():
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-5, 5, (4000, 2))
+    low = np.zeros(4000, dtype=bool)
+    low[400:600] = low[1200:1500] = True
+    places[low] = [3.0, -3.0]
+    shape = ground_shape(people(np.where(low, 0.4, 0.86) + rng.normal(0, 0.03, 4000), places), 1.0)
+    assert shape is not None
+    assert not shape.sure
+    assert shape.rise_m < 0.05
 
 
 def test_too_few_places_tell_nothing():

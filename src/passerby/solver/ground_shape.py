@@ -21,6 +21,8 @@ CELLS = 4
 STRETCH_S = 3.0
 """Heights of one person within so many seconds are off alike."""
 LEAST_STRETCHES, LEAST_CELLS = 4, 5
+WALKING, WALK_S = 0.5, 1.0
+"""Metres per second, over so many seconds."""
 UNSURE_M = 0.3
 """Places whose height is less sure than this tell nothing."""
 ROUNDS, LOSS = 10, 2.0
@@ -66,6 +68,7 @@ def ground_shape(people: People, per_second: float) -> GroundShape | None:
     if np.count_nonzero(sure) > MOST_PLACES:
         instants = np.unique(people.instant[sure])
         sure &= np.isin(people.instant, instants[:: int(np.ceil(np.count_nonzero(sure) / MOST_PLACES))])
+    sure &= _walking(people, per_second)
     xy, z = people.place[sure, :2], people.place[sure, 2]
     if len(z) < 10 * LEAST_CELLS:
         return None
@@ -82,6 +85,23 @@ def ground_shape(people: People, per_second: float) -> GroundShape | None:
     height = np.bincount(group.ravel(), z) / count
     place = np.column_stack([np.bincount(group.ravel(), column) / count for column in xy.T])
     return _shape(key[:, 0], person[first], place, height)
+
+
+def _walking(people: People, per_second: float) -> NDArray[np.bool_]:
+    """(N,) who walks: he is upright. Whoever works near the ground does so in one place, and would make a hole of it."""
+    step = max(1, round(WALK_S * per_second))
+    order = np.lexsort((people.instant, people.identity))
+    who, when, where = people.identity[order], people.instant[order], people.place[order, :2]
+    out = np.zeros(len(order), dtype=bool)
+    if len(order) <= step:
+        return out
+    same = who[step:] == who[:-step]
+    seconds = (when[step:] - when[:-step]) / per_second
+    far = np.linalg.norm(where[step:] - where[:-step], axis=1)
+    walks = same & (seconds < 2 * WALK_S + 1 / per_second) & (far > WALKING * seconds)
+    middle = np.flatnonzero(walks) + step // 2
+    out[order[middle]] = True
+    return out
 
 
 def _shape(cell: Ints, person: Ints, place: Floats, height: Floats) -> GroundShape | None:
