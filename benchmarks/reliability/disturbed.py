@@ -65,7 +65,9 @@ def repaired(made: Path, out: Path) -> list[str]:
 
 def told(ended: subprocess.CompletedProcess[str], what: str) -> list[str]:
     """What is wrong with how a run ended that could not succeed: status 2 and one line that names the place or the matter."""
-    if ended.returncode == 2 and ended.stderr.count("\n") == 1 and what in ended.stderr:
+    # A run that takes long tells how far it is before.
+    errors = [line for line in ended.stderr.splitlines() if not line.startswith(("watching", "learning"))]
+    if ended.returncode == 2 and len(errors) == 1 and errors[0].startswith("error: ") and what in errors[0]:
         return []
     return [f"ends with {ended.returncode} and says: {ended.stderr[-300:]}"]
 

@@ -24,7 +24,7 @@ CHUNK = 8
 """Faults of one case: what it begins with is made once for them."""
 REPEATED = 4
 """Out of disk the command is run once more after every so many faults; killed, after each."""
-SPARSE = {"calibrate videos": 12, "calibrate with report": 6}
+SPARSE = {"calibrate videos": 8, "calibrate with report": 6}
 """Writers that take long: so many faults, evenly spread."""
 TITLES = {
     "kill": "killed (SIGKILL) at every change of a file",
@@ -122,15 +122,15 @@ def _cases(wanted: Wanted, made: Path) -> dict[str, Chunk | Disturbed]:
     rng = np.random.default_rng(SEED)
     few = 1 if wanted.quick else None
     values: Mapping[str, list[Any]] = {
-        "killed": rng.uniform(0.1, 1.05, 12).round(3).tolist(),
+        "killed": rng.uniform(0.1, 1.05, 8).round(3).tolist(),
         "small_disk": [8, 32, 100, 200],
-        "small_files": [0, 300, 3000, 20_000],
+        "small_files": [0, 300, 3000],
         "read_only": ["calibrate", "report", "track", "align", "export"],
         "two": ["calibrate", "report", "align"],
         "clock": ["jumps", "from nothing", "future", "past"],
-        "bit_rot": [SEED, SEED + 1, SEED + 2],
-        "wrong_result": [SEED, SEED + 1, SEED + 2],
-        "another_video": [SEED, SEED + 1],
+        "bit_rot": [SEED, SEED + 1],
+        "wrong_result": [SEED, SEED + 1],
+        "another_video": [SEED],
         "full_output": ["formats", "json"],
     }
     for kind, options in values.items():

@@ -92,7 +92,7 @@ def fate(writer: Writer, made: Path, fault: Fault, at: int, before: Files, after
         command = _arguments(writer, made, place)
         ended = passerby(command, place.parent, fault, at)
         wrong = [] if ended.status is None or ended.told else [f"ends with {ended.status}: {ended.errors[-300:]}"]
-        if fault == "full" and ended.status == 2 and ended.errors.count("\n") != 1:
+        if fault == "full" and ended.status == 2 and ended.errors.count("error: ") != 1:
             wrong.append(f"says more than a line: {ended.errors[:300]}")
         found = _settled(place)
         state = _state(found, before, after)
