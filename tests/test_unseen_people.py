@@ -1,0 +1,84 @@
+"""Whom one camera sees, another should see: counted over a small crowd in front of true and of turned cameras."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.observations import Boxes, CameraObservations, Observations
+from passerby.simulation.placement import looking_at
+from passerby.unseen_people import doubts_of_missed, people_missed
+
+LENS = Lens((1280, 720), np.array([[900.0, 0.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]), np.zeros(0))
+
+
+@pytest.fixture(scope="module")
+def rig() -> Rig:
+    """Three cameras around a square, 4 m up."""
+    places = [(-9.0, -8.0), (9.0, -8.5), (0.0, 11.0)]
+    aim = np.array([0.0, 0.0, 0.9])
+    cameras = []
+    for number, place in enumerate(places, start=1):
+        centre = np.array([*place, 4.0])
+        cameras.append(Camera(f"C{number}", LENS, Pose.from_centre(looking_at(centre, aim), centre)))
+    return Rig(tuple(cameras))
+
+
+@pytest.fixture(scope="module")
+def walked() -> np.ndarray:
+    """(200, 3, 2) places of three people who cross the square."""
+    at = np.linspace(0, 2 * np.pi, 200)
+    return np.stack([np.column_stack([3 * np.cos(k + 1.3 * at), 3 * np.sin((1 + 0.4 * k) * at)]) for k in range(3)], axis=1)
+
+
+def seen_by(rig: Rig, walked: np.ndarray) -> Observations:
+    """The people's boxes in all cameras, none hidden."""
+    cameras = {}
+    frames, people = walked.shape[:2]
+    for camera in rig:
+        place = np.column_stack([walked.reshape(-1, 2), np.zeros(frames * people)])
+        foot, head = camera.project(place), camera.project(place + (0, 0, 1.75))
+        height = foot[:, 1] - head[:, 1]
+        ltwh = np.column_stack([foot[:, 0] - 0.2 * height, head[:, 1], 0.4 * height, height])
+        boxes = Boxes(np.repeat(np.arange(1, frames + 1), people), np.tile(np.arange(people), frames), ltwh, np.ones(len(ltwh)))
+        cameras[camera.name] = CameraObservations(boxes)
+    return Observations(cameras)
+
+
+def test_everybody_is_found_by_the_true_rig(rig: Rig, walked: np.ndarray) -> None:
+    pairs = people_missed(rig, seen_by(rig, walked))
+    assert len(pairs) == 6
+    assert min(pair.due for pair in pairs) > 300
+    assert all(pair.found == pair.due for pair in pairs)
+    assert all(pair.by_chance < 0.5 * pair.due for pair in pairs)
+    assert doubts_of_missed(rig, seen_by(rig, walked)) == []
+
+
+def test_a_camera_that_filmed_others_is_told(rig: Rig, walked: np.ndarray) -> None:
+    seen, others = seen_by(rig, walked), seen_by(rig, -walked[::-1])
+    mixed = replace(seen, cameras={**seen.cameras, "C2": others["C2"]})
+    (told,) = doubts_of_missed(rig, mixed)
+    assert "C2" in told
+
+
+def test_a_turned_camera_is_told(rig: Rig, walked: np.ndarray) -> None:
+    c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    pose = rig["C3"].pose
+    assert pose is not None
+    turned = Rig((*rig.cameras[:2], replace(rig["C3"], pose=Pose.from_centre(pose.R_cw @ turn, pose.centre))))
+    (told,) = doubts_of_missed(turned, seen_by(rig, walked))
+    assert "C3" in told
+
+
+def test_few_people_and_cameras_without_a_pose_say_nothing(rig: Rig, walked: np.ndarray) -> None:
+    assert doubts_of_missed(rig, seen_by(rig, walked[:5])) == []
+    lost = Rig(tuple(replace(camera, pose=None) for camera in rig))
+    assert people_missed(lost, seen_by(rig, walked)) == []
+
+
+def test_a_camera_that_saw_nobody_says_nothing(rig: Rig, walked: np.ndarray) -> None:
+    seen = seen_by(rig, walked)
+    empty = replace(seen, cameras={**seen.cameras, "C1": CameraObservations()})
+    assert {(pair.sees, pair.should) for pair in people_missed(rig, empty)} == {("C2", "C3"), ("C3", "C2")}
