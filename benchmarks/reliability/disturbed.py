@@ -66,8 +66,9 @@ def repaired(made: Path, out: Path) -> list[str]:
 def told(ended: subprocess.CompletedProcess[str], what: str) -> list[str]:
     """What is wrong with how a run ended that could not succeed: status 2 and one line that names the place or the matter."""
     # A run that takes long tells how far it is before.
-    errors = [line for line in ended.stderr.splitlines() if not line.startswith(("watching", "learning"))]
-    if ended.returncode == 2 and len(errors) == 1 and errors[0].startswith("error: ") and what in errors[0]:
+    *before, last = ended.stderr.splitlines() or [""]
+    sound = last.startswith("error: ") and what in last and not any(line.startswith(("error", "Trace")) for line in before)
+    if ended.returncode == 2 and sound:
         return []
     return [f"ends with {ended.returncode} and says: {ended.stderr[-300:]}"]
 

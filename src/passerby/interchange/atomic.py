@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import tempfile
@@ -87,4 +88,6 @@ def _umask() -> int:
 
 def cannot_write(path: Path, error: OSError) -> InputError:
     """The error of a file or folder that cannot be written."""
-    return InputError(f"{path}: cannot be written ({error.strerror or error}): choose a folder that you may write to")
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    mend = "make room there, or choose another folder" if full else "choose a folder that you may write to"
+    return InputError(f"{path}: cannot be written ({error.strerror or error}): {mend}")
