@@ -38,10 +38,11 @@ class Test:
     clusters: int
     shift: Floats
     """(6,) the move that fits best, to first order."""
-    smallest_m: float
-    """The shift in the worst direction that is seen in 95 % of the cases; infinite where nothing can be told."""
-    smallest_deg: float
-    """The turn about the worst axis that is."""
+    smallest_m: tuple[float, float]
+    """The shift that is seen in 95 % of the cases, in the middle one of three directions at right angles and in the worst one;
+    infinite where nothing can be told."""
+    smallest_deg: tuple[float, float]
+    """The turn that is, about the middle one of three axes and about the worst one."""
     scatter: Floats = field(default_factory=lambda: np.zeros((6, 6)))
     """(6, 6) how the clusters scattered, summed; unit matrix times `clusters` where they err as stated."""
 
@@ -163,7 +164,7 @@ def _test(
     """One camera's."""
     own = np.arange(6 * camera, 6 * camera + 6)
     rows = np.flatnonzero(_with_a_part(window, camera, free))
-    nothing = Test(camera, 0.0, len(rows), np.zeros(6), np.inf, np.inf)
+    nothing = Test(camera, 0.0, len(rows), np.zeros(6), (np.inf, np.inf), (np.inf, np.inf))
     if len(rows) < FEWEST_CLUSTERS:
         return nothing
     score = gradient[np.ix_(rows, own)] - gradient[np.ix_(rows, free)] @ cross[:, own]
@@ -186,10 +187,11 @@ def _test(
     limit = _limit(threshold, freedom)
     power = normal @ np.linalg.solve(noise, normal)
     needed = (np.sqrt(limit) + POWER) ** 2
-    smallest = [float(np.sqrt(needed / np.linalg.eigvalsh(power[part, part])[0])) for part in (slice(0, 3), slice(3, 6))]
-    return Test(
-        camera, min(whole, rest + LESS), len(rows), shift, smallest[0], float(np.degrees(smallest[1])), scatter
-    )  # fmt: skip
+    metres, radians = (np.sqrt(needed / np.linalg.eigvalsh(power[part, part])) for part in (slice(0, 3), slice(3, 6)))
+    worst_m, usual_m = metres[:2].tolist()
+    worst_deg, usual_deg = np.degrees(radians[:2]).tolist()
+    score_told = min(whole, rest + LESS)
+    return Test(camera, score_told, len(rows), shift, (usual_m, worst_m), (usual_deg, worst_deg), scatter)
 
 
 def _with_a_part(window: Scores, camera: int, free: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -78,16 +78,24 @@ class Monitored:
         index = self.names.index(camera)
         return [window for window in self.watched.windows if window.clear(index)]
 
-    def smallest(self, camera: str) -> tuple[float | None, float | None]:
-        """The shift (metres) and the turn (degrees), in the worst direction, that a usual window of this camera would show.
+    def smallest(self, camera: str, *, worst: bool = False) -> tuple[float | None, float | None]:
+        """The shift (metres) and the turn (degrees) that a window of this camera would show in 95 % of the cases.
 
-        The median over the windows in which something can be said, each seen in 95 % of the cases; None where there are none.
+        The median over the windows, those in which something can be said where there are any; None where no window tells
+        anything.
+
+        Args:
+            camera: which.
+            worst: in the worst of three directions at right angles, instead of the middle one.
         """
         index = self.names.index(camera)
-        own = [test for window in self.told(camera) for test in window.tests if test.camera == index]
-        if not own:
+        windows = self.told(camera) or self.watched.windows
+        own = [test for window in windows for test in window.tests if test.camera == index]
+        sizes = [(test.smallest_m[worst], test.smallest_deg[worst]) for test in own if np.isfinite(test.smallest_m[1])]
+        if not sizes:
             return None, None
-        return float(np.median([test.smallest_m for test in own])), float(np.median([test.smallest_deg for test in own]))
+        metres, degrees = np.median(np.array(sizes), axis=0).tolist()
+        return metres, degrees
 
     @property
     def exit_status(self) -> int:
@@ -97,9 +105,18 @@ class Monitored:
     def sentences(self) -> list[str]:
         """What moved, and of what nothing can be said, one sentence each."""
         told = [move_in_words(move) for move in self.moves]
-        silent = [name for name in self.names if self.state(name) == "cannot tell"]
-        told += [f"{name}: cannot tell: not enough people whom another camera sees too" for name in silent]
-        return told
+        return told + [self._silence(name) for name in self.names if self.state(name) == "cannot tell"]
+
+    def _silence(self, name: str) -> str:
+        """Why nothing can be said of a camera."""
+        metres, degrees = self.smallest(name)
+        few = "not enough people whom another camera sees too"
+        if metres is None or degrees is None:
+            return f"{name}: cannot tell: {few}"
+        return (
+            f"{name}: cannot tell: a move below {metres:.2f} m or {degrees:.1f} degrees would not be seen: {few}, or the rig's "
+            "own sigmas are large and the footage is too short to learn better"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as plain values for JSON."""
@@ -117,9 +134,11 @@ class Monitored:
     def _camera(self, name: str) -> dict[str, Any]:
         """One line of the summary."""
         metres, degrees = self.smallest(name)
+        worst_m, worst_deg = self.smallest(name, worst=True)
         return {
             "name": name, "state": self.state(name), "windows": len(self.watched.windows), "windows_told": len(self.told(name)),
-            "smallest_shift_m": metres, "smallest_turn_deg": degrees, "new_pose": name in self.changed,
+            "smallest_shift_m": metres, "smallest_turn_deg": degrees,
+            "worst_shift_m": worst_m, "worst_turn_deg": worst_deg, "new_pose": name in self.changed,
         }  # fmt: skip
 
     def write(self, folder: str | Path, rig_text: str) -> None:
@@ -187,7 +206,7 @@ def _window(window: Window, names: Sequence[str]) -> dict[str, Any]:
         "cameras": {
             names[test.camera]: {
                 "score": test.score, "stretches": test.clusters, "told": window.clear(test.camera),
-                "smallest_shift_m": test.smallest_m, "smallest_turn_deg": test.smallest_deg,
+                "smallest_shift_m": test.smallest_m[0], "smallest_turn_deg": test.smallest_deg[0],
             }
             for test in window.tests
         },

@@ -34,7 +34,7 @@ times less likely than with the best one taken away."""
 MOST_SETS = 130
 """Of cameras that are tried as those that moved together: all threes of ten cameras."""
 CLEAR_DEG, CLEAR_M = 3.0, 0.5
-"""Where a move must be larger than either to be seen, nothing is said of a camera."""
+"""Where a move in a usual direction must be larger than either to be seen, nothing is said of a camera."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Window:
 
     def clear(self, camera: int) -> bool:
         """Whether something can be said of a camera."""
-        return any(t.camera == camera and t.smallest_m <= CLEAR_M and t.smallest_deg <= CLEAR_DEG for t in self.tests)
+        return any(t.camera == camera and t.smallest_m[0] <= CLEAR_M and t.smallest_deg[0] <= CLEAR_DEG for t in self.tests)
 
 
 @dataclass(frozen=True, eq=False)
