@@ -87,7 +87,11 @@ _HEAD = f"""A rig counts as wrong where a camera is off by more than {MOST_M:g} 
 similarity; or, after the best placement along the ground, by so much *and* by more than {MOST_SIGMAS:g} of its own stated
 sigmas (the scale rests on how tall people are taken to be, and the sigma says so). The three columns of errors are the worst
 camera's: after the similarity, and after the placement. A camera that moves has to be right before and after. A hostile case
-may be accepted where its rig is right."""
+may be accepted where its rig is right.
+
+Two things no rule can see, since they leave nothing that does not fit. If *all* pictures are mirrored left to right, the rig
+comes out as the mirror image of the true one. And if people move exactly point-symmetrically and one camera's identities are
+those of the opponents, that camera may as well stand opposite."""
 
 
 def _errors(result: Mapping[str, Any]) -> list[str]:
