@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from passerby.cameras import Rig
 from passerby.solver.assembly import cycle_support
 from passerby.solver.consistency import STRETCHES, Agreement, agreement
 from passerby.solver.evidence import Evidence
-from passerby.solver.lens_check import FocalCheck
+from passerby.solver.lens_check import FocalCheck, ShapeCheck, common_change
 from passerby.solver.person_model import HEIGHT_PER_CENTRE
 from passerby.solver.stages import Choice, Fit, Start
 from passerby.solver.uncertainty import RigCovariance
@@ -114,14 +115,33 @@ def height_noise(fit: Fit, evidence: Evidence) -> float:
     return float(max(np.median(sigma), flicker))
 
 
-def wrong_lenses(focals: list[FocalCheck]) -> list[str]:
-    """The cameras whose focal length contradicts the people."""
-    return [
-        f"camera {check.camera}: people fit a focal length {100 * abs(np.expm1(check.change)):.0f} % "
-        f"{'longer' if check.change > 0 else 'shorter'} than stated: check its intrinsics"
+def wrong_lenses(focals: Sequence[FocalCheck], shapes: Sequence[ShapeCheck] = ()) -> list[str]:
+    """The cameras whose lens contradicts the people, with what would refine it."""
+    out = [
+        f"camera {check.camera}: people fit a focal length {_longer(check.change)} than stated: check its intrinsics, or let "
+        'it be refined: [solver] refine = ["focal"]'
         for check in focals
         if check.wrong
     ]
+    common = common_change(focals)
+    if common is not None and not out:
+        out.append(
+            f"people fit focal lengths {_longer(common)} than stated in all cameras: check the intrinsics and the size of the "
+            'pictures that they were made for, or let them be refined: [solver] refine = ["focal"]'
+        )
+    # A focal length that is wrong bends the other parts as well: one cause is named, the likelier.
+    if not out:
+        out = [
+            f"camera {check.camera}: people fit another {check.part} than stated: check its intrinsics"
+            for check in shapes
+            if check.wrong
+        ]
+    return out
+
+
+def _longer(change: float) -> str:
+    """A change of a logarithm as "8 % longer"."""
+    return f"{100 * abs(np.expm1(change)):.0f} % {'longer' if change > 0 else 'shorter'}"
 
 
 def contradictions(scale: dict[str, Any]) -> list[str]:

@@ -18,7 +18,7 @@ from passerby.observations import Observations
 from passerby.solver.assembly import components, heading_rotation
 from passerby.solver.cues import report_pull
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise, wrong_lenses
-from passerby.solver.lens_check import check_focals
+from passerby.solver.lens_check import check_focals, check_shapes
 from passerby.solver.pairs import MIN_MATCHES, PairHypothesis
 from passerby.solver.people_state import PeopleState
 from passerby.solver.refined_lenses import far_lenses, lens_figures, refined_lenses
@@ -79,7 +79,8 @@ def solve_people(
         fit = descend(start, choice.state, options, rng)
     start = fit.start
     covariance, cue_report, lenses = _sure(start, fit, cues)
-    focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
+    seen = start.rig, fit.model.problem, fit.result.state, covariance.inflation
+    focals, shapes = check_focals(*seen), check_shapes(*seen)
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
     reasons = [
@@ -88,7 +89,7 @@ def solve_people(
         *choice.doubts,
         *doubts_about(start, fit, covariance),
         *contradictions(cue_report),
-        *wrong_lenses(focals),
+        *wrong_lenses(focals if "focal" not in start.unknowns.parts else (), shapes),
         *far_lenses(lenses),
     ]
     verdict: Verdict = "doubtful" if reasons else "accepted"

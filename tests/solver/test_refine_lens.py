@@ -1,0 +1,213 @@
+"""Lenses as unknowns: derivatives, what people tell of them, and what they do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from passerby.cameras import Camera, Lens, Rig
+from passerby.evaluation.metrics import compare
+from passerby.scene_tables import SolverTable
+from passerby.solver.bundle import PointObservations
+from passerby.solver.least_squares import Step
+from passerby.solver.lens_sigmas import posterior_sd
+from passerby.solver.lens_unknowns import LensUnknowns
+from passerby.solver.people import PeopleOptions
+from passerby.solver.people_state import PeopleState, Sightings
+from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
+from passerby.solver.refined_lenses import far_lenses, lens_notes
+from passerby.solver.solution import Solution
+from person_scenes import LENS, looking_at, part, simulated, solve, without_poses
+
+BOTH = LensUnknowns(("focal", "principal_point"))
+
+
+def spoilt(rig: Rig, focal: dict[int, float]) -> Rig:
+    """The rig without poses, some cameras' focal lengths stated wrong by a factor."""
+    change = np.array([[np.log(focal.get(c, 1.0))] for c in range(len(rig))])
+    return without_poses(LensUnknowns(("focal",)).rig(rig, change))
+
+
+def factors(found: Rig, truth: Rig) -> np.ndarray:
+    """(C,) refined over true focal lengths."""
+    return np.array([found[name].lens.focal / truth[name].lens.focal for name in truth.names])
+
+
+@cache
+def solved(focal: tuple[tuple[int, float], ...], refine: tuple[str, ...]) -> tuple[Solution, Rig]:
+    """Basketball by boxes with 2 % noise, cameras' focal lengths stated wrong by factors."""
+    truth = simulated("basketball")
+    options = PeopleOptions(max_sightings=4000, coarse_people=200, refine_lens=refine)  # type: ignore[arg-type]
+    return solve(spoilt(truth.rig, dict(focal)), part(truth.observations), options=options), truth.rig
+
+
+def error_mm(solution: Solution, truth: Rig) -> float:
+    found = compare(solution.rig, truth).similarity.mean_position_mm
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("parts", [("focal",), ("principal_point",), ("focal", "principal_point")])
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_pixels_of_fixed_rays_move_with_the_lens_as_their_columns_say(parts: tuple[str, ...], fisheye: bool) -> None:
+    unknowns = LensUnknowns(parts)  # type: ignore[arg-type]
+    lens = Lens(LENS.size, LENS.matrix, LENS.distortions[:4], fisheye)
+    rays = lens.bearings(np.random.default_rng(0).uniform([100, 100], [1100, 600], (20, 2)))
+    columns = unknowns.by_pixel(lens, lens.project_rays(rays))
+    assert columns.shape == (20, 2, unknowns.size)
+    for column in range(unknowns.size):
+        step = 1e-5 * np.eye(unknowns.size)[column]
+        moved = unknowns.moved(lens, step).project_rays(rays) - unknowns.moved(lens, -step).project_rays(rays)
+        np.testing.assert_allclose(columns[:, :, column], moved / 2e-5, rtol=1e-5, atol=1e-4)
+
+
+@pytest.fixture(scope="module")
+def problem_of_lenses() -> tuple[PeopleProblem, PeopleState]:
+    """Two cameras, three person-instants, two joints; lenses between those of the rays and those stated."""
+    rng = np.random.default_rng(3)
+    poses = [looking_at((6.0, 0, 2.5), (0, 0, 1)), looking_at((-5, 3, 3.0), (0, 0, 1))]
+    R, centre = np.array([p.R_cw for p in poses]), np.array([p.centre for p in poses])
+    people = np.column_stack([rng.uniform(-1.5, 1.5, (3, 2)), rng.normal(0, 0.05, 3), rng.normal(1.7, 0.1, 3)])
+    points = rng.uniform([-1, -1, 0], [1, 1, 1.8], (2, 3))
+    lens = np.column_stack([[0.03, -0.02], rng.normal(0, 5, (2, 2))])
+
+    def rays(camera: np.ndarray, world: np.ndarray) -> np.ndarray:
+        d = np.einsum("mij,mj->mi", R[camera], world - centre[camera])
+        return LENS.bearings(LENS.project_rays(d) + rng.normal(0, 3, (len(world), 2)))
+
+    camera, block = np.repeat([0, 1], 3), np.tile(np.arange(3), 2)
+    top = rays(camera, np.column_stack([people[block, :2], people[block, 3]]))
+    bottom = rays(camera, np.column_stack([people[block, :2], people[block, 2]]))
+    n = len(camera)
+    sightings = Sightings(
+        camera, block, top, bottom, LENS.tangents(top), LENS.tangents(bottom), rng.uniform(150, 250, n), np.ones(n),
+        np.zeros(n), np.ones(n),
+    )  # fmt: skip
+    of, point = np.repeat([0, 1], 2), np.tile(np.arange(2), 2)
+    bearing = rays(of, points[point])
+    joints = PointObservations(of, point, bearing, LENS.tangents(bearing), rng.uniform(1, 2, 4))
+    stated, at = _pair(), np.zeros((2, 3))
+    problem = PeopleProblem(
+        2, BOTH.sightings(sightings, stated, at), BOTH.points(joints, stated, at), np.array([0, 0, 1]), 2, np.full(2, 1.72),
+        np.full(2, 0.09), rng.uniform(0.2, 1, 3), lens_core=BOTH.core(stated), lens_weight=rng.uniform(1, 5, (2, 3)),
+    )  # fmt: skip
+    state = PeopleState(
+        R, centre, rng.normal(0, 0.02, 2), np.array([0.12]), np.array([1.7, 1.8]), people, points, lens=lens
+    )  # fmt: skip
+    return problem, state
+
+
+def _pair() -> Rig:
+    return Rig((Camera("A", LENS), Camera("B", LENS)))
+
+
+def test_derivatives_by_the_lenses_match_central_differences(problem_of_lenses: tuple[PeopleProblem, PeopleState]) -> None:
+    problem, state = problem_of_lenses
+    layout = problem.layout
+    assert layout.camera_size == CAMERA_SIZE + 3
+    terms = problem.terms(state, jacobians=True)
+    seen = 0
+    for camera in range(2):
+        for unknown in range(3):
+            index = camera * layout.camera_size + CAMERA_SIZE + unknown
+            shared = 1e-6 * np.eye(layout.n_shared)[index]
+            blocks = tuple(np.zeros((f.count, f.size)) for f in layout.families)
+            ends = [
+                problem.terms(problem.retract(state, Step(sign * shared, np.zeros(2), blocks)), jacobians=False)
+                for sign in (1, -1)
+            ]
+            for term, plus, minus in zip(terms, *ends, strict=True):
+                expected = (plus.residual - minus.residual) / 2e-6
+                found = np.zeros_like(term.residual)
+                if term.by_shared is not None:
+                    found += term.by_shared[:, :, index]
+                if term.by_camera is not None:
+                    assert term.camera is not None
+                    found[term.camera == camera] += term.by_camera[term.camera == camera][:, :, CAMERA_SIZE + unknown]
+                np.testing.assert_allclose(found, expected, rtol=2e-5, atol=2e-5)
+                seen += bool(np.abs(expected).max() > 1e-3)
+    # Centres, joints and a prior follow every unknown; heights do not follow a principal point, which moves both ends alike.
+    assert seen == 6 * 3 + 2
+
+
+def test_rays_are_made_anew_and_residuals_stay(problem_of_lenses: tuple[PeopleProblem, PeopleState]) -> None:
+    """The linear columns and rays of the moved lens agree to first order."""
+    problem, state = problem_of_lenses
+    s = problem.sightings
+    little = 1e-4 * state.lens
+    anew = replace(problem, sightings=BOTH.sightings(s, _pair(), little), joints=BOTH.points(problem.joints, _pair(), little))
+    near = replace(state, lens=little)
+    for linear, exact in zip(problem.terms(near, jacobians=False), anew.terms(near, jacobians=False), strict=True):
+        np.testing.assert_allclose(linear.residual, exact.residual, atol=1e-3)
+    assert np.abs(anew.sightings.top - s.top).max() > 0
+
+
+def test_a_wrong_focal_length_is_found_and_the_cameras_with_it() -> None:
+    stated, truth = solved(((1, 1.1),), ())
+    refined, _ = solved(((1, 1.1),), ("focal",))
+    parts = refined.figures["lenses"][truth.names[1]]["focal"]
+    assert parts["stated_px"] == pytest.approx(1.1 * truth[truth.names[1]].lens.focal)
+    assert abs(parts["refined_px"] - truth[truth.names[1]].lens.focal) < 3 * parts["sigma_px"]
+    assert error_mm(refined, truth) < error_mm(stated, truth) / 3
+    assert refined.verdict == "accepted"
+
+
+def test_a_focal_length_wrong_by_a_fifth_in_all_cameras_is_found() -> None:
+    everywhere = tuple((c, 1.2) for c in range(4))
+    stated, truth = solved(everywhere, ())
+    refined, _ = solved(everywhere, ("focal",))
+    assert abs(factors(refined.rig, truth) - 1).max() < 0.05
+    assert error_mm(refined, truth) < error_mm(stated, truth) / 3
+    assert compare(refined.rig, truth).scale_ratio == pytest.approx(1, abs=0.07)
+
+
+def test_right_lenses_stay() -> None:
+    stated, truth = solved((), ())
+    refined, _ = solved((), ("focal",))
+    assert abs(factors(refined.rig, truth) - 1).max() < 0.01
+    assert error_mm(refined, truth) < 2 * error_mm(stated, truth)
+    assert far_lenses(refined.figures["lenses"]) == []
+
+
+def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to() -> None:
+    refined, truth = solved((), ("principal_point",))
+    moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]
+    assert np.abs(moved).max() < 0.01 * truth[truth.names[0]].lens.size[0]
+    assert any("hardly tell" in note for note in lens_notes(refined.figures))
+    without, _ = solved((), ())
+    for name in truth.names:
+        own, other = refined.rig[name].sigma, without.rig[name].sigma
+        assert own is not None
+        assert other is not None
+        assert own.orientation_deg > other.orientation_deg
+
+
+def test_without_refinement_nothing_is_told_of_lenses() -> None:
+    solution, truth = solved((), ())
+    assert solution.figures["lenses"] == {}
+    assert lens_notes(solution.figures) == []
+    np.testing.assert_array_equal(solution.rig[truth.names[0]].lens.matrix, truth[truth.names[0]].lens.matrix)
+
+
+def test_notes_say_what_was_refined() -> None:
+    focal = {"stated_px": 1000.0, "refined_px": 1043.0, "sigma_px": 4.2, "people_sigma_px": 5.0, "far": False, "told": True}
+    assert lens_notes({"lenses": {"C2": {"focal": focal}}}) == [
+        "camera C2: focal length 1043 px instead of 1000 (+4.3 %, sigma 0.4 %)"
+    ]
+    (told,) = far_lenses({"C2": {"focal": focal | {"refined_px": 1500.0, "far": True}}})
+    assert "refined by +50 %" in told
+
+
+def test_posteriors_of_a_stated_value() -> None:
+    """A stated value that is seen to be right is as sure as stated; one that is far off is as sure as it is seen."""
+    assert posterior_sd(0.0, 0.001, 0.005, 0.0) == pytest.approx(0.001, rel=0.05)
+    assert posterior_sd(0.3, 0.01, 0.005, 0.3) == pytest.approx(0.01, rel=0.05)
+    assert 0.005 < posterior_sd(0.0, 0.05, 0.005, 0.0) < 0.05
+
+
+def test_geopose_refuses() -> None:
+    with pytest.raises(ValueError, match="refines nothing"):
+        SolverTable(method="geopose", reference="A", refine=("focal",))
