@@ -154,14 +154,14 @@ class Loader(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(None, None, "tables that are merged (<<) are not taken", key.start_mark)
 
 
-def _opencv_matrix(loader: Loader, node: yaml.Node) -> Any:
-    """A matrix of OpenCV's FileStorage as the table that it is."""
+def _opencv_matrix(loader: Loader, _: str, node: yaml.Node) -> Any:
+    """A matrix of OpenCV's FileStorage, of any number of dimensions, as the table that it is."""
     if not isinstance(node, yaml.MappingNode):
         raise yaml.constructor.ConstructorError(None, None, "an OpenCV matrix without rows, cols and data", node.start_mark)
     return loader.construct_mapping(node, deep=True)
 
 
-Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+Loader.add_multi_constructor("tag:yaml.org,2002:opencv-", _opencv_matrix)
 FLOAT = re.compile(r"^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
 Loader.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
 
