@@ -58,6 +58,7 @@ def kept(
     path.parent.mkdir(parents=True, exist_ok=True)
     began = told = time.monotonic()
     with path.open("a", encoding="utf-8") as file, ProcessPoolExecutor(wanted.workers, initializer=_one_thread) as pool:
+        file.write("\n")  # a last line that was cut off stays alone
         futures: dict[Future[Mapping[str, Any]], str] = {pool.submit(work, cases[key]): key for key in todo}
         for count, future in enumerate(as_completed(futures), 1):
             key = futures[future]
