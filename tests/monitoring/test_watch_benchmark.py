@@ -1,0 +1,37 @@
+"""The monitor's part of `make reliability`, a few cases of it."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def part():
+    """The module, whose package is none for anybody else."""
+    before = set(sys.modules)
+    sys.path.insert(0, str(BENCHMARKS))
+    yield importlib.import_module("reliability.watch")
+    sys.path.remove(str(BENCHMARKS))
+    for name in set(sys.modules) - before:
+        if str(getattr(sys.modules[name], "__file__", None) or "").startswith(str(BENCHMARKS)):
+            del sys.modules[name]
+
+
+def test_a_few_cases_and_their_page(part, monkeypatch):
+    monkeypatch.setattr(part, "HOUR_S", 300.0)
+    quiet = part.work(("quiet", 1, 13))
+    assert quiet["alarms"] == 0
+    assert quiet["minutes"] == 5
+    # A degree and 10 cm, of cameras of a rig of four.
+    knocks = [part.work(("knock", number, 13)) for number in (6, 7)]
+    assert [one["turn"] for one in knocks] == [False, True]
+    assert all(one["seen"] and one["among"] and not one["early"] for one in knocks)
+    lines = part._lines([quiet], knocks)
+    assert [line.seen[:7] for line in lines[:2]] == ["0 of 1 ", "2 of 2 "]
+    text = part._text([quiet], knocks, [])
+    assert "| cheap, 1 degree" in text
+    assert "nan" not in text
