@@ -81,6 +81,8 @@ def solve_people(
     covariance, cue_report, lenses = _sure(start, fit, cues)
     seen = start.rig, fit.model.problem, fit.result.state, covariance.inflation
     focals, shapes = check_focals(*seen), check_shapes(*seen)
+    if "focal" in start.unknowns.parts:  # where they would go, they went
+        focals = [replace(check, change=0.0, against_others=0.0) for check in focals]
     posed = _placed(start.rig, fit.result.state, covariance)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
     reasons = [
@@ -89,7 +91,7 @@ def solve_people(
         *choice.doubts,
         *doubts_about(start, fit, covariance),
         *contradictions(cue_report),
-        *wrong_lenses(focals if "focal" not in start.unknowns.parts else (), shapes),
+        *wrong_lenses(focals, shapes),
         *far_lenses(lenses),
     ]
     verdict: Verdict = "doubtful" if reasons else "accepted"
