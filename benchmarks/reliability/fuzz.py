@@ -39,13 +39,6 @@ What "where the user may read" means: a scene file may name any file that the us
 above its own folder, since recordings lie where there is room for them. It is opened as what it is named for, with
 the user's own rights, and its content is not shown. Nothing is written outside the output folder. An ONNX network
 remains a program of arithmetic: one that is made to take long, or much memory, does.
-
-Found and mended on the way: OpenCV's own reader of YAML, XML and JSON ended the process at a JSON file that was cut
-off, and libyaml at deep nesting (neither is used now); an embeddings' header, dotted keys of TOML and merged tables
-of YAML filled the memory; a number of many digits, or brackets, kept the reader of YAML busy for seconds to minutes;
-a file that only called itself a video was followed to other files and addresses if it was a playlist; a pipe named in
-a scene file was waited for without end; and some thirty readers let a traceback through for numbers too large for a
-float or an index, for values of the wrong type, or for a length that did not fit.
 """
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,7 @@ import tomli_w
 
 from passerby.cameras import Rig
 from passerby.errors import InputError
-from passerby.interchange.faults import read_text
+from passerby.interchange.faults import read_toml
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, read_rig, table_of
 from passerby.output_folder import camera_tables, read_report
 from passerby.results import CALIBRATION_FILE, RIG_FILE
@@ -70,10 +69,7 @@ def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:
         content: dict[str, Any] = {camera.name: table_of(camera) for camera in new}
         verdict = {} if new.verdict is None else {"verdict": new.verdict}
         return tomli_w.dumps({**content, METADATA: {"units": "m", **verdict, **new.metadata}})
-    try:
-        content = tomllib.loads(read_text(given.path, "a rig file (TOML)"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{given.path}: is not TOML any more: {error}") from None
+    content = read_toml(given.path, "a rig file (TOML)")
     metadata = content.get(METADATA)
     unit = METRES_PER_UNIT.get(metadata.get("units", "m"), 1.0) if isinstance(metadata, dict) else 1.0
     for key, table in content.items():
