@@ -13,7 +13,6 @@ import numpy as np
 import tomli_w
 
 from passerby.cameras import Rig
-from passerby.errors import InputError
 from passerby.interchange.faults import read_toml
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, read_rig, table_of
 from passerby.output_folder import camera_tables, read_report
