@@ -16,7 +16,7 @@ ELSEWHERE = {"scene": "reference/scene-file.md", "options": "reference/scene-fil
 
 
 def keys(value: Any, page: str = "output.md") -> Iterator[tuple[str, str]]:
-    """(page, key) of all tables below a value; names of cameras, libraries and people are no keys."""
+    """(page, key) of all tables below a value; names of cameras, libraries, files and people are no keys."""
     if isinstance(value, list):
         for item in value:
             yield from keys(item, page)
@@ -24,7 +24,7 @@ def keys(value: Any, page: str = "output.md") -> Iterator[tuple[str, str]]:
         for key, item in value.items():
             if key not in NAMES and not key.isdigit():
                 yield page, key
-            if key != "versions":
+            if key not in ("versions", "files"):
                 yield from keys(item, ELSEWHERE.get(key, page))
 
 
