@@ -44,8 +44,8 @@ class WatchOptions:
     every_s: float = 60.0
     """Length of a window."""
     threshold: float = 4.7
-    """Score from which a camera has moved: see `evidence.Test.score`. In 120 quiet hours tried out the largest were 4.4, 4.1, 3.5
-    and 3.3; of 120 knocks of a degree or 10 cm 117 went beyond 4.5 within a minute."""
+    """Score from which a camera has moved: see `evidence.Test.score`. In 120 quiet hours tried out the largest were 4.4, 4.1,
+    3.5 and 3.3; of 120 knocks of a degree or 10 cm 117 went beyond 4.5 within a minute."""
 
     def __post_init__(self) -> None:
         if not 10 <= self.every_s <= 3600:
