@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from passerby.cameras import Camera, Lens, Rig
 from passerby.evaluation.metrics import compare
+from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.scene_tables import SolverTable
 from passerby.solver.bundle import PointObservations
 from passerby.solver.least_squares import Step
@@ -153,6 +155,15 @@ def test_a_wrong_focal_length_is_found_and_the_cameras_with_it() -> None:
     assert abs(parts["refined_px"] - truth[truth.names[1]].lens.focal) < 3 * parts["sigma_px"]
     assert error_mm(refined, truth) < error_mm(stated, truth) / 3
     assert refined.verdict == "accepted"
+
+
+def test_the_rig_file_holds_the_refined_lens(tmp_path: Path) -> None:
+    refined, truth = solved(((1, 1.1),), ("focal",))
+    name = truth.names[1]
+    write_rig(tmp_path / "rig.toml", refined.rig)
+    lens = read_rig(tmp_path / "rig.toml")[name].lens
+    assert lens.focal == pytest.approx(refined.figures["lenses"][name]["focal"]["refined_px"])
+    np.testing.assert_array_equal(lens.distortions, truth[name].lens.distortions)
 
 
 def test_a_focal_length_wrong_by_a_fifth_in_all_cameras_is_found() -> None:

@@ -64,6 +64,12 @@ class LensUnknowns:
         """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions."""
         return self._shares(rig, FOCAL_CORE, PRINCIPAL_POINT_CORE)
 
+    def first_core(self, rig: Rig) -> Floats:
+        """(C, L) the same for first rounds, which let every focal length go where people want it: from there a wrong one stays
+        and a right one comes back, whereas a wrong one that begins at what is stated may stick to it.
+        """
+        return self._shares(rig, FAR_FOCAL, PRINCIPAL_POINT_CORE)
+
     def uncalibrated_sd(self, rig: Rig) -> Floats:
         """(C, L) what lenses that were never calibrated are off by, one sigma."""
         return self._shares(rig, FAR_FOCAL, FAR_PRINCIPAL_POINT)

@@ -139,7 +139,7 @@ class Start:
         focal = np.array([camera.lens.focal for camera in rig])
         hypotheses = pair_hypotheses(evidence, levels, focal, body_m, rng)
         hypotheses += judged_guesses(guesses, evidence, focal, body_m)
-        lens_core = unknowns.core(stated) if unknowns.parts else None
+        lens_core = unknowns.first_core(stated) if unknowns.parts else None
         knowledge = Knowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_core)
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
@@ -150,7 +150,8 @@ class Start:
         problem, state = model.problem, result.state
         inflation = correlation_inflation(model, self.evidence, problem.terms(state, jacobians=False))
         weight = inflation * np.clip(lens_evidence(problem, state, inflation).excess, 1.0, _MOST_EXCESS)
-        return replace(self, knowledge=replace(self.knowledge, lens_weight=weight))
+        core = self.unknowns.core(self.stated)
+        return replace(self, knowledge=replace(self.knowledge, lens_core=core, lens_weight=weight))
 
     def near(self, other: Start) -> bool:
         """Whether the lenses differ too little from those of `other` to mislead a first guess."""
