@@ -11,6 +11,8 @@ from passerby.solver.left_out import identified_middles, people_without
 from passerby.solver.solution import Solution
 
 EVERYBODY = -1
+HARMFUL_M = 0.22
+"""A rise that is larger speaks against the rig. PETS2009's lawn and kerbs rise by 0.20 m, which costs the vertical 0.3 degrees."""
 
 
 def shape_of(solution: Solution, instants: Observations, body_m: float) -> GroundShape | None:
@@ -47,7 +49,7 @@ def told_of_ground(
     low, high = (f"({x:.1f}, {y:.1f})" for x, y in (shape.low, shape.high))
     where = "" if placed else f", at {low} and {high}"
     text = f"the people's ground is not one plane: {shape.rise_m:.1f} m between its lowest and its highest part{where}"
-    if tilt_known:
+    if tilt_known or shape.rise_m < HARMFUL_M:
         return (), (text,)
     mend = "give points with known heights ([world] points and tilt = true), or people on one level"
     return (f"{text}: how the cameras stand to each other holds, but the vertical and the heights do not: {mend}",), ()
