@@ -26,10 +26,12 @@ WALKING, WALK_S = 0.5, 1.0
 UNSURE_M = 0.3
 """Places whose height is less sure than this tell nothing."""
 ROUNDS, LOSS = 10, 2.0
-LEAST_M, LEAST_SIGMAS, LEAST_CHANCE = 0.12, 2.0, 8.0
+LEAST_M, LEAST_SIGMAS, LEAST_CHANCE = 0.12, 1.8, 8.0
 """A ground is told to be no plane where its rise is so large and so many sigmas, and its bending so far from chance. On flat
 ground the last is 5 at most, mostly below 1; a step of half a metre across a terrace or a building site makes it 10 to 17 in
 half a minute."""
+LARGE_M, LARGE_CHANCE = 0.3, 4.5
+"""The same of a rise so large that it must not be missed: the largest of 21 scenes of flat ground is 0.17."""
 EXTENT = 0.05
 """The lowest and the highest part are those below and above which so much of the people's ways lies."""
 MOST_PLACES = 6000
@@ -56,7 +58,8 @@ class GroundShape:
     @property
     def sure(self) -> bool:
         """Whether the ground is beyond doubt no plane, by so much that it matters."""
-        return self.rise_m > max(LEAST_M, LEAST_SIGMAS * self.sigma_m) and self.chance_sigmas > LEAST_CHANCE
+        least = LARGE_CHANCE if self.rise_m > LARGE_M else LEAST_CHANCE
+        return self.rise_m > max(LEAST_M, LEAST_SIGMAS * self.sigma_m) and self.chance_sigmas > least
 
 
 def ground_shape(people: People, per_second: float) -> GroundShape | None:
