@@ -84,7 +84,7 @@ def test_damaged_files_are_read_or_refused(reader, tmp_path_factory):
     broken = list(reader.broken or files)
     counts: Counter[str] = Counter()
     told: list[str] = []
-    faulthandler.dump_traceback_later(20 * HANGS_S, exit=True)
+    faulthandler.dump_traceback_later(120 * HANGS_S, exit=True)
 
     @settings(
         max_examples=max(1, round(CASES * reader.share)),

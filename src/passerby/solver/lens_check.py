@@ -28,9 +28,10 @@ Ints = NDArray[np.int64]
 SIZE_DRIFT = 0.03
 # Either of: sigmas, and change. A fifth too short in one camera of four is 3.1 to 4.4 sigmas (terrace, basketball,
 # construction; 20 s, boxes with 2 % noise), and told in 7 of 7 scenes; all lenses a fifth too long are told in 7 of 7; right
-# ones are at most 0.8 sigmas. 5 and 10 % in one camera are 0.5 to 2.4 sigmas, and never told: PETS2009, which must pass, has a
-# camera of 2.6 sigmas and 10 %, and another of 1.9 and 47 %.
-WRONG = ((3.5, 0.05), (2.8, 0.12))
+# ones are at most 0.8 sigmas, and 1.5 in ordinary scenes of more noise. 5 % in one camera is never told, 10 % seldom: PETS2009,
+# which must pass, has cameras of 2.3 sigmas and 10 %, and of 1.8 and 46 %. The lenses of two cameras exchanged come to 2.3 to
+# 2.6 sigmas and 12 to 14 %.
+WRONG = ((3.5, 0.05), (2.2, 0.11))
 # What all cameras have in common is told where it is more than this: 5 % at PETS2009, 2 % over simulated scenes of right
 # lenses, 16 to 22 % where all are stated a fifth too long.
 # It has to be known to `KNOWN_COMMON`: two cameras that see few people would like another focal length altogether (1.0, known to
