@@ -69,7 +69,7 @@ def test_three_lines_of_python(tmp_path, solver):
     report = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert report["verdict"] == "accepted"
     assert report["passerby"] == passerby.__version__
-    assert report["figures"] == {"rms": 0.5, "none": None}
+    assert report["figures"] == {"rms": 0.5, "none": None, "moved": [], "ground": None}
     assert report["options"] == {"rounds": 3, "reference": None}
     assert report["cameras"][1]["centre_m"] == [-1, 0, -2]
     assert report["cameras"][1]["boxes"] == 20

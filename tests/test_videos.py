@@ -120,7 +120,7 @@ def test_times_of_a_variable_rate_are_honoured(dense, calibrated, folder, tmp_pa
     write_video(tmp_path / "variable.mp4", shown, FPS, iter([k / dense.fps + 1e-3 * (k % 7) for k in chosen]))
     assert probe(tmp_path / "variable.mp4").variable
     found = calibrate(scene_file(tmp_path, {"C1": "variable.mp4", "C2": "C2.mp4"}))
-    assert found.accepted
+    assert found.accepted, found.reasons
     millimetres, degrees, scale = error_mm(found, folder)
     assert millimetres < 100
     assert degrees < 1.0
@@ -165,7 +165,7 @@ def test_a_rate_asked_for_is_what_is_watched(place):
 def test_a_video_beside_boxes_of_another_camera(place, folder):
     cameras = {"C1": "C1.mp4", "C2": 'detections = "C2.txt"'}
     found = calibrate(scene_file(place, cameras, extra="[scene]\nfps = 3\n[association]\nmax_offset_s = 0"))
-    assert found.accepted
+    assert found.accepted, found.reasons
     assert error_mm(found, folder)[0] < 100
     assert set(found.perception["cameras"]) == {"C1"}
     assert any("camera C2 has no embeddings" in note for note in found.findings)

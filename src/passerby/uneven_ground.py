@@ -12,7 +12,7 @@ from passerby.solver.solution import Solution
 
 EVERYBODY = -1
 HARMFUL_M = 0.22
-"""A rise that is larger speaks against the rig. PETS2009's lawn and kerbs rise by 0.20 m, which costs the vertical 0.3 degrees."""
+"""A rise that is larger speaks against the rig. PETS2009's lawn and kerbs rise by 0.20 m, which costs the vertical 0.3 deg."""
 
 
 def shape_of(solution: Solution, instants: Observations, body_m: float) -> GroundShape | None:

@@ -154,10 +154,17 @@ def test_a_camera_that_stands_out_is_named_with_a_mend():
 
 def test_distances_and_their_sigmas():
     contents = busy_place(cameras=4, people=3, seconds=20, fps=2.0)
-    for one in distances_of(contents):
-        centres = [contents.rig[name].centre for name in (one.first, one.second)]
+    first, second = contents.rig.names[:2]
+    metres = float(np.linalg.norm(contents.rig[first].centre - contents.rig[second].centre))
+    solved = {"cameras": [second, first], "metres": metres / 2, "sigma_m": 0.05}  # the world was scaled since
+    told = {**contents.told, "figures": {**contents.told["figures"], "distances": [solved]}}
+    found = {(one.first, one.second): one for one in distances_of(replace(contents, told=told))}
+    assert len(found) == 6
+    for names, one in found.items():
+        centres = [contents.rig[name].centre for name in names]
         assert one.metres == pytest.approx(np.linalg.norm(centres[0] - centres[1]))
-        assert one.sigma_m == pytest.approx(np.hypot(0.03 * one.metres, 0.03 * np.sqrt(2 / 3)))
+    assert found[first, second].sigma_m == pytest.approx(0.1)
+    assert sum(one.sigma_m is None for one in found.values()) == 5
     found = distances_of(contents)
     assert best_to_measure(found).metres == max(one.metres for one in found if one.metres < 30)
     far = [replace(one, metres=one.metres + 100) for one in found]

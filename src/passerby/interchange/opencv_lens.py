@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,9 @@ from passerby.interchange.faults import read_text
 from passerby.interchange.untrusted import NotParsed, json_of, leaves, shortened, xml_of, yaml_of
 
 ENDINGS = (".yml", ".yaml", ".xml", ".json")
+
+ESCAPED_QUOTE = re.compile(r"(?<!\\)((?:\\\\)*)\\'")
+"""OpenCV writes \\' within double quotes, which YAML does not know."""
 
 LARGEST_BYTES = 1_000_000
 """A file with one lens has some kilobytes; joints and other recordings in JSON are larger and are not looked into."""
@@ -110,7 +114,7 @@ def _parsed(text: str) -> Any:
         if root.tag != "opencv_storage":
             raise NotParsed("its first element is not <opencv_storage>")
         return _of_xml(root)
-    found = json_of(text) if head.startswith(("{", "[")) else yaml_of(text)
+    found = json_of(text) if head.startswith(("{", "[")) else yaml_of(ESCAPED_QUOTE.sub(r"\1'", text))
     if not isinstance(found, dict | list):
         raise NotParsed("holds one value only")
     return _with_plain_keys(found, DEEPEST)

@@ -34,9 +34,9 @@ SIZE_DRIFT = 0.03
 WRONG = ((3.5, 0.05), (2.2, 0.11))
 # What all cameras have in common is told where it is more than this: 5 % at PETS2009, 2 % over simulated scenes of right
 # lenses, 16 to 22 % where all are stated a fifth too long.
-# It has to be known to `KNOWN_COMMON`: two cameras that see few people would like another focal length altogether (1.0, known to
-# 0.15), which a linear step cannot tell.
-MIN_COMMON, MIN_COMMON_SIGMAS, KNOWN_COMMON = 0.12, 2.0, 0.1
+# Two cameras that see few people would like another focal length altogether (twice or thrice as long), which a linear step
+# cannot tell: there have to be three, and it has to be known to `KNOWN_COMMON`.
+MIN_COMMON, MIN_COMMON_SIGMAS, KNOWN_COMMON, MIN_CAMERAS = 0.12, 2.0, 0.1, 3
 # Right distortions: at most 1.6 sigmas over simulated scenes, 1.8 at PETS2009; a first coefficient wrong by 0.1 is 2.9 to 4.3
 # at basketball and construction, and below 1 at terrace, where people keep to the middle of the pictures and it costs 8 mm.
 MIN_DISTORTION_SIGMAS, MIN_DISTORTION = 2.5, 0.01
@@ -91,7 +91,7 @@ class ShapeCheck:
 
 def common_change(focals: Sequence[FocalCheck]) -> float | None:
     """What all focal lengths would change by alike, where it is beyond what people and boxes explain; else None."""
-    if not focals:
+    if len(focals) < MIN_CAMERAS:
         return None
     change = float(np.median([check.change for check in focals]))
     sigma = float(np.median([check.sigma for check in focals]))
