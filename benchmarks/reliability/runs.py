@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import os
@@ -31,11 +32,15 @@ class Wanted:
 
 
 def code_digest() -> str:
-    """What the source that the figures rest on looks like: one hash over the package and over these runs."""
+    """What the code that the figures rest on does: one hash over the package and over these runs, comments and texts left out."""
     digest = hashlib.sha256()
     folders = (ROOT / "src" / "passerby", ROOT / "benchmarks" / "reliability")
     for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
-        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+        tree = ast.parse(path.read_bytes())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                node.value.value = None  # docstrings, and those of constants
+        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + ast.dump(tree).encode())
     return digest.hexdigest()[:16]
 
 
