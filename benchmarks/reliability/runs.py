@@ -32,7 +32,7 @@ class Wanted:
 
 
 def code_digest() -> str:
-    """What the code that the figures rest on does: one hash over the package and over these runs, comments and texts left out."""
+    """What the code that the figures rest on does: one hash over the package and these runs, comments and texts left out."""
     digest = hashlib.sha256()
     folders = (ROOT / "src" / "passerby", ROOT / "benchmarks" / "reliability")
     for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
