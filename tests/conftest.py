@@ -1,7 +1,11 @@
 """What all tests share."""
 
+import importlib
 import os
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from hypothesis import settings
@@ -19,3 +23,15 @@ def data_root() -> Path:
     if not root.is_dir():
         pytest.skip(f"no real data: {root} does not exist; set PASSERBY_DATA to their folder")
     return root
+
+
+@pytest.fixture(scope="module")
+def bench() -> Iterator[Callable[[str], ModuleType]]:
+    """Imports a module of the benchmarks, whose names (`datasets`, `tables`) are none for anybody else."""
+    before, benchmarks = set(sys.modules), str(Path(__file__).parents[1] / "benchmarks")
+    sys.path.insert(0, benchmarks)
+    yield importlib.import_module
+    sys.path.remove(benchmarks)
+    for name in set(sys.modules) - before:
+        if str(getattr(sys.modules[name], "__file__", None) or "").startswith(benchmarks):
+            del sys.modules[name]

@@ -1,24 +1,12 @@
 """The monitor's part of `make reliability`, a few cases of it."""
 
-import importlib
-import sys
-from pathlib import Path
-
 import pytest
-
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 @pytest.fixture(scope="module")
-def part():
-    """The module, whose package is none for anybody else."""
-    before = set(sys.modules)
-    sys.path.insert(0, str(BENCHMARKS))
-    yield importlib.import_module("reliability.watch")
-    sys.path.remove(str(BENCHMARKS))
-    for name in set(sys.modules) - before:
-        if str(getattr(sys.modules[name], "__file__", None) or "").startswith(str(BENCHMARKS)):
-            del sys.modules[name]
+def part(bench):
+    """The module."""
+    return bench("reliability.watch")
 
 
 def test_a_few_cases_and_their_page(part, monkeypatch):

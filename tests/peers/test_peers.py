@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import ast
-import importlib
 import json
 import math
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -26,18 +25,6 @@ from passerby.simulation.scene import simulate
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 LENS = Lens((1920, 1080), np.array([[1000.0, 0, 960], [0, 1000.0, 540], [0, 0, 1]]), np.array([-0.2, 0.1, 0.001, 0.002, -0.05]))
-
-
-@pytest.fixture(scope="module")
-def bench() -> Iterator[Callable[[str], ModuleType]]:
-    """Imports a module of the benchmarks, whose names (`datasets`, `peers`) are none for anybody else."""
-    before = set(sys.modules)
-    sys.path.insert(0, str(BENCHMARKS))
-    yield importlib.import_module
-    sys.path.remove(str(BENCHMARKS))
-    for name in set(sys.modules) - before:
-        if str(getattr(sys.modules[name], "__file__", None) or "").startswith(str(BENCHMARKS)):
-            del sys.modules[name]
 
 
 def boxes_of(rows: list[tuple[int, int, float, float, float, float]]) -> Boxes:
