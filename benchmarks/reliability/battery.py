@@ -15,7 +15,7 @@ from reliability.page import Line, Part
 from reliability.runs import Wanted, kept, percent, seeds
 
 HOSTILE_SEEDS = seeds(106_000, 1)
-ORDINARY_SEEDS = seeds(105_000, 200)
+ORDINARY_SEEDS = seeds(107_000, 200)
 QUICK_CASES = ("line-given", "court-confused", "flipped", "focal-20-all", "moved-pan-15", "drift-4", "slope-10", "apart-found")
 QUICK_ORDINARY = 6
 MOST_REFUSED = 0.03
