@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,6 +10,10 @@ from types import ModuleType
 
 import pytest
 from hypothesis import settings
+
+# Jobs in the background of a shell ignore Ctrl-C, and so would the programs that tests interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples on every machine, and no example fails because a machine is slow.
 settings.register_profile("passerby", deadline=None, derandomize=True)
