@@ -31,7 +31,7 @@ OUTLYING, LEAST_REDUNDANCY, LEAST_STANCE = 3.0, 0.25, 0.1
 """Of the noise of feet and standing heights, in units of the noise given: residuals count as this large at most, the redundancy
 as no smaller, and the noise learnt as no smaller."""
 
-MODEL_EXCESS = 1.5
+MODEL_EXCESS = 1.4
 """Factor on the design effect for what no stretch shows; fitted together with what is systematic (`systematic.SIGMAS`)."""
 
 TIME_EXCESS = 1.6
