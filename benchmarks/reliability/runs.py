@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
@@ -91,9 +92,11 @@ def _read(path: Path, digest: str) -> dict[str, dict[str, Any]]:
 
 
 def _one_thread() -> None:
-    """Processes that share the cores do not fight for them with threads of their own."""
+    """Processes that share the cores do not fight for them with threads of their own, nor for their parent's fork server."""
     from threadpoolctl import threadpool_limits
 
+    server: Any = forkserver._forkserver
+    server._forkserver_address = server._forkserver_alive_fd = server._forkserver_pid = None
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     threadpool_limits(limits=1)
 
