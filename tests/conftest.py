@@ -20,6 +20,18 @@ settings.register_profile("passerby", deadline=None, derandomize=True)
 settings.load_profile("passerby")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def no_log_of_slow_runs() -> Iterator[None]:
+    """What a test reads on standard error does not depend on the machine's speed: time stands still for the log that tells now
+    and then how far a run of more than half a minute is. Tests of that log have clocks of their own."""
+    from passerby import terminal
+
+    log = terminal._Log
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(terminal, "_Log", lambda: log(lambda: 0.0))
+        yield
+
+
 @pytest.fixture(scope="session")
 def data_root() -> Path:
     """The folder of the real data sets; the test is skipped where there is none."""

@@ -43,9 +43,14 @@ class Puppets:
     """Of the pictures of each camera."""
 
 
-def puppets(seconds: float = 14.0, fps: float = 10.0, cameras: int = 3, people: int = 5, seed: int = 0) -> Puppets:
-    """Puppets on the simulated terrace."""
-    made = simulate(SimulationOptions(cameras=cameras, people=people, seconds=seconds, fps=fps, seed=seed, occlusion=False))
+def puppets(
+    seconds: float = 14.0, fps: float = 10.0, cameras: int = 3, people: int = 5, seed: int = 0, offsets: tuple[float, ...] = ()
+) -> Puppets:
+    """Puppets on the simulated terrace; `offsets` are the clocks', seconds, one for each camera."""
+    options = SimulationOptions(
+        cameras=cameras, people=people, seconds=seconds, fps=fps, seed=seed, occlusion=False, clock_offsets=offsets or 0.0
+    )
+    made = simulate(options)
     boxes = {
         name: replace(found, ltwh=(found.ltwh + [0.5, 0.5, 0, 0]) * SCALE - [0.5, 0.5, 0, 0])
         for name, found in made.truth.items()

@@ -128,7 +128,7 @@ def test_joints_alone_from_arrays(made):
         ({"boxes": {"C1": np.zeros((3, 4))}}, "boxes of camera C1 have the shape (3, 4): give rows of frame, id"),
         ({"boxes": {"C1": [["a"] * 6]}}, "boxes of camera C1 are no numbers"),
         ({"boxes": {"C1": [[1, 1, 0, 0, -5, 9]]}}, "boxes of camera C1: box of frame 1, identity 1 has width and height"),
-        ({"boxes": {"C1": [[1, 1, 0, 0, 5, 9]] * 2}}, "boxes of camera C1: id 1 stands twice in frame 1"),
+        ({"boxes": {"C1": [[1, 1, 0, 0, 5, 9]] * 2}}, "boxes: camera C1: 1 of 2 rows stand for somebody who has another row"),
         ({"fps": {"C9": 5.0}}, "fps: camera C9 has no lens"),
         ({"fps": -1.0}, "scene scene: [scene] fps"),
         ({"association": {"mode": "givn"}}, "scene scene: [association] mode is 'givn'"),
@@ -174,6 +174,19 @@ def test_errors_and_ways(made, scene, calibration, out):
     lost = replace(calibration, rig=replace(calibration.rig, cameras=tuple(replace(c, pose=None) for c in calibration.rig)))
     with pytest.raises(passerby.EvidenceError, match="no camera has a pose"):
         passerby.trajectories(lost)
+
+
+def test_evaluate_takes_a_folder_for_a_rig_file(scene, out, tmp_path, capsys):
+    truth = scene.parent / "truth.toml"
+    shown = []
+    for rig, reference in ((out / "rig.toml", truth), (out, truth), (truth, out / "rig.toml"), (truth, out)):
+        assert run(["evaluate", str(rig), str(reference), "--json"]) == 0
+        shown.append(capsys.readouterr().out)
+    assert shown[0] == shown[1]
+    assert shown[2] == shown[3]
+    assert passerby.evaluate(truth, out).to_dict() == passerby.evaluate(truth, out / "rig.toml").to_dict()
+    assert run(["evaluate", str(tmp_path), str(truth)]) == 2
+    assert "rig.toml: no such file" in capsys.readouterr().err
 
 
 def test_align_by_values_and_by_files(calibration, out, tmp_path):
@@ -268,6 +281,28 @@ def test_notebooks_show_a_calibration(calibration):
     assert "! doubtful" in page.words
     assert "too <few> people" in page.words
     assert "and 8 more" in page.words
+
+
+def test_notebooks_show_what_was_written(calibration, out):
+    written = passerby.read_calibration(out)
+    page = Checked(written._repr_html_())
+    fresh = Checked(calibration._repr_html_())
+    assert page.count == fresh.count
+    assert set(fresh.words) <= set(page.words)
+    lost = replace(calibration.rig["C4"], pose=None, sigma=None)
+    report = {
+        **written.report,
+        "name": "<b>",
+        "findings": ["odd & strange"] * 20,
+        "cameras": [{"name": "C1", "people": "<i>", "median_residual_px": float("nan"), "time_offset_s": 10**400}, "no table"],
+    }
+    odd = replace(written, report=report, verdict="doubtful", reasons=("too <few> people",), all_cameras=5)
+    page = Checked(odd._repr_html_())
+    assert {"<b>", "! doubtful", "too <few> people", "odd & strange", "and 8 more", "4 of 5 cameras registered"} <= set(
+        page.words
+    )
+    assert "<i>" not in page.words
+    assert Checked(replace(written, rig=passerby.Rig((lost,)), report={})._repr_html_()).count["tr"] == 2
 
 
 def test_names_from_elsewhere_stay_text(calibration):

@@ -99,6 +99,37 @@ def test_no_file(scene, tmp_path, capsys, command, kind):
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
 @pytest.mark.parametrize(
+    ("video", "told"),
+    [
+        ("pieces", "is a folder of 2 videos, not one: recordings in pieces are not read yet: join each camera's into one file"),
+        ("recordings", "is a folder of 2 videos, not one: recordings in pieces are not read yet"),
+        ("pieces/*.mp4", "stands for many files, not one: recordings in pieces are not read yet"),
+        ("pieces/%03d.mp4", "stands for many files, not one: recordings in pieces are not read yet"),
+        ("pieces/00[01].mp4", "stands for many files, not one: recordings in pieces are not read yet"),
+        ("pieces/00[78].mp4", "no such file: a video is needed here"),
+        ("stills", "is a folder of pictures: still pictures are not read yet: make one video of each camera's"),
+        ("stills/%06d.png", "stands for many files, not one: still pictures are not read yet"),
+        ("stills/000001.png", "is not a video (piped png sequence), but one picture: still pictures are not read yet"),
+        ("one", "is a folder: name a video file"),
+    ],
+)
+def test_pieces_and_pictures_for_a_video(scene, good, tmp_path, capsys, command, video, told):
+    for place in ("pieces", "recordings/2024-05-01/13", "stills", "one"):
+        (tmp_path / place).mkdir(parents=True)
+    for place in ("pieces", "recordings/2024-05-01/13"):
+        for name in ("000.mp4", "001.mp4"):
+            (tmp_path / place / name).symlink_to(good / "C1.mp4")
+    (tmp_path / "one" / "000.mp4").symlink_to(good / "C1.mp4")
+    for number in (1, 2):
+        cv2.imwrite(str(tmp_path / "stills" / f"{number:06d}.png"), np.zeros((48, 64, 3), np.uint8))
+    line = refused(
+        capsys, scene({"C1": video, "C2": "C2.mp4"}), command, f"{tmp_path}/{video}: {told}", "(the video of camera C1)"
+    )
+    assert ("ffmpeg -f" in line) == ("not one" in line or "one picture" in line or "of pictures" in line)
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+@pytest.mark.parametrize(
     ("change", "told"),
     [
         (lambda picture: cv2.resize(picture, (180, 144)), "180 x 144{}the video is scaled by 0.5; multiply the lens's size"),
@@ -131,7 +162,7 @@ def test_two_cameras_with_one_video(scene, tmp_path, capsys, command):
 @pytest.mark.parametrize("command", ["calibrate", "check"])
 def test_identities_cannot_be_given_by_a_video(scene, capsys, command):
     path = scene({"C1": "C1.mp4", "C2": "C2.mp4"}, extra='[association]\nmode = "given"')
-    refused(capsys, path, command, f"{path}: [cameras.C1]: has only a video", 'mode "combined" finds them')
+    refused(capsys, path, command, f"{path}: [cameras.C1]: has only a video", 'under [association] set mode = "combined"')
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".mkv"])

@@ -136,13 +136,25 @@ def test_tangents_are_the_derivatives_of_the_pixel(lens: Lens) -> None:
         ({"distortions": np.zeros(3)}, "distortions has 3 values; a pinhole lens takes 0, 4, 5, 8, 12, 14"),
         ({"distortions": np.array([0.1, np.inf, 0, 0])}, "finite"),
         ({"distortions": np.zeros(5), "fisheye": True}, "distortions has 5 values; a fisheye lens takes 0, 4"),
-        ({"distortions": np.zeros((2, 2))}, "distortions"),
+        ({"distortions": np.zeros((2, 2))}, r"distortions has the shape \(2, 2\): give one list of coefficients"),
+        ({"distortions": np.zeros((1, 1, 5))}, r"distortions has the shape \(1, 1, 5\)"),
+        ({"distortions": np.zeros((1, 3))}, "distortions has 3 values; a pinhole lens takes"),
     ],
 )
 def test_what_cannot_be_a_lens_is_refused(changes: dict[str, object], message: str) -> None:
     values = {"size": SIZE, "matrix": SQUARE, "distortions": np.zeros(5), **changes}
     with pytest.raises(InputError, match=message):
         Lens(**values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("shape", [(5,), (1, 5), (5, 1)])
+def test_distortions_come_as_a_list_a_row_or_a_column(shape: tuple[int, ...]) -> None:
+    """As `cv2.calibrateCamera` and `cv2.FileStorage` return them."""
+    lens = Lens(SIZE, SQUARE, np.array(PINHOLES[5]).reshape(shape))
+    assert lens.distortions.shape == (5,)
+    pixels = np.array([[100.0, 80.0], [1200.0, 700.0]])
+    np.testing.assert_array_equal(lens.bearings(pixels), pinhole(5).bearings(pixels))
+    assert Lens(SIZE, SQUARE, np.array(FISHEYE).reshape(4, 1), fisheye=True).distortions.shape == (4,)
 
 
 def test_values_cannot_be_changed() -> None:
@@ -190,6 +202,84 @@ def test_a_rig_knows_its_cameras() -> None:
         _ = rig["B"].centre
     with pytest.raises(InputError, match="camera A stands twice"):
         Rig((posed, posed))
+
+
+def three_cameras() -> Rig:
+    """A strong pinhole lens, a fisheye and one without distortion, around the origin."""
+    centres = ((4.0, -3.0, 2.0), (-5.0, 1.0, 3.0), (1.0, 6.0, 2.5))
+    lenses = pinhole(5), fisheye(), Lens(SIZE, MATRIX, np.zeros(0))
+    return Rig(tuple(Camera(name, lens, looking_at(centre, (0, 0, 1)))
+                     for name, lens, centre in zip("ABC", lenses, centres, strict=True)))  # fmt: skip
+
+
+def test_projection_matrices_give_the_undistorted_pixels() -> None:
+    rig, points = three_cameras(), np.random.default_rng(5).uniform(-1, 1, (20, 3)) + (0, 0, 1)
+    for camera in rig:
+        lens = camera.lens
+        assert (lens.matrix == camera.K).all()
+        assert camera.P.shape == (3, 4)
+        homogeneous = np.column_stack([points, np.ones(20)]) @ camera.P.T
+        rays = lens.bearings(camera.project(points)) @ camera.K.T
+        np.testing.assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], rays[:, :2] / rays[:, 2:], atol=1e-4)
+    seen = cv2.undistortPoints(rig["A"].project(points)[:, None], rig["A"].K, rig["A"].lens.distortions, P=rig["A"].K)[:, 0]
+    homogeneous = np.column_stack([points, np.ones(20)]) @ rig["A"].P.T
+    np.testing.assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], seen, atol=0.1)  # OpenCV stops after five rounds
+    with pytest.raises(InputError, match="camera A has no pose"):
+        _ = Camera("A", pinhole(5)).P
+
+
+def test_a_rig_triangulates_what_its_cameras_project() -> None:
+    rig, points = three_cameras(), np.random.default_rng(5).uniform(-1, 1, (20, 3)) + (0, 0, 1)
+    pixels = {name: rig[name].project(points) for name in rig.names}
+    np.testing.assert_allclose(rig.triangulate(pixels), points, atol=1e-6)
+    np.testing.assert_allclose(rig.triangulate({name: pixels[name].tolist() for name in "CA"}), points, atol=1e-6)
+    pixels["B"][3], pixels["C"][7:9] = np.nan, np.nan
+    np.testing.assert_allclose(rig.triangulate(pixels), points, atol=1e-6)
+    assert rig.triangulate({name: np.zeros((0, 2)) for name in "AB"}).shape == (0, 3)
+
+
+def test_a_camera_with_more_pixels_a_degree_counts_more() -> None:
+    """Of rays that miss each other the point is nearer to the longer lens's, so that the errors in pixels are alike."""
+    near, far = Lens(SIZE, SQUARE, np.zeros(0)), Lens(SIZE, np.diag([10.0, 10.0, 1.0]) @ SQUARE, np.zeros(0))
+    cameras = (Camera("A", near, looking_at((8.0, 0, 0), (0, 0, 0))), Camera("B", far, looking_at((0, 8.0, 0), (0, 0, 0))))
+    rig, point = Rig(cameras), np.zeros((1, 3))
+    pixels = {camera.name: camera.project(point) + (0.0, 5.0) for camera in cameras}
+    pixels["B"] -= (0.0, 10.0)
+    found = rig.triangulate(pixels)
+    misses = [np.linalg.norm(camera.project(found) - pixels[camera.name]) for camera in cameras]
+    assert misses[1] < misses[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"X": [[1.0, 2.0]]}, "no camera X in this rig; it has A, B, C"),
+        ({"B": [[1.0, 2.0], [3.0, 4.0]]}, r"pixels of camera B have the shape \(2, 2\): give \(1, 2\), a row a point"),
+        ({"B": [1.0, 2.0]}, r"pixels of camera B have the shape \(2,\)"),
+        ({"B": None}, "pixels of two cameras or more, not of 1"),
+        ({"B": [[np.nan, 2.0]]}, "point 0 cannot be triangulated: 1 camera of the two or more that are needed see it"),
+        ({"B": "mirrored"}, "point 0 cannot be triangulated: its rays meet behind a camera: leave it out"),
+    ],
+)
+def test_what_cannot_be_triangulated_is_told(change: dict[str, object], message: str) -> None:
+    rig = three_cameras()
+    pixels = {name: rig[name].project(np.array([[0.3, 0.2, 1.0]])) for name in "AB"}
+    if change.get("B") == "mirrored":  # the pixels of a point behind the other camera
+        centre = rig["A"].centre
+        change = {"B": rig["B"].project((centre + 3 * (centre - (0.3, 0.2, 1.0)))[None])}
+    given_pixels = {name: values for name, values in (pixels | change).items() if values is not None}
+    with pytest.raises(InputError, match=message):
+        rig.triangulate(given_pixels)  # type: ignore[arg-type]
+
+
+def test_parallel_rays_have_no_point() -> None:
+    poses = looking_at((0.0, -3.0, 2.0), (0, 5, 2)), looking_at((1.0, -3.0, 2.0), (1, 5, 2))
+    rig = Rig(tuple(Camera(name, pinhole(0), pose) for name, pose in zip("AB", poses, strict=True)))
+    middle = np.array([[650.0, 350.0], [650.0, 350.0]])
+    with pytest.raises(InputError, match=r"point 0 \(and 1 more\) cannot be triangulated: its rays are parallel"):
+        rig.triangulate({"A": middle, "B": middle})
+    with pytest.raises(InputError, match="camera B has no pose"):
+        Rig((rig["A"], Camera("B", pinhole(0)))).triangulate({"A": middle, "B": middle})
 
 
 def test_where_a_camera_looks():

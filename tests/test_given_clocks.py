@@ -142,7 +142,7 @@ def test_clocks_further_apart_than_is_searched_for(tmp_path):
     assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 25  # measured 21 mm
     (told,) = [reason for reason in calibration.reasons if reason.startswith("camera C3 has no clock")]
     assert "the clock of C3 is 4.0 s behind that of C" in told
-    assert "search for larger clock offsets ([association] max_offset_s = " in told
+    assert "search for larger clock offsets: under [association] set max_offset_s = " in told
 
 
 def test_a_clock_that_drifts_is_told(tmp_path):

@@ -139,10 +139,12 @@ def test_embeddings_that_do_not_fit(tmp_path, capsys, looks, told, command):
 
 def test_appearance_needs_embeddings(tmp_path):
     mode = 'mode = "appearance"'
-    with pytest.raises(InputError, match=r"no camera has any: add embeddings = .* or write mode = .combined."):
+    with pytest.raises(
+        InputError, match=r"no camera has any: give each camera embeddings .*: under \[association\] set mode = .combined."
+    ):
         read(tmp_path, association=mode)
     with_looks(tmp_path, "B")
-    with pytest.raises(InputError, match=r"\[cameras.A\] mode .appearance. needs embeddings: add"):
+    with pytest.raises(InputError, match=r"\[cameras.A\] mode .appearance. needs embeddings: give each camera"):
         read(tmp_path, association=mode, extra='embeddings = "B.npz"')
     files = {"C.txt": "", **TWO_AND_C}
     with pytest.raises(InputError, match="embeddings") as caught:
@@ -175,7 +177,7 @@ def test_a_missing_file_is_not_told_as_an_empty_camera(tmp_path):
 def test_check_tells_tracklets_and_detections(tmp_path, capsys):
     with_looks(tmp_path, "B")
     files = {"B.txt": DETECTIONS, "C.txt": rows(identities=(8, 9, 10)), "D.txt": ""}
-    extra = "[scene]\nfps = 12.5"
+    extra = "[scene]\nfps = 2.5"
     scene = write_scene(tmp_path, ("A", "B", "C", "D"), association=COMBINED, files=files, extra=extra)
     scene.write_text(scene.read_text().replace('tracks = "B.txt"', 'tracks = "B.txt"\nembeddings = "B.npz"'))
     assert run(["check", str(scene)]) == 0
@@ -185,14 +187,14 @@ def test_check_tells_tracklets_and_detections(tmp_path, capsys):
     table = {line[0]: dict(zip(head, line, strict=True)) for line in lines}
     assert [table[name]["tracklets"] for name in "ABCD"] == ["2", "detections", "3", "0"]
     assert [table[name]["embeddings"] for name in "ABCD"] == ["-", "4", "-", "-"]
-    assert {table[name]["fps"] for name in "ABCD"} == {"12.5"}
+    assert {table[name]["fps"] for name in "ABCD"} == {"2.5"}
     assert "camera D saw nobody" in out
 
     assert run(["check", str(scene), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["mode"] == "combined"
     assert report["cameras"][1]["embedding_dimensions"] == 4
-    assert all(camera["shared"] == {} and camera["fps"] == 12.5 for camera in report["cameras"])
+    assert all(camera["shared"] == {} and camera["fps"] == 2.5 for camera in report["cameras"])
 
 
 def test_check_counts_who_is_shared_at_the_same_time_not_the_same_number(tmp_path, capsys):

@@ -135,9 +135,18 @@ def processes_of(session):
     return found
 
 
+QUIET = """
+import math
+from passerby import cli, terminal
+terminal.LOG_AFTER_S = math.inf
+cli.main()
+"""
+"""The program `passerby`, without the lines that tell how far a run is after half a minute of wall time."""
+
+
 def stopped_after(scene, out, files, sign, group=False):
     """Run the program with its processes, until it has kept so many files; all of it has ended then."""
-    arguments = [sys.executable, "-m", "passerby", "calibrate", str(scene), "-o", str(out)]
+    arguments = [sys.executable, "-c", QUIET, "calibrate", str(scene), "-o", str(out)]
     with subprocess.Popen(
         arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as run:

@@ -126,7 +126,7 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[association]\nmax_offset_s = -1", r"\[association\] max_offset_s is -1: "),
         (CAMERAS + "[association]\nmax_offset_s = inf", r"\[association\] max_offset_s: a finite number"),
         (CAMERAS + "fps = 0", r"\[cameras.B\] fps is 0: "),
-        (CAMERAS + "fps = 25", r"\[cameras.A\]: has no fps, but camera B has: add fps there, or to \[scene\]"),
+        (CAMERAS + "fps = 25", r"\[cameras.A\]: has no fps, but camera B has: set fps there, or under \[scene\] set fps"),
         (CAMERAS + "embeddings = 'b.npz'", r"\[cameras.B\]: has embeddings, but no boxes .* add `tracks` or `detections`"),
         (
             CAMERAS + "[[scale.people]]\nidentity = 1\nheight_m = 1.8",
@@ -151,11 +151,11 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[cameras.C]\nintrinsics = 'x'", r"\[cameras.C\]: says nothing of what the camera saw"),
         (
             CAMERAS + "[cameras.C]\nintrinsics = 'x'\nvideo = 'x.avi'\n[association]\nmode = 'given'",
-            r"\[cameras.A\]: has no fps, but camera C has: add fps there",
+            r"\[cameras.A\]: has no fps, but camera C has: set fps there",
         ),
         (
             CAMERAS + "[cameras.C]\nintrinsics = 'x'\nvideo = 'x.avi'\n[scene]\nfps = 5\n[association]\nmode = 'given'",
-            r"\[cameras.C\]: has only a video, which does not tell who is who: .* mode \"combined\" finds them",
+            r"\[cameras.C\]: has only a video, which does not tell who is who: .* set mode = .combined.",
         ),
         (CAMERAS + "[perception]\nminscore = 0.5", r"\[perception\]: unknown key 'minscore': did you mean 'min_score'"),
         (CAMERAS + "[perception]\nmin_score = 2", r"\[perception\] min_score is 2: input should be less than or equal to 1"),

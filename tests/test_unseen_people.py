@@ -55,6 +55,19 @@ def test_everybody_is_found_by_the_true_rig(rig: Rig, walked: np.ndarray) -> Non
     assert doubts_of_missed(rig, seen_by(rig, walked)) == []
 
 
+def test_a_slower_camera_is_not_accused_of_what_it_had_no_sample_of(rig: Rig, walked: np.ndarray) -> None:
+    seen, others = seen_by(rig, walked), seen_by(rig, -walked[::-1])
+
+    def slower(of: Observations) -> Observations:
+        boxes = of["C2"].boxes
+        return replace(seen, cameras={**seen.cameras, "C2": CameraObservations(boxes.take(boxes.frame % 2 == 1))})
+
+    pairs = [pair for pair in people_missed(rig, slower(seen)) if pair.should == "C2"]
+    assert all(pair.found == pair.due >= 100 for pair in pairs)
+    assert doubts_of_missed(rig, slower(seen)) == []
+    assert len(doubts_of_missed(rig, slower(others))) == 1
+
+
 def test_a_camera_that_filmed_others_is_told(rig: Rig, walked: np.ndarray) -> None:
     seen, others = seen_by(rig, walked), seen_by(rig, -walked[::-1])
     mixed = replace(seen, cameras={**seen.cameras, "C2": others["C2"]})

@@ -72,7 +72,9 @@ def test_what_leaves_nothing_is_an_error(tmp_path, keys, told):
 
 def test_seconds_need_a_frame_rate(tmp_path):
     path = written(tmp_path, fps=False, from_s=4.0)
-    with pytest.raises(InputError, match=r"\[cameras.C2\] from_s: its frame rate is not known: add fps there, or to \[scene\]"):
+    with pytest.raises(
+        InputError, match=r"\[cameras.C2\] from_s: its frame rate is not known: set fps there, or under \[scene\] set fps to it"
+    ):
         read_inputs(Scene.load(path))
 
 

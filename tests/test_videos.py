@@ -2,11 +2,15 @@
 
 import io
 import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
+import re
+import shutil
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from rich.console import Console
 from rich.progress import Progress
 
@@ -24,11 +28,11 @@ from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.perception.video import probe
 from passerby.pipeline import calibrate
-from passerby.progress import silent
+from passerby.progress import Forward, silent
 from passerby.reading import read_camera
 from passerby.scene import Scene
 from passerby.terminal import _Bar, stages
-from passerby.videos import Videos, picture_rate
+from passerby.videos import Videos, picture_rate, plan_of
 
 SECONDS, FPS = 30.0, 3.0
 
@@ -105,8 +109,100 @@ def test_processes_and_a_folder_to_keep_decide_nothing(calibrated, folder, tmp_p
     assert sorted(path.name for path in (tmp_path / "perception").iterdir()) == ["C1", "C2"]
     assert not list(tmp_path.rglob("progress"))
     watching = [(part, done, total) for stage, part, done, total in told if stage == "watching"]
-    assert watching[:2] == [("C1", 0, 90), ("C2", 0, 90)]
-    assert {total for _, _, total in watching} == {90}
+    # 90 pictures are looked at; the empty scene is learnt from 60, each as long as three.
+    assert watching[:2] == [("C1", 0, 270), ("C2", 0, 270)]
+    assert {total for _, _, total in watching} == {270}
+    assert_forward(watching)
+
+
+def assert_forward(told):
+    """Counts of parts (part, done, total), and their sums, never run backwards, and in the end all is done."""
+    known = {}
+    for part, done, total in told:
+        before = known.get(part, (0, 0))
+        assert done >= before[0], (part, before, done, total)
+        assert total >= before[1], (part, before, done, total)
+        assert not total or done <= total
+        known[part] = done, total
+    assert all(done == total > 0 for done, total in known.values()), known
+
+
+def test_progress_never_runs_backwards(place, tmp_path):
+    """One camera after the other, then again with one camera kept and one not."""
+    scene = Scene.load(scene_file(place, BOTH, perception='detector = "background"\nembedder = "none"\nfps = 1'))
+
+    def told():
+        found = []
+
+        def tell(stage, done=0, total=0, *, part=""):
+            found.append((part, done, total))
+
+        read_inputs(scene, Videos(tmp_path / "out", None, tell))
+        return found
+
+    first = told()
+    assert_forward(first)
+    # Learning the empty scene is counted: it moves from the beginning on.
+    counts = [done for part, done, _ in first if part == "C1"]
+    assert counts[:4] == [0, 3, 6, 9]
+    assert counts[-1] == 3 * 60 + 30
+    shutil.rmtree(tmp_path / "out" / "perception" / "C2")
+    again = told()
+    assert_forward(again)
+    assert [done for part, done, _ in again if part == "C1"] == [0, 210, 210]
+    assert len(again) > 90
+
+
+class _Ended:
+    """A process that tells nothing any more: its counts stay as they were, or were never written."""
+
+    def __init__(self, wrote):
+        self.wrote = wrote
+
+    def submit(self, function, job, counts):
+        if self.wrote:
+            counts(*self.wrote)
+        done = Future()
+        done.set_result(InputError("it was cut off"))
+        return done
+
+
+@pytest.mark.parametrize("wrote", [None, (7, 100)])
+def test_a_camera_that_is_over_counts_as_done(place, wrote):
+    told = []
+    scene = Scene.load(scene_file(place, BOTH))
+    with pytest.raises(InputError):
+        read_inputs(
+            scene, Videos(None, _Ended(wrote), lambda stage, done=0, total=0, *, part="": told.append((part, done, total)))
+        )
+    assert_forward(told)
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from("abc"), st.integers(0, 50), st.sampled_from([0, 20, 30, 40])) | st.sampled_from("abc"),
+        max_size=40,
+    )
+)
+def test_counts_in_any_order_never_run_backwards(events):
+    """Late, twice, out of order, of unknown total, or after the end: what is told only grows."""
+    told = []
+    forward = Forward(lambda stage, done=0, total=0, *, part="": told.append((part, done, total)), "watching")
+    for part in "abc":
+        forward(part, 0, 30)
+    for event in events:
+        if isinstance(event, str):
+            forward.finish(event)
+        else:
+            forward(*event)
+    sums, known = [], {}
+    for part, done, total in told:
+        known[part] = done, total
+        sums.append((sum(d for d, _ in known.values()), len(known)))
+    assert sums == sorted(sums)
+    for part in "abc":
+        forward.finish(part)
+    assert_forward(told)
 
 
 def test_times_of_a_variable_rate_are_honoured(dense, calibrated, folder, tmp_path):
@@ -250,11 +346,68 @@ def test_without_any_network_there_are_notes(place, tmp_path, monkeypatch, capsy
     assert run(["calibrate", str(scene), "-o", str(tmp_path / "out")]) in (0, 3)
     out, errors = capsys.readouterr()
     assert "error" not in errors
+    assert [line for line in errors.splitlines() if line.startswith("note: tiny is not on this computer")]
     notes = [line for line in out.splitlines() if line.startswith("note: ")]
     assert len(notes) == 2
     assert notes[0].startswith("note: tiny is not on this computer and cannot be fetched: ")
     assert notes[0].endswith("people are found by background subtraction, without a network")
     assert notes[1].endswith("people are told apart by the colours of stripes, without a network")
+
+
+class _Heard:
+    """What was told, in its order."""
+
+    def __init__(self):
+        self.told = []
+
+    def __call__(self, stage, done=0, total=0, *, part=""):
+        self.told.append(stage)
+
+    def warning(self, text):
+        self.told.append(f"warning: {text}")
+
+    def failed(self, stage):
+        self.told.append(f"failed: {stage}")
+
+
+def test_a_network_that_cannot_be_had_is_told_at_once(place, tmp_path, monkeypatch):
+    nothing_to_be_had(tmp_path, monkeypatch)
+    scene = scene_file(place, BOTH, perception='detector = "auto"\nembedder = "auto"\nfps = 1')
+    heard = _Heard()
+    calibrate(scene, progress=heard)
+    fetching, failed, note = heard.told[1:4]
+    assert fetching == "fetching tiny.onnx (kB)"
+    assert failed == f"failed: {fetching}"
+    assert note.startswith("warning: tiny is not on this computer and cannot be fetched")
+    assert note.endswith("people are found by background subtraction, without a network")
+    assert heard.told[4].startswith("warning: ")
+    assert "colours of stripes" in heard.told[4]
+    assert heard.told[5] == "watching"
+    assert len([told for told in heard.told if told.startswith(("warning", "failed"))]) == 3, "each is told once"
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_a_log_tells_at_once_what_cannot_be_had(place, tmp_path, monkeypatch, capsys, verbose):
+    nothing_to_be_had(tmp_path, monkeypatch)
+    scene = Scene.load(scene_file(place, BOTH, perception='detector = "auto"\nembedder = "none"\nfps = 1'))
+    with stages(verbose) as tell:
+        plan_of(scene, tell)
+    lines = capsys.readouterr().err.splitlines()
+    assert "people are found by background subtraction, without a network" in lines[-1]
+    assert lines[:-1] == (["fetching tiny.onnx (kB): 300", "fetching tiny.onnx (kB): failed"] if verbose else [])
+
+
+def test_a_bar_shows_a_download_that_failed_as_failed(monkeypatch, capsys, place, tmp_path):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    nothing_to_be_had(tmp_path, monkeypatch)
+    scene = Scene.load(scene_file(place, BOTH, perception='detector = "auto"\nembedder = "none"\nfps = 1'))
+    with stages() as tell:
+        tell("reading")
+        plan_of(scene, tell)
+    lines = [line for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().err).splitlines() if "fetching" in line]
+    assert [line for line in lines if "✗ fetching tiny.onnx (kB): failed" in line]
+    assert not [line for line in lines if "•" in line]
 
 
 def test_a_network_that_was_named_is_not_left_out(place, tmp_path, monkeypatch, capsys):
@@ -280,11 +433,12 @@ def test_what_is_told_where_there_is_no_terminal(place, tmp_path, monkeypatch, c
     scene = scene_file(place, cameras, perception='detector = "background"\nembedder = "none"\nfps = 1')
     assert run(["calibrate", str(scene), "-o", str(tmp_path / "out"), *["-v"] * verbose]) in (0, 3)
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("doubtful", "refused"))]
-    assert (lines.count("watching C1: 30") == 1) is verbose
+    # The empty scene is learnt from 60 pictures, each as long as three of the 30 that are looked at.
+    assert (lines.count("watching C1: 210") == 1) is verbose
     if verbose:
         assert lines[0] == "reading"
         assert lines[-2:] == ["writing", "report: 2"]
-        assert not [line for line in lines if "watching" in line and line != "watching C1: 30"]
+        assert not [line for line in lines if "watching" in line and line != "watching C1: 210"]
     else:
         assert not lines
 
@@ -317,9 +471,10 @@ def test_bars_are_drawn_on_standard_error_alone(monkeypatch, capsys):
 def test_the_boxes_of_a_file_are_not_moved(place):
     """Boxes that a detector found are told from the pixel's corner, those of a file from its middle."""
     one = puppets(4.0, 3.0, 2, 2)
-    write_boxes(place / "few.txt", in_order(one.boxes["C1"]))
-    cameras = {"C1": 'detections = "few.txt"\nvideo = "C1.mp4"', "C2": 'detections = "few.txt"\nvideo = "C2.mp4"'}
+    for name in BOTH:
+        write_boxes(place / f"few-{name}.txt", in_order(one.boxes["C1"]))
+    cameras = {name: f'detections = "few-{name}.txt"\nvideo = "{name}.mp4"' for name in BOTH}
     seen, _ = inputs(scene_file(place, cameras, extra=""))
-    plain, _ = inputs(scene_file(place, dict.fromkeys(BOTH, 'detections = "few.txt"'), extra=""))
+    plain, _ = inputs(scene_file(place, {name: f'detections = "few-{name}.txt"' for name in BOTH}, extra=""))
     np.testing.assert_array_equal(seen.observations["C1"].boxes.ltwh, plain.observations["C1"].boxes.ltwh)
     assert seen.observations["C1"].boxes.embedding is not None

@@ -1,9 +1,13 @@
 """Walkers who are too fast are not as tall as they are taken to be; runners, strollers and bystanders say nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from passerby.walking_pace import doubts_of_pace, paces
+import passerby
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.walking_pace import doubts_of_heights, doubts_of_pace, paces, scale_basis
 
 FPS = 5.0
 
@@ -47,3 +51,102 @@ def test_people_who_run_and_walk_say_nothing() -> None:
 def test_people_who_stand_and_recordings_without_a_rate_say_nothing() -> None:
     assert doubts_of_pace(*ways([0.1, 0.0, 0.2]), FPS) == []
     assert doubts_of_pace(*ways([2.0, 2.1]), None) == []
+
+
+def test_a_stated_height_is_held_against_the_pace_and_a_measured_length_is_not() -> None:
+    hurried = ways([1.4, 1.5, 1.6, 1.7])
+    (told,) = doubts_of_pace(*hurried, FPS, "stated")
+    assert "people walk at 1.5 m/s if they are as tall as [scale] says" in told
+    assert doubts_of_pace(*hurried, FPS, "measured") == []
+    assert doubts_of_pace(*ways([2.5, 2.8, 3.0, 3.5]), FPS, "measured") == []
+
+
+@pytest.mark.parametrize("basis", ["taken", "stated", "measured"])
+def test_nobody_runs_so_fast(basis: str) -> None:
+    mixed = [0.9, 1.2, 2.5, 3.0, 3.5]
+    assert doubts_of_pace(*ways(mixed), FPS, basis) == []
+    (told,) = doubts_of_pace(*ways(mixed, scale=1.96), FPS, basis)
+    assert "a quarter of the people who move do so at 5.9 m/s or more" in told
+
+
+def test_places_that_another_person_has_spoilt_make_nobody_run() -> None:
+    keys, places = ways([0.9, 1.0, 1.1, 1.2] * 3)
+    rng = np.random.default_rng(1)
+    spoilt = rng.random(len(places)) < 0.2
+    places[spoilt, :2] += rng.uniform(-15, 15, (spoilt.sum(), 2))
+    assert np.quantile(paces(keys, places, FPS), 0.75) > 5
+    assert np.quantile(paces(keys, places, FPS, steady=True), 0.75) < 2
+    assert doubts_of_pace(keys, places, FPS) == []
+
+
+def test_steady_paces_are_metres_per_second() -> None:
+    pace = paces(*ways([1.2]), FPS, steady=True)
+    assert len(pace) == 140
+    assert pace == pytest.approx(1.2)
+
+
+def test_what_the_scale_rests_on() -> None:
+    heights = {"cue": "population of 6", "share": 0.3}
+    person = {"cue": "height of person 3", "share": 0.1}
+    camera = {"cue": "height of camera C1", "share": 0.6}
+    assert scale_basis([heights, person, camera], said=True) == "measured"
+    assert scale_basis([heights, person | {"share": 0.7}], said=True) == "stated"
+    assert scale_basis([heights | {"share": 0.9}, camera | {"share": 0.1}], said=False) == "taken"
+    assert scale_basis(None, said=False) == "taken"
+
+
+def test_known_places_do_not_make_giants() -> None:
+    assert doubts_of_heights({"1": 1.6, "2": 1.8}, 1.0, 1.72) == []
+    (told,) = doubts_of_heights({"1": 1.6, "2": 1.8}, 1.75, 1.72)
+    assert "make people 2.98 m tall, who are 1.72 m" in told
+    assert doubts_of_heights(None, 3.0, 1.72) == []
+
+
+def made(preset: str) -> SimulatedScene:
+    return simulate(SimulationOptions(preset=preset, seconds=30.0, people=6, box_noise=0.02, seed=1))
+
+
+def calibrated(scene: SimulatedScene, share: float, **tables: object) -> passerby.Calibration:
+    """From boxes that show so much of each person, from the head down."""
+    boxes = {name: scene.observations[name].boxes for name in scene.rig.names}
+    boxes = {name: replace(one, ltwh=one.ltwh * (1, 1, 1, share)) for name, one in boxes.items()}
+    lenses = {camera.name: camera.lens for camera in scene.rig}
+    return passerby.calibrate_observations(lenses, boxes, fps=5.0, association={"mode": "given"}, **tables)
+
+
+@pytest.mark.parametrize("said", [{"person_height_m": 1.72}, {"person_height_sd_m": 0.09}, {"person_height_mean_sd_m": 0.02}])
+def test_boxes_of_half_height_are_told_whatever_is_written_under_scale(said: dict[str, float]) -> None:
+    scene = made("terrace")
+    found = calibrated(scene, 0.5, scale=said)
+    assert found.verdict == "doubtful"
+    assert any("which is fast" in reason for reason in found.reasons)
+    assert calibrated(scene, 1.0, scale=said).verdict == "accepted"
+
+
+def test_half_height_is_told_on_a_court_and_people_who_run_are_not_accused() -> None:
+    scene = made("basketball")
+    found = calibrated(scene, 0.5, scale={"person_height_m": 1.72})
+    assert any("faster than people run" in reason for reason in found.reasons)
+    assert calibrated(scene, 1.0, scale={"person_height_m": 1.72}).verdict == "accepted"
+
+
+def test_a_length_that_makes_people_giants_is_told() -> None:
+    scene = made("terrace")
+    metres = float(np.linalg.norm(scene.rig["C1"].pose.centre - scene.rig["C3"].pose.centre))
+    right = {"distances": [{"between": ["C1", "C3"], "metres": metres}]}
+    wrong = {"distances": [{"between": ["C1", "C3"], "metres": 1.75 * metres}]}
+    assert calibrated(scene, 1.0, scale=right).verdict == "accepted"
+    found = calibrated(scene, 1.0, scale=wrong)
+    assert found.verdict == "doubtful"
+    assert any("population" in reason for reason in found.reasons)
+
+
+def test_camera_positions_that_make_people_giants_are_told(tmp_path) -> None:
+    scene = made("terrace")
+    for factor, verdict in ((1.0, "accepted"), (1.75, "doubtful")):
+        rows = [f"{camera.name},{','.join(str(factor * x) for x in camera.pose.centre)}" for camera in scene.rig]
+        path = tmp_path / f"places{factor}.csv"
+        path.write_text("camera,x,y,z\n" + "\n".join(rows) + "\n")
+        found = calibrated(scene, 1.0, world={"positions": str(path), "scale": True})
+        assert found.verdict == verdict, found.reasons
+        assert any("the places under [world] make people " in reason for reason in found.reasons) == (factor > 1), found.reasons

@@ -85,6 +85,8 @@ def in_sigmas(found: Calibration, scene: SimulatedScene, clocked: bool) -> dict[
     shape = {camera["name"]: camera for camera in figures["cameras"]}
     similarity = comparison.similarity
     out: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    if "undetermined" in figures:  # no sigma is stated of what nothing fixes
+        return out
     if placed is not None:
         out["position"], out["orientation"] = [*placed.position_sigmas.values()], [*placed.orientation_sigmas.values()]
     for name in comparison.names if comparison.scale_ratio is not None else ():

@@ -14,7 +14,7 @@ from passerby.association.associate import Tracklets, people_of_rig
 from passerby.association.cleaning import clean
 from passerby.association.drift import Drift, clock_drifts, drift_findings
 from passerby.association.figures import association_figures
-from passerby.association.instants import common_clock
+from passerby.association.instants import common_time_steps
 from passerby.association.joint_graph import joined_by_joints
 from passerby.association.joint_tracks import unmirrored
 from passerby.association.looks import Looks
@@ -162,7 +162,7 @@ class _Run:
             for seen, (boxes, joints) in zip(bodies, out, strict=True)
         ]
         clocks = clocks_with(self.cameras, offset_s)
-        grid = common_clock(Observations({camera.name: camera.seen for camera in self.cameras}), clocks)
+        grid = common_time_steps(Observations({camera.name: camera.seen for camera in self.cameras}), clocks).clock
         for (boxes, joints), seen, after in zip(
             out, bodies, clean(solution.rig, bodies, before, clocks, grid, self.options.body_m), strict=True
         ):

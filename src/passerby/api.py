@@ -6,18 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from passerby.cameras import Rig
-from passerby.errors import EvidenceError, InputError
+from passerby.errors import EvidenceError, InputError, PasserbyError
 from passerby.evaluation.metrics import Comparison, compare
-from passerby.following import folder_clocks, track_options, ways_by
-from passerby.interchange.formats import Export, Given, export, read_rig_as
-from passerby.interchange.rig_toml import read_rig
+from passerby.following import folder_clocks, people_of_folder, track_options, ways_by
+from passerby.interchange.formats import Export, Given, export, find_format, read_rig_as
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.monitoring.given_rig import GivenRig, read_given
 from passerby.monitoring.monitor import monitor as watch_rig
 from passerby.monitoring.result import Monitored
 from passerby.monitoring.watching import WatchOptions
 from passerby.observations import Clock
-from passerby.output_folder import OutputFolder, read_folder_rig, read_output
+from passerby.output_folder import OutputFolder, read_output, read_rig_at
 from passerby.pipeline import Calibration
 from passerby.progress import Progress
 from passerby.scene import Scene
@@ -46,6 +45,8 @@ def export_rig(rig: RigLike, format: str, path: str | Path, *, name: str = "rig"
 
         passerby.export_rig("out", "colmap", "for_colmap")
 
+    PLY and glTF draw the people too, as far as `rig` knows them: a calibration, or an output folder with tracks.
+
     Args:
         rig: a rig, a calibration, or the path of a rig file or an output folder.
         format: one of those that `passerby formats` lists.
@@ -59,7 +60,9 @@ def export_rig(rig: RigLike, format: str, path: str | Path, *, name: str = "rig"
     Raises:
         InputError: an unknown format, a rig that it cannot hold, a path that cannot be written.
     """
-    return export(Export(_rig(rig), name), format, path, lossy=lossy)
+    people, why = _people(rig) if find_format(format).draws_people else (None, "")
+    lost = export(Export(_rig(rig), name, people), format, path, lossy=lossy)
+    return (*lost, f"no people are drawn: {why}") if why else lost
 
 
 def import_rig(
@@ -212,11 +215,22 @@ def align(
     return align_to_positions(_rig(rig), places, geodetic=geodetic, with_scale=scale, tilt=tilt)
 
 
+def _people(given: RigLike) -> tuple[Trajectories | None, str]:
+    """The trajectories of the people that a calibration knows, and why there are none; neither for a rig alone."""
+    if isinstance(given, Calibration):
+        try:
+            return trajectories(given), ""
+        except PasserbyError as error:
+            return None, str(error)
+    if isinstance(given, Rig) or (not isinstance(given, OutputFolder) and not Path(given).is_dir()):
+        return None, ""
+    return people_of_folder(given if isinstance(given, OutputFolder) else Path(given))
+
+
 def _rig(given: RigLike) -> Rig:
     """The rig of what was handed in."""
     if isinstance(given, Calibration | OutputFolder):
         return given.rig
     if isinstance(given, Rig):
         return given
-    path = Path(given)
-    return read_folder_rig(path) if path.is_dir() else read_rig(path)
+    return read_rig_at(Path(given))

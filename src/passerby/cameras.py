@@ -6,7 +6,7 @@ OpenCV counts them. Lens models are OpenCV's pinhole with radial-tangential dist
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from passerby.errors import InputError
+from passerby.geometry.triangulation import triangulate_views
 from passerby.projection import Floats, project_fisheye, unproject_fisheye, unproject_pinhole
 
 __all__ = ["FISHEYE_DISTORTION_LENGTHS", "PINHOLE_DISTORTION_LENGTHS", "Camera", "Floats", "Lens", "Pose", "PoseSigma", "Rig"]
@@ -22,6 +23,9 @@ FISHEYE_DISTORTION_LENGTHS = (0, 4)
 
 # A pixel whose undistorted ray does not come back to within this many pixels lies outside what the lens model can express.
 INVERSION_TOLERANCE_PX = 0.05
+
+LARGEST_FOCAL_SD = 0.5
+"""Of a focal length known no better than this the calibration, which follows it to first order, says nothing."""
 
 NAMED = 8
 """Cameras beyond are not named on one line."""
@@ -39,12 +43,22 @@ class Lens:
     matrix: Floats
     """(3, 3) camera matrix in pixels."""
     distortions: Floats
-    """Pinhole: 0, 4, 5, 8, 12 or 14 coefficients in OpenCV's order; fisheye: 0 or 4."""
+    """Pinhole: 0, 4, 5, 8, 12 or 14 coefficients in OpenCV's order; fisheye: 0 or 4. Given as (N,), (1, N) or (N, 1)."""
     fisheye: bool = False
+    focal_sd: float | None = None
+    """One standard deviation of both focal lengths, as a share of them, where they are a guess. None: they are taken to be
+    right."""
 
     def __post_init__(self) -> None:
+        if self.focal_sd is not None and not 0 < self.focal_sd <= LARGEST_FOCAL_SD:
+            raise InputError(
+                f"focal_sd {self.focal_sd:g} is out of range: give a share above 0, up to {LARGEST_FOCAL_SD:g}; leave it out "
+                "for a focal length that was calibrated"
+            )
         matrix = _frozen(self.matrix)
         distortions = _frozen(np.atleast_1d(self.distortions))
+        if distortions.ndim == 2 and 1 in distortions.shape:  # OpenCV's functions return a row or a column
+            distortions = distortions.reshape(-1)
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "distortions", distortions)
         object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
@@ -57,7 +71,9 @@ class Lens:
                 f"matrix {matrix.tolist()} is not a camera matrix: focal lengths above 0 and a last row of 0, 0, 1 are needed"
             )
         lengths = FISHEYE_DISTORTION_LENGTHS if self.fisheye else PINHOLE_DISTORTION_LENGTHS
-        if distortions.ndim != 1 or distortions.size not in lengths or not np.isfinite(distortions).all():
+        if distortions.ndim != 1:
+            raise InputError(f"distortions has the shape {distortions.shape}: give one list of coefficients")
+        if distortions.size not in lengths or not np.isfinite(distortions).all():
             kind = "fisheye" if self.fisheye else "pinhole"
             raise InputError(
                 f"distortions has {distortions.size} values; a {kind} lens takes {', '.join(map(str, lengths))} finite ones"
@@ -148,6 +164,14 @@ class Lens:
         return np.asarray(d1[:, :, None] * e1[:, None, :] + d2[:, :, None] * e2[:, None, :])
 
 
+def _seen_rays(lens: Lens, pixels: Floats) -> Floats:
+    """(N, 3) viewing rays of (N, 2) pixels; NaN where a pixel is not finite, or has no ray."""
+    rays = np.full((len(pixels), 3), np.nan)
+    known = np.isfinite(pixels).all(axis=1)
+    rays[known] = lens.bearings(pixels[known])
+    return rays
+
+
 def _frozen(values: Floats) -> Floats:
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
@@ -221,17 +245,22 @@ def _pose_in_words(pose: Pose) -> str:
 
 @dataclass(frozen=True, eq=False)
 class PoseSigma:
-    """One-sigma uncertainty of a camera's pose, after the best rigid placement of the rig as a whole."""
+    """One-sigma uncertainty of a camera's pose, after the best rigid placement of the rig as a whole.
+
+    Infinite where no evidence constrains it; files leave it out.
+    """
 
     position_m: float
     """Root of the trace of the position's covariance, metres (the expected distance from the true centre)."""
     orientation_deg: float
     """Root of the trace of the rotation vector's covariance, degrees."""
     covariance: Floats | None = None
-    """(6, 6): centre (metres, world), then rotation vector (radians, camera frame)."""
+    """(6, 6): centre (metres, world), then rotation vector (radians, camera frame); None where any of it is infinite."""
 
     def __repr__(self) -> str:
-        return f"PoseSigma({1000 * self.position_m:.0f} mm, {self.orientation_deg:.2f} deg)"
+        position = f"{1000 * self.position_m:.0f} mm" if np.isfinite(self.position_m) else "position unknown"
+        orientation = f"{self.orientation_deg:.2f} deg" if np.isfinite(self.orientation_deg) else "orientation unknown"
+        return f"PoseSigma({position}, {orientation})"
 
     def moved(self, rotation: Floats, scale: float = 1.0) -> PoseSigma:
         """The uncertainty after the world is moved by `X -> scale rotation X + translation`, as if that motion were exact.
@@ -257,7 +286,10 @@ class Camera:
 
     def __repr__(self) -> str:
         pose = "without a pose" if self.pose is None else _pose_in_words(self.pose)
-        sure = "" if self.sigma is None else f", sigma {1000 * self.sigma.position_m:.0f} mm"
+        sure = ""
+        if self.sigma is not None:
+            known = np.isfinite(self.sigma.position_m)
+            sure = f", sigma {1000 * self.sigma.position_m:.0f} mm" if known else ", sigma unknown"
         return f"Camera({self.name!r}, {self.lens.size[0]} x {self.lens.size[1]}, {pose}{sure})"
 
     @property
@@ -265,8 +297,33 @@ class Camera:
         """(3,) camera centre in the world, metres. Raises `InputError` for a camera without a pose."""
         return self._posed().centre
 
+    @property
+    def K(self) -> Floats:
+        """(3, 3) camera matrix in pixels, without the distortion: that of the lens."""
+        return self.lens.matrix
+
+    @property
+    def P(self) -> Floats:
+        """(3, 4) projection matrix K [R | t], from world metres to pixels of the undistorted picture.
+
+        `cv2.undistortPoints(..., P=K)`, or `cv2.fisheye.undistortPoints` for a fisheye, maps the picture's pixels there.
+        Raises `InputError` for a camera without a pose.
+        """
+        pose = self._posed()
+        return _frozen(self.K @ np.column_stack([pose.R_cw, pose.t_cw]))
+
     def project(self, points: Floats) -> Floats:
-        """Project world points: (N, 3) metres to (N, 2) pixels; NaN behind the camera."""
+        """Project world points through the whole lens, distortion included.
+
+        Args:
+            points: (N, 3) or (3,), world, metres.
+
+        Returns:
+            (N, 2) pixels of the picture as filmed; NaN behind a pinhole camera.
+
+        Raises:
+            InputError: the camera has no pose.
+        """
         pose = self._posed()
         return self.lens.project_rays(np.asarray(points, dtype=np.float64).reshape(-1, 3) @ pose.R_cw.T + pose.t_cw)
 
@@ -320,6 +377,47 @@ class Rig:
 
     def __len__(self) -> int:
         return len(self.cameras)
+
+    def triangulate(self, points: Mapping[str, Floats]) -> Floats:
+        """The world points that cameras see at given pixels; row n of every camera is the same point.
+
+            rig.triangulate({"C1": [[412.0, 233.5]], "C2": [[128.2, 301.0]]})
+
+        The squared angles to the viewing rays are minimised, in pixels by each camera's focal length.
+
+        Args:
+            points: by camera, (N, 2) pixels of the picture as filmed; NaN where that camera does not see the point.
+
+        Returns:
+            (N, 3) points, world, metres; always finite.
+
+        Raises:
+            InputError: an unknown camera or one without a pose, fewer than two cameras, arrays of other shapes, a point that
+                fewer than two cameras see, rays that are parallel, or that meet behind a camera.
+        """
+        unknown = [name for name in points if name not in self.names]
+        if unknown:
+            raise InputError(f"no camera {unknown[0]} in this rig; it has {', '.join(self.names)}")
+        if len(points) < 2:
+            raise InputError(f"triangulation needs pixels of two cameras or more, not of {len(points)}")
+        pixels = {name: np.asarray(values, dtype=np.float64) for name, values in points.items()}
+        count = len(next(iter(pixels.values())))
+        for name, values in pixels.items():
+            if values.shape != (count, 2):
+                raise InputError(f"pixels of camera {name} have the shape {values.shape}: give ({count}, 2), a row a point")
+        cameras = [self[name] for name in pixels]
+        poses = [camera._posed() for camera in cameras]
+        found, faults = triangulate_views(
+            np.stack([_seen_rays(camera.lens, values) for camera, values in zip(cameras, pixels.values(), strict=True)]),
+            np.stack([pose.R_cw for pose in poses]),
+            np.stack([pose.t_cw for pose in poses]),
+            np.array([camera.lens.focal**2 for camera in cameras]),
+        )
+        if faults:
+            row, why = next(iter(faults.items()))
+            more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+            raise InputError(f"point {row}{more} cannot be triangulated: {why}: leave it out, or check its pixels")
+        return found
 
     def posed(self) -> Rig:
         """The rig of those cameras that have a pose."""

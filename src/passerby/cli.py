@@ -18,6 +18,7 @@ from typing import Annotated
 import typer
 
 from passerby import __version__
+from passerby.addresses import without_credentials
 from passerby.commands.align import align
 from passerby.commands.benchmark import benchmark
 from passerby.commands.dataset import dataset
@@ -85,12 +86,16 @@ def run(arguments: Sequence[str]) -> int:
     except (typer.Abort, KeyboardInterrupt):
         status = INTERRUPTED
     except Exception as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            # A group of commands without one of them: its help, which has been printed, unless it is the message.
+            print(str(error), end="")
+            return 0
         # Usage errors are click's or, in newer versions, typer's own: known by what they can do, not by where they live.
         if hasattr(error, "format_message"):
             return _fail(error.format_message(), InputError.exit_status)
         if isinstance(error, OSError) and error.errno in FAILING:
             return _machine_fails(error)
-        traceback.print_exc()
+        print(without_credentials(traceback.format_exc()), end="", file=sys.stderr)
         return _fail(f"a bug in Passerby: {type(error).__name__}: {error}; please report it with the lines above", BUG)
     if status == INTERRUPTED:
         return _fail("interrupted", INTERRUPTED)
@@ -98,7 +103,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def _fail(message: str, status: int) -> int:
-    print(f"error: {' '.join(message.split())}", file=sys.stderr)
+    print(f"error: {' '.join(without_credentials(message).split())}", file=sys.stderr)
     return status
 
 
@@ -194,17 +199,17 @@ def calibrate(
 
 @app.command()
 def evaluate(
-    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file to judge (TOML).")],
-    truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Rig file with the true poses (TOML).")],
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML) to judge, or an output folder.")],
+    truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Rig file (TOML) with the true poses, or an output folder.")],
     reference: Annotated[str | None, typer.Option(help="Camera that coincides in the metric placement; the first.")] = None,
     json: AsJson = False,
 ) -> None:
     """Compare a rig with the true one: errors of position and orientation, scale, vertical and ground."""
     from passerby.evaluation.metrics import compare
-    from passerby.interchange.rig_toml import read_rig
+    from passerby.output_folder import read_rig_at
     from passerby.tables import show_comparison
 
-    comparison = compare(read_rig(rig), read_rig(truth), reference)
+    comparison = compare(read_rig_at(rig), read_rig_at(truth), reference)
     if json:
         _print_json(comparison.to_dict())
     else:

@@ -5,6 +5,8 @@ A message names the file, the camera, the value and the mend, in one line that a
 
 from __future__ import annotations
 
+from passerby.addresses import without_credentials
+
 LONGEST = 2000
 """Characters of a message: a file may hold a name of a million characters, and nobody's file is shown at length."""
 
@@ -19,7 +21,8 @@ class PasserbyError(Exception):
 
 
 def cut(message: str) -> str:
-    """A message that is too long without its middle."""
+    """A message that is too long without its middle, and every one without the passwords of addresses in it."""
+    message = without_credentials(message)
     return message if len(message) <= LONGEST else f"{message[: LONGEST - 400]} ... {message[-390:]}"
 
 
@@ -39,4 +42,4 @@ class EvidenceError(PasserbyError):
 
     def __init__(self, message: str, reasons: tuple[str, ...] = ()) -> None:
         super().__init__(message)
-        self.reasons = reasons or (message,)
+        self.reasons = tuple(map(without_credentials, reasons or (message,)))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from passerby.cameras import Rig
-from passerby.errors import InputError
+from passerby.errors import InputError, PasserbyError
 from passerby.observations import CameraObservations, Clock, Observations
-from passerby.output_folder import OutputFolder
+from passerby.output_folder import OutputFolder, read_output
 from passerby.progress import Progress, silent
+from passerby.results import CALIBRATION_FILE, TRACKS_FOLDER
 from passerby.tracks3d.trajectories import METHODS, TrackOptions, Trajectories, trajectories
 
 
@@ -18,6 +20,21 @@ def follow(folder: OutputFolder, *, fps: float | None = None, tell: Progress = s
     Raises `InputError` where there are no boxes, or neither the calibration nor `fps` tells the frames' rate.
     """
     return ways_by(folder, folder.rig, folder_clocks(folder, fps), track_options(folder), tell)
+
+
+def people_of_folder(folder: OutputFolder | Path, tell: Progress = silent) -> tuple[Trajectories | None, str]:
+    """Everybody's trajectory in an output folder, for those who can do without.
+
+    Returns:
+        The trajectories, and why there are none: the frame rate is not known, there are no boxes, or nobody has an identity.
+        Neither for a folder that is no output folder: it only holds a rig file.
+    """
+    if isinstance(folder, Path) and not ((folder / CALIBRATION_FILE).is_file() and (folder / TRACKS_FOLDER).is_dir()):
+        return None, ""
+    try:
+        return follow(read_output(folder) if isinstance(folder, Path) else folder, tell=tell), ""
+    except PasserbyError as error:
+        return None, str(error)
 
 
 def track_options(folder: OutputFolder, method: str = "smoothed", max_gap: float = 2.0) -> TrackOptions:
@@ -41,8 +58,8 @@ def folder_clocks(folder: OutputFolder, fps: float | None = None) -> dict[str, C
     rate = fps or folder.fps
     if rate is None:
         raise InputError(
-            f"{folder.path}: the calibration does not know the frames' rate: give it with --fps, or as fps of [scene] and "
-            "calibrate again"
+            f"{folder.path}: the calibration does not know the frames' rate: give it with --fps, or under [scene] set fps to "
+            "it and calibrate again"
         )
     return {name: Clock(rate) for name in folder.rig.names}
 

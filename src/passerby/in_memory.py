@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,17 +12,15 @@ from pydantic import ValidationError
 
 from passerby.cameras import Lens, Rig
 from passerby.errors import InputError
-from passerby.inputs import inputs_of
+from passerby.inputs import IN_MEMORY, inputs_of
 from passerby.interchange.faults import FileFaults
-from passerby.observations import UNKNOWN, Boxes, Keypoints
+from passerby.observations import Boxes, Keypoints
 from passerby.pipeline import Calibration, calibrate_inputs
 from passerby.progress import Progress
 from passerby.reading import reading_in_memory
 from passerby.scene import TABLES, Scene
 from passerby.scene_errors import explained
 
-IN_MEMORY = Path("(in memory)")
-"""What `calibration.json` tells instead of the names of files."""
 BOX_COLUMNS = "frame, id (-1 where unknown), left, top, width, height[, score]"
 
 Lenses = Rig | Mapping[str, Lens]
@@ -108,12 +105,6 @@ def _boxes(camera: str, rows: Boxes | ArrayLike) -> Boxes:
         raise InputError(f"boxes of camera {camera} have the shape {table.shape}: give rows of {BOX_COLUMNS}")
     score = table[:, 6] if table.shape[1] == 7 else np.ones(len(table))
     try:
-        boxes = Boxes(table[:, 0], table[:, 1], table[:, 2:6], score)  # type: ignore[arg-type]
+        return Boxes(table[:, 0], table[:, 1], table[:, 2:6], score)  # type: ignore[arg-type]
     except InputError as error:
         raise InputError(f"boxes of camera {camera}: {error}") from None
-    pairs = np.column_stack([boxes.frame, boxes.identity])[boxes.identity > UNKNOWN]
-    which, count = np.unique(pairs, axis=0, return_counts=True)
-    if len(count) and count.max() > 1:
-        frame, identity = which[int(np.argmax(count))]
-        raise InputError(f"boxes of camera {camera}: id {identity} stands twice in frame {frame}: delete one")
-    return boxes

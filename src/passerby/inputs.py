@@ -1,10 +1,11 @@
 """From a scene file to observations: everything that it names is read, and the cameras are checked against each other.
 
-*Faults* make an input unusable; *findings* are odd, but do not stop a calibration.
+*Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +17,13 @@ from passerby.cameras import Camera, Rig
 from passerby.interchange.faults import FileFaults
 from passerby.observations import Clock, Observations
 from passerby.reading import CameraReading, read_camera, wants_video
+from passerby.same_content import doubts_of_same_content
 from passerby.scene import Scene
+from passerby.upside_down import doubt_of_upside_down
 from passerby.wanted_world import world_faults
 
+IN_MEMORY = Path("(in memory)")
+"""What stands for the name of a file where people come from arrays."""
 SPAN_RATIO = 1.5
 """Recordings whose lengths in seconds differ by more are told: a frame rate is mostly mistaken for half or twice itself (25 and
 50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
@@ -38,6 +43,8 @@ class SceneInputs:
     """In mode "given": people with a known identity only. Else all rows, with tracklet numbers of each camera's own or -1."""
     findings: tuple[str, ...]
     """What is odd, one sentence each."""
+    doubts: tuple[str, ...] = ()
+    """What speaks against any rig from this input, one sentence each."""
 
 
 class Watch(Protocol):
@@ -66,7 +73,7 @@ def inputs_of(scene: Scene, readings: list[CameraReading]) -> SceneInputs:
     _raise_faults(scene, readings)
     rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
-    return SceneInputs(rig, observations_of(scene, readings), tuple(findings))
+    return SceneInputs(rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)))
 
 
 def _raise_faults(scene: Scene, readings: list[CameraReading]) -> None:
@@ -107,9 +114,11 @@ def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     """Faults between cameras, and of what the scene file says about them."""
     return [
         *_length_faults(scene, readings),
+        *_lens_faults(scene, readings),
         *_joint_faults(scene, readings),
         *_embedding_faults(scene, readings),
         *_same_video_faults(scene, readings),
+        *_same_file_faults(scene),
         *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
         *world_faults(scene, {reading.name: reading.lens.size for reading in readings if reading.lens is not None}),
@@ -126,7 +135,52 @@ def scene_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
         for cue in scene.scale.people
         if cue.identity not in known
     ]
-    return found + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
+    return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
+
+
+def _guessed_lenses(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Focal lengths that are stated to be guesses, those that are as good in one sentence."""
+    guessed: dict[float, list[str]] = {}
+    for reading in readings:
+        if reading.lens is not None and reading.lens.focal_sd is not None:
+            guessed.setdefault(reading.lens.focal_sd, []).append(reading.name)
+    refined = "focal" in scene.solver.refine
+    remedy = (
+        "it is the prior of their refinement"
+        if refined
+        else "it is in every sigma: calibrate the lens with a pattern and delete focal_sd_percent, or write refine = "
+        '["focal"] under [solver]'
+    )
+    return [
+        f"{scene.place}: the focal length of {'cameras' if len(names) > 1 else 'camera'} {', '.join(names)} is a guess with "
+        f"one sigma of {100 * sd:g} %: {remedy}"
+        for sd, names in guessed.items()
+    ]
+
+
+def _lens_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Guessed focal lengths for a method that does not know of them."""
+    guessed = [reading.name for reading in readings if reading.lens is not None and reading.lens.focal_sd is not None]
+    if scene.solver.method != "geopose" or not guessed:
+        return []
+    return [
+        f'{scene.place}: [cameras.{guessed[0]}] states focal_sd_percent, but method "geopose" takes focal lengths to be right: '
+        'delete it there and in the intrinsics, or take method "people"'
+    ]
+
+
+def scene_doubts(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """What lets no rig from these files be accepted: pictures of another size, people on their heads, one camera twice."""
+    known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
+    upside_down = [
+        doubt_of_upside_down(reading.name, lens, reading.seen, scene.scale.person_height_m) for reading, lens in known
+    ]
+    rig = Rig(tuple(Camera(reading.name, lens) for reading, lens in known))
+    return [
+        *(doubt for reading in readings for doubt in reading.doubts),
+        *(doubt for doubt in upside_down if doubt is not None),
+        *doubts_of_same_content(rig, observations_of(scene, readings)),
+    ]
 
 
 def _length_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
@@ -167,7 +221,7 @@ def _embedding_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     ]
     if scene.association.mode != "appearance":
         return faults
-    mend = 'add embeddings = "NAME.npz" or a video, or write mode = "combined", which can do without'
+    mend = 'give each camera embeddings or a video, or do without: under [association] set mode = "combined"'
     without = [reading for reading in readings if scene.cameras[reading.name].embeddings is None and reading.dimensions is None]
     without = [reading for reading in without if not wants_video(scene, reading)]
     wanting = [reading.name for reading in without if reading.people]
@@ -211,6 +265,24 @@ def _same_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str]
     return faults
 
 
+def _same_file_faults(scene: Scene) -> list[str]:
+    """Cameras that name one and the same file of boxes or joints."""
+    first: dict[tuple[str, Path], str] = {}
+    faults = []
+    for name, table in scene.cameras.items():
+        for key in ("tracks", "detections", "keypoints"):
+            path = getattr(table, key)
+            if path is None or path == IN_MEMORY:
+                continue
+            # Unlike `Path.resolve` it bears links that lead in a circle, which reading has told of.
+            other = first.setdefault((key, Path(os.path.realpath(scene.resolve(path)))), name)
+            if other != name:
+                faults.append(
+                    f"{scene.place}: [cameras.{name}] {key} {path.name} is camera {other}'s too: give each camera its own"
+                )
+    return faults
+
+
 def _emptiness_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     """Where identities are not given, a camera that saw nobody is left out; two others must be left."""
     awake = [reading.name for reading in readings if reading.people]
@@ -232,7 +304,8 @@ def _clock_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
             return []
         return [
             f"{scene.place}: no frame rate is given: frame numbers are taken to be counted alike in all cameras, and no "
-            "difference of their clocks is searched for: add fps to [scene], or max_offset_s = 0 to [association]"
+            "difference of their clocks is searched for: under [scene] set fps to the frame rate, or under [association] set "
+            "max_offset_s = 0"
         ]
     spans = {
         reading.name: (seen[0], seen[-1], reading.fps)

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.instants import common_instants
+from passerby.association.instants import clocks_of, common_instants
 from passerby.association.result import Association
 from passerby.cameras import Pose, Rig
 from passerby.inputs import SceneInputs
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Keypoints, Observations
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.solver.left_out import Middles, identified_middles, middles_of, people_without
 from passerby.solver.solution import Solution
 from passerby.solver.steadiness import Change, Matched, find_change, matched, resected
+from passerby.starting.toml_text import key
 
 Solve = Callable[[SceneInputs], tuple[Solution, Association]]
 Bools = NDArray[np.bool_]
@@ -27,6 +28,8 @@ MARGIN_S = 0.5
 """So much is left out on both sides of a move: when it was is known to a few samples."""
 USUAL_FPS = 5.0
 """Instants a second where nobody tells."""
+ON_A_FRAME = 1e-6
+"""So near to a whole frame is on it: what rounding leaves on the way through seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +87,14 @@ class Moved:
     def _mend(self, first: int, last: int, kept: str, other: str) -> str:
         """How to have the one pose or the other."""
         if self.fps is None:
-            return "; to choose, add fps to [scene], and from_s or until_s under [cameras." + self.camera + "]"
+            return (
+                "; to choose, under [scene] set fps to the frame rate, and then from_s or until_s under "
+                f"[cameras.{key(self.camera)}]"
+            )
         until = f"until_s = {max(0, math.floor(self.seconds(first) - MARGIN_S))}"
         since = f"from_s = {math.ceil(self.seconds(last) + MARGIN_S)}"
         one, two = (until, since) if kept == "before" else (since, until)
-        return f"; write {one} under [cameras.{self.camera}] if that is right, {two} for the pose {other}"
+        return f"; under [cameras.{key(self.camera)}] set {one} if that is right, or {two} for the pose {other}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +153,7 @@ def _most_certain(
     _, c, change = best
     name, posed = rig.names[c], rig.posed().names
     either = next(other for other in posed if other != name) if len(posed) == 2 else None
-    own = _own_frames(name, np.array([change.first, change.last]), association)
+    own = _own_frames(name, np.array([change.first, change.last]), inputs.observations, association)
     frames = _all_frames(inputs.observations[name])
     clock = inputs.observations.clocks.get(name)
     fps = clock.fps if clock is not None else inputs.observations.fps
@@ -172,9 +178,10 @@ def _matched(
 
 def _at_instants(name: str, observations: Observations, association: Association, rig: Rig) -> CameraObservations:
     """What a camera saw, known or not, at the common instants."""
-    seen, grid, clock = observations[name], association.instants.clocks.get(name), association.clocks.get(name)
-    if grid is None or clock is None:
+    seen, grid = observations[name], association.instants.clocks.get(name)
+    if grid is None:
         return seen
+    clock = _clock(name, observations, association)
     once = CameraObservations(
         seen.boxes.take(_once(seen.boxes.frame, seen.boxes.identity)),
         seen.keypoints.take(_once(seen.keypoints.frame, seen.keypoints.identity)),
@@ -188,12 +195,19 @@ def _once(frame: Ints, identity: Ints) -> Ints:
     return np.asarray(np.sort(np.unique(key, axis=0, return_index=True)[1]))
 
 
-def _own_frames(name: str, instants: Ints, association: Association) -> NDArray[np.float64]:
+def _clock(name: str, observations: Observations, association: Association) -> Clock:
+    """A camera's clock as it was found, or else as it was stated."""
+    return association.clocks.get(name) or clocks_of(observations, [name])[name]
+
+
+def _own_frames(name: str, instants: Ints, observations: Observations, association: Association) -> NDArray[np.float64]:
     """A camera's own frames, fractional, at common instants."""
-    grid, clock = association.instants.clocks.get(name), association.clocks.get(name)
-    if grid is None or clock is None:
+    grid = association.instants.clocks.get(name)
+    if grid is None:
         return instants.astype(np.float64)
-    return clock.frames(grid.seconds(instants))
+    own = _clock(name, observations, association).frames(grid.seconds(instants))
+    near = np.round(own)
+    return np.where(np.abs(own - near) < ON_A_FRAME, near, own)
 
 
 def _all_frames(seen: CameraObservations) -> Ints:
@@ -223,14 +237,15 @@ def _measured_again(
         return moved
     if given:
         # The instants at hand lack what was left out.
-        clocks = association.clocks
+        seen = inputs.observations
+        clocks = {name: _clock(name, seen, association) for name in seen.cameras}
         grid = association.instants.clocks.get(moved.camera)
-        everything = common_instants(inputs.observations, clocks, grid=grid) if clocks and grid else inputs.observations
+        everything = common_instants(seen, clocks, grid=grid) if grid else seen
     else:
         everything = association.instants
     middles = identified_middles(solution.rig, everything)
     m = _matched(c, solution.rig, middles, inputs.observations, association, given, body_m)
-    own = _own_frames(moved.camera, m.own.instant, association)
+    own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
     part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
     if len(part) < 10:
         return moved

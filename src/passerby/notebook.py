@@ -5,8 +5,9 @@ Text and lines take the notebook's own colour, so that both are readable on ligh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from passerby.report.html import Child, Html, element
 from passerby.report.rig_geometry import ellipse, ground_covariance, magnification, semi_axes, wedge
 
 if TYPE_CHECKING:
+    from passerby.output_folder import OutputFolder
     from passerby.pipeline import Calibration
 
 WIDTH, TALLEST = 380, 360
@@ -49,18 +51,51 @@ def calibration_html(calibration: Calibration) -> str:
         element("b", calibration.scene.name), _pill(calibration.verdict),
         f"{len(rig.posed())} of {_count(len(rig), 'camera')} registered",
     )  # fmt: skip
-    more = [
-        ("residual px", [_number(one.get("median_residual_px"), 1) for one in told]),
-        ("people", [str(one["people"]) for one in told]),
-    ]
-    if calibration.clocks_searched:
-        more.append(("clock s", [_number(one.get("time_offset_s"), 3) for one in told]))
-    notes = list(calibration.findings[:MOST_NOTES])
-    if len(calibration.findings) > MOST_NOTES:
-        notes.append(f"and {len(calibration.findings) - MOST_NOTES} more")
+    more = _seen_columns(told, calibration.clocks_searched)
     return _card(
-        head, _list("", calibration.reasons), _beside(_camera_table(rig, more), rig_svg(rig)), _list("Notes", notes)
+        head, _list("", calibration.reasons), _beside(_camera_table(rig, more), rig_svg(rig)), _notes(calibration.findings)
     )  # fmt: skip
+
+
+def output_folder_html(folder: OutputFolder) -> str:
+    """What a calibration has written: the verdict with its reasons, the cameras, the rig from above, and the findings.
+
+    `calibration.json` may hold anything: what is not a number there is a dash.
+    """
+    tables = {str(one["name"]): one for one in folder.report.get("cameras", []) if isinstance(one, Mapping) and "name" in one}
+    told = [tables.get(name, {}) for name in folder.rig.names]
+    findings = folder.report.get("findings")
+    head = _head(
+        element("b", str(folder.report.get("name") or folder.path.name)), _pill(folder.verdict),
+        f"{len(folder.rig)} of {_count(folder.all_cameras, 'camera')} registered",
+    )  # fmt: skip
+    more = _seen_columns(told, any(one.get("time_offset_s") for one in told))
+    return _card(
+        head, _list("", folder.reasons), _beside(_camera_table(folder.rig, more), rig_svg(folder.rig)),
+        _notes([str(one) for one in findings] if isinstance(findings, list) else ()),
+    )  # fmt: skip
+
+
+def _seen_columns(told: Sequence[Mapping[str, Any]], clocked: bool) -> list[tuple[str, list[str]]]:
+    """Columns of what the cameras saw, from their tables in `calibration.json`."""
+    columns = [("residual px", "median_residual_px", 1), ("people", "people", 0)]
+    columns += [("clock s", "time_offset_s", 3)] if clocked else []
+    return [(title, [_number(_finite(one.get(key)), digits) for one in told]) for title, key, digits in columns]
+
+
+def _finite(value: object) -> float | None:
+    """A finite number, or None."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= sys.float_info.max:
+        return None
+    return float(value)
+
+
+def _notes(findings: Sequence[str]) -> Html | None:
+    """The first findings, and how many there are besides."""
+    notes = list(findings[:MOST_NOTES])
+    if len(findings) > MOST_NOTES:
+        notes.append(f"and {len(findings) - MOST_NOTES} more")
+    return _list("Notes", notes)
 
 
 def rig_svg(rig: Rig) -> Html | None:
@@ -206,7 +241,9 @@ def _cells(camera: Camera, with_sigma: bool) -> list[str]:
 
 
 def _number(value: float | None, digits: int) -> str:
-    """A figure; a dash where there is none. Adding zero turns -0.0 into 0.0."""
+    """A figure; a dash where there is none, a word where it is infinite. Adding zero turns -0.0 into 0.0."""
+    if value is not None and not np.isfinite(value):
+        return "unknown"
     return "–" if value is None else f"{round(value, digits) + 0.0:.{digits}f}"
 
 

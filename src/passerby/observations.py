@@ -71,6 +71,18 @@ def _in_words(frame: Ints, identity: Ints) -> str:
     return f"{len(frame)} in frames {frame.min()} to {frame.max()}, {known} identit{'y' if known == 1 else 'ies'}"
 
 
+def sampling_step(frame: Ints) -> int:
+    """Frames between neighbouring samples: every frame may be there, or every tenth; 1 where there are fewer than two.
+
+    The tenth percentile of the steps, so that a camera that seldom sees anybody does not seem to be slow.
+
+    Args:
+        frame: (N,) frames with somebody in them, in any order, as often as you like.
+    """
+    steps = np.diff(np.unique(frame))
+    return int(np.percentile(steps, 10.0, method="lower")) if len(steps) else 1
+
+
 @dataclass(frozen=True)
 class Clock:
     """From a camera's frame numbers to the rig's time."""

@@ -41,6 +41,12 @@ class OutputFolder:
     def __repr__(self) -> str:
         return f"OutputFolder({str(self.path)!r}: {self.verdict}, {len(self.rig)} of {self.all_cameras} cameras)"
 
+    def _repr_html_(self) -> str:
+        """In a notebook: the verdict with its reasons, the table of cameras and the rig from above."""
+        from passerby.notebook import output_folder_html
+
+        return output_folder_html(self)
+
     @property
     def fps(self) -> float | None:
         """The frame rate that the scene file tells of; None where it tells none."""
@@ -88,6 +94,11 @@ def read_output(out: Path) -> OutputFolder:
         raise unlike(out, f"it has no camera {missing[0]}, which {RIG_FILE} has")
     boxes = {name: _boxes(out, name, cameras[name]) for name in posed.names}
     return OutputFolder(out, report, verdict, told, posed, len(rig), boxes, _clocks(out, cameras, posed))
+
+
+def read_rig_at(path: Path) -> Rig:
+    """The rig of a rig file (TOML) or of a folder (`read_folder_rig`), all cameras. Raises `InputError`."""
+    return read_folder_rig(path) if path.is_dir() else read_rig(path)
 
 
 def read_folder_rig(out: Path) -> Rig:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Lens
-from passerby.observations import Boxes, Keypoints
+from passerby.cameras import Floats, Lens
+from passerby.extents import extents_of
 from passerby.scene import Scene
 
 if TYPE_CHECKING:
@@ -21,6 +20,16 @@ BORDER_SHARE = 0.02
 FILLED_SHARE = 0.6
 """People who all stay within this share of the width and the height hint at a size that is too large."""
 FILLED_ROWS = 100
+SUB_STREAMS = (1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4)
+"""Width and height of usual second streams over those of the main one."""
+STRIP = 0.0125
+"""Boxes that a picture's border cuts end within this share of its size of it, give or take."""
+CUT_ROWS, CUT_SHARE = 10, 0.003
+"""So many boxes, and such a share of all, end at the border of a smaller picture,"""
+CUT_SPREAD = 0.1
+"""over this share of that border, and differ as much in height: not one person who stands there."""
+REACHED = 0.7
+"""Along the other border people come at least so near to the corner, as a share."""
 PRINCIPAL_SHARE = 0.25
 """A cropped picture can have its principal point outside; further out than this share of the size, matrix and size disagree."""
 
@@ -43,8 +52,8 @@ def check_extents(scene: Scene, reading: CameraReading, lens: Lens) -> None:
     width, height = lens.size
     mend = f"the size {width} x {height} in {scene.resolve(table.intrinsics)} is not that of the picture"
     for path, extent, rows in (
-        (reading.boxes_path, _box_extents(reading.boxes), reading.boxes),
-        (reading.keypoints_path, _joint_extents(reading.keypoints), reading.keypoints),
+        (reading.boxes_path, extents_of(reading.boxes), reading.boxes),
+        (reading.keypoints_path, extents_of(reading.keypoints), reading.keypoints),
     ):
         if path is None or not len(extent):
             continue
@@ -62,22 +71,48 @@ def check_extents(scene: Scene, reading: CameraReading, lens: Lens) -> None:
             else:
                 reading.findings.append(text)
         filled = (extent[:, 2:] / lens.size).max(axis=0)
-        if len(extent) >= FILLED_ROWS and filled.max() < FILLED_SHARE:
+        smaller = smaller_picture(extent, lens.size)
+        if smaller is not None:
+            count, (across, down) = smaller
+            reading.doubts.append(
+                f"{place}: all people lie within {across} x {down} of the {width} x {height} picture, and {count} are cut off "
+                f"just there: were they found in pictures of {across} x {down}? Give a lens for pictures of that size, or "
+                "scale the boxes and joints to the size of the lens"
+            )
+        elif len(extent) >= FILLED_ROWS and filled.max() < FILLED_SHARE:
             reading.findings.append(
                 f"{place}: all people lie within {filled[0]:.0%} of the width and {filled[1]:.0%} of the height: "
                 f"wrong image size? perhaps {mend} in which they were found"
             )
 
 
-def _box_extents(boxes: Boxes) -> NDArray[np.float64]:
-    """(N, 4) left, top, right, bottom in pixels."""
-    return np.column_stack([boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]])
+def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
+    """The size of the smaller picture that people were found in, and how many its right and lower borders cut off.
 
+    Nobody reaches beyond it, and people of different heights at different places end just at its border. Where people keep to a
+    corner of a right picture nothing cuts them off there.
 
-def _joint_extents(keypoints: Keypoints) -> NDArray[np.float64]:
-    """(N, 4) left, top, right, bottom of the joints found in each person, pixels; (0, 0, 0, 0) where there is none."""
-    found = keypoints.score[..., None] > 0
-    some = found.any(axis=1)
-    low = np.where(some, np.where(found, keypoints.xy, np.inf).min(axis=1, initial=np.inf), 0.0)
-    high = np.where(some, np.where(found, keypoints.xy, -np.inf).max(axis=1, initial=-np.inf), 0.0)
-    return np.column_stack([low, high])
+    Args:
+        extent: (N, 4) left, top, right, bottom of people, pixels.
+        size: width and height of the picture that they are said to be in.
+    """
+    if len(extent) < FILLED_ROWS:
+        return None
+    ends = extent[:, 2:] / size
+    most = np.quantile(ends, 1 - OUTSIDE_SHARE / 10, axis=0)
+    for share in SUB_STREAMS:
+        reach = most / share
+        if reach.max() > 1 + STRIP or reach.min() < REACHED:
+            continue
+        count = 0
+        for axis in range(2):
+            cut = np.abs(ends[:, axis] / share - 1) <= STRIP
+            along = 0.5 * (extent[cut, 1 - axis] + extent[cut, 3 - axis]) / (share * size[1 - axis])
+            tall = extent[cut, 3] - extent[cut, 1]
+            if cut.sum() < max(CUT_ROWS, CUT_SHARE * len(extent)):
+                continue
+            if np.std(along) >= CUT_SPREAD and np.std(tall) >= CUT_SPREAD * np.mean(tall):
+                count += int(cut.sum())
+        if count:
+            return count, (round(share * size[0]), round(share * size[1]))
+    return None

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from threadpoolctl import threadpool_limits
 
 from passerby.alternation import AssociationOptions, solve_unidentified
-from passerby.association.instants import common_instants
+from passerby.association.instants import clocks_of, common_instants
 from passerby.association.result import Association
 from passerby.cameras import Rig
 from passerby.clock_rates import rate_findings, rated
@@ -27,8 +27,10 @@ from passerby.moved_cameras import steadied
 from passerby.observations import Observations
 from passerby.progress import Progress, silent, tell_note
 from passerby.results import calibration_dict, write_calibration
+from passerby.same_content import doubts_of_same_place
 from passerby.scene import Scene
 from passerby.sharing import connected_groups, missing_overlap, shared_people
+from passerby.smaller_pictures import doubts_of_smaller_pictures
 from passerby.solver.lens_unknowns import LENS_PARTS
 from passerby.solver.pairs import PairHypothesis
 from passerby.solver.people import PeopleOptions, solve_people
@@ -36,7 +38,8 @@ from passerby.solver.refined_lenses import lens_notes
 from passerby.solver.solution import Solution, Verdict
 from passerby.uneven_ground import ground_figures, shape_of, told_of_ground
 from passerby.verdict import judged
-from passerby.videos import Videos
+from passerby.videos import Videos, joints_remedy
+from passerby.walking_pace import ScaleBasis, doubts_of_heights, scale_basis
 from passerby.wanted_world import in_world
 
 if TYPE_CHECKING:
@@ -179,12 +182,15 @@ def calibrate(
     solver_options(scene)  # what is wrong with them is told before hours are spent on videos
     watch = Videos(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watch)
-    for note in (_amount(inputs), *watch.notes, *inputs.findings):
+    for note in (_amount(inputs), *inputs.findings):  # what `watch` has to note was told when it was found
         tell_note(tell, note)
     read = time.perf_counter()
     found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor)
+    missing = len(found.rig.posed()) < len(found.rig)
+    joints = joints_remedy(scene) if missing else None
     return replace(
         found,
+        reasons=(*found.reasons, *([joints] if joints else [])),
         findings=(*watch.notes, *found.findings),
         perception=watch.figures,
         seconds={"reading": read - began, **watch.seconds, **found.seconds},
@@ -211,12 +217,20 @@ def calibrate_inputs(
         shape = shape_of(steady.solution, association.instants, body_m)
         tilt_known = scene.world is not None and scene.world.tilt
         uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
-        doubts = (*steady.reasons, *association.notes, *uneven)
         found = replace(steady.solution, figures=steady.solution.figures | {"ground": ground_figures(shape)})
-        known = bool(scene.scale.model_fields_set)
+        placed = in_world(scene, found)
+        basis, grown = _scale_of(scene, found, placed.rig)
+        tall = doubts_of_heights(found.figures.get("people", {}).get("heights_m"), grown, body_m) if grown != 1.0 else ()
+        sizes = doubts_of_smaller_pictures(
+            inputs.rig,
+            inputs.observations,
+            found,
+            lambda rig: _solve(scene, rig, association.instants, options, np.random.default_rng(seed)),
+        )
+        places = doubts_of_same_place(found.rig, inputs.observations)
+        doubts = (*inputs.doubts, *places, *sizes, *steady.reasons, *association.notes, *uneven, *tall)
         why = association.lost
-        solution = judged(found, association.instants, given=given, why=why, doubts=doubts, scale_known=known)
-        placed = in_world(scene, solution)
+        solution = judged(found, association.instants, given=given, why=why, doubts=doubts, basis=basis, grown=grown)
     solved = time.perf_counter()
     refined = (*lens_notes(solution.figures), *rate_findings(solution.figures), *ground)
     for note in (
@@ -241,6 +255,19 @@ def calibrate_inputs(
         world=placed.world,
         seconds={"solving": solved - began},
     )
+
+
+def _scale_of(scene: Scene, found: Solution, placed: Rig) -> tuple[ScaleBasis, float]:
+    """What the scale rests on, and what known places multiplied it by."""
+    said = bool(scene.scale.model_fields_set & {"person_height_m", "people"})
+    basis = scale_basis(found.figures.get("scale", {}).get("cues"), said=said)
+    if scene.world is None or not scene.world.scale:
+        return basis, 1.0
+    centres = [np.array([camera.pose.centre for camera in rig if camera.pose is not None]) for rig in (found.rig, placed)]
+    before, after = (float(np.linalg.norm(each - each.mean(axis=0))) if len(each) else 0.0 for each in centres)
+    if before <= 0 or abs(after / before - 1) < 1e-12:
+        return basis, 1.0
+    return "measured", after / before
 
 
 def _amount(inputs: SceneInputs) -> str:
@@ -293,8 +320,7 @@ def _solved(
     rig, seen = inputs.rig, inputs.observations
     search_s, body_m = scene.association.search_s if seen.clocks else 0.0, scene.scale.person_height_m
     if scene.association.given and search_s == 0:
-        sizes = {camera.name: camera.lens.size for camera in rig}
-        instants = common_instants(seen, seen.clocks, sizes=sizes) if seen.clocks else seen
+        instants = _synchronised(rig, seen)
         tell("solving")
         solution = _solve(scene, rig, instants, options, rng)
         return solution, association_in_step(rig, seen, instants, solution)
@@ -312,6 +338,13 @@ def _solved(
         return solve_with_clocks(rig, seen, search_s, body_m, solve, rng, tell=tell, executor=executor)
     wanted = AssociationOptions(scene.association.mode, search_s, body_m)
     return solve_unidentified(rig, seen, wanted, solve, rng, tell=tell, executor=executor)
+
+
+def _synchronised(rig: Rig, seen: Observations) -> Observations:
+    """The people at common time steps, by the clocks as they are stated."""
+    sizes = {camera.name: camera.lens.size for camera in rig}
+    found = common_instants(seen, clocks_of(seen, rig.names), sizes=sizes)
+    return found if seen.clocks or seen.fps else replace(found, fps=None)
 
 
 def _solve(

@@ -1,12 +1,13 @@
 """One camera's files: read, checked against each other, and told about.
 
-*Faults* make an input unusable; *findings* are odd, but do not stop a calibration.
+*Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Lens
+from passerby.doubled_rows import without_doubles
 from passerby.errors import InputError
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
@@ -54,6 +56,8 @@ class CameraReading:
     """Whether people are still to be found in the video."""
     faults: list[str] = field(default_factory=list)
     findings: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
+    """What speaks against any rig from these files."""
 
     @property
     def seen(self) -> CameraObservations:
@@ -89,8 +93,11 @@ def read_camera(scene: Scene, name: str) -> CameraReading:
         return None if path is None else scene.resolve(path)
 
     reading.lens = _attempt(lambda path: read_lens(path, name), path_of(table.intrinsics), reading.faults)
-    tracks = _attempt(read_boxes, path_of(table.tracks), reading.faults)
-    detections = _attempt(read_boxes, path_of(table.detections), reading.faults)
+    if reading.lens is not None and table.focal_sd_percent is not None:
+        reading.lens = replace(reading.lens, focal_sd=table.focal_sd_percent / 100)
+    rows_of, joints_of = partial(read_boxes, doubles=True), partial(read_keypoints, doubles=True)
+    tracks = _attempt(rows_of, path_of(table.tracks), reading.faults)
+    detections = _attempt(rows_of, path_of(table.detections), reading.faults)
     own, own_path = (tracks, table.tracks) if table.tracks is not None else (detections, table.detections)
     looks = path_of(table.embeddings)
     if looks is not None and own is not None and own_path is not None:
@@ -99,7 +106,8 @@ def read_camera(scene: Scene, name: str) -> CameraReading:
     if own_path is not None and (table.tracks is not None or not given):
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
-    reading.keypoints = _attempt(read_keypoints, reading.keypoints_path, reading.faults) or reading.keypoints
+    reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
+    _settle_doubles(reading)
     reading.video = _attempt(lambda path: _probed(path, name), path_of(table.video), reading.faults)
     if reading.video is not None:
         _check_video(scene, reading, reading.video)
@@ -116,6 +124,7 @@ def reading_in_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoin
     """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
     reading = CameraReading(name, scene.association.given, lens, boxes, Path("boxes"), keypoints, fps=scene.fps_of(name))
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
+    _settle_doubles(reading)
     _keep_used(scene, reading)
     check_principal_point(scene, reading, lens)
     _check_people(scene, reading)
@@ -151,6 +160,16 @@ def fill(scene: Scene, reading: CameraReading, boxes: Boxes, keypoints: Keypoint
         _check_people(scene, reading)
 
 
+def _settle_doubles(reading: CameraReading) -> None:
+    """Each person once in a frame, in boxes and in joints."""
+    reading.boxes, boxes = without_doubles(reading.boxes)
+    reading.keypoints, joints = without_doubles(reading.keypoints)
+    for path, doubled in ((reading.boxes_path, boxes), (reading.keypoints_path, joints)):
+        if doubled is not None:
+            told = reading.faults if doubled.is_rule else reading.findings
+            told.append(doubled.sentence(f"{path}: camera {reading.name}"))
+
+
 def _keep_used(scene: Scene, reading: CameraReading) -> None:
     """Leave out what the camera saw before `from_s` and after `until_s`."""
     table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
@@ -158,7 +177,7 @@ def _keep_used(scene: Scene, reading: CameraReading) -> None:
     if not named or reading.faults:
         return
     if reading.fps is None:
-        reading.faults.append(f"{place} {named[0]}: its frame rate is not known: add fps there, or to [scene]")
+        reading.faults.append(f"{place} {named[0]}: its frame rate is not known: set fps there, or under [scene] set fps to it")
         return
     fps, first, last = reading.fps, table.from_s or 0.0, np.inf if table.until_s is None else table.until_s
     before = reading.frames

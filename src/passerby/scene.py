@@ -16,7 +16,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 from passerby.errors import InputError
 from passerby.interchange.faults import FileFaults, read_text
 from passerby.interchange.untrusted import NotParsed, shortened, toml_of, unopenable
-from passerby.scene_errors import explained, nearest
+from passerby.scene_errors import explained, nearest, stated_twice
 from passerby.scene_tables import (
     AssociationTable,
     CameraHeightTable,
@@ -56,10 +56,11 @@ class Scene(Table):
     def load(cls, path: str | Path) -> Scene:
         """Read a scene file. Raises `FileFaults` (an `InputError`) that names file, key, value and mend."""
         path = Path(path)
+        text = read_text(path, "a scene file (TOML)")
         try:
-            content = toml_of(read_text(path, "a scene file (TOML)"))
+            content = toml_of(text)
         except NotParsed as error:
-            raise InputError(f"{path}: is not TOML: {error}") from None
+            raise InputError(f"{path}: {stated_twice(text) or f'is not TOML: {error}'}") from None
         try:
             scene = cls.model_validate(content)
         except ValidationError as error:
@@ -175,16 +176,19 @@ class Scene(Table):
         timed = [name for name, table in self.cameras.items() if self.fps_of(name) is not None or table.watched]
         for name, table in self.cameras.items():
             if timed and name not in timed and table.video is None:
-                raise ValueError(f"[cameras.{name}]: has no fps, but camera {timed[0]} has: add fps there, or to [scene]")
+                raise ValueError(
+                    f"[cameras.{name}]: has no fps, but camera {timed[0]} has: set fps there, or under [scene] set fps to the "
+                    "rate of all"
+                )
             if table.watched and self.association.given:
                 raise ValueError(
                     f'[cameras.{name}]: has only a video, which does not tell who is who: mode "given" needs `tracks` or '
-                    '`keypoints` with identities; mode "combined" finds them'
+                    '`keypoints` with identities; to have them found, under [association] set mode = "combined"'
                 )
         if self.scale.people and not self.association.given:
             raise ValueError(
                 f"[[scale.people]]: names identities, but mode '{self.association.mode}' does not know them beforehand: delete "
-                'the table, or give global identities and [association] mode = "given"'
+                'the table, or give global identities and under [association] set mode = "given"'
             )
         return self
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,6 +13,10 @@ from passerby.interchange.untrusted import shortened
 
 LONGEST_KEY = 80
 """Characters of a key, or of a camera's name, that are told."""
+
+HEADER = re.compile(r"\[\s*([^\[\]]+?)\s*\]\s*(?:#.*)?")
+LIST_HEADER = re.compile(r"\[\[.*\]\]\s*(?:#.*)?")
+KEY = re.compile(r"([\w-]+)\s*=")
 
 Tables = Mapping[tuple[str, ...], type[BaseModel]]
 """The model of each table by its place in the file, "*" for a camera's name or a number in a list."""
@@ -62,3 +67,33 @@ def nearest(key: str, known: list[str]) -> str:
     """The mend for a misspelt name."""
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
+
+
+def stated_twice(text: str) -> str | None:
+    """What a scene file that is not TOML states twice, a table or a key of one: where, and what to do. None: nothing.
+
+    Tables in lists, `[[scale.distances]]`, may stand as often as one likes.
+    """
+    tables: dict[str, int] = {}
+    keys: dict[str, int] = {}
+    table, depth = "", 0
+    for number, line in enumerate(map(str.strip, text.splitlines()), start=1):
+        # A list may go on over several lines.
+        inside, depth = depth > 0, max(0, depth + line.count("[") - line.count("]"))
+        if inside or line.startswith("#"):
+            continue
+        if LIST_HEADER.fullmatch(line):
+            table, keys = line, {}
+        elif header := HEADER.fullmatch(line):
+            table, keys = f"[{'.'.join(part.strip() for part in header[1].split('.'))[:LONGEST_KEY]}]", {}
+            if table in tables:
+                return (
+                    f"{table} stands twice, in lines {tables[table]} and {number}: merge the two into one, a table stands once"
+                )
+            tables[table] = number
+        elif stated := KEY.match(line):
+            key = stated[1][:LONGEST_KEY]
+            if key in keys:
+                return f"{table} {key} stands twice, in lines {keys[key]} and {number}: keep one of them".strip()
+            keys[key] = number
+    return None

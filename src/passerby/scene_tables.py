@@ -6,7 +6,9 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from passerby.addresses import not_a_file, plain_without_credentials
 
 
 def _finite(value: float) -> float:
@@ -41,6 +43,12 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _without_passwords(cls, values: Any) -> Any:
+        """No message, and no file that a scene is copied into, repeats the password of an address in it."""
+        return plain_without_credentials(values) if isinstance(values, dict) else values
+
 
 class SceneTable(Table):
     """`[scene]`: the scene as a whole."""
@@ -58,7 +66,8 @@ class CameraTable(Table):
     intrinsics: Path
     """Rig file; size, matrix and distortions of its table [NAME] are read, a pose in it is ignored."""
     video: Path | None = None
-    """A video. People are found in it where there are neither boxes nor joints; boxes get their embeddings from it."""
+    """A video file. People are found in it where there are neither boxes nor joints; boxes get their embeddings from it.
+    Streams, devices, pieces of recordings and folders of pictures are not read yet."""
     detections: Path | None = None
     """Boxes without identities, MOTChallenge text, id -1. Read where there are no `tracks`, in every mode but "given"."""
     tracks: Path | None = None
@@ -73,11 +82,23 @@ class CameraTable(Table):
     """What the camera saw earlier is not used: seconds of its own recording, (frame - 1) / fps. For one that was moved."""
     until_s: Seconds | None = None
     """What the camera saw later is not used, likewise."""
+    focal_sd_percent: Annotated[float, Field(gt=0, le=50)] | None = None
+    """How far the focal length may be off, one standard deviation in per cent of it, where it is a guess: it is carried into
+    every sigma, and is the prior where `refine` has "focal". None: what the table in `intrinsics` says under the same key, or
+    else the lens is taken to be right."""
 
     @property
     def watched(self) -> bool:
         """Whether people have to be found in the video, since nothing else tells of them."""
         return self.video is not None and self.detections is None and self.tracks is None and self.keypoints is None
+
+    @field_validator("video", mode="before")
+    @classmethod
+    def _is_a_file(cls, value: Any) -> Any:
+        why = not_a_file(str(value)) if isinstance(value, str | Path) else None
+        if why is not None:
+            raise ValueError(why)
+        return value
 
     @model_validator(mode="after")
     def _has_a_source(self) -> Self:

@@ -60,7 +60,9 @@ def connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[st
 
 
 MEND_GIVEN = "give identities that are the same person in all cameras, and frame numbers that are the same instant"
-MEND_FOUND = "search for larger clock offsets ([association] max_offset_s)"
+MEND_FOUND = (
+    "search for larger clock offsets: under [association] set max_offset_s to the largest difference of the clocks, in seconds"
+)
 
 
 def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool = True) -> list[str]:

@@ -6,6 +6,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from passerby.cameras import Camera, Rig
 from passerby.check import CameraCheck, SceneCheck
 from passerby.evaluation.metrics import Comparison
@@ -87,11 +89,14 @@ def show_scale(figures: Mapping[str, Any], rig: Rig) -> None:
     scale = figures.get("scale", {})
     if "cues" not in scale:
         return
+    if scale.get("relative_sigma") is None:
+        print("scale unknown: nothing that was seen or stated fixes it")
+        return
     pulls = ", ".join(f"{cue_in_words(cue['cue'])} ({100 * cue['share']:.0f} %)" for cue in scale["cues"])
     print(f"scale known to {100 * scale['relative_sigma']:.1f} %, from {pulls}")
     whole = [1000 * camera.sigma.position_m for camera in rig if camera.sigma is not None]
-    within = [camera["shape_position_sigma_mm"] for camera in figures.get("cameras", ()) if "shape_position_sigma_mm" in camera]
-    if whole and within and max(within) < MOSTLY_SCALE * max(whole):
+    within = [sigma for camera in figures.get("cameras", ()) if (sigma := camera.get("shape_position_sigma_mm")) is not None]
+    if whole and within and np.isfinite(whole).all() and max(within) < MOSTLY_SCALE * max(whole):
         print(
             f"the sigmas are mostly scale: but for it, positions are known to {number(max(within), 0)} mm; one measured length "
             "under [scale] mends that"

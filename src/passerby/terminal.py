@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -16,13 +17,15 @@ from rich.text import Text
 
 from passerby.progress import Progress as Told
 
-MISSING = "-"
+MISSING, UNKNOWN = "-", "unknown"
 
 
 def number(value: float | None, digits: int = 1, unit: str = "") -> str:
-    """A figure as text; a dash where it is undefined."""
+    """A figure as text; a dash where it is undefined, the word where it is known to be unknown: infinite."""
+    if value is not None and math.isinf(value):
+        return UNKNOWN
     # Adding zero turns -0.0 into 0.0.
-    return MISSING if value is None else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
+    return MISSING if value is None or math.isnan(value) else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
 
 
 def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -94,6 +97,10 @@ class _Lines:
         """A line."""
         print(f"  {' '.join(text.split())}", file=sys.stderr)
 
+    def failed(self, stage: str) -> None:
+        """A line: the stage is over, but not done."""
+        print(f"{stage}: failed", file=sys.stderr)
+
 
 class _Log:
     """Tells now and then how far a run is that takes long."""
@@ -118,6 +125,10 @@ class _Log:
             return
         self._next = now + LOG_EVERY_S
         print(self._line(now, counted), file=sys.stderr)
+
+    def warning(self, text: str) -> None:
+        """A line, however short the run is."""
+        print(f"note: {' '.join(text.split())}", file=sys.stderr)
 
     def _line(self, now: float, done: int) -> str:
         """How far the stage is, all its parts together, and how long it will take at this pace where that is known by now."""
@@ -186,9 +197,19 @@ class _Bar:
 
     def end_stage(self) -> None:
         """Leave a line of the stage that is over, with the time that it took."""
+        self._leave("• ", "green", "")
+
+    def failed(self, stage: str) -> None:
+        """Leave a line of a stage that is over, but not done."""
+        if stage != self._stage:
+            self(stage)
+        self._leave("✗ ", "red", ": failed")
+
+    def _leave(self, sign: str, colour: str, how: str) -> None:
         if self._stage:
             took = Text(f"  {time.monotonic() - self._began:.1f} s", style="dim")
-            self._bar.console.print(Text.assemble(("• ", "green"), self._stage, took), highlight=False)
+            line = Text.assemble((sign, colour), self._stage, (how, colour), took)
+            self._bar.console.print(line, highlight=False)
             self._stage = ""
 
     def note(self, text: str) -> None:

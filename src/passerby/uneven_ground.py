@@ -51,5 +51,5 @@ def told_of_ground(
     text = f"the people's ground is not one plane: {shape.rise_m:.1f} m between its lowest and its highest part{where}"
     if tilt_known or shape.rise_m < HARMFUL_M:
         return (), (text,)
-    mend = "give points with known heights ([world] points and tilt = true), or people on one level"
+    mend = 'give points with known heights: under [world] set points = "points.csv" and tilt = true; or people on one level'
     return (f"{text}: how the cameras stand to each other holds, but the vertical and the heights do not: {mend}",), ()

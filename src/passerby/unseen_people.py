@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.association.instants import sampling_distance
 from passerby.cameras import Camera, Floats, Rig
 from passerby.observations import UNKNOWN, Boxes, Observations
 
@@ -169,6 +170,8 @@ class _InView:
         ends = [_pixels(camera, at, MIDDLE_M) for at in (standing.nearest, standing.farthest)]
         with np.errstate(invalid="ignore"):
             should = (standing.frame >= boxes.frame.min()) & (standing.frame <= boxes.frame.max())
+            if sampling_distance(boxes.frame) > 1:  # a slower camera saw nobody in between
+                should &= np.isin(standing.frame, boxes.frame)
             for end in (feet, head):
                 should &= ((end > margin) & (end < size - margin)).all(axis=1)
             should &= tall > np.quantile(boxes.ltwh[:, 3], 0.05)

@@ -14,7 +14,7 @@ from passerby.observations import UNKNOWN, Observations
 from passerby.sharing import missing_overlap, shared_people
 from passerby.solver.solution import Solution
 from passerby.unseen_people import doubts_of_missed
-from passerby.walking_pace import doubts_of_pace
+from passerby.walking_pace import ScaleBasis, doubts_of_pace
 
 LINE_WIDTH_M = 0.25
 """Nine of ten people this close to one line walked on one line: half a body's breadth, and the noise of a box's centre."""
@@ -26,7 +26,7 @@ SPOT_MEND = "record people who walk all over the view that the cameras share"
 
 def judged(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, str] | None = None,
-    doubts: Sequence[str] = (), scale_known: bool = False,
+    doubts: Sequence[str] = (), basis: ScaleBasis = "taken", grown: float = 1.0,
 ) -> Solution:  # fmt: skip
     """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
     does not see whom it should by the rig.
@@ -39,9 +39,10 @@ def judged(
         given: whether their identities were given, not found.
         why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
         doubts: what else speaks against relying on it.
-        scale_known: whether the user has said how tall people are, or how long something is.
+        basis: what the scale rests on.
+        grown: what the lengths of the rig are multiplied by afterwards, where known places set the scale.
     """
-    doubts = [*doubts, *_against_people(solution, observations, scale_known)]
+    doubts = [*doubts, *_against_people(solution, observations, basis, grown)]
     reasons = [*solution.reasons, *doubts]
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:
@@ -67,14 +68,12 @@ def judged(
     return replace(solution, verdict=verdict, reasons=tuple(reasons))
 
 
-def _against_people(solution: Solution, observations: Observations, scale_known: bool) -> list[str]:
+def _against_people(solution: Solution, observations: Observations, basis: ScaleBasis, grown: float) -> list[str]:
     """What the places of the people say against a rig that was computed from them."""
     if solution.method != "people" or len(solution.rig.posed()) < 2:
         return []
-    out = doubts_of_missed(solution.rig, observations)
-    if not scale_known:
-        out += doubts_of_pace(*_positions(solution.rig, observations), observations.fps)
-    return out
+    keys, places = _positions(solution.rig, observations)
+    return [*doubts_of_missed(solution.rig, observations), *doubts_of_pace(keys, grown * places, observations.fps, basis)]
 
 
 def _apart(observations: Observations, given: bool, why: Mapping[str, str], *, nothing_known: bool) -> list[str]:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,10 @@ from threadpoolctl import threadpool_limits
 
 from passerby.errors import InputError
 from passerby.interchange.faults import faults_of
-from passerby.perception.plan import Plan, make_plan
-from passerby.perception.video import VideoInfo, expected_count
-from passerby.perception.watching import CameraJob, Watched, watch_camera
-from passerby.progress import Progress
+from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
+from passerby.perception.video import VideoInfo
+from passerby.perception.watching import CameraJob, Tell, Watched, watch_camera, work_of
+from passerby.progress import Forward, Progress
 from passerby.reading import CameraReading, fill, of_video, wants_joints, wants_looks, wants_video
 from passerby.scene import Scene
 from passerby.scene_tables import WATCHED_FPS
@@ -74,17 +75,16 @@ class Videos:
 
     def _watched(self, jobs: Sequence[CameraJob]) -> list[Watched | InputError]:
         """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
+        forward = Forward(self.tell, "watching")
         for job in jobs:
-            self.tell("watching", 0, expected_count(job.info, job.rate) or 0, part=job.name)
-        if self.executor is None:
-            return [_result(job, _Teller(self.tell, job.name)) for job in jobs]
-        futures: list[Future[Watched | InputError]] = [self.executor.submit(_result, job, None) for job in jobs]
-        waiting = set(futures)
-        while waiting:
-            _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)
-            for job in jobs:
-                self.tell("watching", *_progress_of(job), part=job.name)
-        return [future.result() for future in futures]
+            forward(job.name, 0, work_of(job))
+        if self.executor is not None:
+            return _watched_apart(jobs, self.executor, forward)
+        results = []
+        for job in jobs:
+            results.append(_result(job, partial(forward, job.name)))
+            forward.finish(job.name)
+        return results
 
 
 def plan_of(scene: Scene, tell: Progress) -> Plan:
@@ -97,6 +97,27 @@ def plan_of(scene: Scene, tell: Progress) -> Plan:
     except InputError as error:
         raise InputError(f"{scene.place}: {error}") from None
     return replace(plan, min_score=wanted.min_score, tiles=wanted.tiles)
+
+
+def keypoints_for(scene: Scene) -> str | None:
+    """The network that would find joints in a scene's videos, where none is asked for: one that is on this computer or can be
+    fetched. None where there is none, or fewer than two videos.
+    """
+    filmed = [table for table in scene.cameras.values() if table.video is not None and table.keypoints is None]
+    if scene.perception.keypoints != "none" or len(filmed) < 2:
+        return None
+    return keypoints_to_be_had(None if scene.perception.models is None else scene.resolve(scene.perception.models))
+
+
+def joints_remedy(scene: Scene) -> str | None:
+    """What joints would do for a scene whose cameras could not all be registered; None where none can be had."""
+    name = keypoints_for(scene)
+    if name is None:
+        return None
+    return (
+        "the joints of people were not looked for, which tell more than boxes where people stand or the recording is short: "
+        f'under [perception] set keypoints = "{name}"'
+    )
 
 
 def picture_rate(scene: Scene, reading: CameraReading, info: VideoInfo) -> float:
@@ -133,20 +154,30 @@ def _shelves(keep: Path | None) -> Iterator[Path]:
         yield Path(folder)
 
 
-@dataclass(frozen=True)
-class _Teller:
-    """Tells how far one camera is."""
+def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forward) -> list[Watched | InputError]:
+    """The results of all jobs in their order, each made in a process of its own.
 
-    tell: Progress
-    name: str
-
-    def __call__(self, done: int, total: int) -> None:
-        self.tell("watching", done, total, part=self.name)
+    Each process writes how far it is to a file that belongs to this run alone: nothing of an earlier run is taken for it, and
+    it stays until all are done.
+    """
+    # Processes of a run that is interrupted may write for a moment longer.
+    with tempfile.TemporaryDirectory(prefix="passerby-", ignore_cleanup_errors=True) as folder:
+        counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
+        futures = [executor.submit(_result, job, own) for job, own in zip(jobs, counts, strict=True)]
+        waiting: set[Future[Watched | InputError]] = set(futures)
+        while waiting:
+            _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)
+            for job, own, future in zip(jobs, counts, futures, strict=True):
+                if future.done() and not future.cancelled() and future.exception() is None:
+                    forward.finish(job.name)
+                elif (read := own.read()) is not None:
+                    forward(job.name, *read)
+        return [future.result() for future in futures]
 
 
 @dataclass(eq=False)
-class _Noted:
-    """Writes how far one camera is into its folder, for another process to read."""
+class _Counts:
+    """How far one camera is, in a file: written by one process, read by another."""
 
     path: Path
     last: float = 0.0
@@ -156,33 +187,27 @@ class _Noted:
         if now - self.last < TOLD_EVERY_S and done < total:
             return
         self.last = now
-        # Whether the folder can be written is the business of those who keep results in it.
+        written = self.path.with_suffix(".new")
+        # A full disk is told of by those who keep results on it.
         with suppress(OSError):
-            self.path.write_text(f"{done} {total}", encoding="ascii")
+            written.write_text(f"{done} {total}", encoding="ascii")
+            # In one step: half a number is never read.
+            written.replace(self.path)
+
+    def read(self) -> tuple[int, int] | None:
+        """What was written last; None where nothing was so far."""
+        try:
+            done, total = self.path.read_text(encoding="ascii").split()
+            return int(done), int(total)
+        except (OSError, ValueError):
+            return None
 
 
-def _note(job: CameraJob) -> Path:
-    return job.shelf / "progress"
-
-
-def _progress_of(job: CameraJob) -> tuple[int, int]:
-    """How far a job is in another process: pictures done, and all of them."""
-    try:
-        done, total = _note(job).read_text(encoding="ascii").split()
-        return int(done), int(total)
-    except (OSError, ValueError):
-        return 0, expected_count(job.info, job.rate) or 0
-
-
-def _result(job: CameraJob, tell: _Teller | None) -> Watched | InputError:
+def _result(job: CameraJob, tell: Tell) -> Watched | InputError:
     """What was seen, or what is wrong with this camera."""
-    noted = _Noted(_note(job)) if tell is None else None
     try:
         # One thread each: more would wait for each other, and their number would change the last bits.
         with threadpool_limits(limits=1, user_api="blas"):
-            return watch_camera(job, tell or noted or _Noted(_note(job)))
+            return watch_camera(job, tell)
     except InputError as error:
         return of_video(error, job.name) if str(error).startswith(f"{job.info.path}:") else InputError(str(error))
-    finally:
-        if noted is not None:
-            _note(job).unlink(missing_ok=True)

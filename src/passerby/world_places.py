@@ -87,7 +87,9 @@ def position_sds(rig: Rig, with_scale: bool) -> dict[str, float]:
     middle. Where the scale is fitted it says nothing: as much of it as fits into everybody's sigma is taken off.
     """
     posed = rig.posed()
-    total = {camera.name: 0.0 if camera.sigma is None else camera.sigma.position_m for camera in posed}
+    sigmas = {camera.name: 0.0 if camera.sigma is None else camera.sigma.position_m for camera in posed}
+    # An infinite one is that of the rig as a whole, and says nothing of the camera's own.
+    total = {name: sd if np.isfinite(sd) else 0.0 for name, sd in sigmas.items()}
     if with_scale and len(posed):
         middle = np.mean([camera.centre for camera in posed], axis=0)
         distance = {camera.name: max(float(np.linalg.norm(camera.centre - middle)), 1e-9) for camera in posed}
@@ -100,8 +102,9 @@ def position_sds(rig: Rig, with_scale: bool) -> dict[str, float]:
 
 def angle_sd(camera: Camera) -> float:
     """Of the camera's orientation about one axis, radians."""
-    degrees = UNKNOWN_ORIENTATION_DEG if camera.sigma is None else camera.sigma.orientation_deg / np.sqrt(3)
-    return float(np.radians(degrees))
+    if camera.sigma is None or not np.isfinite(camera.sigma.orientation_deg):
+        return float(np.radians(UNKNOWN_ORIENTATION_DEG))
+    return float(np.radians(camera.sigma.orientation_deg / np.sqrt(3)))
 
 
 def camera_of(rig: Rig, name: str) -> Camera:

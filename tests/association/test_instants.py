@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.association.instants import common_clock, common_instants
+from passerby.association.instants import TimeSteps, common_instants, common_time_steps
 from passerby.errors import InputError
 from passerby.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
 
@@ -91,12 +91,74 @@ def test_the_grid_is_the_usual_rate_and_the_busiest_camera_of_it() -> None:
     boxes["B"] = walker(clocks["B"], np.arange(1, 400))
     boxes["E"] = Boxes.empty()
     seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    assert common_clock(seen, clocks) == clocks["B"]
+    assert common_time_steps(seen, clocks) == TimeSteps(clocks["B"])
+    assert common_time_steps(seen, clocks).clock == clocks["B"]
     found = common_instants(seen, clocks)
     np.testing.assert_array_equal(found["B"].boxes.ltwh, boxes["B"].ltwh)
     assert len(found["C"].boxes) == len(boxes["C"])  # each sample at its nearest instant, but none turned into many
     # Of rates that are equally usual the slower.
-    assert common_clock(seen, {**clocks, "A": Clock(1.0)}).fps == 1.0
+    assert common_time_steps(seen, {**clocks, "A": Clock(1.0)}).clock.fps == 1.0
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    fps=st.sampled_from([5.0, 12.5, 25.0, 30000 / 1001, 50.0, 60.0]),
+    every=st.sampled_from([2, 3, 6, 12]),
+    offsets=st.lists(st.floats(-5, 5), min_size=3, max_size=3),
+    phases=st.lists(st.integers(0, 11), min_size=3, max_size=3),
+)
+def test_cameras_sampled_at_every_nth_frame_meet_at_the_samples(
+    fps: float, every: int, offsets: list[float], phases: list[int]
+) -> None:
+    clocks = {f"C{n}": Clock(fps, offset) for n, offset in enumerate(offsets)}
+    boxes = {
+        name: walker(clock, np.arange(1 + phase, int(30 * fps), every))
+        for (name, clock), phase in zip(clocks.items(), phases, strict=True)
+    }
+    found = brought(clocks, boxes)
+    assert_true_everywhere(found)
+    assert found.fps == pytest.approx(fps / every)
+    steps = [set(seen.boxes.frame.tolist()) for seen in found.cameras.values()]
+    seconds = [clock.seconds(boxes[name].frame) for name, clock in clocks.items()]
+    together = min(own[-1] for own in seconds) - max(own[0] for own in seconds)
+    # The first and the last sample may have no neighbour.
+    assert len(set.intersection(*steps)) >= int(together * fps / every) - 2
+    assert all(len(found[name].boxes) <= len(boxes[name]) for name in boxes), "a sample counts twice"
+
+
+def test_samples_whole_steps_apart_keep_every_bit_and_are_counted_by_the_step() -> None:
+    clocks = {"A": Clock(30.0), "B": Clock(30.0, -0.2), "C": Clock(30.0, 0.6)}
+    boxes = {name: walker(clock, np.arange(3, 300, 6)) for name, clock in clocks.items()}
+    steps = common_time_steps(Observations({name: CameraObservations(rows) for name, rows in boxes.items()}), clocks)
+    assert steps == TimeSteps(clocks["A"], 6, 3)
+    np.testing.assert_array_equal(steps.frames(np.array([1, 2, 10])), [3, 9, 57])
+    found = brought(clocks, boxes)
+    for name, shift in (("A", 0), ("B", -1), ("C", 3)):
+        np.testing.assert_array_equal(found[name].boxes.frame, np.arange(1, 51) + shift)
+        np.testing.assert_array_equal(found[name].boxes.ltwh, boxes[name].ltwh)
+        np.testing.assert_allclose(found.clocks[name].seconds(found[name].boxes.frame), clocks[name].seconds(boxes[name].frame))
+
+
+def test_pictures_at_uneven_times_meet_at_most_steps() -> None:
+    rng = np.random.default_rng(4)
+    clocks = {f"C{n}": Clock(100.0, 0.37 * n) for n in range(3)}
+    boxes = {name: walker(clock, np.cumsum(rng.integers(15, 26, 150))) for name, clock in clocks.items()}
+    found = brought(clocks, boxes)
+    assert_true_everywhere(found)
+    frames = [seen.boxes.frame for seen in found.cameras.values()]
+    assert all(len(np.unique(frame)) == len(frame) <= 150 for frame in frames)
+    assert len(set(frames[0].tolist()).intersection(*(frame.tolist() for frame in frames[1:]))) > 100
+
+
+def test_few_samples_between_others_do_not_make_a_camera_fast() -> None:
+    clocks = {"A": Clock(30.0), "B": Clock(30.0, 0.05)}
+    frames = np.unique(np.concatenate([np.arange(1, 600, 6), [10, 11, 300]]))
+    boxes = {"A": walker(clocks["A"], frames), "B": walker(clocks["B"], np.arange(1, 600, 6))}
+    seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
+    assert common_time_steps(seen, clocks).every == 6
+    found = brought(clocks, boxes)
+    assert_true_everywhere(found)
+    assert len(found["A"].boxes) == 100
 
 
 def test_nobody_is_interpolated_over_a_long_gap() -> None:

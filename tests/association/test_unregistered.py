@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -74,7 +75,37 @@ def test_clocks_farther_apart_than_was_searched_for(delay_s: float, way: str, en
     hint = what_would_fit(camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=delay_s), people), 3.0)
     assert hint is not None
     assert f"the clock of C2 is {abs(delay_s):.1f} s {way} that of C1" in hint
-    assert f"max_offset_s = {enough})" in hint
+    assert hint.endswith(f"search for larger clock offsets: under [association] set max_offset_s = {enough}")
+
+
+@pytest.mark.parametrize("delay_s", [120.0, -140.3])
+def test_clocks_minutes_apart(delay_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Farther than a minute, and than half of the recordings: the lags at which anything overlaps are all looked at."""
+    monkeypatch.setattr(sys.modules[__name__], "SECONDS", 200.0)
+    people = walkers(5, np.random.default_rng(8), 200.0)
+    hint = what_would_fit(camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=delay_s), people, seed=1), 5.0)
+    assert hint is not None
+    way = "ahead of" if delay_s > 0 else "behind"
+    assert hint.startswith(f"the clock of C2 is {abs(delay_s):.1f} s {way} that of C1: ")
+    named = float(hint.rsplit(" = ", 1)[1])
+    assert abs(delay_s) <= named <= abs(delay_s) + 2
+
+
+def test_a_recording_that_overlaps_another_for_a_part_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both record for 90 s, the second begins 60 s after the first: only 30 s are common."""
+    monkeypatch.setattr(sys.modules[__name__], "SECONDS", 90.0)
+    people = walkers(6, np.random.default_rng(3), 160.0)
+    later = [Walker(walker.seconds - 60.0, walker.points) for walker in people]
+    hint = what_would_fit(camera("C1", EAST, people), camera("C2", WEST, later, seed=1), 5.0)
+    assert hint is not None
+    assert hint.startswith("the clock of C2 is 60.0 s behind that of C1: ")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_strangers_have_no_clock_that_fits(seed: int) -> None:
+    """All lags are tried: by chance something fits, but not clearly."""
+    people, others = (walkers(3, np.random.default_rng(number + seed), SECONDS) for number in (100, 200))
+    assert what_would_fit(camera("C1", EAST, people), camera("C2", WEST, others, seed=1), 3.0) is None
 
 
 def test_nothing_fits_other_people() -> None:

@@ -1,17 +1,21 @@
 """`passerby export`, `import` and `formats`, as they are typed."""
 
 import json
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import passerby
 from passerby.cameras import Camera, Lens, Rig
 from passerby.cli import run
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.formats import MODULES
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.interchange.trajectories_csv import write_trajectories
-from passerby.observations import Clock
+from passerby.observations import Clock, Observations
+from passerby.simulation import SimulationOptions, simulate, write_scene
 from passerby.tracks3d.trajectories import Trajectories
 from person_scenes import looking_at
 
@@ -67,6 +71,57 @@ def test_peoples_ways_go_along(rig, tmp_path, capsys):
     assert len(with_ways.read_bytes()) > len(without.read_bytes())
     assert run(["export", str(rig), "--format", "ply", "-o", str(without), "--tracks", str(tmp_path / "none.csv")]) == 2
     assert "give trajectories.csv" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """An output folder, and the folder of its scene."""
+    folder = tmp_path_factory.mktemp("export")
+    scene = write_scene(simulate(SimulationOptions(seconds=12.0, box_noise=0.02, seed=4)), folder / "scene")
+    passerby.calibrate(scene).write(folder / "out")
+    return folder / "out"
+
+
+@pytest.mark.parametrize("form", ["ply", "gltf", "glb"])
+def test_an_output_folders_people_go_along_unasked(calibrated, tmp_path, capsys, form):
+    asked, unasked, rig_only = (tmp_path / f"{name}.{form}" for name in ("asked", "unasked", "rig"))
+    command = ["export", "--format", form, "--lossy", "--name", "x"]
+    assert run([*command, str(calibrated), "-o", str(asked), "--tracks", str(calibrated)]) == 0
+    assert run([*command, str(calibrated), "-o", str(unasked)]) == 0
+    assert run([*command, str(calibrated / "rig.toml"), "-o", str(rig_only)]) == 0
+    assert asked.read_bytes() == unasked.read_bytes()
+    assert len(rig_only.read_bytes()) < len(unasked.read_bytes())
+    assert "no people" not in capsys.readouterr().err
+    for given in (str(calibrated), passerby.read_calibration(calibrated)):
+        passerby.export_rig(given, form, tmp_path / f"python.{form}", name="x", lossy=True)
+        assert (tmp_path / f"python.{form}").read_bytes() == asked.read_bytes()
+    passerby.export_rig(passerby.read_rig(calibrated / "rig.toml"), form, tmp_path / f"python.{form}", name="x", lossy=True)
+    assert (tmp_path / f"python.{form}").read_bytes() == rig_only.read_bytes()
+
+
+def test_a_calibrations_people_are_drawn_too(calibrated, tmp_path):
+    fresh = passerby.calibrate(calibrated.parent / "scene" / "scene.toml")
+    passerby.export_rig(fresh, "ply", tmp_path / "fresh.ply", lossy=True)
+    passerby.export_rig(fresh.rig, "ply", tmp_path / "rig.ply", lossy=True)
+    assert len((tmp_path / "fresh.ply").read_bytes()) > len((tmp_path / "rig.ply").read_bytes())
+    lost = replace(fresh, observations=Observations({}))
+    assert "no people are drawn: " in passerby.export_rig(lost, "ply", tmp_path / "lost.ply", lossy=True)[-1]
+
+
+def test_people_that_cannot_be_followed_are_told(calibrated, tmp_path, capsys):
+    """A folder without boxes, as of a calibration by keypoints, is still exported."""
+    out = tmp_path / "out"
+    shutil.copytree(calibrated, out)
+    for path in (out / "tracks").iterdir():
+        path.unlink()
+    report = json.loads((out / "calibration.json").read_text())
+    report["files"] = {name: value for name, value in report["files"].items() if not name.startswith("tracks")}
+    (out / "calibration.json").write_text(json.dumps(report | {"cameras": [one | {"boxes": 0} for one in report["cameras"]]}))
+    assert run(["export", str(out), "--format", "ply", "-o", str(tmp_path / "a.ply"), "--lossy"]) == 0
+    assert f"note: no people are drawn: {out / 'tracks'}: holds no box" in capsys.readouterr().err
+    assert "no people are drawn: " in passerby.export_rig(out, "ply", tmp_path / "b.ply", lossy=True)[-1]
+    assert run(["export", str(out), "--format", "opencv", "-o", str(tmp_path / "cv"), "--lossy"]) == 0
+    assert "no people" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

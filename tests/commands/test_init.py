@@ -315,6 +315,56 @@ def test_nothing_is_overwritten(folder):
     assert sorted(path.name for path in place.iterdir()) == ["a.mp4", "b.mp4", "rig.toml", "scene.toml"]
 
 
+MINUTES = [f"2024-05-01_10-{minute:02d}-00.mp4" for minute in range(3)]
+
+
+@pytest.mark.parametrize(
+    ("names", "below"),
+    [
+        (MINUTES, ""),
+        ([f"videos/{name}" for name in MINUTES], ""),
+        ([f"{camera}_{name}" for camera in ("front", "back") for name in MINUTES], ""),
+        ([f"{camera}/{name}" for camera in ("front", "back") for name in MINUTES], ""),
+        ([f"{camera}/{number:03d}.mkv" for camera in ("front", "back") for number in range(3)], ""),
+        *(
+            ([f"recordings/2024-05-01/{hour}/{camera}/{second}.mp4"
+              for hour in (13, 14) for camera in ("front", "back") for second in ("00.00", "00.10", "00.20")], below)
+            for below in ("", *("recordings/2024-05-01/13/front"[:length] for length in (10, 21, 24, 30)))
+        ),
+    ],
+)  # fmt: skip
+def test_pieces_of_recordings_are_no_cameras(folder, names, below):
+    place = folder(*names) / below
+    with pytest.raises(InputError, match=r"holds pieces of longer recordings .* in a row") as error:
+        init(place)
+    assert "`ffmpeg -f concat -safe 0 -i list.txt -c copy camera.mp4`" in str(error.value)
+    assert "and give the folder with one file a camera" in str(error.value)
+    assert "\n" not in str(error.value)
+    assert not list(place.rglob("*.toml"))
+
+
+def test_cameras_whose_names_are_times_are_cameras(folder):
+    """Phones that filmed together: their videos overlap."""
+    place = folder("VID_20240501_100000.mp4", "VID_20240501_100000_1.mp4", "PXL_20240501_100000123.mp4")
+    init(place)
+    assert len(Scene.load(place / "scene.toml").cameras) == 3
+
+
+@pytest.mark.parametrize("place", ["", "front", "pictures/front"])
+def test_still_pictures_are_no_videos(folder, place):
+    shoot = folder()
+    (shoot / place).mkdir(parents=True, exist_ok=True)
+    for number in range(3):
+        cv2.imwrite(str(shoot / place / f"{number:06d}.jpg"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    with pytest.raises(
+        InputError, match=r"holds 3 pictures \(.*000000.jpg, ...\) and no video: still pictures are not read"
+    ) as error:
+        init(shoot)
+    assert "-pattern_type glob" in str(error.value)
+    init(folder("a.mp4", "b.mp4"))
+    assert list(Scene.load(shoot / "scene.toml").cameras) == ["a", "b"]
+
+
 @pytest.mark.parametrize("names", [(), ("a.mp4",)])
 def test_too_few_videos(folder, tmp_path, names):
     (tmp_path / "shoot").mkdir()

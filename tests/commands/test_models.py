@@ -6,6 +6,7 @@ import pytest
 import typer
 
 from model_server import BODY, SHA256, entry, keep_to, know_only, serving
+from passerby import cli
 from passerby.commands.models import models_app
 from passerby.errors import InputError
 
@@ -47,6 +48,21 @@ def test_list(server, run, cache):
     assert ["looked", "for", "in", str(cache)] in listed
     run("fetch")
     assert ["tiny", "detector", "0.3", "MB", "Apache-2.0", "auto", str(cache / "tiny.onnx")] in lines(run("list"))
+
+
+def test_without_a_verb_the_models_are_listed(server, run, capsys):
+    assert run() == run("list")
+    assert cli.run(["models"]) == 0
+    told = capsys.readouterr()
+    assert "tiny" in told.out
+    assert not told.err
+
+
+def test_a_group_without_a_verb_shows_its_help(capsys):
+    assert cli.run(["reid"]) == 0
+    told = capsys.readouterr()
+    assert "finetune" in told.out
+    assert not told.err
 
 
 def test_list_as_json(server, run, cache, tmp_path):

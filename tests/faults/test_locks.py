@@ -1,10 +1,15 @@
 """One process at a time in a folder; a killed one holds nobody up."""
 
+import errno
+import math
 import os
 import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -15,18 +20,19 @@ from passerby.interchange.locks import FOLDER_LOCK, alone_in
 pytest.importorskip("fcntl", reason="the system has no such locks")
 
 HOLD = """
-import sys, time
+import sys
 from pathlib import Path
 from passerby.interchange.locks import alone_in
 with alone_in(Path(sys.argv[1]), "passerby calibrate"):
     print("held", flush=True)
-    time.sleep(60)
+    sys.stdin.read()
 """
 
 
 @pytest.fixture
 def holder(tmp_path):
-    with subprocess.Popen([sys.executable, "-c", HOLD, str(tmp_path)], stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-c", HOLD, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout.readline() == "held\n"
         yield process
         process.kill()
@@ -52,22 +58,65 @@ def test_a_killed_process_leaves_a_file_and_no_lock(tmp_path, holder):
 
 
 def test_never_two_at_once(tmp_path):
-    """Many threads that take the lock, and delete its file, again and again."""
-    inside, most, done = [], [], []
+    """Many threads that take the lock, and delete its file, again and again, while the folder is removed when empty."""
+    inside, most, done, ended = [], [], [], threading.Event()
 
     def work(number):
         for _ in range(20):
-            with alone_in(tmp_path / "out", "a test", wait_s=60):
+            with alone_in(tmp_path / "out", "a test", wait_s=math.inf):
                 inside.append(number)
                 most.append(len(inside))
                 inside.remove(number)
                 done.append(number)
 
-    with ThreadPoolExecutor(6) as threads:
-        list(threads.map(work, range(6)))
+    def remove():
+        while not ended.is_set():
+            with suppress(OSError):
+                (tmp_path / "out").rmdir()
+
+    with ThreadPoolExecutor(7) as threads:
+        removing = threads.submit(remove)
+        try:
+            list(threads.map(work, range(6)))
+        finally:
+            ended.set()
+        removing.result()
     assert len(done) == 120
     assert set(most) == {1}
     assert not list((tmp_path / "out").glob("*")), "nothing is left behind"
+
+
+@pytest.mark.parametrize("call", ["open", "mkdir"])
+def test_a_folder_that_goes_and_comes_is_no_fault(tmp_path, monkeypatch, call):
+    """Its holder removes it while another process opens the lock in it, and a third makes it anew at once."""
+    out, real, times = tmp_path / "out", getattr(Path, call), []
+
+    def gone_for_a_moment(self, *arguments, **named):
+        if self == (out / FOLDER_LOCK if call == "open" else out) and len(times) < 5:
+            times.append(self)
+            if call == "mkdir":  # pathlib found the folder, and then did not
+                raise FileExistsError(errno.EEXIST, "File exists", str(self))
+            out.rmdir()
+            try:
+                return real(self, *arguments, **named)
+            finally:
+                out.mkdir()
+        return real(self, *arguments, **named)
+
+    monkeypatch.setattr(Path, call, gone_for_a_moment)
+    with alone_in(out, "a test"):
+        assert (out / FOLDER_LOCK).exists()
+    assert len(times) == 5
+    assert not out.exists()
+
+
+def test_a_lock_that_can_never_be_made_is_a_fault(tmp_path):
+    (tmp_path / FOLDER_LOCK).symlink_to(tmp_path / "nowhere" / "lock")
+    with pytest.raises(InputError, match="cannot be written"), alone_in(tmp_path, "a test"):
+        raise AssertionError
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"), alone_in(tmp_path / "file", "a test"):
+        raise AssertionError
 
 
 def test_a_folder_that_was_there_stays(tmp_path):

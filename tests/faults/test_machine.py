@@ -19,8 +19,9 @@ from passerby.errors import InputError
 from passerby.perception import watching
 from passerby.perception.kept import SUMMARY, KeptStage, fingerprint
 from passerby.perception.plan import make_plan
+from passerby.perception.video import expected_count
 from passerby.perception.video_probe import probe
-from passerby.perception.watching import CameraJob, watch_camera
+from passerby.perception.watching import CameraJob, watch_camera, work_of
 from passerby.terminal import _Log
 from scenes import write_scene
 
@@ -145,8 +146,10 @@ def test_a_video_that_changes_while_it_is_watched_is_told(video, tmp_path, monke
     plan = make_plan("background", "none", "none", models=None, base=tmp_path)
     job = CameraJob("C1", probe(copy), 5.0, plan, tmp_path / "shelf")
 
+    learning = work_of(job) - expected_count(job.info, job.rate)
+
     def touch(done, total):
-        if done == 6:
+        if done == learning + 6:
             os.utime(copy, (1.0, 1.0))
 
     with pytest.raises(InputError, match="camera C1: was changed while it was watched: run the same command again"):

@@ -77,7 +77,7 @@ def test_names_that_do_not_match(tmp_path):
 
 def test_footage_without_a_frame_rate(tmp_path):
     rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 10), fps=None)
-    with pytest.raises(InputError, match="add fps to"):
+    with pytest.raises(InputError, match=r"under \[scene\] set fps to it"):
         passerby.monitor(rig, scene)
 
 

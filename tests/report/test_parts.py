@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from reported import busy_place
 from passerby.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import contents_from
 from passerby.report.distances import best_to_measure, distances_of
+from passerby.report.headline import _people_label
 from passerby.report.html import Html, data_script, element, join
-from passerby.report.mends import Point, point_of, points_of
+from passerby.report.mends import Point, point_of, points_of, sentence
 from passerby.report.seen import lanes_of, merged, seen_in
 from passerby.report.view_graph import links_of
 from passerby.report.weak_points import outstanding, weak_points
@@ -63,9 +65,34 @@ def test_a_reason_without_a_mend_gets_a_general_one(reason):
 
 def test_what_is_said_of_several_cameras_is_said_once():
     reasons = [f"camera {name} saw too few people: record more" for name in "ABC"]
-    assert points_of(reasons) == [Point("Cameras A, B and C saw too few people.", "Record more.")]
+    assert points_of(reasons, "ABC") == [Point("Cameras A, B and C saw too few people.", "Record more.")]
     own = [f"camera {name} is uncertain by {size} mm: record longer" for name, size in (("A", 1), ("B", 1))]
-    assert len(points_of(own)) == 2
+    assert len(points_of(own, "AB")) == 2
+
+
+def test_cameras_of_one_reason_are_listed_by_their_names():
+    names = ["cam1", "cam12", "north gate", "a.b"]
+    reasons = [f"camera {name}: people fit another distortion than stated: check its intrinsics" for name in names]
+    (point,) = points_of(reasons, names)
+    assert point.what == "Cameras cam1, cam12, north gate and a.b: people fit another distortion than stated."
+    assert points_of([reasons[1]], names)[0].what.startswith("Camera cam12: people")
+
+
+@pytest.mark.parametrize("path", ["single/cam01.mp4", "scene.toml", "videos", "C1.mp4"])
+def test_a_path_keeps_its_spelling(path):
+    text = sentence(f"{path}: camera C1: 3 pictures could not be decoded")
+    assert text.startswith(path if path != "videos" else "Videos:")
+    assert sentence("people stand") == "People stand."
+
+
+@pytest.mark.parametrize(
+    ("mode", "used", "label"),
+    [("given", True, "people it rests on"), ("combined", True, "tracks it rests on"), ("combined", False, "tracks of people")],
+)
+def test_tracks_are_not_called_people(mode, used, label):
+    """Who is found by how people move is one person in several pieces: 51 of these were 14 people."""
+    contents = SimpleNamespace(told={"scene": {"association": {"mode": mode}}})
+    assert _people_label(contents, used) == label
 
 
 def seen_at(*frames_of_people):

@@ -222,3 +222,22 @@ def test_posteriors_of_a_stated_value() -> None:
 def test_geopose_refuses() -> None:
     with pytest.raises(ValueError, match="refines nothing"):
         SolverTable(method="geopose", reference="A", refine=("focal",))
+
+
+def test_residuals_follow_a_lens_to_first_order_however_large_they_are(
+    problem_of_lenses: tuple[PeopleProblem, PeopleState],
+) -> None:
+    """Half the change leaves a quarter of the difference to rays made anew: none is of the size of residual times change."""
+    problem, state = problem_of_lenses
+    misses = []
+    for size in (0.02, 0.01):
+        change = size * np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+        anew = replace(
+            problem, sightings=BOTH.sightings(problem.sightings, _pair(), change),
+            joints=BOTH.points(problem.joints, _pair(), change),
+        )  # fmt: skip
+        near = replace(state, lens=change)
+        pairs = zip(problem.terms(near, jacobians=False), anew.terms(near, jacobians=False), strict=True)
+        misses.append(max(float(np.abs(linear.residual - exact.residual).max()) for linear, exact in pairs))
+    assert misses[0] > 1e-6
+    assert misses[1] < 0.35 * misses[0]

@@ -39,7 +39,7 @@ HARMFUL_S, HARMFUL_RATE, SPOILING_S = 0.5, 0.01, 1.0
 mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. 0.8 s cost 30 mm on a
 terrace."""
 
-MEND = 'or let it be fitted: [solver] refine = ["clock_rate"]'
+MEND = 'or let it be fitted: under [solver] set refine = ["clock_rate"]'
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,8 @@ def _sentence(name: str, fps: float, drift: Drift) -> str:
 def clock_drifts(
     cameras: Sequence[PreparedCamera], poses: Sequence[Pose | None], person: Sequence[Ints], offset_s: Floats
 ) -> dict[int, Drift]:
-    """The drift of each registered camera against the median of all; empty where too few people walk to tell.
+    """The drift of each registered camera against the median of all; empty where too few people walk to tell, or where fewer
+    than two cameras are registered, as after a refused solve.
 
     Args:
         cameras: all cameras.
@@ -107,6 +108,8 @@ def clock_drifts(
         offset_s: (C,) what to add to each camera's clock.
     """
     posed = [c for c, pose in enumerate(poses) if pose is not None]
+    if len(posed) < 2:
+        return {}
     views = [
         _view(cameras[c], pose, person[c], float(offset_s[c])) for c, pose in enumerate(poses) if pose is not None
     ]  # fmt: skip

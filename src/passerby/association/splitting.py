@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from passerby.association.linking import LinkCosts, agreed_links
 from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Vectors
+from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Vectors, sampling_step
 
 Mask = NDArray[np.bool_]
 
@@ -55,14 +55,10 @@ class SplittingOptions:
 
 
 def sample_interval_s(frame: Ints, fps: float) -> float:
-    """Seconds between neighbouring samples: every frame may be there, or every tenth. Raises `InputError` for a wrong fps.
-
-    The tenth percentile of the steps, so that a camera that seldom sees anybody does not seem to be slow.
-    """
+    """Seconds between neighbouring samples (`sampling_step`). Raises `InputError` for a wrong fps."""
     if not np.isfinite(fps) or fps <= 0:
         raise InputError(f"tracking: fps = {fps}: give the frames per second of the frame numbers, a number above 0")
-    steps = np.diff(np.unique(frame))
-    return float(np.percentile(steps, 10.0, method="lower")) / fps if len(steps) else 1.0 / fps
+    return sampling_step(frame) / fps
 
 
 def split(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> Boxes:

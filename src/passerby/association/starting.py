@@ -160,8 +160,7 @@ def _registered(job: _Job) -> PairRegistration:
 
 def _no_pair(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: float) -> tuple[str, tuple[str, ...]]:
     """Why no two cameras can be registered."""
-    wider = ", or search for larger clock offsets ([association] max_offset_s)" if max_lag_s > 0 else ""
-    head = f"no two cameras could be registered by the tracks of the people: {WALK_MEND}{wider}"
+    head = f"no two cameras could be registered by the tracks of the people: {WALK_MEND}"
     reasons = [reason for camera in cameras if (reason := sees_too_little(camera)) is not None]
     edges = sorted((edge for edge in graph.edges if edge.guess), key=lambda edge: -edge.guess.merit if edge.guess else 0.0)
     for number, edge in enumerate(edges[:6]):
@@ -184,7 +183,7 @@ def begin_with_looks(cameras: Sequence[PreparedCamera], tracklets: Tracklets, lo
     if clearest < MIN_LOOKS:
         reason = (
             "the embeddings do not tell people apart across cameras: no better than chance in any pair; take them from a "
-            'network that fits these people, or write mode = "combined" to go by their tracks on the ground'
+            'network that fits these people, or go by their tracks on the ground: under [association] set mode = "combined"'
         )
         raise EvidenceError(reason, (reason,))
     person = people_of_votes(tracklets, looks)

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from passerby.association.far_offsets import far_registration
 from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph
 from passerby.association.ground_tracks import GroundTracks, ground_tracks
 from passerby.association.preparing import PreparedCamera
@@ -29,9 +30,13 @@ MISTAKEN_RATES = tuple(
 PACE_RATIO = 1.4
 """People of two cameras walk equally fast; the medians of some seconds agree within this."""
 WALK_M = 1.0
-LONGEST_LAG_S = 60.0
+NEAR_LAG_S = 60.0
+"""Every lag up to this, or half of the shorter recording, is searched in full: some 3 s of computing."""
 CLEAR_SHARE, CLEAR_SCORE = 0.5, 30.0
 """Of what both cameras should see, so much has to fit, and so many samples of walkers."""
+FAR_SCORE = 60.0
+"""The same where all lags at which two recordings overlap are tried: strangers' best of so many scores 30 (120 simulated pairs,
+1 to 5 people for 1 to 3 minutes), and people seen by both cameras for two minutes some 200 each."""
 PARTNERS = 2
 """A camera is tried against so many others."""
 
@@ -123,16 +128,27 @@ def what_would_fit(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> st
             f"at {b.clock.fps / ratio:.4g} frames per second instead of {b.clock.fps:.4g} {guess.share:.0%} of the people of "
             f"{b.name} are where {a.name} sees them: check its fps"
         )
-    spans = [float(np.ptp(tracks.step)) * STEP_S for tracks in (a.tracks, b.tracks)]
-    longest = min(LONGEST_LAG_S, 0.5 * min(spans))
-    wide = _clear(a, b, b.tracks, longest) if max_lag_s < longest else None
-    if wide is not None and abs(wide.lag_s) > max_lag_s:
+    wide = _at_larger_lag(a, b, max_lag_s)
+    if wide is not None:
         way = "ahead of" if wide.lag_s > 0 else "behind"
         return (
-            f"the clock of {b.name} is {abs(wide.lag_s):.1f} s {way} that of {a.name}: search for larger clock offsets "
-            f"([association] max_offset_s = {int(np.ceil(abs(wide.lag_s))) + 1})"
+            f"the clock of {b.name} is {abs(wide.lag_s):.1f} s {way} that of {a.name}: search for larger clock offsets: "
+            f"under [association] set max_offset_s = {int(np.ceil(abs(wide.lag_s))) + 1}"
         )
     return None
+
+
+def _at_larger_lag(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> Registration | None:
+    """The registration at a lag that was not searched: in full up to a minute, then coarsely over all of the overlap."""
+    assert a.tracks is not None
+    assert b.tracks is not None
+    spans = [float(np.ptp(tracks.step)) * STEP_S for tracks in (a.tracks, b.tracks)]
+    longest = min(NEAR_LAG_S, 0.5 * min(spans))
+    near = _clear(a, b, b.tracks, longest) if max_lag_s < longest else None
+    if near is not None and abs(near.lag_s) > max_lag_s:
+        return near
+    far = far_registration(a.tracks, b.tracks, max(longest, max_lag_s), ALONE_RUNNER_UP)
+    return far if far is not None and far.share >= CLEAR_SHARE and far.score >= FAR_SCORE else None
 
 
 def _likely_ratios(a: GroundTracks, b: GroundTracks) -> list[float]:

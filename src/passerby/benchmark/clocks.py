@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 
-from passerby.benchmark.conditions import Condition, Outcome
+from passerby.benchmark.conditions import Condition, Outcome, run_conditions
 from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted, number, table
 from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import FAILS, failures, of, quartiles
-from passerby.benchmark.sweep import Swept, curve_page, sweep
+from passerby.benchmark.sweep import Swept, curve_page, seeds_of, sweep
 from passerby.progress import Progress
 from passerby.scene_tables import SEARCHED_S
 from passerby.simulation import SimulationOptions
@@ -20,6 +20,11 @@ PRESETS = ("terrace",)
 GIVEN, UNSEARCHED, COMBINED = "given, searched", "given, not searched", "combined"
 METHODS = (GIVEN, COMBINED, UNSEARCHED)
 
+RATES = (5.0, 12.5, 25.0, 30.0, 50.0, 60.0)
+EVERY = (1, 2, 3, 6)
+UNEVEN_FPS = 50.0
+SAMPLED_OFFSET_S, SAMPLED_SEEDS = 1.3, 2
+
 
 def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     """One scene, four levels, five seeds, three ways to deal with clocks; one level and two seeds in a quick run."""
@@ -27,7 +32,8 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
     swept = sweep(_condition, PRESETS, METHODS, levels, SEEDS, wanted, executor, tell, "clocks")
     head = _HEAD.format(seeds=swept.seeds, noise=100 * BOX_NOISE, search=SEARCHED_S)
     axis = Axis("largest clock offset, s", "offsets, s")
-    return curve_page("clocks", head, swept, axis, _clocks(swept))
+    sampled = _sampled_frames(wanted, executor, tell)
+    return curve_page("clocks", head, swept, axis, f"{_clocks(swept)}\n\n{sampled}")
 
 
 _HEAD = """# Clocks
@@ -45,6 +51,40 @@ def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
         preset=preset, seed=seed, box_noise=BOX_NOISE, clock_offsets=level, unrelated_ids=method == COMBINED
     )
     return Condition(options, search_s=0.0 if method == UNSEARCHED else SEARCHED_S)
+
+
+def _sampled_frames(wanted: Wanted, executor: Executor | None, tell: Progress) -> str:
+    """How well the clocks are found from every n-th picture of videos of all usual rates."""
+    rates: tuple[float | None, ...] = (25.0,) if wanted.quick else (*RATES, None)
+    every, seeds = (1, 6) if wanted.quick else EVERY, range(seeds_of(wanted, SAMPLED_SEEDS))
+    keys = [(rate, step, method) for rate in rates for step in every for method in (GIVEN, COMBINED)]
+    conditions = {key: [_of_rate(*key, seed) for seed in seeds] for key in keys}
+    found = run_conditions([one for some in conditions.values() for one in some], executor, tell, "sampled frames", wanted.kept)
+    rows = []
+    for (rate, step, method), some in conditions.items():
+        outcomes = tuple(found[one] for one in some)
+        shown = ", ".join(f"{number(outcome.similarity_mm)} mm {outcome.similarity_deg:.3f}°" for outcome in outcomes)
+        verdicts = ", ".join(outcome.verdict for outcome in outcomes)
+        rate_shown = "uneven" if rate is None else f"{rate:g}"
+        rows.append([rate_shown, f"{step}", method, shown, *_clock_cells(outcomes), verdicts])
+    head = ("frames per second", "every n-th", "method", "similarity", "clock error, median", "worst", "failed", "verdicts")
+    return f"{_SAMPLED.format(offset=SAMPLED_OFFSET_S, fps=UNEVEN_FPS, seeds=len(seeds))}\n\n{table(head, rows)}"
+
+
+_SAMPLED = """## Sampled frames
+
+A detector seldom looks at every frame of a video. Here it looks at every n-th, from each camera's first on; the clocks are off
+by up to plus or minus {offset:g} s, which is no whole number of samples. *uneven*: the pictures come at uneven times, 17 to
+{fps:g} a second, other ones in each camera, as a phone's do. Terrace, {seeds} seeds: similarity error of each, clock errors
+over them."""
+
+
+def _of_rate(rate: float | None, every: int, method: str, seed: int) -> Condition:
+    options = SimulationOptions(
+        preset="terrace", seed=seed, fps=rate or UNEVEN_FPS, box_noise=BOX_NOISE, clock_offsets=SAMPLED_OFFSET_S,
+        unrelated_ids=method == COMBINED,
+    )  # fmt: skip
+    return Condition(options, search_s=SEARCHED_S, every=every, uneven=rate is None)
 
 
 def _clocks(swept: Swept) -> str:

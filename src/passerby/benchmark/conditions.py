@@ -18,6 +18,7 @@ import numpy as np
 import tomli_w
 
 from passerby.benchmark.kept import Kept
+from passerby.benchmark.sampling import sampled
 from passerby.benchmark.thinning import thinned
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.parallel import side_by_side
@@ -29,8 +30,8 @@ from passerby.simulation.scene import Filmed, film, without_faults
 
 FAILED = float("inf")
 """Stands for an error that is undefined, so that no mean and no median hides a failure."""
-THINNING = 7
-"""Tells the generator of the thinning from those of the scene with the same seed."""
+THINNING, UNEVEN = 7, 8
+"""Tell the generators of the thinning and of uneven times from those of the scene with the same seed."""
 
 Method = Literal["people", "geopose"]
 
@@ -51,6 +52,10 @@ class Condition:
     """Largest difference of two clocks that is searched for."""
     solver: tuple[tuple[str, float], ...] = ()
     """Options of the solver, by name."""
+    every: int = 1
+    """A detector looks at every so many-th picture,"""
+    uneven: bool = False
+    """and pictures come at uneven times: see `sampled`."""
 
     @property
     def scene(self) -> dict[str, Any]:
@@ -159,6 +164,9 @@ def outcome_of(condition: Condition, filmed: Filmed | None = None) -> Outcome:
         # A generator of its own: the scene is the same for every number that is shared, and a smaller number is a part of a
         # larger one.
         simulated = thinned(simulated, condition.shared, np.random.default_rng((condition.options.seed, THINNING)))
+    if condition.every > 1 or condition.uneven:
+        rng = np.random.default_rng((condition.options.seed, UNEVEN))
+        simulated = sampled(simulated, condition.every, uneven=condition.uneven, rng=rng)
     with tempfile.TemporaryDirectory(prefix="passerby-condition-") as folder:
         calibration = calibrate(_scene(condition, simulated, Path(folder) / "scene"))
     return _judged(calibration, simulated)

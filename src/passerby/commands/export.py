@@ -21,7 +21,7 @@ def export(
     tracks: Annotated[
         Path | None,
         typer.Option(
-            help="People's ways, for formats that draw them: trajectories.csv, or an output folder to follow them in."
+            help="People's trajectories: trajectories.csv, or an output folder. PLY and glTF take those of RIG if that is one."
         ),
     ] = None,
     name: Annotated[str | None, typer.Option(help="What the scene is called in the file; the rig file's name.")] = None,
@@ -34,22 +34,37 @@ def export(
     What the format cannot hold, such as a lens model or a camera without a pose, is an error unless --lossy is given. Sigmas
     and the verdict stay behind silently: no other tool has a place for them.
     """
-    from passerby.interchange.formats import Export
+    from passerby.interchange.formats import Export, find_format
     from passerby.interchange.formats import export as write
-    from passerby.interchange.rig_toml import read_rig
-    from passerby.output_folder import read_folder_rig
+    from passerby.output_folder import read_rig_at
     from passerby.results import RIG_FILE
 
     path = rig / RIG_FILE if rig.is_dir() else rig
-    loaded = read_folder_rig(rig) if rig.is_dir() else read_rig(path)
+    loaded = read_rig_at(rig)
     title = name or (rig.resolve().name if rig.is_dir() else rig.stem)
-    ways = _ways(tracks) if tracks is not None else None
+    ways = None
+    if tracks is not None:
+        ways = _ways(tracks)
+    elif rig.is_dir() and find_format(form).draws_people:
+        ways = _own_people(rig)
     for loss in write(Export(loaded, title, ways), form, out, lossy=lossy):
         print(f"note: lost: {' '.join(loss.split())}", file=sys.stderr)
     verdict = f", which is {loaded.verdict}" if loaded.verdict not in (None, "accepted") else ""
     if verdict:
         print(f"note: {path} is of a calibration{verdict}: rely on it accordingly", file=sys.stderr)
     print(f"written to {out}")
+
+
+def _own_people(folder: Path) -> Trajectories | None:
+    """The people of the output folder that the rig is from; None, and told, where it has none to follow."""
+    from passerby.following import people_of_folder
+    from passerby.terminal import stages
+
+    with stages() as tell:
+        found, why = people_of_folder(folder, tell)
+    if why:
+        print(f"note: no people are drawn: {' '.join(why.split())}", file=sys.stderr)
+    return found
 
 
 def _ways(tracks: Path) -> Trajectories:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 models_app = typer.Typer(
     name="models",
-    help="The networks that detect, tell apart and measure people: list, fetch and verify them.",
-    no_args_is_help=True,
+    help="The networks that detect, tell apart and measure people: list, fetch and verify them. Without a command: list.",
+    invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
@@ -24,6 +24,13 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object inst
 Folder = Annotated[Path | None, typer.Option("--models", metavar="FOLDER", help="A folder of models to look in first.")]
 
 ABSENT = "not here"
+
+
+@models_app.callback()
+def models_command(context: typer.Context) -> None:
+    """List the models where no command is given."""
+    if context.invoked_subcommand is None:
+        list_models()
 
 
 @models_app.command("list")

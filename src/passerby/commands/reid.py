@@ -85,7 +85,7 @@ def train(
     print(f"{trained.origin['pictures']} pictures of {trained.origin['people']} people; validated on {trained.validated_on}")
     if last is not None:
         show_table("training", *_last_row(last))
-    print(f"written to {out}: `passerby reid export {out} -o net.onnx` makes a network for `[perception] embedder`")
+    print(f"written to {out}: `passerby reid export {out} -o net.onnx` makes a network for embedder under [perception]")
 
 
 @reid_app.command("evaluate")
@@ -199,7 +199,7 @@ def export(
     ]  # fmt: skip
     show_table("compared with PyTorch", ["on", "pictures", "difference", "1 - cosine", "ranking"], rows)
     print(f"written to {out}: {report.bytes / 1e6:.1f} MB, {report.dimensions} numbers a person; in a scene file: "
-          f'[perception] embedder = "{out.name}"')  # fmt: skip
+          f'under [perception] set embedder = "{out.name}"')  # fmt: skip
 
 
 def _read(paths: list[Path], cache: Path, tell: Progress) -> list[DataSet]:

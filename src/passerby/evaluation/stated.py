@@ -86,6 +86,6 @@ def stated_errors(estimate: Sequence[Camera], truth: Sequence[Pose]) -> Stated |
     return Stated(
         {n: float(1000 * np.linalg.norm(p.centre - t.centre)) for n, p, t in zip(names, placed, truth, strict=True)},
         {n: float(np.degrees(angle_between(p.R_cw, t.R_cw))) for n, p, t in zip(names, placed, truth, strict=True)},
-        {name: 1000 * sigma.position_m for name, sigma in sigmas.items()},
-        {name: sigma.orientation_deg for name, sigma in sigmas.items()},
+        {name: 1000 * sigma.position_m for name, sigma in sigmas.items() if np.isfinite(sigma.position_m)},
+        {name: sigma.orientation_deg for name, sigma in sigmas.items() if np.isfinite(sigma.orientation_deg)},
     )

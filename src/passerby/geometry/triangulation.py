@@ -66,6 +66,36 @@ def triangulate(
     return points
 
 
+def triangulate_views(
+    bearings: Floats, rotations: Floats, translations: Floats, weights: Floats
+) -> tuple[Floats, dict[int, str]]:
+    """Points that several cameras see, and why some cannot be found.
+
+    Args:
+        bearings: (C, N, 3) unit rays in their camera's frame; NaN where a camera does not see the point.
+        rotations: (C, 3, 3) world to camera.
+        translations: (C, 3) world to camera; its unit becomes the points'.
+        weights: (C,) of the cameras, 1 over the variance of a ray's angle.
+
+    Returns:
+        (N, 3) points in the world, and by row the reason of every one that is NaN there.
+    """
+    seen = np.isfinite(bearings).all(axis=2)
+    camera, point = np.nonzero(seen)
+    rays, n_points = bearings[camera, point], bearings.shape[1]
+    points = triangulate(camera, point, rays, rotations, translations, n_points, weights=np.asarray(weights)[camera])
+    behind = depths(in_camera_frames(points, camera, point, rotations, translations), rays) <= 0
+    views, behind_any = seen.sum(axis=0), np.bincount(point[behind], minlength=n_points) > 0
+    faults = {}
+    for row in np.flatnonzero(~np.isfinite(points).all(axis=1) | behind_any):
+        if views[row] < 2:
+            faults[int(row)] = f"{views[row]} camera{'' if views[row] == 1 else 's'} of the two or more that are needed see it"
+        else:
+            faults[int(row)] = "its rays meet behind a camera" if behind_any[row] else "its rays are parallel"
+    points[list(faults)] = np.nan
+    return points, faults
+
+
 def triangulate_two_views(rays_a: Floats, rays_b: Floats, R_ba: Floats, t_ba: Floats) -> Floats:
     """Points seen by two cameras, with `x_b = R_ba x_a + t_ba`.
 

@@ -29,11 +29,12 @@ HIDDEN_CONFIDENCE = 0.5
 """Confidence of a joint that an annotator placed though it was hidden."""
 
 
-def read_keypoints(path: str | Path) -> Keypoints:
+def read_keypoints(path: str | Path, *, doubles: bool = False) -> Keypoints:
     """Read the joints of one camera, sorted by frame and identity.
 
     Raises `FileFaults` (an `InputError`) that names file, annotation, value and mend for everything that is not as above, for
-    two images of one frame, and for an identity twice in one frame.
+    two images of one frame, and for an identity twice in one frame. With `doubles` the latter is no fault:
+    `without_doubles` settles it.
     """
     text = read_text(path, "a COCO keypoint file (JSON)")
     try:
@@ -42,7 +43,7 @@ def read_keypoints(path: str | Path) -> Keypoints:
         raise InputError(
             f"{path}: is not JSON ({error}): give COCO keypoints, or boxes under `tracks` or `detections`"
         ) from None
-    reader = _Reader(Path(path), content)
+    reader = _Reader(Path(path), content, doubles)
     keypoints = reader.read()
     if keypoints is None or reader.faults:
         raise FileFaults(reader.faults)
@@ -81,9 +82,10 @@ def write_keypoints(path: str | Path, keypoints: Keypoints) -> None:
 class _Reader:
     """One pass over a parsed file that gathers all faults."""
 
-    def __init__(self, path: Path, content: Any) -> None:
+    def __init__(self, path: Path, content: Any, doubles: bool) -> None:
         self.path = path
         self.content = content
+        self.doubles = doubles
         self.faults: list[str] = []
 
     def fault(self, place: str, what: str) -> None:
@@ -122,7 +124,8 @@ class _Reader:
         frame = np.array([row[0] for row in rows], dtype=np.int64)
         identity = np.array([row[1] for row in rows], dtype=np.int64)
         order = np.lexsort((identity, frame))
-        self.repeats(frame, identity, table)
+        if not self.doubles:
+            self.repeats(frame, identity, table)
         return Keypoints(frame[order], identity[order], table[order, :, :2], table[order, :, 2], joints)
 
     def categories(self) -> dict[int, tuple[str, ...]]:

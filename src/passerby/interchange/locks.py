@@ -18,6 +18,9 @@ FOLDER_LOCK = ".passerby.lock"
 """In a folder while a process works in it. It is the system's lock on this file that counts, not that the file is there: one
 that a killed process left behind holds nobody up."""
 POLL_S = 0.05
+GONE_FOR_S = 2.0
+"""So long it is tried to make a folder and to open the lock in it, seconds. A try fails where another process removes the folder
+between the two. A count of tries would do on a quiet machine only: on a busy one nearly every try can fail for a while."""
 
 
 @contextmanager
@@ -79,15 +82,7 @@ def _taken(path: Path, place: Path, wait_s: float) -> IO[bytes]:
     """The locked file. Raises `InputError`."""
     until = time.monotonic() + wait_s
     while True:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            file = path.open("a+b")
-        except FileNotFoundError as error:
-            if not path.parent.exists():  # another process has just removed the folder, as nothing was put into it
-                continue
-            raise cannot_write(place, error) from error
-        except OSError as error:
-            raise cannot_write(place, error) from error
+        file = _opened(path, place)
         try:
             free = locked(file)
         except OSError:  # a file system without locks
@@ -100,6 +95,25 @@ def _taken(path: Path, place: Path, wait_s: float) -> IO[bytes]:
             raise InputError(f"{place}: {who} works there at this moment: wait until it has ended, or give another place")
         if not free:
             time.sleep(POLL_S)
+
+
+def _opened(path: Path, place: Path) -> IO[bytes]:
+    """The lock's file, open, in its folder. Raises `InputError` where it cannot be made.
+
+    The folder is removed by a holder that has put nothing into it. That may happen between any two calls here, and a third
+    process may have made it anew before one asks whether it is there; so nothing is asked, and all of it is tried again.
+    """
+    until = time.monotonic() + GONE_FOR_S
+    while True:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return path.open("a+b")
+        except (FileNotFoundError, FileExistsError) as error:
+            if time.monotonic() >= until:
+                raise cannot_write(place, error) from error
+            time.sleep(0.001)
+        except OSError as error:
+            raise cannot_write(place, error) from error
 
 
 def _still_named(file: IO[bytes], path: Path) -> bool:

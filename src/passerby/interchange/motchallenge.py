@@ -26,8 +26,11 @@ LARGEST_WHOLE = 2**53
 """Above it a float64 no longer tells whole numbers apart."""
 
 
-def read_boxes(path: str | Path) -> Boxes:
+def read_boxes(path: str | Path, *, doubles: bool = False) -> Boxes:
     """Read the boxes of one camera; a file without rows is a camera that saw nobody.
+
+    With `doubles` rows that stand twice, and identities that do in a frame, are no fault: the boxes are the file's rows, and
+    `without_doubles` settles them.
 
     Raises `FileFaults` (an `InputError`) that names file, line, value and mend for: rows without 7 to 10 columns, fields that
     are not finite numbers, a width or height not above 0, frames negative, broken or out of order, identities broken or below
@@ -35,8 +38,8 @@ def read_boxes(path: str | Path) -> Boxes:
     """
     text = read_text(path, "a text file of boxes (MOTChallenge)")
     rows = _parse(text)
-    if rows is None or not _is_sound(rows):
-        raise FileFaults(list(_faults(Path(path), text)) or [f"{path}: is not a MOTChallenge text of boxes"])
+    if rows is None or not _is_sound(rows, doubles):
+        raise FileFaults(list(_faults(Path(path), text, doubles)) or [f"{path}: is not a MOTChallenge text of boxes"])
     return Boxes(rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), rows[:, 2:6], rows[:, 6])
 
 
@@ -69,7 +72,7 @@ def _parse(text: str) -> Floats | None:
     return np.asarray(table[:, :7], dtype=np.float64) if MIN_COLUMNS <= table.shape[1] <= MAX_COLUMNS else None
 
 
-def _is_sound(rows: Floats) -> bool:
+def _is_sound(rows: Floats, doubles: bool) -> bool:
     if len(rows) == 0:
         return True
     if not np.isfinite(rows).all() or not (rows[:, 4:6] > 0).all():
@@ -78,11 +81,13 @@ def _is_sound(rows: Floats) -> bool:
     whole = (rows[:, :2] == np.floor(rows[:, :2])).all() and np.abs(rows[:, :2]).max() <= LARGEST_WHOLE
     if not whole or frame.min() < 0 or identity.min() < UNKNOWN or (np.diff(frame) < 0).any():
         return False
+    if doubles:
+        return True
     known = rows[identity > UNKNOWN][:, :2]
     return len(np.unique(known, axis=0)) == len(known) and len(np.unique(rows, axis=0)) == len(rows)
 
 
-def _faults(path: Path, text: str) -> Iterator[str]:
+def _faults(path: Path, text: str, doubles: bool) -> Iterator[str]:
     """Every fault of the file, in the order of its lines."""
     columns = 0
     last_frame = -1.0
@@ -106,6 +111,8 @@ def _faults(path: Path, text: str) -> Iterator[str]:
                 f"(`sort -t, -k1,1n -k2,2n {path.name}`)"
             )
         last_frame = max(last_frame, frame)
+        if doubles:
+            continue
         person = (frame, identity)
         if row in seen_rows:
             yield f"{place}: repeats line {seen_rows[row]} ({line.strip()[:80]}): delete one of the two"

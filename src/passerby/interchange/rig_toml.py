@@ -3,7 +3,8 @@
 One table a camera: `name`, `size` [width, height], `matrix`, `distortions`, `rotation` (Rodrigues vector, world to camera),
 `translation` (metres), `fisheye`. `[metadata]` holds `units` and the `verdict`. Keys and tables of other tools are left alone.
 Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
-then rotation vector in radians, camera frame).
+then rotation vector in radians, camera frame), and `focal_sd_percent` (one standard deviation of a focal length that is a
+guess). A sigma that is infinite, since nothing fixes the pose, is left out.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import cv2
 import numpy as np
 import tomli_w
 
-from passerby.cameras import Camera, Floats, Lens, Pose, PoseSigma, Rig
+from passerby.cameras import LARGEST_FOCAL_SD, Camera, Floats, Lens, Pose, PoseSigma, Rig
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.faults import read_text
@@ -26,6 +27,7 @@ from passerby.interchange.untrusted import NotParsed, shortened, toml_of
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
+FOCAL_SD = "focal_sd_percent"
 UNFILLED = ("FX", "FY", "CX", "CY")
 """What `passerby init` writes for numbers that it does not know."""
 
@@ -124,7 +126,20 @@ def _lens(table: dict[str, Any]) -> Lens:
     if (size != np.floor(size)).any():
         raise InputError(f"size is {size.tolist()}: whole numbers of pixels are needed")
     distortions = _numbers(table, "distortions", (-1,), "a list of OpenCV's coefficients")
-    return Lens((int(size[0]), int(size[1])), matrix, distortions, fisheye)
+    return Lens((int(size[0]), int(size[1])), matrix, distortions, fisheye, _focal_sd(table))
+
+
+def _focal_sd(table: dict[str, Any]) -> float | None:
+    """The stated uncertainty of the focal length as a share of it; None where there is none."""
+    if FOCAL_SD not in table:
+        return None
+    percent = float(_numbers(table, FOCAL_SD, (), "one number, per cent of the focal length"))
+    if not 0 < percent <= 100 * LARGEST_FOCAL_SD:
+        raise InputError(
+            f"{FOCAL_SD} is {percent:g}: give a number above 0, up to {100 * LARGEST_FOCAL_SD:g}, or delete it for a lens that "
+            "was calibrated"
+        )
+    return percent / 100
 
 
 def _pose(table: dict[str, Any], metres: float) -> Pose | None:
@@ -148,11 +163,16 @@ def _rotation(matrix: Floats) -> Floats:
 
 
 def _sigma(table: dict[str, Any]) -> PoseSigma | None:
-    if "position_sigma_mm" not in table or "orientation_sigma_deg" not in table:
+    """The stated sigmas, infinite where one of the two is left out, and then without a covariance; None without either."""
+    stated = [key for key in ("position_sigma_mm", "orientation_sigma_deg") if key in table]
+    if not stated:
         return None
-    position = _numbers(table, "position_sigma_mm", (), "one number")
-    orientation = _numbers(table, "orientation_sigma_deg", (), "one number")
+    position, orientation = (
+        _numbers(table, key, (), "one number") if key in stated else np.inf
+        for key in ("position_sigma_mm", "orientation_sigma_deg")
+    )
     covariance = _numbers(table, "covariance", (6, 6), "six rows of six numbers") if "covariance" in table else None
+    covariance = covariance if len(stated) == 2 else None
     return PoseSigma(float(position) / 1000, float(orientation), covariance)
 
 
@@ -193,9 +213,13 @@ def table_of(camera: Camera) -> dict[str, Any]:
         table["rotation"] = np.asarray(cv2.Rodrigues(np.array(camera.pose.R_cw))[0]).ravel().tolist()
         table["translation"] = camera.pose.t_cw.tolist()
     table["fisheye"] = lens.fisheye
+    if lens.focal_sd is not None:
+        table[FOCAL_SD] = 100 * lens.focal_sd
     if camera.sigma is not None:
-        table["position_sigma_mm"] = 1000 * camera.sigma.position_m
-        table["orientation_sigma_deg"] = camera.sigma.orientation_deg
-        if camera.sigma.covariance is not None:
+        if np.isfinite(camera.sigma.position_m):
+            table["position_sigma_mm"] = 1000 * camera.sigma.position_m
+        if np.isfinite(camera.sigma.orientation_deg):
+            table["orientation_sigma_deg"] = camera.sigma.orientation_deg
+        if camera.sigma.covariance is not None and np.isfinite(camera.sigma.covariance).all():
             table["covariance"] = np.asarray(camera.sigma.covariance).tolist()
     return table

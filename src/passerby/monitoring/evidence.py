@@ -115,7 +115,7 @@ class Baseline:
 def stated(rig: Rig, name: str) -> Floats:
     """(6, 6) covariance of a rig's camera: its own sigmas and what people add."""
     sigma = rig[name].sigma
-    if sigma is None:
+    if sigma is None or not np.isfinite(sigma.position_m + sigma.orientation_deg):
         known = np.diag(np.repeat([UNKNOWN_M**2, np.radians(UNKNOWN_DEG) ** 2], 3))
     elif sigma.covariance is None:
         known = np.diag(np.repeat([sigma.position_m**2 / 3, np.radians(sigma.orientation_deg) ** 2 / 3], 3))

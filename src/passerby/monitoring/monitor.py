@@ -64,7 +64,7 @@ def monitor(
     _check_names(given.rig, tuple(scene.cameras), scene.place)
     watcher = Videos(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watcher)
-    notes = [*watcher.notes, *inputs.findings]
+    notes = [*watcher.notes, *inputs.doubts, *inputs.findings]
     found = monitor_inputs(given, scene, inputs, options, in_step=in_step, tell=tell, executor=executor)
     return replace(found, notes=(*notes, *found.notes))
 
@@ -123,7 +123,7 @@ def _footage(
     rig = Rig(tuple(_loosened(given, name) for name in names))
     fps = inputs.observations.fps
     if fps is None:
-        raise InputError(f"{scene.place}: no frame rate is given, so that frames tell no times: add fps to [scene]")
+        raise InputError(f"{scene.place}: no frame rate is given, so that frames tell no times: under [scene] set fps to it")
     rates = {name: inputs.observations.clocks.get(name, Clock(fps)).fps for name in names}
     offsets = {} if in_step else given.offsets_s
     clocks = {name: Clock(rates[name], offsets.get(name, 0.0)) for name in names}
@@ -133,8 +133,7 @@ def _footage(
         tell("who is who")
         seen = identified(rig, seen, clocks, np.random.default_rng(SEED), ground_m=height, executor=executor, tell=tell)
     sizes = {camera.name: camera.lens.size for camera in rig}
-    same = len(set(rates.values())) == 1 and len({clock.offset_s for clock in clocks.values()}) == 1
-    return _Footage(rig, seen if same else common_instants(seen, clocks, sizes=sizes), height)
+    return _Footage(rig, common_instants(seen, clocks, sizes=sizes), height)
 
 
 def _loosened(given: GivenRig, name: str) -> Camera:

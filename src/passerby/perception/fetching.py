@@ -18,7 +18,7 @@ from typing import Any
 from passerby import __version__
 from passerby.errors import InputError
 from passerby.interchange.locks import locked
-from passerby.progress import Progress, silent
+from passerby.progress import Progress, silent, tell_failure
 
 OFFLINE = "PASSERBY_OFFLINE"
 """Environment variable that forbids all downloads where it is set to anything but 0."""
@@ -95,7 +95,11 @@ def fetch(url: str, target: Path, sha256: str, size: int, tell: Progress = silen
                 part.unlink()
                 _complete(url, part, size, stage, tell)
             _accept(url, part, target, sha256, size)
+    except (UnreachableError, InputError):
+        tell_failure(tell, stage)
+        raise
     except OSError as error:
+        tell_failure(tell, stage)
         where = error.filename or target.parent
         raise UnreachableError(f"{where}: cannot be written ({error.strerror or error}): {target.name} is not kept") from error
 

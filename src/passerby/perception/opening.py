@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from typing import Any, Literal
 
@@ -16,9 +17,9 @@ from passerby.perception.background import (
 )
 from passerby.perception.kept import KeptStage
 from passerby.perception.networks import Network
-from passerby.perception.pictures import Detector, Embedder, KeypointEstimator
+from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator
 from passerby.perception.plan import Plan
-from passerby.perception.video import VideoInfo, VideoReader
+from passerby.perception.video import VideoInfo, VideoReader, expected_count
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
 
 UNKNOWN_LENGTH_S = 3600.0
@@ -53,8 +54,15 @@ def background_identity() -> dict[str, Any]:
     return {"background": VERSION, **asdict(BackgroundOptions())}
 
 
-def open_background(kept: KeptStage, info: VideoInfo) -> Detector:
+def background_count(info: VideoInfo) -> int | None:
+    """About how many pictures an empty scene is learnt from; None where the file does not tell its length."""
+    return expected_count(info, 1.0 / plan_sampling(info.seconds or UNKNOWN_LENGTH_S).interval_s)
+
+
+def open_background(kept: KeptStage, info: VideoInfo, tell: Callable[[int], None]) -> Detector:
     """Background subtraction, with the empty scene that is kept, or that is learnt now and kept.
+
+    `tell` is told how many pictures were taken to learn from, after each.
 
     Raises `InputError` for a video that is too short to tell the scene from the people, or that cannot be decoded.
     """
@@ -62,7 +70,7 @@ def open_background(kept: KeptStage, info: VideoInfo) -> Detector:
     if arrays is None:
         sampling = plan_sampling(info.seconds or UNKNOWN_LENGTH_S)
         try:
-            model = learn_background(VideoReader(info, rate=1.0 / sampling.interval_s), sampling)
+            model = learn_background(_counted(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
         except EvidenceError as error:
             raise InputError(f"{info.path}: {error}") from None
         kept.save(0, model.to_arrays())
@@ -70,3 +78,10 @@ def open_background(kept: KeptStage, info: VideoInfo) -> Detector:
     else:
         model = BackgroundModel.from_arrays(arrays)
     return BackgroundDetector(model)
+
+
+def _counted(frames: Iterable[Frame], tell: Callable[[int], None]) -> Iterator[Frame]:
+    """The frames; `tell` is told how many have been taken."""
+    for number, frame in enumerate(frames, start=1):
+        yield frame
+        tell(number)

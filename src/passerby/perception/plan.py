@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from passerby.errors import InputError
-from passerby.perception.catalogue import default_of
-from passerby.perception.model_files import AUTO, Found, find_model
+from passerby.perception.catalogue import catalogue, default_of
+from passerby.perception.fetching import offline
+from passerby.perception.model_files import AUTO, Found, copies_of, find_model
 from passerby.perception.networks import Network, Role
 from passerby.perception.tiles import Tiling
-from passerby.progress import Progress, silent
+from passerby.progress import Progress, silent, tell_warning
 
 BACKGROUND, NONE = "background", "none"
 STRIPES: Literal["stripes"] = "stripes"
@@ -59,20 +60,28 @@ def make_plan(
         keypoints: "none", a name or a path.
         models: a folder of models to look in first.
         base: the folder that relative paths start from.
-        tell: told how far a download is.
+        tell: told how far a download is and, at once, what is used in place of a network that cannot be had.
 
     Raises:
         InputError: a network that was asked for by name or path is not there, or a file is not what it should be.
     """
-    notes = []
+    notes: list[str] = []
     boxes = joints = None
+
+    def note(text: str) -> None:
+        # Told at once: what comes next may take an hour.
+        notes.append(text)
+        tell_warning(tell, text)
+
     described: Network | Literal["stripes"] | None = None if embedder == NONE else STRIPES
     if detector != BACKGROUND:
         boxes, reason = _found(detector, "detector", models, base, tell)
-        notes += [f"{reason}: people are found by background subtraction, without a network"] if boxes is None else []
+        if boxes is None:
+            note(f"{reason}: people are found by background subtraction, without a network")
     if embedder not in (STRIPES, NONE):
         looks, reason = _found(embedder, "embedder", models, base, tell)
-        notes += [f"{reason}: people are told apart by the colours of stripes, without a network"] if looks is None else []
+        if looks is None:
+            note(f"{reason}: people are told apart by the colours of stripes, without a network")
         described = looks or STRIPES
     if keypoints != NONE:
         joints, reason = _found(keypoints, "keypoints", models, base, tell)
@@ -104,6 +113,18 @@ def foresee(
             without = f"{BACKGROUND if role == 'detector' else STRIPES} takes its place where it cannot be had"
             notes.append(f"{reason}, and so does calibrating" + (f"; {without}" if wanted == AUTO else ""))
     return choices, notes
+
+
+def keypoints_to_be_had(models: Path | None) -> str | None:
+    """The name of the best network for joints that is on this computer, or that can be fetched; None where there is none.
+
+    `models` is a folder of models to look in first. Of several the largest is the most accurate one.
+    """
+    known = [entry for entry in catalogue() if entry.role == "keypoints"]
+    here = [entry for entry in known if any(copy.right for copy in copies_of(entry, models))]
+    served = [entry for entry in known if entry.url is not None and not offline()]
+    best = max(here or served, key=lambda entry: entry.bytes, default=None)
+    return None if best is None else best.name
 
 
 def _found(wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress) -> Found:

@@ -24,6 +24,7 @@ from av.video.stream import VideoStream
 from passerby.errors import InputError
 from passerby.interchange.untrusted import shortened_text
 from passerby.observations import Floats
+from passerby.perception.pieces import JOIN_PICTURES, why_a_pattern_is_no_video, why_no_video_is_there
 
 VARIABLE_CLOCK_FPS = 100.0
 
@@ -149,12 +150,14 @@ def _check_file(path: Path) -> None:
     try:
         kind = path.stat()
     except FileNotFoundError:
+        if join := why_a_pattern_is_no_video(path):
+            raise InputError(f"{path}: {join}") from None
         raise InputError(f"{path}: no such file: a video is needed here; check the path and its spelling") from None
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise InputError(f"{shortened_text(str(path), 1000)}: cannot be read ({why}): a video is needed here") from None
     if stat.S_ISDIR(kind.st_mode):
-        raise InputError(f"{path}: is a folder: name a video file")
+        raise InputError(f"{path}: {why_no_video_is_there(path)}")
     if not stat.S_ISREG(kind.st_mode):
         raise InputError(f"{path}: is a pipe or a device: name a video file")
     if kind.st_size == 0:
@@ -180,7 +183,11 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
     """The first video stream that is one; a still picture, the cover of a piece of music and text are none."""
     kind = container.format.name
     streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
-    if kind.endswith("_pipe") or kind in ("image2", "tty"):
+    if kind.endswith("_pipe") or kind == "image2":
+        raise InputError(
+            f"{path}: is not a video ({container.format.long_name}), but one picture: {JOIN_PICTURES}, and name that file"
+        )
+    if kind == "tty":
         raise InputError(f"{path}: is not a video ({container.format.long_name}): name a video file")
     if not streams:
         kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"

@@ -22,11 +22,19 @@ import onnxruntime
 from passerby.errors import InputError
 from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Keypoints, Vectors
 from passerby.perception.kept import Arrays, KeptStage, alone, fingerprint, forget_others, hash_of_arrays
-from passerby.perception.opening import background_identity, open_background, open_detector, open_embedder, open_estimator
+from passerby.perception.opening import (
+    background_count,
+    background_identity,
+    open_background,
+    open_detector,
+    open_embedder,
+    open_estimator,
+)
 from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator
 from passerby.perception.plan import Plan
 from passerby.perception.steadiness import SteadinessWatcher
 from passerby.perception.video import VideoInfo, VideoReader, expected_count
+from passerby.starting.toml_text import key
 
 REVISION = 1
 """Counted up whenever a stage gives other results than before, so that what an older version kept is not taken for them."""
@@ -37,8 +45,12 @@ LOOKS_EVERY_S = 0.4
 STEADY_EVERY_S = 1.5
 """Time between two pictures that are compared to see whether the camera moves."""
 
+LEARNT_WORTH = 3
+"""A picture that the empty scene is learnt from takes as long as about three that people are looked for in (3.8 and 2.8 in
+videos of 768 x 576 and 360 x 288): it counts as so many, so that the pace of the one tells that of the other."""
+
 Tell = Callable[[int, int], None]
-"""Told how many pictures are done, and of how many; 0 where that is unknown."""
+"""Told how much is done, in pictures that are looked at, and of how much; 0 where that is unknown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +66,19 @@ class CameraJob:
     """Folder of this camera's kept results."""
     boxes: Boxes | None = None
     """The people, where they are known; None: they are to be found."""
+
+
+def work_of(job: CameraJob) -> int:
+    """How much there is to do, in pictures that are looked at; 0 where the video does not tell its length."""
+    pictures = expected_count(job.info, job.rate)
+    return _learning(job) + pictures if pictures else 0
+
+
+def _learning(job: CameraJob) -> int:
+    """How much of it is learning the empty scene."""
+    if job.boxes is not None or job.plan.detector is not None:
+        return 0
+    return LEARNT_WORTH * (background_count(job.info) or 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +106,8 @@ class Watched:
             )
         found += [
             f"{place}: the camera moves {move['seconds']:.1f} s after the beginning, {_how_far(move['pixels'])}, and stays "
-            f"there: static cameras are needed: write until_s = {math.floor(move['seconds'])} or from_s = "
-            f"{math.ceil(move['seconds']) + 1} under [cameras.{name}] for the part before or after, or delete [cameras.{name}]"
+            f"there: static cameras are needed: under [cameras.{key(name)}] set until_s = {math.floor(move['seconds'])} for "
+            f"the part before, or from_s = {math.ceil(move['seconds']) + 1} for the part after, or delete [cameras.{key(name)}]"
             for move in self.summary["moves"]
             if move["until"] is None and from_s < move["seconds"] < until_s
         ]
@@ -143,6 +168,7 @@ class _Watch:
 
     def __init__(self, job: CameraJob, tell: Tell) -> None:
         self._job, self._tell = job, tell
+        self._learning, self._work = _learning(job), work_of(job)
         self.seconds: dict[str, float] = {}
         self._used: set[Path] = set()
         self._file = _state(job.info.path)
@@ -178,7 +204,7 @@ class _Watch:
         kept = KeptStage.of(self._job.shelf, "background", video | background_identity())
         self._used.add(kept.folder)
         with self._timed("background"):
-            return open_background(kept, self._job.info)
+            return open_background(kept, self._job.info, self._tell_learnt)
 
     def result(self) -> Watched:
         """Make what is not kept, and gather all of it."""
@@ -191,12 +217,22 @@ class _Watch:
         if parts is None:
             raise InputError(f"{self._job.shelf}: what was just written there cannot be read again: choose another folder")
         forget_others(self._job.shelf, self._used)
-        self._tell(summary["pictures"], summary["pictures"])
+        done = max(self._learning + summary["pictures"], self._work)
+        self._tell(done, done)
         return self._gathered(summary, parts)
+
+    def _tell_learnt(self, pictures: int) -> None:
+        """Tell how much is done while the empty scene is learnt."""
+        self._tell(min(LEARNT_WORTH * pictures, self._learning), self._work)
+
+    def _tell_looked_at(self, pictures: int) -> None:
+        """Tell how much is done while people are looked for."""
+        done = self._learning + pictures
+        self._tell(done, max(self._work, done) if self._work else 0)
 
     def _watch(self) -> dict[str, Any]:
         """Go through the video; all stages are kept, and how it ended."""
-        job, total = self._job, expected_count(self._job.info, self._job.rate) or 0
+        job = self._job
         reader, watcher = VideoReader(job.info, job.rate), SteadinessWatcher(job.info.size)
         steady_every = max(1, round(STEADY_EVERY_S * job.rate))
         index = -1
@@ -209,7 +245,7 @@ class _Watch:
                 if index % steady_every == 0:
                     with self._timed("steadiness"):
                         watcher.look(frame)
-                self._tell(index + 1, max(total, index + 1))
+                self._tell_looked_at(index + 1)
         self._turn((index + SEGMENT) // SEGMENT)
         summary = _summary(index + 1, reader, watcher)
         for stage in self._stages:

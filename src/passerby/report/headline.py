@@ -6,7 +6,7 @@ from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element
 from passerby.report.mends import Point, points_of, sentence
 from passerby.report.seen import Seen, Spells
-from passerby.report.values import MISSING, count, number_of, table_of, texts_of
+from passerby.report.values import MISSING, UNKNOWN, count, number_of, table_of, texts_of
 from passerby.report.weak_points import weak_points
 
 WORDS = {"accepted": "Accepted", "doubtful": "Doubtful", "refused": "Refused"}
@@ -28,7 +28,7 @@ SHOWN_REASONS = 6
 def headline_section(contents: Contents, seen: Seen) -> Section:
     """The verdict and all that explains it."""
     verdict = contents.verdict if contents.verdict in WORDS else "refused"
-    reasons = points_of(texts_of(contents.told.get("reasons")))
+    reasons = points_of(texts_of(contents.told.get("reasons")), contents.rig.names)
     banner = element(
         "div",
         icon(verdict),
@@ -57,7 +57,7 @@ def icon(verdict: str, size: int = 32) -> Html:
 
 
 def _figures(contents: Contents, spells: Spells) -> Html:
-    """The key figures, a dash where one is undefined."""
+    """The key figures, a dash where one is undefined, a word where nothing fixes what it is of."""
     figures = table_of(contents.told, "figures")
     scale, vertical = number_of(table_of(figures, "scale").get("relative_sigma")), number_of(figures.get("vertical_sigma_deg"))
     used = number_of(table_of(figures, "people").get("identities"))
@@ -67,11 +67,13 @@ def _figures(contents: Contents, spells: Spells) -> Html:
     lasted = _duration(end - begin) if spells.in_seconds else f"{end - begin:.0f} frames"
     sigmas = [number_of(one.get("position_sigma_mm")) for one in contents.cameras.values()]
     worst = max((sigma for sigma in sigmas if sigma is not None), default=None)
+    free = texts_of(figures.get("undetermined"))
+    scale_told, vertical_told = (UNKNOWN if one in free else MISSING for one in ("scale", "vertical"))
     told = [
         ("cameras with a pose", f"{posed} of {every}"),
-        ("lengths, one sigma", MISSING if scale is None else f"± {100 * scale:.1f} %"),
-        ("position, least sure camera", MISSING if worst is None else f"± {_length(worst)}"),
-        ("vertical, one sigma", MISSING if vertical is None else f"± {vertical:.1f}°"),
+        ("lengths, one sigma", scale_told if scale is None else f"± {100 * scale:.1f} %"),
+        ("position, least sure camera", UNKNOWN if free else MISSING if worst is None else f"± {_length(worst)}"),
+        ("vertical, one sigma", vertical_told if vertical is None else f"± {vertical:.1f}°"),
         (_people_label(contents, used is not None), str(people) if people else MISSING),
         ("recorded", lasted if len(spells) else MISSING),
     ]
@@ -83,9 +85,13 @@ def _figures(contents: Contents, spells: Spells) -> Html:
 
 
 def _people_label(contents: Contents, used: bool) -> str:
-    """What the count of people counts: without a rig, who is who was not found, unless it was given."""
+    """What the count counts: people where identities were given; tracks where they were found, several of which may be one
+    person's.
+    """
     given = table_of(contents.told, "scene", "association").get("mode", "given") == "given"
-    return "people it rests on" if used else "people" if given or len(contents.rig.posed()) else "tracks of people"
+    if used:
+        return "people it rests on" if given else "tracks it rests on"
+    return "people" if given else "tracks of people"
 
 
 def _length(millimetres: float) -> str:

@@ -54,20 +54,21 @@ IMPERATIVES = (
     "use",
     "wait",
     "write",
+    r"under \[",
 )
-"""Words that a mend begins with."""
+"""What a mend begins with."""
 
 _MEND = re.compile(rf"[:;,] (?=(?:{'|'.join(IMPERATIVES)})\b)")
 
 BY_KIND = (
-    (r"embedding|looks", 'Go by the tracks instead: [association] mode = "combined" in the scene file.'),
+    (r"embedding|looks", 'Go by the tracks instead: under [association] set mode = "combined" in the scene file.'),
     (r"clock|drift|offset", "Check the frame rates, and when the recordings were started."),
     (r"share|joined|registered|overlap", "Record people who walk where the views of these cameras overlap."),
     (r"focal|lens|intrinsics|distort", "Check the camera's intrinsics: calibrate its lens again with a board."),
     (r"scale|height of|distance|length", "Measure again what is stated under [scale] in the scene file."),
     (r"vertical", "Record people who walk about, seen from head to feet."),
     (r"line|spot|direction", "Record people who walk all over the view that the cameras share."),
-    (r"converge", "Raise [solver.options] max_iterations, or record longer."),
+    (r"converge", "Record longer, or under [solver.options] set max_iterations = 200."),
     (r"uncertain|too few|sightings|people", "Record longer, with more people in more places."),
 )
 """By words of a reason, in this order."""
@@ -91,14 +92,14 @@ def point_of(reason: str) -> Point:
     return Point(sentence(text), _general(text))
 
 
-_ONE_CAMERA = re.compile(r"camera (\S+)( .*|: .*)")
-
-
-def points_of(reasons: Sequence[str]) -> list[Point]:
-    """All reasons, parted at their mends; those that say the same of several cameras become one."""
+def points_of(reasons: Sequence[str], names: Sequence[str]) -> list[Point]:
+    """All reasons, parted at their mends; those that say the same of several of the cameras, `names`, become one."""
+    # Of two names that begin alike the longer one is tried first.
+    one_of = "|".join(re.escape(name) for name in sorted(names, key=len, reverse=True))
+    one_camera = re.compile(rf"camera ({one_of})([ :].*)")
     alike: dict[str, list[str]] = {}
     for reason in reasons:
-        one = _ONE_CAMERA.fullmatch(" ".join(reason.split()))
+        one = one_camera.fullmatch(" ".join(reason.split()))
         rest = one[2] if one is not None else ""
         # The rest must not tell of figures: these are each camera's own.
         key, name = (rest, one[1]) if one is not None and not re.search(r"\d", rest) else (reason, "")
@@ -112,8 +113,9 @@ def points_of(reasons: Sequence[str]) -> list[Point]:
 def sentence(text: str) -> str:
     """Text with a capital and a full stop; names that begin it keep their spelling."""
     text = text.strip()
-    first = re.match(r"\w+", text)
-    if first is not None and first[0].islower() and first[0].isalpha():
+    # A path, as in "videos/north.mp4: ...", is no word.
+    first = re.match(r"([^\W\d_]+)[,:;]?(?:\s|$)", text)
+    if first is not None and first[1].islower():
         text = text[0].upper() + text[1:]
     return text if text.endswith((".", "!", "?")) else text + "."
 

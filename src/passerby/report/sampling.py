@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.instants import MAX_GAP_FRAMES, MAX_GAP_S, common_clock, common_instants
+from passerby.association.instants import MAX_GAP_S, MAX_GAP_SAMPLES, common_instants, common_time_steps, sampling_distance
 from passerby.cameras import Rig
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import Contents
@@ -68,7 +68,7 @@ def sampled(contents: Contents, most: int = MOST_SIGHTINGS) -> Sample | None:
         return None
     clocks, _ = clocks_of(contents)
     watched = Observations({name: contents.observations[name] for name in rig.names})
-    grid = common_clock(watched, clocks)
+    grid = common_time_steps(watched, clocks).clock
     frames, weights = [], []
     for name in rig.names:
         seen = watched[name]
@@ -94,7 +94,8 @@ def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
     for name in rig.names:
         clock, own = clocks[name], contents.observations[name]
         # A sample between two instants is interpolated from neighbours within this reach; one frame more for rounding.
-        reach = (max(MAX_GAP_FRAMES, MAX_GAP_S * clock.fps) + 1) * grid.fps / clock.fps + 1
+        apart = sampling_distance(np.concatenate([own.boxes.frame, own.keypoints.frame]))
+        reach = (max(MAX_GAP_SAMPLES * apart, MAX_GAP_S * clock.fps) + 1) * grid.fps / clock.fps + 1
         boxes, joints = (_near(rows.frame, rows.identity, clock, grid, frames, reach) for rows in (own.boxes, own.keypoints))
         seen[name] = CameraObservations(_taken(own.boxes, boxes), own.keypoints.take(joints))
     sizes = {camera.name: camera.lens.size for camera in rig}

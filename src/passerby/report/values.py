@@ -8,6 +8,8 @@ from typing import Any
 
 MISSING = "–"
 """Stands where a figure is undefined."""
+UNKNOWN = "unknown"
+"""Stands where a figure has an infinite sigma: no evidence constrains it."""
 
 
 def table_of(value: Any, *keys: str) -> Mapping[str, Any]:

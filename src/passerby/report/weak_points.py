@@ -82,7 +82,10 @@ def _scale(contents: Contents) -> list[_Weak]:
         return []
     best = best_to_measure(distances_of(contents))
     which = f"{best.first} to {best.second} ({best.metres:.1f} m)"
-    told, state = f"All lengths are known to {100 * sigma:.1f} % only", "state it in the scene file under [[scale.distances]]."
+    told, state = (
+        f"All lengths are known to {100 * sigma:.1f} % only",
+        "state it in the scene file: a table [[scale.distances]], as shown below the distances.",
+    )
     if _by_people_alone(contents):
         mend = f"Measure one distance with a tape, best {which}, and {state}"
         return [_Weak(f"{told}: they rest on how tall people are.", mend, "scale")]

@@ -176,6 +176,9 @@ def _scaled(contents: Contents) -> Step:
         facts.append(f"Lengths are known to {100 * scale:.1f} % (one sigma).")
     if vertical is not None:
         facts.append(f"The vertical is known to {vertical:.2f}° (one sigma).")
+    free = texts_of(told.get("undetermined"))
+    if free:
+        facts.append(f"No evidence fixes these: {listed(free)}.")
     clocks = table_of(told, "clocks")
     if clocks:
         corrections = [

@@ -131,7 +131,7 @@ def report_pull(
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
-    population count as one cue.
+    population count as one cue. The sigma is infinite where there is no cue.
     """
     known = {cue.identity for cue in cues.people}
     named = np.array([identity in known for identity in seen], dtype=bool)
@@ -151,7 +151,7 @@ def report_pull(
             "residual_sigmas": (value - stated) / spread, "share": float(weight / total),
         }
         for (kind, value, stated, spread), weight in zip(found, information, strict=True)
-    ], float(1 / np.sqrt(total)) if total > 0 else float("nan")  # fmt: skip
+    ], float(1 / np.sqrt(total)) if total > 0 else float("inf")  # fmt: skip
 
 
 def cue_in_words(cue: str) -> str:

@@ -12,6 +12,7 @@ from passerby.cameras import Rig
 from passerby.solver.assembly import cycle_support
 from passerby.solver.consistency import STRETCHES, Agreement, agreement
 from passerby.solver.evidence import Evidence
+from passerby.solver.gauge import Free
 from passerby.solver.lens_check import FocalCheck, ShapeCheck, common_change
 from passerby.solver.person_model import HEIGHT_PER_CENTRE
 from passerby.solver.stages import Choice, Fit, Start
@@ -43,23 +44,29 @@ def apart(rig: Rig, groups: list[list[int]]) -> list[str]:
 
 
 def doubts_about(start: Start, fit: Fit, covariance: RigCovariance) -> list[str]:
-    """What speaks against the optimum, by camera."""
-    out = []
+    """What speaks against the optimum: what nothing fixes, then by camera."""
+    out = _undetermined_world(covariance.free)
     state, rig = fit.result.state, start.rig
     agrees = agreement(start.evidence, fit.model)
     extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
     for c, camera in enumerate(rig):
         sigma = covariance.shape_sigma(c)
+        if c in covariance.free.cameras:
+            out.append(
+                f"nothing fixes where camera {camera.name} stands among the others: record more people, seen from head to "
+                "feet, in the view that it shares with them"
+            )
         if agrees.agreeing[c] < _MIN_SIGHTINGS:
             out.append(f"camera {camera.name} rests on {agrees.agreeing[c]} sightings only: record more people in its view")
         elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
             out.append(contradiction)
-        if sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > _MAX_ORIENTATION_DEG:
+        vague = sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > _MAX_ORIENTATION_DEG
+        if vague and c not in covariance.free.cameras:
             out.append(
                 f"camera {camera.name} is uncertain by {1000 * sigma.position_m:.0f} mm and {sigma.orientation_deg:.1f} "
                 "degrees: record longer, or people nearer to it and in more places"
             )
-    if covariance.vertical_deg > _MAX_VERTICAL_DEG:
+    if covariance.vertical_deg > _MAX_VERTICAL_DEG and not covariance.free.vertical:
         out.append(
             f"the vertical is uncertain by {covariance.vertical_deg:.1f} degrees: record people who walk about, "
             "seen from head to feet"
@@ -71,8 +78,26 @@ def doubts_about(start: Start, fit: Fit, covariance: RigCovariance) -> list[str]
             "use a better detector, or pictures in which people are larger"
         )
     if not fit.result.converged:
-        out.append("the adjustment did not converge: raise [solver.options] max_iterations")
+        out.append("the adjustment did not converge: under [solver.options] set max_iterations = 200")
     return out
+
+
+def _undetermined_world(free: Free) -> list[str]:
+    """What of the world as a whole no evidence constrains, with what would."""
+    lacks = _lacks(free)
+    if not lacks:
+        return []
+    if lacks == ["scale"]:
+        return ["nothing fixes the scale: give a measured length under [scale], or boxes, or joints with heads and ankles"]
+    what = " and ".join(filter(None, (", ".join(f"the {one}" for one in lacks[:-1]), f"the {lacks[-1]}")))
+    length = "; a measured length under [scale] fixes the scale, but no vertical" if free.scale else ""
+    return [f"nothing fixes {what}: give boxes, or joints with heads and ankles, of people seen whole by two cameras{length}"]
+
+
+def _lacks(free: Free) -> list[str]:
+    """The names of what is free of the world as a whole."""
+    named = {"scale": free.scale, "vertical": free.vertical, "height of the ground": free.ground}
+    return [name for name, lacking in named.items() if lacking]
 
 
 def _contradiction(name: str, camera: int, agrees: Agreement) -> str | None:
@@ -119,7 +144,7 @@ def wrong_lenses(focals: Sequence[FocalCheck], shapes: Sequence[ShapeCheck] = ()
     """The cameras whose lens contradicts the people, with what would refine it."""
     out = [
         f"camera {check.camera}: people fit a focal length {_longer(check.change)} than stated: check its intrinsics, or let "
-        'it be refined: [solver] refine = ["focal"]'
+        'it be refined: under [solver] set refine = ["focal"]'
         for check in focals
         if check.wrong
     ]
@@ -127,7 +152,7 @@ def wrong_lenses(focals: Sequence[FocalCheck], shapes: Sequence[ShapeCheck] = ()
     if common is not None and not out:
         out.append(
             f"people fit focal lengths {_longer(common)} than stated in all cameras: check the intrinsics and the size of the "
-            'pictures that they were made for, or let them be refined: [solver] refine = ["focal"]'
+            'pictures that they were made for, or let them be refined: under [solver] set refine = ["focal"]'
         )
     # A focal length that is wrong bends the other parts as well: one cause is named, the likelier.
     if not out:
@@ -154,6 +179,11 @@ def contradictions(scale: dict[str, Any]) -> list[str]:
     ]
 
 
+def _finite(value: float) -> float | None:
+    """A figure for JSON: None where it is unknown."""
+    return float(value) if np.isfinite(value) else None
+
+
 def figures_of(
     start: Start, choice: Choice, fit: Fit, covariance: RigCovariance, scale: dict[str, Any], focals: list[FocalCheck]
 ) -> dict[str, Any]:
@@ -176,8 +206,8 @@ def figures_of(
                 "median_residual_px": float(np.median(residual_px[own])) if own.any() else None,
                 "slack": float(state.slack[c]),
                 "focal_change": focals[c].change, "focal_change_sigma": focals[c].sigma,
-                "shape_position_sigma_mm": 1000 * within.position_m,
-                "shape_orientation_sigma_deg": within.orientation_deg,
+                "shape_position_sigma_mm": _finite(1000 * within.position_m),
+                "shape_orientation_sigma_deg": _finite(within.orientation_deg),
                 "own_level": None if level is None else {"height_m": level.height, "residual": level.residual},
             }
         )  # fmt: skip
@@ -201,15 +231,21 @@ def figures_of(
                 str(start.evidence.identities[p]): float(state.heights[p]) for p in np.unique(model.problem.person)
             },
         },
-        "foot_shift": float(state.globals[0]), "scale": scale | {"relative_sigma": covariance.scale},
-        "vertical_sigma_deg": covariance.vertical_deg, "covariance_inflation": covariance.inflation,
+        "foot_shift": float(state.globals[0]), "scale": scale | {"relative_sigma": _finite(covariance.scale)},
+        "vertical_sigma_deg": _finite(covariance.vertical_deg), "covariance_inflation": covariance.inflation,
         "distances": [
             {"cameras": [rig.names[a], rig.names[b]], "metres": float(np.linalg.norm(state.centre[a] - state.centre[b])),
-             "sigma_m": float(covariance.distances[a, b])}
+             "sigma_m": _finite(covariance.distances[a, b])}
             for a in range(len(rig)) for b in range(a + 1, len(rig))
         ],
-        "clocks": _clocks(rig, state.time, covariance.time_s),
+        "clocks": _clocks(rig, state.time, covariance.time_s), **_undetermined(rig, covariance.free),
     }  # fmt: skip
+
+
+def _undetermined(rig: Rig, free: Free) -> dict[str, list[str]]:
+    """Names of what no evidence constrains; empty where all is fixed."""
+    names = [*_lacks(free), *(f"camera {rig.names[c]}" for c in free.cameras)]
+    return {"undetermined": names} if names else {}
 
 
 def _clocks(rig: Rig, time: Floats, sigma: Floats | None) -> dict[str, dict[str, float]]:

@@ -32,6 +32,9 @@ FOCAL_CORE = 0.005
 be off by anything: a Cauchy distribution. A normal one of 10 % leaves them all to people, whose boxes tell them to 1 to 5 %."""
 PRINCIPAL_POINT_CORE = 0.0025
 """The same of the principal point, as a share of the picture's width."""
+NORMAL_HALF = 0.6745
+"""Half of normal deviates lie within so many standard deviations: a stated `focal_sd` becomes the scale of a Cauchy
+distribution that has as much of itself there, since who guesses a sigma may be wrong about it."""
 FAR_FOCAL, FAR_PRINCIPAL_POINT = 0.10, 0.02
 """What a lens that was never calibrated is off by, one sigma: the same shares."""
 
@@ -62,22 +65,22 @@ class LensUnknowns:
 
     def core(self, rig: Rig) -> Floats:
         """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions."""
-        return self._shares(rig, FOCAL_CORE, PRINCIPAL_POINT_CORE)
+        return self._shares(rig, [_stated(camera.lens, FOCAL_CORE) for camera in rig], PRINCIPAL_POINT_CORE)
 
     def first_core(self, rig: Rig) -> Floats:
         """(C, L) the same for first rounds, which let every focal length go where people want it: from there a wrong one stays
         and a right one comes back, whereas a wrong one that begins at what is stated may stick to it.
         """
-        return self._shares(rig, FAR_FOCAL, PRINCIPAL_POINT_CORE)
+        return self._shares(rig, [max(FAR_FOCAL, _stated(camera.lens, 0.0)) for camera in rig], PRINCIPAL_POINT_CORE)
 
     def uncalibrated_sd(self, rig: Rig) -> Floats:
         """(C, L) what lenses that were never calibrated are off by, one sigma."""
-        return self._shares(rig, FAR_FOCAL, FAR_PRINCIPAL_POINT)
+        return self._shares(rig, [max(FAR_FOCAL, camera.lens.focal_sd or 0.0) for camera in rig], FAR_PRINCIPAL_POINT)
 
-    def _shares(self, rig: Rig, focal: float, principal_point: float) -> Floats:
+    def _shares(self, rig: Rig, focal: Sequence[float], principal_point: float) -> Floats:
         """(C, L) a share of the focal length, as a logarithm, and a share of the picture's width in pixels."""
         out = np.zeros((len(rig), self.size))
-        out[:, self.columns_of("focal")] = focal
+        out[:, self.columns_of("focal")] = np.array(focal)[:, None]
         width = np.array([camera.lens.size[0] for camera in rig], dtype=np.float64)
         out[:, self.columns_of("principal_point")] = principal_point * width[:, None]
         return out
@@ -159,6 +162,11 @@ class LensUnknowns:
             own = camera == c
             out[own] = self.by_pixel(lens, pixels[own].reshape(-1, 2)).reshape(*pixels[own].shape, self.size)
         return out
+
+
+def _stated(lens: Lens, otherwise: float) -> float:
+    """Half of the focal lengths with the lens's stated standard deviation are right within this share."""
+    return otherwise if lens.focal_sd is None else NORMAL_HALF * lens.focal_sd
 
 
 def _pixels(lenses: Sequence[Lens], camera: Ints, rays: Floats) -> Floats:

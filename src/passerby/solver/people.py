@@ -6,13 +6,13 @@ descent from each tree on a part of the evidence -> descent to the optimum on al
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Pose, Rig
+from passerby.cameras import LARGEST_FOCAL_SD, Camera, Pose, Rig
 from passerby.errors import EvidenceError
 from passerby.observations import Observations
 from passerby.solver.assembly import components, heading_rotation
@@ -25,12 +25,17 @@ from passerby.solver.refined_lenses import far_lenses, lens_figures, refined_len
 from passerby.solver.scale import ScaleCues
 from passerby.solver.solution import Solution, Verdict
 from passerby.solver.stages import Fit, PeopleOptions, Start, choose, descend
+from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import RigCovariance, correlation_inflation, rig_covariance, with_learnt_stance
 
 __all__ = ["PeopleOptions", "solve_people"]
 
 _RESTARTS = 2
 """First guesses made anew with better lenses, at most."""
+_NO_GUESS_ANEW = (
+    "with the refined focal lengths no first guess at the cameras' arrangement agrees with the people: state focal lengths "
+    "that are nearer to the true ones, or leave [solver] refine out"
+)
 
 
 def solve_people(
@@ -75,7 +80,11 @@ def solve_people(
             break
         # A first guess with quite wrong lenses may be another arrangement, or have left people out.
         start = Start.prepare(start.stated, observations, cues, options, rng, among, fit.result.state.lens)
-        choice = choose(start, options, rng)
+        try:
+            choice = choose(start, options, rng)
+        except EvidenceError:
+            reasons.append(_NO_GUESS_ANEW)
+            break
         fit = descend(start, choice.state, options, rng)
     start = fit.start
     covariance, cue_report, lenses = _sure(start, fit, cues)
@@ -84,6 +93,7 @@ def solve_people(
     if "focal" in start.unknowns.parts:  # where they would go, they went
         focals = [replace(check, change=0.0, against_others=0.0) for check in focals]
     posed = _placed(start.rig, fit.result.state, covariance)
+    posed = _with_refined_sigmas(posed, lenses)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
     reasons = [
         *start.evidence.notes,
@@ -113,8 +123,22 @@ def _sure(start: Start, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[
     inflation = correlation_inflation(fit.model, start.evidence, terms)
     terms = with_learnt_stance(terms, fit.result.normal)
     lenses = refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
-    covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None)
+    refined = "focal" in start.unknowns.parts
+    focals = None if refined else StatedFocals.of(start.rig, fit.model.problem, state)
+    covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, focals)
     return covariance, {"relative_sigma": sigma, "cues": report}, lens_figures(lenses, start.stated, start.rig)
+
+
+def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, Any]) -> Rig:
+    """The rig whose guessed focal lengths are as sure as they were refined; `lenses` as of `lens_figures`."""
+    cameras = []
+    for camera in rig:
+        focal = lenses.get(camera.name, {}).get("focal")
+        if focal is not None and camera.lens.focal_sd is not None:
+            sd = float(np.clip(focal["sigma_px"] / focal["refined_px"], 1e-6, LARGEST_FOCAL_SD))
+            camera = replace(camera, lens=replace(camera.lens, focal_sd=sd))
+        cameras.append(camera)
+    return replace(rig, cameras=tuple(cameras))
 
 
 def _placed(rig: Rig, state: PeopleState, covariance: RigCovariance) -> Rig:
@@ -125,8 +149,5 @@ def _placed(rig: Rig, state: PeopleState, covariance: RigCovariance) -> Rig:
     for c, camera in enumerate(rig):
         pose = Pose.from_centre(state.R[c], state.centre[c]).moved(turn, shift)
         sigma = covariance.sigma(c)
-        block = np.eye(6)
-        block[:3, :3] = turn
-        assert sigma.covariance is not None
-        cameras.append(Camera(camera.name, camera.lens, pose, replace(sigma, covariance=block @ sigma.covariance @ block.T)))
+        cameras.append(Camera(camera.name, camera.lens, pose, sigma.moved(turn)))
     return Rig(tuple(cameras))

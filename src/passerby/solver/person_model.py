@@ -26,6 +26,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CAMERA_SIZE = POSE_SIZE + 1
+PRINCIPAL_POINT_SIZE = 2
+"""Unknowns of a lens of which only the principal point is refined."""
 SLACK = POSE_SIZE
 # One unknown more a camera where the clocks are refined. Those of the lens, where it is refined, come last.
 TIME = POSE_SIZE + 1
@@ -143,9 +145,11 @@ class PeopleProblem:
         d_bottom = (R @ (bottom - C)[:, :, None])[:, :, 0]
         r_top, top_by_d = project_near(s.top, s.top_tangent, d_top)
         r_bottom, bottom_by_d = project_near(s.bottom, s.bottom_tangent, d_bottom)
-        if s.by_lens is not None and s.lens_at is not None:
-            moved_px = s.by_lens @ (state.lens[s.camera] - s.lens_at)[:, None, :, None]
-            r_top, r_bottom = r_top + moved_px[:, 0, :, 0], r_bottom + moved_px[:, 1, :, 0]
+        top_by_lens, bottom_by_lens = (None, None) if s.by_lens is None else (s.by_lens[:, 0], s.by_lens[:, 1])
+        if top_by_lens is not None and bottom_by_lens is not None and s.lens_at is not None:
+            change = state.lens[s.camera] - s.lens_at
+            r_top, top_by_d, top_by_lens = self._by_lens(r_top, top_by_d, top_by_lens, change)
+            r_bottom, bottom_by_d, bottom_by_lens = self._by_lens(r_bottom, bottom_by_d, bottom_by_lens, change)
         centre_weight = 0.5 / self.centre_sigma()
         height_weight = 1.0 / self.height_sigma()
         centre = (r_top + r_bottom) * centre_weight[:, None]
@@ -184,8 +188,8 @@ class PeopleProblem:
         for k, residual in ((2, centre), (1, height[:, None])):
             by_camera = np.zeros((n, k, self.camera_size))
             by_camera[:, :, :POSE_SIZE] = rows(top_by_pose, bottom_by_pose, k)
-            if s.by_lens is not None:
-                by_camera[:, :, self.camera_size - self.n_lens :] = rows(s.by_lens[:, 0], s.by_lens[:, 1], k)
+            if top_by_lens is not None and bottom_by_lens is not None:
+                by_camera[:, :, self.camera_size - self.n_lens :] = rows(top_by_lens, bottom_by_lens, k)
             by_globals = np.zeros((n, k, n_globals))
             by_reach = rows(np.zeros((n, 2, 1)), bottom_by_reach, k)[:, :, 0]
             by_globals[:, :, FOOT_SHIFT] = by_reach * height_of[:, None]
@@ -199,6 +203,20 @@ class PeopleProblem:
                      by_group=by_reach * shift)
             )  # fmt: skip
         return terms
+
+    def _by_lens(self, residual: Floats, by_d: Floats, by_lens: Floats, change: Floats) -> tuple[Floats, Floats, Floats]:
+        """Residuals (M, 2), their derivatives (M, 2, 3) by points, and by the changes (M, L) of the lenses, after them.
+
+        A focal length that grows moves the predicted point away from the principal point. `by_lens` (M, 2, L) is of the
+        observed pixel, which lacks the residual: with it the noise's own square would count for a longer lens.
+        """
+        moved = residual + (by_lens @ change[:, :, None])[:, :, 0]
+        if self.n_lens == PRINCIPAL_POINT_SIZE:  # no focal length among the unknowns
+            return moved, by_d, by_lens
+        by_lens = by_lens.copy()
+        by_lens[:, :, 0] += residual
+        longer = 1 + change[:, 0]
+        return moved + residual * change[:, :1], by_d * longer[:, None, None], by_lens
 
     def _stance_terms(self, state: PeopleState) -> list[Term]:
         """Feet on the ground; the highest point at the person's standing height, as far as the person may be standing.
@@ -234,20 +252,20 @@ class PeopleProblem:
         R = state.R[o.camera]
         d = (R @ (state.joints[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
         residual, by_d = project_near(o.bearing, o.tangent, d)
+        by_lens = o.by_lens
+        if by_lens is not None and o.lens_at is not None:
+            residual, by_d, by_lens = self._by_lens(residual, by_d, by_lens, state.lens[o.camera] - o.lens_at)
         residual = residual / o.sigma_px[:, None]
         if o.velocity is not None:
             residual = residual + (o.velocity / o.sigma_px[:, None]) * state.time[o.camera, None]
-        if o.by_lens is not None and o.lens_at is not None:
-            moved_px = (o.by_lens @ (state.lens[o.camera] - o.lens_at)[:, :, None])[:, :, 0]
-            residual = residual + moved_px / o.sigma_px[:, None]
         if not jacobians:
             return Term(residual, loss)
         by_pose, by_point = pose_jacobian(by_d / o.sigma_px[:, None, None], d, R)
         by_camera = np.concatenate([by_pose, np.zeros((len(d), 2, self.camera_size - POSE_SIZE))], axis=2)
         if o.velocity is not None:
             by_camera[:, :, TIME] = o.velocity / o.sigma_px[:, None]
-        if o.by_lens is not None:
-            by_camera[:, :, self.camera_size - self.n_lens :] = o.by_lens / o.sigma_px[:, None, None]
+        if by_lens is not None:
+            by_camera[:, :, self.camera_size - self.n_lens :] = by_lens / o.sigma_px[:, None, None]
         return Term(residual, loss, camera=o.camera, by_camera=by_camera, family=JOINT, block=o.point, by_block=by_point)
 
     def _shared_priors(self, state: PeopleState) -> list[Term]:

@@ -126,7 +126,7 @@ def lens_notes(figures: Mapping[str, Any]) -> list[str]:
 
 def _untold(part: Mapping[str, Any], name: str) -> str:
     """What is to be said where people do not tell a part of a lens."""
-    return "" if part["told"] else f'; the people hardly tell it: "{name}" may as well be left out of [solver] refine'
+    return "" if part["told"] else f'; the people hardly tell it: "{name}" may as well be left out of refine under [solver]'
 
 
 def far_lenses(figures: Mapping[str, Any]) -> list[str]:

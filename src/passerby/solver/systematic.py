@@ -9,18 +9,21 @@ equations `H` and their coupling `H_cb` to parameters of the covariance `Q`, `H^
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.solver.least_squares import Layout, Term
+from passerby.cameras import Rig
+from passerby.solver.least_squares import Layout, NormalEquations, Term
+from passerby.solver.lens_columns import by_focal, lens_columns, widened, widened_layout
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import UPRIGHT, PeopleProblem
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Weighted = Callable[[Term], Term]
 
 SIGMAS = (0.0045, 0.004)
 """Standard deviations of each camera's parameters, as shares of the person's height: middles up, all alike; heights growing
@@ -82,3 +85,48 @@ def _depth(problem: PeopleProblem, state: PeopleState) -> Floats:
     value = value - (np.bincount(s.camera, value, n) / count)[s.camera]
     spread = np.sqrt(np.bincount(s.camera, value**2, n) / count)[s.camera]
     return np.asarray(np.where(spread > 1e-6, value / np.maximum(spread, 1e-6), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class StatedFocals:
+    """Focal lengths that are guesses: what their errors do to the residuals, and how large they may be."""
+
+    columns: dict[str, Floats]
+    """Whitened derivatives by the logarithms of the focal lengths (`lens_columns`)."""
+    covariance: Floats
+    """(C, C) of these logarithms; 0 for the lenses that are taken to be right."""
+
+    @classmethod
+    def of(cls, rig: Rig, problem: PeopleProblem, state: PeopleState) -> StatedFocals | None:
+        """Those of a rig at an optimum; None where no lens states a `focal_sd`."""
+        sd = np.array([camera.lens.focal_sd or 0.0 for camera in rig])
+        if not sd.any():
+            return None
+        return cls(lens_columns(rig, problem, state, by_focal), covariance_of_guesses(sd))
+
+    def moved(self, inverse: Floats, problem: PeopleProblem, terms: Sequence[Term], weighted: Weighted) -> Floats:
+        """(n_shared, n_shared) what they add to the covariance of the problem's shared unknowns.
+
+        The lenses are held while poses are adjusted, so they are consider parameters.
+
+        Args:
+            inverse: (n_shared, n_shared) of the reduced normal equations.
+            problem: the person model.
+            terms: linearised at the optimum, not weighted yet.
+            weighted: weights a term as those are that `inverse` is made of.
+        """
+        layout, places = widened_layout(problem, 1)
+        H = NormalEquations(layout, [weighted(widened(term, problem, self.columns)) for term in terms]).reduce().H
+        moved = inverse @ H[: len(inverse), places[:, 0]]
+        return np.asarray(moved @ self.covariance @ moved.T)
+
+
+def covariance_of_guesses(sd: Floats) -> Floats:
+    """(C, C) covariance of guessed focal lengths of standard deviations (C,), 0 where they are right.
+
+    Whether guesses err alike (one data sheet for all cameras) or each on its own is not known, and it matters: the first is a
+    matter of scale, the second of shape. The smallest covariance that is as large as both.
+    """
+    guessed = int(np.count_nonzero(sd))
+    alike = (guessed - 1) / max(guessed, 1)
+    return np.asarray(np.diag(sd**2) + alike * np.outer(sd, sd))

@@ -2,24 +2,27 @@
 
 The world may be turned about the vertical and moved along the ground without any residual noticing. The covariance is that of
 the rig after the best such placement on the camera centres (inner constraints: Teunissen 1985, *Generalized Inverses,
-Adjustment, the Datum Problem and S-Transformations*), so that no camera is special.
+Adjustment, the Datum Problem and S-Transformations*), so that no camera is special. What no evidence constrains (`gauge`)
+has an infinite sigma.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import PoseSigma
 from passerby.solver.evidence import Evidence
+from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system, placement_freedoms, similarity_freedoms
 from passerby.solver.least_squares import NormalEquations, Term
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import TIME, UPRIGHT, PeopleProblem
 from passerby.solver.refinement import Model
-from passerby.solver.systematic import SIGMAS, with_systematic
+from passerby.solver.systematic import SIGMAS, StatedFocals, with_systematic
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -59,6 +62,8 @@ class RigCovariance:
     """(C,) one sigma of the cameras' clocks against the first camera's, seconds; None where they were not refined."""
     lens: Floats | None = None
     """(C, L) one sigma of the lenses' unknowns; None where they were not refined."""
+    free: Free = field(default_factory=Free)
+    """What no evidence constrains; its sigmas are infinite."""
 
     def sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures in the metric world."""
@@ -71,12 +76,13 @@ class RigCovariance:
 
 def _pose_sigma(block: Floats) -> PoseSigma:
     position, turn = max(np.trace(block[:3, :3]), 0.0), max(np.trace(block[3:, 3:]), 0.0)
-    return PoseSigma(float(np.sqrt(position)), float(np.degrees(np.sqrt(turn))), block)
+    known = bool(np.isfinite(position + turn))
+    return PoseSigma(float(np.sqrt(position)), float(np.degrees(np.sqrt(turn))), block if known else None)
 
 
 def rig_covariance(
     terms: Sequence[Term], problem: PeopleProblem, state: PeopleState, inflation: float, scale_sigma: float,
-    lens_sigma: Floats | None = None,
+    lens_sigma: Floats | None = None, focals: StatedFocals | None = None,
 ) -> RigCovariance:  # fmt: skip
     """The covariance of all cameras.
 
@@ -87,20 +93,17 @@ def rig_covariance(
         inflation: how many times less the sightings tell than as many independent ones would; priors are not touched by it.
         scale_sigma: relative standard deviation of the scale, from all cues and what people have in common.
         lens_sigma: (C, L) one sigma of the lenses' unknowns, the last of each camera's; None where they are not refined.
+        focals: focal lengths that are guesses, held in the adjustment; None where none is.
     """
     layout = problem.layout
     widened, wide, own_columns, biases = with_systematic(problem, state, [deflated(term, inflation) for term in terms])
     H_all = NormalEquations(wide, widened).reduce().H
     H, H_cb = H_all[np.ix_(own_columns, own_columns)], H_all[np.ix_(own_columns, biases.ravel())]
-    n = len(H)
     size = layout.camera_size
-    constraint = _placement_freedoms(state, n, size)
-    centres_only = _only_centres(constraint, len(state.R), size)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
-    B = centres_only / np.linalg.norm(centres_only * scale[:, None], axis=0)
-    system = H * scale[:, None] * scale + (B * scale[:, None]) @ (B * scale[:, None]).T
-    inverse = np.linalg.pinv(system, rcond=1e-13, hermitian=True) * scale[:, None] * scale
-    freedom = np.linalg.inv(B.T @ constraint)
+    system, free = held_system(H, state, size)
+    inverse = system.inverse()
+    constraint = placement_freedoms(state, len(H), size)
+    freedom = np.linalg.inv(system.constraint.T @ constraint)
     # What the constraint itself adds along the freedoms (see the module's source) is not the cameras' uncertainty.
     covariance = inverse - constraint @ (freedom @ freedom.T) @ constraint.T
     moved_by = inverse @ H_cb * np.tile(SIGMAS, len(biases))
@@ -108,23 +111,49 @@ def rig_covariance(
     n_cameras = len(state.R)
     if lens_sigma is not None:
         covariance = _with_lens_sigmas(covariance, lens_sigma, size)
-    order = np.array([3, 4, 5, 0, 1, 2])
-    own = (np.arange(n_cameras)[:, None] * size + order).ravel()
-    cameras = covariance[np.ix_(own, own)]
-    freedoms = _similarity_freedoms(state)
-    along = np.linalg.inv(freedoms.parts.T @ freedoms.moves) @ freedoms.parts.T
+    cameras = covariance[np.ix_(system.own, system.own)]
+    freedoms = similarity_freedoms(state, system.fixed)
+    along = freedoms.along
     of_freedoms = along @ cameras @ along.T
+    free = _with_vague(free, of_freedoms)
     # The adjustment knows the spread of single heights, but not what all people and boxes have in common.
-    beyond = max(scale_sigma**2 - of_freedoms[6, 6], 0.0)
-    metric = cameras + beyond * np.outer(freedoms.moves[:, 6], freedoms.moves[:, 6])
-    keep = np.eye(len(own)) - freedoms.moves @ along
+    beyond = 0.0 if free.scale else max(scale_sigma**2 - of_freedoms[SCALE, SCALE], 0.0)
+    if focals is not None:
+        guessed = focals.moved(inverse, problem, terms, partial(deflated, inflation=inflation))
+        covariance, cameras = covariance + guessed, cameras + guessed[np.ix_(system.own, system.own)]
+        of_freedoms = along @ cameras @ along.T
+    metric = cameras + beyond * np.outer(freedoms.moves[:, SCALE], freedoms.moves[:, SCALE])
+    keep = np.eye(len(cameras)) - freedoms.moves @ along
     shape = keep @ cameras @ keep.T
+    tilt = max(of_freedoms[TILT_X, TILT_X] + of_freedoms[TILT_Y, TILT_Y], 0.0)
+    lost = np.isin(np.arange(n_cameras), free.cameras)
+    distances = _distance_sigmas(metric, state.centre)
+    distances[(lost[:, None] | lost | free.scale) & ~np.eye(n_cameras, dtype=bool)] = np.inf
     return RigCovariance(
-        _blocks(metric, n_cameras), _blocks(shape, n_cameras),
-        float(np.degrees(np.sqrt(of_freedoms[3, 3] + of_freedoms[4, 4]))),
-        float(np.sqrt(of_freedoms[6, 6] + beyond)), inflation, _distance_sigmas(metric, state.centre),
-        _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None, lens_sigma,
+        np.array([_with_free(b, free.position(c), free.orientation(c)) for c, b in enumerate(_blocks(metric, n_cameras))]),
+        np.array([_with_free(b, lost[c], lost[c]) for c, b in enumerate(_blocks(shape, n_cameras))]),
+        np.inf if free.vertical else float(np.degrees(np.sqrt(tilt))),
+        np.inf if free.scale else float(np.sqrt(max(of_freedoms[SCALE, SCALE] + beyond, 0.0))), inflation, distances,
+        _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None, lens_sigma, free,
     )  # fmt: skip
+
+
+def _with_vague(free: Free, of_freedoms: Floats) -> Free:
+    """What is free, with what is known no better than `VAGUE`; from the covariance of the freedoms (7, 7)."""
+    tilt = of_freedoms[TILT_X, TILT_X] + of_freedoms[TILT_Y, TILT_Y]
+    return replace(
+        free, scale=free.scale or bool(of_freedoms[SCALE, SCALE] > VAGUE**2), vertical=free.vertical or bool(tilt > VAGUE**2)
+    )
+
+
+def _with_free(block: Floats, position: bool, orientation: bool) -> Floats:
+    """The covariance (6, 6) of a pose with infinite variances where its position or its orientation is unknown."""
+    rows = np.repeat([position, orientation], 3)
+    if not rows.any():
+        return block
+    kept = np.where(rows[:, None] | rows, 0.0, block)
+    kept[rows, rows] = np.inf
+    return np.asarray(kept)
 
 
 def _distance_sigmas(metric: Floats, centre: Floats) -> Floats:
@@ -204,59 +233,6 @@ def with_learnt_stance(terms: Sequence[Term], normal: NormalEquations) -> list[T
 
 def _blocks(covariance: Floats, n_cameras: int) -> Floats:
     return np.array([covariance[c * 6 : c * 6 + 6, c * 6 : c * 6 + 6] for c in range(n_cameras)])
-
-
-@dataclass(frozen=True, eq=False)
-class _Freedoms:
-    """The seven freedoms of a similarity: along x, y, z, about x, y, z, and the logarithm of the scale."""
-
-    moves: Floats
-    """(6 C, 7) how each moves the cameras."""
-    parts: Floats
-    """(6 C, 7) the unknowns that fix each: centres for place and scale, rotations for turns (the chordal mean)."""
-
-
-def _similarity_freedoms(state: PeopleState) -> _Freedoms:
-    n_cameras = len(state.R)
-    spread = state.centre - state.centre.mean(axis=0)
-    moves = np.zeros((n_cameras, 6, 7))
-    moves[:, :3, :3] = np.eye(3)
-    for axis in range(3):
-        turn = np.eye(3)[axis]
-        moves[:, :3, 3 + axis] = np.cross(turn, spread)
-        moves[:, 3:, 3 + axis] = -state.R @ turn
-    moves[:, :3, 6] = spread
-    parts = moves.copy()
-    parts[:, 3:, :3] = parts[:, 3:, 6:] = 0.0
-    parts[:, :3, 3:6] = 0.0
-    return _Freedoms(moves.reshape(-1, 7), parts.reshape(-1, 7))
-
-
-def _placement_freedoms(state: PeopleState, n: int, camera_size: int) -> Floats:
-    """(n, 3) directions of the shared unknowns that no residual notices: along x, along y, about z."""
-    out = np.zeros((n, 3))
-    up = np.array([0.0, 0.0, 1.0])
-    for c in range(len(state.R)):
-        first = c * camera_size
-        out[first + 3, 0] = out[first + 4, 1] = 1.0
-        # A turn of the world about z by w moves a centre by w z x C, and turns the camera by -R z w in its own frame.
-        out[first : first + 3, 2] = -state.R[c] @ up
-        out[first + 3 : first + 6, 2] = np.cross(up, state.centre[c])
-    first = len(state.R) * camera_size + 1
-    for point in range((len(state.globals) - 1) // 3):
-        at = state.globals[1 + 3 * point : 4 + 3 * point]
-        out[first + 3 * point, 0] = out[first + 3 * point + 1, 1] = 1.0
-        out[first + 3 * point : first + 3 * point + 3, 2] = np.cross(up, at)
-    return out
-
-
-def _only_centres(freedoms: Floats, n_cameras: int, camera_size: int) -> Floats:
-    """The freedoms as constraints on the camera centres alone."""
-    out = np.zeros_like(freedoms)
-    for c in range(n_cameras):
-        rows = slice(c * camera_size + 3, c * camera_size + 6)
-        out[rows] = freedoms[rows]
-    return out
 
 
 def correlation_inflation(model: Model, evidence: Evidence, terms: list[Term]) -> float:

@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from passerby.errors import InputError
+from passerby.perception.pieces import JOIN_PICTURES, JOIN_PIECES, PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
 from passerby.perception.video_probe import VideoInfo
 from passerby.starting.names import camera_names, natural_key
+from passerby.starting.recordings import Length, numbered, pieces_among
 
-VIDEO_ENDINGS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".ts", ".webm", ".wmv")
 VIDEO_FOLDERS = ("video", "videos")
 
 SOURCES = {
@@ -49,10 +50,20 @@ class Survey:
 
 
 def survey(folder: Path, probe: Probe) -> Survey:
-    """The cameras in a folder. Raises `InputError` where there are fewer than two."""
+    """The cameras in a folder.
+
+    Raises `InputError` where there are fewer than two, and where the videos are pieces of longer recordings.
+    """
     notes: list[str] = []
     _entries(folder)  # raises where there is nothing to look into
-    clips = _clips(folder, notes)
+
+    def length(path: Path) -> float | None:
+        try:
+            return probe(path).seconds
+        except InputError:
+            return None
+
+    clips = _clips(folder, notes, length)
     readable: list[tuple[str, Path, VideoInfo]] = []
     for text, path in clips:
         try:
@@ -62,6 +73,8 @@ def survey(folder: Path, probe: Probe) -> Survey:
     names = camera_names([text for text, _, _ in readable])
     cameras = [FoundCamera(name, path, info) for name, (_, path, info) in zip(names, readable, strict=True)]
     _add_files(folder, cameras, notes)
+    if not cameras:
+        _refuse_deeper(folder)
     if len(cameras) < 2:
         raise InputError(_too_few(folder, cameras, notes))
     return Survey(cameras, notes)
@@ -90,8 +103,31 @@ def _entries(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: (natural_key(path.name), path.name))
 
 
-def _clips(folder: Path, notes: list[str]) -> list[tuple[str, Path]]:
-    """The videos, each with the text that its camera is named after."""
+def _refuse_pieces(folder: Path, pieces: list[Path]) -> None:
+    """Raise `InputError` for pieces of a recording, if there are any."""
+    if pieces:
+        told = ", ".join(str(path.relative_to(folder)) for path in pieces[:2])
+        raise InputError(
+            f"{folder}: holds pieces of longer recordings ({told}, ..., {len(pieces)} in a row): {JOIN_PIECES}, and give the "
+            "folder with one file a camera; where each is another camera, take the times out of their names"
+        )
+
+
+def _refuse_deeper(folder: Path) -> None:
+    """Raise `InputError` for a folder without videos that has pieces of recordings further down, or still pictures."""
+    videos = files_below(folder, VIDEO_ENDINGS)
+    if numbered(videos):
+        _refuse_pieces(folder, videos)
+    pictures = files_below(folder, PICTURE_ENDINGS)
+    if len(pictures) > 1 and not videos:
+        raise InputError(
+            f"{folder}: holds {len(pictures)} pictures ({pictures[0].relative_to(folder)}, ...) and no video: {JOIN_PICTURES}, "
+            "and give the folder of these videos"
+        )
+
+
+def _clips(folder: Path, notes: list[str], length: Length) -> list[tuple[str, Path]]:
+    """The videos, each with the text that its camera is named after. Raises `InputError` for pieces of recordings."""
     own = _videos(folder, notes)
     held = {inner: found for inner in visible_folders(folder) if (found := _videos(inner, notes))}
     named = next((inner for inner in held if inner.name.lower() in VIDEO_FOLDERS and len(held[inner]) > 1), None)
@@ -106,12 +142,14 @@ def _clips(folder: Path, notes: list[str]) -> list[tuple[str, Path]]:
     else:
         notes += [f"left out: {path}: the cameras are taken to be the subfolders" for path in own]
         for inner, (first, *more) in held.items():
+            _refuse_pieces(folder, held[inner] if numbered(held[inner]) else pieces_among(held[inner], length))
             if more:
                 notes.append(
                     f"left out: {', '.join(path.name for path in more)} in {inner}: a camera has one video, and "
                     f"{first.name} is the first; if the cameras' videos lie together in one folder, give that folder"
                 )
         return [(inner.name, found[0]) for inner, found in held.items()]
+    _refuse_pieces(folder, pieces_among(chosen, length))
     notes += [f"left out: the videos in {inner}: those in {chosen[0].parent} are taken" for inner in others]
     return [(path.stem, path) for path in _without_copies(chosen, notes)]
 

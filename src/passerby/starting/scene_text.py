@@ -70,7 +70,16 @@ def _camera(camera: SceneCamera, path: Path) -> str:
     lines += [f"{switched}{source} = {value(toml_text.relative(file, path))}\n" for source, file in files]
     if camera.fps is not None:
         lines.append(f"fps = {value(camera.fps)}   # ASSUMED, as a video's: correct it if its frame numbers count otherwise\n")
+    else:
+        lines.append(f"#fps = {value(_rate(camera))}   # of this camera alone\n")
+    lines.append("#from_s = 0.0   # what it saw earlier is left out, and what it saw after until_s\n")
     return "".join(lines)
+
+
+def _rate(camera: SceneCamera) -> float:
+    """An example of its frame rate."""
+    info = camera.found.info
+    return round(info.average_fps if info is not None else 25.0, 3)
 
 
 def _video(found: FoundCamera) -> str:
@@ -103,6 +112,8 @@ def _perception(cameras: Sequence[SceneCamera]) -> str:
             "their clothes, needs no network; none. Or a name, or a path.",
         )
         + _setting("keypoints", defaults.keypoints, "finds people's joints. none. Or a name, or a path.")
+        + _setting("min_score", defaults.min_score, "a network's detections of a lower score are dropped.")
+        + _setting("tiles", defaults.tiles, "overlapping tiles in which small people are looked for: auto, none, or [3, 2].")
         + _setting(
             "fps", WATCHED_FPS, "pictures looked at in a second of video. Without it, more in videos of less than a minute."
         )
@@ -137,6 +148,17 @@ def _solver(first: str) -> str:
         + "[solver]\n"
         + _setting("method", SolverTable().method, "people: the more accurate; geopose: the method of Xu et al., CVPR 2021.")
         + _setting("reference", first, "the reference camera, which geopose needs.")
+        + _setting(
+            "refine",
+            SolverTable().refine,
+            'what is computed beside the places: "focal", each camera\'s focal length; "principal_point"; "clock_rate", its\n'
+            'frames per second. As ["focal"].',
+        )
+        + "\n"
+        + comment("Options of the method, for experiments:")
+        + "#[solver.options]\n#max_iterations = 60\n\n"
+        + comment("The frame that the rig is wanted in: below this camera, x along what it looks at. Others: see the manual.")
+        + f"#[world]\n#camera = {value(first)}\n"
     )
 
 
@@ -154,6 +176,7 @@ def _scale(cameras: Sequence[SceneCamera]) -> str:
         + "[scale]\n"
         + _setting("person_height_m", scale.person_height_m, "the people's mean standing height, shoes on.")
         + _setting("person_height_sd_m", scale.person_height_sd_m, "how much they differ (standard deviation).")
+        + _setting("person_height_mean_sd_m", 0.07, "how well the mean is known: 4 % of it unless given.")
         + "\n"
         + comment("A distance between two cameras (delete the # of all lines of an example, and put in your own values):")
         + f"#[[scale.distances]]\n#between = {between}\n#metres = 10.0\n#sd_m = 0.05\n\n"

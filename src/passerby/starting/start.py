@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from passerby.addresses import not_a_file
 from passerby.cameras import Camera, Lens, Rig
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
@@ -57,6 +58,9 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
     Raises:
         InputError: no such folder, fewer than two cameras in it, a scene file that is there already, or nowhere to write.
     """
+    why = not_a_file(str(folder))
+    if why is not None:
+        raise InputError(f"what is given for a folder {why}: init needs the folder that these files lie in")
     path = folder / SCENE_FILE if scene is None else scene
     _check_free(path, force)
     found = survey(folder, probe)

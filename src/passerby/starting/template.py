@@ -11,7 +11,11 @@ from passerby.starting.folders import FoundCamera
 FIELDS_OF_VIEW = (50, 60, 70, 80, 90, 110)
 """Degrees along the longer side: from a camcorder to a wide angle lens. Wider ones need a calibration with a pattern."""
 
-HEAD = """The cameras' lenses, to be filled in: `passerby check` refuses this file until numbers stand in place of FX and FY.
+GUESS_SD = 15.0
+"""Per cent: what a focal length from a data sheet's field of view is off by, one sigma. A field of view that is told for the
+diagonal of 16:9 makes it 13 % too small, and what cameras crop when they film 5 to 20 %."""
+
+HEAD = f"""The cameras' lenses, to be filled in: `passerby check` refuses this file until numbers stand in place of FX and FY.
 
 FX, FY   focal length in pixels. Best from a calibration of the lens with a pattern (OpenCV, Caliscope, Pose2Sim, ...).
          Otherwise from the field of view along the longer side: FX = longer side / 2 / tan(field of view / 2), and FY = FX;
@@ -20,6 +24,10 @@ FX, FY   focal length in pixels. Best from a calibration of the lens with a patt
 CX, CY   the principal point, the third column of the matrix. The picture's middle is written: right within a few per cent.
 distortions   k1, k2, p1, p2, k3 as OpenCV has them. Zeros: straight lines are straight in the picture.
 fisheye  true for OpenCV's fisheye model, with four distortions.
+
+focal_sd_percent   how far FX and FY may be off: one sigma, in per cent of them. It is carried into every sigma of the result.
+         {GUESS_SD:g} suits a field of view from a data sheet: one told for the diagonal of 16:9 makes FX 13 % too small, what
+         video crops 5 to 20 %. For a lens that was calibrated with a pattern delete the line.
 
 An error of 1 % in the focal length makes about as large an error in the distances between the cameras.
 """
@@ -48,4 +56,5 @@ def _table(camera: FoundCamera) -> str:
             f"{angle}: {max(width, height) / 2 / math.tan(math.radians(angle / 2)):.0f}" for angle in FIELDS_OF_VIEW
         )
         hint = f"# FX by degrees of the field of view along the longer side: {views}\n"
-    return f"{head}{size}{hint}matrix = {matrix}\ndistortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nfisheye = false\n"
+    guess = f"focal_sd_percent = {GUESS_SD:g}   # of a guess; delete it for a lens that was calibrated\n"
+    return f"{head}{size}{hint}matrix = {matrix}\n{guess}distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nfisheye = false\n"

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.instants import common_clock, common_instants
+from passerby.association.instants import common_instants, common_time_steps
 from passerby.cameras import Camera, Floats, Rig
 from passerby.errors import EvidenceError, InputError
 from passerby.observations import UNKNOWN, Boxes, Clock, Observations
@@ -126,8 +126,9 @@ def trajectories(
         raise EvidenceError("no camera with a pose has boxes: there is nothing to follow people by")
     sizes = {name: posed[name].lens.size for name in names}
     watched = Observations({name: observations[name] for name in names}, observations.fps)
-    clock = common_clock(watched, clocks)
-    common = common_instants(watched, clocks, sizes=sizes)
+    steps = common_time_steps(watched, clocks)
+    clock = steps.clock
+    common = common_instants(watched, clocks, sizes=sizes, grid=clock)
     boxes = [_identified(common[name].boxes) for name in names]
     frames = np.unique(np.concatenate([seen.frame for seen in boxes]))
     if not len(frames):
@@ -144,7 +145,8 @@ def trajectories(
         found += one(group, cameras, own, frames, clock, options)
         tell(STAGE, len(found), len(people))
     columns: dict[str, Any] = {name: np.concatenate([person.columns[name] for person in found]) for name in COLUMNS}
-    joined = Trajectories(**columns, clock=clock)
+    columns["frame"] = steps.frames(columns["frame"])
+    joined = Trajectories(**columns, clock=steps.reference)
     return replace(joined, figures=_figures(joined, names, found, options))
 
 

@@ -88,5 +88,8 @@ class Format:
     """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, mend)."""
     read_people: Callable[[Path, Given], People] | None = None
     """One camera's boxes or joints. Raises `InputError`."""
+    draws_people: bool = False
+    """Whether it is a picture of the rig that people's trajectories belong to: an output folder's go along without being asked
+    for."""
     write_one: Callable[[Export, Losses], bytes] | None = None
     """Of a folder: the same in one file, for a target with one of the suffixes."""

@@ -212,6 +212,6 @@ _CONVENTIONS = (
 _TITLE = "Rig, ground and people's ways as a 3D scene with cameras"
 _TOOLS = ("Blender", "three.js", "Windows 3D Viewer")
 FORMATS = {
-    "gltf": Format("gltf", f"{_TITLE}, as text", _TOOLS, "file", (".gltf",), _CONVENTIONS, write=write_gltf),
-    "glb": Format("glb", f"{_TITLE}, binary", _TOOLS, "file", (".glb",), _CONVENTIONS, write=write_glb),
+    "gltf": Format("gltf", f"{_TITLE}, as text", _TOOLS, "file", (".gltf",), _CONVENTIONS, write=write_gltf, draws_people=True),
+    "glb": Format("glb", f"{_TITLE}, binary", _TOOLS, "file", (".glb",), _CONVENTIONS, write=write_glb, draws_people=True),
 }

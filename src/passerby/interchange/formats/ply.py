@@ -144,4 +144,5 @@ FORMAT = Format(
         "point is (-1: nobody's), time_s when."
     ),
     write=write,
+    draws_people=True,
 )

@@ -107,7 +107,7 @@ def _log_camera(rr: Any, recording: Any, frustum: Frustum, losses: Losses) -> No
     points = frustum.world
     strips = [points[edge] for edge in frustum.edges]
     _log(recording, ["world", "frusta", camera.name], rr.LineStrips3D(strips, colors=frustum.colour, radii=LINE_RADIUS_M))
-    if camera.sigma is not None:
+    if camera.sigma is not None and math.isfinite(camera.sigma.position_m + camera.sigma.orientation_deg):
         half_sizes, turn = _ellipsoid(camera.sigma)
         shape = rr.Ellipsoids3D(
             centers=[frustum.pose.centre], half_sizes=[half_sizes], quaternions=[rr.Quaternion(xyzw=turn)],

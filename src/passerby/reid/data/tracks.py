@@ -13,17 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from passerby.doubled_rows import without_doubles
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
 from passerby.observations import UNKNOWN, Boxes, Ints
+from passerby.perception.pieces import VIDEO_ENDINGS
 from passerby.progress import Progress, silent
 from passerby.reid.crops import DataSet
 from passerby.reid.data.choosing import PER_PERSON, clear_boxes, spread
 from passerby.reid.data.cutting import WantedCrops, cut_crops, source_size
 from passerby.reid.data.pictures import told
 from passerby.scene import Scene
-from passerby.starting.folders import VIDEO_ENDINGS, VIDEO_FOLDERS, visible_files, visible_folders
+from passerby.starting.folders import VIDEO_FOLDERS, visible_files, visible_folders
 
 TEXT_FOLDERS = ("truth", "identities", "tracks")
 """Where the text of videos is looked for, unless it lies beside them."""
@@ -143,7 +145,7 @@ def cameras_of_scene(path: Path) -> tuple[list[TrackedCamera], bool, list[str]]:
             missing = "video" if table.video is None else "tracks"
             notes.append(f"{path}: camera {name} has no {missing}: left out")
             continue
-        cameras.append(TrackedCamera(name, scene.resolve(table.video), read_boxes(scene.resolve(table.tracks))))
+        cameras.append(TrackedCamera(name, scene.resolve(table.video), _boxes_of(scene.resolve(table.tracks), notes)))
     if not cameras:
         raise InputError(f"{path}: no camera has both `video` and `tracks`: crops are cut out of a video by its tracks")
     return cameras, scene.association.given, notes
@@ -174,8 +176,20 @@ def cameras_of_folder(path: Path) -> tuple[list[TrackedCamera], list[str]]:
             f"{videos[0].name}), or into {path / 'tracks'}"
         )
     without = [video for video in videos if video not in texts]
-    notes = told(without, f"{len(without)} videos without tracks, left out")
-    return [TrackedCamera(video.stem, video, read_boxes(text)) for video, text in texts.items()], notes
+    notes = [*told(without, f"{len(without)} videos without tracks, left out")]
+    return [TrackedCamera(video.stem, video, _boxes_of(text, notes)) for video, text in texts.items()], notes
+
+
+def _boxes_of(path: Path, notes: list[str]) -> Boxes:
+    """The boxes of a file, each person once in a frame; what was left out is added to the notes.
+
+    Raises `InputError` for a file that cannot be read, or in which people stand twice too often.
+    """
+    boxes, doubled = without_doubles(read_boxes(path, doubles=True))
+    if doubled is not None and doubled.is_rule:
+        raise InputError(doubled.sentence(str(path)))
+    notes += [] if doubled is None else [doubled.sentence(str(path))]
+    return boxes
 
 
 def sequences_of(path: Path) -> list[Path]:

@@ -1,0 +1,182 @@
+"""What no evidence constrains has an infinite sigma and a doubt of its own, and nothing else has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.cameras import Rig
+from passerby.solver.gauge import NULL_SHARE, Free, HeldSystem, held_system, placement_freedoms
+from passerby.solver.least_squares import NormalEquations
+from passerby.solver.people import PeopleOptions
+from passerby.solver.people_state import PeopleState
+from passerby.solver.person_model import PeopleProblem
+from passerby.solver.scale import CameraDistance, CameraHeight, ScaleCues
+from passerby.solver.solution import Solution
+from passerby.solver.stages import Fit, Start, choose, descend
+from passerby.solver.uncertainty import rig_covariance
+from person_scenes import part, simulated, solve, without_poses
+from upper_bodies import in_turns, without_joints
+
+QUICK = PeopleOptions(coarse_people=100, coarse_joints=600, max_joints=8000)
+TRUTH = simulated("terrace", seconds=12.0)
+UPPER = without_joints(TRUTH.observations)
+ALL_FREE = "nothing fixes the scale, the vertical and the height of the ground: "
+
+
+def distance(a: str, b: str, sd_m: float = 0.01) -> ScaleCues:
+    metres = float(np.linalg.norm(TRUTH.rig[a].centre - TRUTH.rig[b].centre))
+    return ScaleCues(distances=(CameraDistance((a, b), metres, sd_m),))
+
+
+def fitted(observations: object, cues: ScaleCues | None = None) -> Fit:
+    rng = np.random.default_rng(0)
+    start = Start.prepare(without_poses(TRUTH.rig), observations, cues or ScaleCues(), QUICK, rng)  # type: ignore[arg-type]
+    return descend(start, choose(start, QUICK, rng).state, QUICK, rng)
+
+
+@pytest.fixture(scope="module")
+def upper() -> tuple[PeopleProblem, PeopleState]:
+    fit = fitted(UPPER)
+    return fit.model.problem, fit.result.state
+
+
+@pytest.fixture(scope="module")
+def whole() -> tuple[PeopleProblem, PeopleState]:
+    fit = fitted(part(TRUTH.observations, boxes=False, keypoints=True))
+    return fit.model.problem, fit.result.state
+
+
+def reduced(problem: PeopleProblem, state: PeopleState) -> np.ndarray:
+    return NormalEquations(problem.layout, problem.terms(state, jacobians=True)).reduce().H
+
+
+def sigmas(solution: Solution) -> np.ndarray:
+    """(C, 2) of position, metres, and orientation, degrees."""
+    return np.array([(c.sigma.position_m, c.sigma.orientation_deg) for c in solution.rig if c.sigma is not None])
+
+
+def test_upper_bodies_fix_the_shape_and_nothing_else() -> None:
+    solution = solve(TRUTH.rig, UPPER, options=QUICK)
+    assert solution.verdict == "doubtful"
+    assert solution.reasons[0].startswith(ALL_FREE)
+    assert np.isinf(sigmas(solution)).all()
+    figures = solution.figures
+    assert figures["undetermined"] == ["scale", "vertical", "height of the ground"]
+    assert figures["scale"]["relative_sigma"] is None
+    assert figures["vertical_sigma_deg"] is None
+    assert all(pair["sigma_m"] is None for pair in figures["distances"])
+    assert all(0 < camera["shape_orientation_sigma_deg"] < 1 for camera in figures["cameras"])
+
+
+def test_one_distance_fixes_the_scale_and_no_vertical() -> None:
+    solution = solve(TRUTH.rig, UPPER, distance("C1", "C2"), QUICK)
+    assert solution.verdict == "doubtful"
+    assert solution.reasons[0].startswith("nothing fixes the vertical and the height of the ground: ")
+    assert np.isinf(sigmas(solution)).all()
+    assert solution.figures["undetermined"] == ["vertical", "height of the ground"]
+    assert 0 < solution.figures["scale"]["relative_sigma"] < 0.01
+    assert all(pair["sigma_m"] < 0.1 for pair in solution.figures["distances"])
+
+
+def test_the_height_of_one_camera_fixes_no_scale(upper: tuple[PeopleProblem, PeopleState]) -> None:
+    """The ground may lie anywhere below it."""
+    problem, state = upper
+    known = replace(problem, cues=None)
+    height = CameraHeight("C1", float(state.centre[0, 2]), 0.01)
+    start = Start.prepare(without_poses(TRUTH.rig), UPPER, ScaleCues(camera_heights=(height,)), QUICK, np.random.default_rng(0))
+    stated = replace(problem, cues=start.knowledge.cues)
+    for one, rank_lost in ((known, 4), (stated, 3)):
+        system, free = held_system(reduced(one, state), state, one.layout.camera_size)
+        assert free == Free(scale=True, vertical=True, ground=True)
+        assert system.null_vectors().shape[1] == rank_lost
+
+
+def test_the_threshold_lies_in_a_wide_gap(
+    upper: tuple[PeopleProblem, PeopleState], whole: tuple[PeopleProblem, PeopleState]
+) -> None:
+    for (problem, state), rank_lost in ((upper, 4), (whole, 0)):
+        size = problem.layout.camera_size
+        H = reduced(problem, state)
+        system = HeldSystem.of(H, placement_freedoms(state, len(H), size), len(state.R), size, np.arange(len(state.R)))
+        value = np.linalg.eigvalsh(system.matrix)
+        assert (value[:rank_lost] < 0.1 * NULL_SHARE * value[-1]).all()
+        assert value[rank_lost] > 100 * NULL_SHARE * value[-1]
+
+
+def test_where_all_is_fixed_the_inverse_is_what_it_was(whole: tuple[PeopleProblem, PeopleState]) -> None:
+    problem, state = whole
+    system, free = held_system(reduced(problem, state), state, problem.layout.camera_size)
+    assert not free
+    plain = np.linalg.pinv(system.matrix, rcond=1e-13, hermitian=True) * system.scale[:, None] * system.scale
+    np.testing.assert_array_equal(system.inverse(), plain)
+
+
+def test_priors_on_people_who_were_not_seen_fix_nothing(upper: tuple[PeopleProblem, PeopleState]) -> None:
+    problem, state = upper
+    unseen = replace(problem, height_mean=np.full(50, 1.72), height_sd=np.full(50, 1e-3))
+    state = replace(state, heights=np.full(50, 1.72))
+    found = rig_covariance(unseen.terms(state, jacobians=True), unseen, state, 1.0, 0.01)
+    assert (found.scale, found.vertical_deg) == (np.inf, np.inf)
+
+
+def test_a_scale_that_is_stated_to_no_better_than_itself_is_unknown(upper: tuple[PeopleProblem, PeopleState]) -> None:
+    problem, state = upper
+    centre = [c - state.centre[0] for c in state.centre]
+    metres = float(np.linalg.norm(centre[1]))
+    for share, known in ((0.1, True), (20.0, False)):
+        cues = ScaleCues(distances=(CameraDistance(("C1", "C2"), metres, share * metres),))
+        start = Start.prepare(without_poses(TRUTH.rig), UPPER, cues, QUICK, np.random.default_rng(0))
+        stated = replace(problem, cues=start.knowledge.cues)
+        found = rig_covariance(stated.terms(state, jacobians=True), stated, state, 1.0, share)
+        assert np.isfinite(found.scale) == known
+
+
+def test_a_camera_that_hangs_by_pairs_alone_slides_along_its_baseline() -> None:
+    """C4 shares joints with C3 only: how far it is from C3 is nowhere to be seen. The others see each other's points."""
+    pairs = in_turns(UPPER, {"C1": [0], "C2": [0], "C3": [0, 1], "C4": [1]})
+    solution = solve(TRUTH.rig, pairs, distance("C1", "C2"), QUICK)
+    assert "nothing fixes where camera C4 stands among the others: " in " ".join(solution.reasons)
+    assert "camera C4" in solution.figures["undetermined"]
+    shape = {c["name"]: c["shape_position_sigma_mm"] for c in solution.figures["cameras"]}
+    assert shape.pop("C4") is None
+    assert all(0 < sigma < 50 for sigma in shape.values())
+    known = {tuple(pair["cameras"]): pair["sigma_m"] is not None for pair in solution.figures["distances"]}
+    assert known == {pair: "C4" not in pair for pair in known}
+
+
+def test_a_camera_without_evidence_leaves_the_others_as_sure_as_without_it(whole: tuple[PeopleProblem, PeopleState]) -> None:
+    problem, state = whole
+    joints, here = problem.joints, problem.sightings.camera != 3
+    blind = replace(
+        problem, joints=joints.take(joints.camera != 3), sightings=problem.sightings.take(here),
+        whole=None if problem.whole is None else problem.whole[here],
+        expected_px=None if problem.expected_px is None else problem.expected_px[here],
+    )  # fmt: skip
+    found = rig_covariance(blind.terms(state, jacobians=True), blind, state, 1.0, 0.02)
+    assert found.free == Free(cameras=(3,))
+    assert np.isinf([found.sigma(3).position_m, found.shape_sigma(3).orientation_deg]).all()
+    assert found.sigma(3).covariance is None
+    for c in range(3):
+        assert found.shape_sigma(c).position_m < 0.1
+        assert found.sigma(c).position_m < 0.5
+    assert np.isfinite([found.scale, found.vertical_deg]).all()
+
+
+def test_two_cameras_with_nothing_between_them_are_both_unknown() -> None:
+    state = PeopleState(
+        np.stack([np.eye(3)] * 2), np.array([[0.0, 0, 2], [3.0, 0, 2]]), np.zeros(2), np.zeros(1), np.zeros(0),
+        np.zeros((0, 4)), np.zeros((0, 3)),
+    )  # fmt: skip
+    _, free = held_system(np.diag(np.repeat([0.0, 1.0], [14, 1])), state, 7)
+    assert free == Free(True, True, True, (0, 1))
+
+
+def test_whole_people_fix_all_of_it() -> None:
+    rig = Rig(TRUTH.rig.cameras[:2])
+    for seen in (part(TRUTH.observations), part(TRUTH.observations, boxes=False, keypoints=True)):
+        solution = solve(rig, seen, options=QUICK)
+        assert "undetermined" not in solution.figures
+        assert np.isfinite(sigmas(solution)).all()
