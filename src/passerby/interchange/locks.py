@@ -20,7 +20,7 @@ that a killed process left behind holds nobody up."""
 POLL_S = 0.05
 GONE_FOR_S = 2.0
 """So long it is tried to make a folder and to open the lock in it, seconds. A try fails where another process removes the
-folder between the two. A count of tries would do on a quiet machine only: on a busy one nearly every try can fail for a while."""
+folder between the two. A count of tries would do on a quiet machine only: on a busy one nearly all fail for a while."""
 
 
 @contextmanager
