@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from association_runs import Found, RealCase
 from command import Calibrated
-from numpy.typing import NDArray
 from simulations import complete, figures
 
 from passerby.benchmark.page import errors, number, reached, table
+from passerby.common.arrays import Floats
 
-Floats = NDArray[np.float64]
 Bounds = tuple[float, float]
 
 LARGEST_RATIO, AIM_RATIO = 1.3, 1.05

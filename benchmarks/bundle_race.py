@@ -18,8 +18,10 @@ import pycolmap
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Floats, Lens, Pose
-from passerby.solver.bundle import PointAdjustment, PointObservations, adjust_points
+from passerby.cameras import Lens, Pose
+from passerby.common.arrays import Floats
+from passerby.geometry.reprojection import PointObservations
+from passerby.solver.bundle import PointAdjustment, adjust_points
 
 CAMERAS, POINTS = 8, 2000
 SIZE, FOCAL = (1920, 1080), 1000.0

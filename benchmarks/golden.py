@@ -1,8 +1,8 @@
 """Results that a change of structure must not change: `python benchmarks/golden.py freeze|check [CASE ...]`.
 
-`freeze` calibrates every case and writes rig, verdict, reasons, findings, cameras and clocks to `tests/golden/CASE.json`; `check`
-calibrates again and compares: words alike, numbers within 1e-9 of their size. On another kind of processor the last digits differ
-(`--tolerance`). Cases whose data are not here are told and left out.
+`freeze` calibrates every case and writes rig, verdict, reasons, findings, cameras and clocks to `tests/golden/CASE.json`.
+`check` calibrates again and compares: words alike, numbers within 1e-9 of their size. On another kind of processor the last
+digits differ (`--tolerance`). Cases whose data are not here are named and left out.
 """
 
 from __future__ import annotations

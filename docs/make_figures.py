@@ -23,7 +23,8 @@ from matplotlib.patches import Ellipse, Rectangle
 
 from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.association.registration import Registration, register_pair
-from passerby.cameras import Camera, Floats, Rig
+from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats
 from passerby.observations import Clock
 from passerby.pipeline import Calibration, calibrate
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate, write_scene

@@ -3,8 +3,8 @@
 import numpy as np
 
 from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.core.trajectories import Trajectories
 from passerby.observations import Clock
-from passerby.tracks3d.trajectories import Trajectories
 
 NASTY = 'C"1\n</script><b>\x01\\ é'
 """A camera's name with all that could break out of a file."""

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from passerby.association.bodies import Bodies
 from passerby.association.ground_tracks import GroundTracks, ground_tracks
+from passerby.common.arrays import Floats
 from passerby.geometry.single_view import Level
 
-Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 UP = np.array([0.0, -np.cos(0.3), -np.sin(0.3)])

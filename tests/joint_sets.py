@@ -9,16 +9,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.io import savemat
 
 from passerby.cameras import Lens, Rig
+from passerby.common.arrays import Floats
 from passerby.datasets.panoptic import COCO19
 from passerby.datasets.tum import JOINTS
 from passerby.observations import BODY_17
 from passerby.simulation import SimulationOptions, simulate
-
-Floats = NDArray[np.float64]
 
 Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From z up to Panoptic's axes: (x, y, z) becomes (x, -z, y)."""

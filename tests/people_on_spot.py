@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats
 from passerby.observations import BODY_17, Boxes, CameraObservations, Keypoints
 from passerby.simulation.body import BodyState, pose_joints
 from passerby.simulation.observe import view
 
-Floats = NDArray[np.float64]
 SIZE = (1280, 960)
 
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Lens, Pose, Rig
-
-Floats = NDArray[np.float64]
+from passerby.common.arrays import Floats
 
 RADIUS_M, HEIGHT_M = 0.16, 1.8
 """Of the cylinder that stands for a person."""

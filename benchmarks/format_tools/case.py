@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from passerby.common.arrays import Floats
 
 
 @dataclass(frozen=True, eq=False)

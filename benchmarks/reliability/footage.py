@@ -11,17 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from passerby.cameras import Camera, Pose, PoseSigma, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.geometry.rotations import exp_rotation
 from passerby.observations import Boxes, CameraObservations, Observations
 from passerby.simulation.placement import place_cameras
 from passerby.simulation.presets import PRESETS
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 VISIT_S = (40.0, 240.0)
 """How long somebody stays."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import BodyState, pose_joints, stride_length
@@ -18,8 +19,6 @@ from passerby.simulation.observe import View, view
 from passerby.simulation.placement import looking_at, place_cameras
 from passerby.simulation.scene import Filmed, SimulatedScene, without_faults
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 

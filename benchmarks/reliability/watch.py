@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.benchmark.page import table
 from passerby.cameras import Pose, Rig
+from passerby.common.arrays import Floats
 from passerby.geometry.rotations import log_rotation
 from passerby.monitoring.identities import identified
 from passerby.monitoring.sightings import sightings_of
@@ -20,8 +20,6 @@ from reliability.footage import Move, calibrated, footage, true_rig, unit
 from reliability.page import Line, Part
 from reliability.runs import Wanted, kept, percent, seeds
 from reliability.staging import staged
-
-Floats = NDArray[np.float64]
 
 PRESETS = "terrace", "basketball", "construction"
 CAMERAS = 3, 4, 5, 6

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from passerby.api import align, evaluate, export_rig, import_rig, monitor, read_calibration, trajectories
     from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
+    from passerby.core.known_places import KnownPoint, KnownPosition
+    from passerby.core.trajectories import Trajectories
     from passerby.errors import EvidenceError, InputError, PasserbyError
     from passerby.evaluation.metrics import Comparison
     from passerby.in_memory import calibrate_observations
@@ -25,9 +27,7 @@ if TYPE_CHECKING:
     from passerby.pipeline import Calibration, calibrate
     from passerby.scene import Scene
     from passerby.solver.solution import Verdict
-    from passerby.tracks3d.trajectories import Trajectories
     from passerby.world import Aligned
-    from passerby.world_places import KnownPoint, KnownPosition
 
 __version__ = "0.1.0"
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.associate import Tracklets, people_of_rig
 from passerby.association.cleaning import clean
@@ -25,14 +24,12 @@ from passerby.association.result import Association
 from passerby.association.starting import Beginning, JointEvidence, begin_with_looks, begin_with_tracks
 from passerby.association.unregistered import nobody_walks, reasons_of_lost
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import EvidenceError
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
 from passerby.progress import Progress, silent, tell_note
-from passerby.solver.pairs import PairHypothesis
 from passerby.solver.solution import Solution
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 class Solve(Protocol):

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from passerby.cameras import Rig
+from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.core.trajectories import Trajectories
 from passerby.errors import EvidenceError, InputError, PasserbyError
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.following import folder_clocks, people_of_folder, track_options, ways_by
@@ -21,9 +23,8 @@ from passerby.pipeline import Calibration
 from passerby.progress import Progress
 from passerby.scene import Scene
 from passerby.tracks3d import trajectories as following
-from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions, Trajectories
+from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions
 from passerby.world import Aligned, align_to_camera, align_to_points, align_to_positions
-from passerby.world_places import KnownPoint, KnownPosition
 
 RigLike = Rig | Calibration | OutputFolder | str | Path
 

@@ -13,11 +13,12 @@ from functools import cached_property
 import cv2
 import numpy as np
 
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.geometry.triangulation import triangulate_views
-from passerby.projection import Floats, project_fisheye, unproject_fisheye, unproject_pinhole
+from passerby.projection import project_fisheye, unproject_fisheye, unproject_pinhole
 
-__all__ = ["FISHEYE_DISTORTION_LENGTHS", "PINHOLE_DISTORTION_LENGTHS", "Camera", "Floats", "Lens", "Pose", "PoseSigma", "Rig"]
+__all__ = ["FISHEYE_DISTORTION_LENGTHS", "PINHOLE_DISTORTION_LENGTHS", "Camera", "Lens", "Pose", "PoseSigma", "Rig"]
 PINHOLE_DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 FISHEYE_DISTORTION_LENGTHS = (0, 4)
 

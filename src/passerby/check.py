@@ -11,10 +11,11 @@ import numpy as np
 
 from passerby.association.ground_tracks import MIN_TRACK_S
 from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Ints
 from passerby.errors import EvidenceError, InputError
 from passerby.inputs import observations_of, read_cameras, scene_doubts, scene_faults, scene_findings
 from passerby.interchange.faults import faults_of
-from passerby.observations import UNKNOWN, CameraObservations, Ints, Observations
+from passerby.observations import UNKNOWN, CameraObservations, Observations
 from passerby.perception.plan import foresee
 from passerby.perception.video import VideoInfo
 from passerby.reading import CameraReading, wants_joints, wants_looks

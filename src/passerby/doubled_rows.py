@@ -13,11 +13,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.extents import extents_of
-from passerby.observations import UNKNOWN, Boxes, Ints, Keypoints
+from passerby.observations import UNKNOWN, Boxes, Keypoints
 
 Part = TypeVar("Part", Boxes, Keypoints)
-Floats = NDArray[np.float64]
 
 MOST_DOUBLED = 0.05
 """Of all rows. At worst each second one that is kept is the wrong one: 2.5 % of the rows, where the calibration bears that

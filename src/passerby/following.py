@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from passerby.cameras import Rig
+from passerby.core.trajectories import Trajectories
 from passerby.errors import InputError, PasserbyError
 from passerby.observations import CameraObservations, Clock, Observations
 from passerby.output_folder import OutputFolder, read_output
 from passerby.progress import Progress, silent
 from passerby.results import CALIBRATION_FILE, TRACKS_FOLDER
-from passerby.tracks3d.trajectories import METHODS, TrackOptions, Trajectories, trajectories
+from passerby.tracks3d.trajectories import METHODS, TrackOptions, trajectories
 
 
 def follow(folder: OutputFolder, *, fps: float | None = None, tell: Progress = silent) -> Trajectories:

@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.alternation import Solve
 from passerby.association.associate import Tracklets
@@ -20,14 +19,11 @@ from passerby.association.result import Association
 from passerby.association.starting import Beginning, begin_with_tracks
 from passerby.association.unregistered import reasons_of_lost
 from passerby.cameras import Rig
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.errors import EvidenceError
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.progress import Progress, silent
 from passerby.solver.solution import Solution
-
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SOMEBODY_ELSE = -1e9
 """Log-likelihood ratio of two known people being one: they neither vote nor match."""

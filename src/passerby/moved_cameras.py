@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from passerby.association.instants import clocks_of, common_instants
 from passerby.association.result import Association
 from passerby.cameras import Pose, Rig
+from passerby.common.arrays import Bools, Ints
 from passerby.inputs import SceneInputs
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.solver.left_out import Middles, identified_middles, middles_of, people_without
@@ -21,8 +22,6 @@ from passerby.solver.steadiness import Change, Matched, find_change, matched, re
 from passerby.starting.toml_text import key
 
 Solve = Callable[[SceneInputs], tuple[Solution, Association]]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 MARGIN_S = 0.5
 """So much is left out on both sides of a move: when it was is known to a few samples."""

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats, Rig
+from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats
 from passerby.report.colours import camera_colour
 from passerby.report.html import Child, Html, element
 from passerby.report.rig_geometry import ellipse, ground_covariance, magnification, semi_axes, wedge

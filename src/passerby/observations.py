@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Vectors = NDArray[np.float32]
 
 UNKNOWN = -1
@@ -217,3 +216,6 @@ class Observations:
 
     def __getitem__(self, name: str) -> CameraObservations:
         return self.cameras[name]
+
+
+BORDER_PX = 2.0

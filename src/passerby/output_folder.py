@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from passerby.cameras import Rig
+from passerby.common.text import shortened
 from passerby.errors import EvidenceError, InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.together import settle
-from passerby.interchange.untrusted import NotParsed, json_of, shortened
+from passerby.interchange.untrusted import NotParsed, json_of
 from passerby.observations import Boxes, Clock
 from passerby.results import CALIBRATION_FILE, FILES, RIG_FILE, TRACKS_FOLDER, checksum
 

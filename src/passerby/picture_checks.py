@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from passerby.cameras import Floats, Lens
+from passerby.cameras import Lens
+from passerby.common.arrays import Floats
 from passerby.extents import extents_of
 from passerby.scene import Scene
 

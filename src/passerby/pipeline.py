@@ -21,6 +21,7 @@ from passerby.association.result import Association
 from passerby.cameras import Rig
 from passerby.clock_rates import rate_findings, rated
 from passerby.errors import EvidenceError, InputError
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.given_clocks import association_in_step, solve_with_clocks
 from passerby.inputs import SceneInputs, read_inputs
 from passerby.moved_cameras import steadied
@@ -32,7 +33,6 @@ from passerby.scene import Scene
 from passerby.sharing import connected_groups, missing_overlap, shared_people
 from passerby.smaller_pictures import doubts_of_smaller_pictures
 from passerby.solver.lens_unknowns import LENS_PARTS
-from passerby.solver.pairs import PairHypothesis
 from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.refined_lenses import lens_notes
 from passerby.solver.solution import Solution, Verdict

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from passerby.common.arrays import Floats
 
 
 def unproject_pinhole(pixels: Floats, matrix: Floats, distortions: Floats) -> Floats:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Lens
+from passerby.common.arrays import Ints
 from passerby.doubled_rows import without_doubles
 from passerby.errors import InputError
 from passerby.interchange.coco import read_keypoints
@@ -22,7 +23,7 @@ from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.faults import faults_of
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Ints, Keypoints
+from passerby.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
 from passerby.perception.video import VideoInfo, fit_of_size, probe
 from passerby.picture_checks import check_extents, check_principal_point
 from passerby.scene import Scene

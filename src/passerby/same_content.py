@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.extents import extents_of
-from passerby.observations import CameraObservations, Ints, Observations
-
-Floats = NDArray[np.float64]
+from passerby.observations import CameraObservations, Observations
 
 MIN_FRAMES, MIN_MATCHES = 30, 60
 """Fewer frames with people in both, or fewer boxes that agree, tell nothing."""

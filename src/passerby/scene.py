@@ -13,10 +13,11 @@ from typing import Self
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from passerby.common.text import nearest, shortened
 from passerby.errors import InputError
 from passerby.interchange.faults import FileFaults, read_text
-from passerby.interchange.untrusted import NotParsed, shortened, toml_of, unopenable
-from passerby.scene_errors import explained, nearest, stated_twice
+from passerby.interchange.untrusted import NotParsed, toml_of, unopenable
+from passerby.scene_errors import explained, stated_twice
 from passerby.scene_tables import (
     AssociationTable,
     CameraHeightTable,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel
 
-from passerby.interchange.untrusted import shortened
+from passerby.common.text import nearest, shortened
 
 LONGEST_KEY = 80
 """Characters of a key, or of a camera's name, that are told."""
@@ -61,12 +60,6 @@ def _place(location: tuple[str | int, ...], tables: Tables) -> str:
                 head = f"[{'.'.join(str(part)[:LONGEST_KEY] for part in location[:length])}]"
             return f"{head} {key}".strip()
     return f"[{'.'.join(str(part)[:LONGEST_KEY] for part in location)}]"
-
-
-def nearest(key: str, known: list[str]) -> str:
-    """The mend for a misspelt name."""
-    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
 
 
 def stated_twice(text: str) -> str | None:

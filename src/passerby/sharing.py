@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Ints
 from passerby.observations import UNKNOWN, CameraObservations, Observations
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

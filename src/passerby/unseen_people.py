@@ -11,14 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.instants import sampling_distance
-from passerby.cameras import Camera, Floats, Rig
+from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.observations import UNKNOWN, Boxes, Observations
-
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 MOST_BOXES = 400
 """Of each camera, at even steps: shares are good to a few percent."""

@@ -16,7 +16,7 @@ from passerby.association.bodies import bodies_of
 from passerby.cameras import Lens
 from passerby.geometry.single_view import Level, level_camera
 from passerby.observations import CameraObservations, Clock, Keypoints
-from passerby.solver.evidence import FEET, HEAD, MIN_JOINT_SCORE
+from passerby.people.segments import FEET, HEAD, MIN_JOINT_SCORE
 
 MIN_BODIES = 50
 FITS_BETTER = 1.6

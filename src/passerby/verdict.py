@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.geometry.triangulation import triangulate
 from passerby.observations import UNKNOWN, Observations
 from passerby.sharing import missing_overlap, shared_people

@@ -16,11 +16,8 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Floats
-
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 ScaleBasis = Literal["taken", "stated", "measured"]
 """What the scale rests on: how tall people are taken to be, how tall they are said to be, or lengths that were measured."""

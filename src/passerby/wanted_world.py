@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from passerby.cameras import Rig
+from passerby.common.text import nearest
 from passerby.errors import EvidenceError, InputError
 from passerby.interchange.faults import faults_of
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.scene import Scene
-from passerby.scene_errors import nearest
 from passerby.scene_tables import WorldTable
 from passerby.solver.solution import Solution
 from passerby.world import Aligned, align_to_camera, align_to_points, align_to_positions

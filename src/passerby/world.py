@@ -8,22 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Floats, Pose, Rig
+from passerby.cameras import Pose, Rig
+from passerby.common.arrays import Floats
+from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.errors import EvidenceError, InputError
 from passerby.geometry.alignment import WorldFit, fit_world, fits_mirrored
 from passerby.geometry.known_places import KnownPositions, Places, SeenPoints
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import Similarity
-from passerby.world_places import (
-    CLICK_SD_PX,
-    KnownPoint,
-    KnownPosition,
-    angle_sd,
-    camera_of,
-    local_places,
-    position_sds,
-    sightings,
-)
+from passerby.world_places import CLICK_SD_PX, angle_sd, camera_of, local_places, position_sds, sightings
 from passerby.world_residuals import (
     WEAK_SCALE,
     doubts,

@@ -2,45 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats, Rig
+from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats
+from passerby.core.known_places import KnownPoint
 from passerby.errors import InputError
 from passerby.geometry.geodesy import east_north_up, mean_place
 
-POINT_SD_M, POSITION_SD_M, GPS_SD_M = 0.05, 0.1, 3.0
-"""Where a file tells no sd_m: a marked point on a plan, a camera by tape or total station, a camera by a phone's receiver."""
 CLICK_SD_PX = 2.0
 """How well a person clicks on a mark."""
 OWN_SHARE = 0.1
 """Of a camera's sigma at least so much is its own: 2 to 50 per cent by the adjustment, mostly about 10 (PETS, WILDTRACK)."""
 UNKNOWN_ORIENTATION_DEG = 0.2
 """Of a rig without sigmas."""
-
-
-@dataclass(frozen=True, eq=False)
-class KnownPoint:
-    """A point with known coordinates, marked in one camera or more."""
-
-    name: str
-    xyz: Floats
-    """(3,) metres, the wanted world."""
-    pixels: Mapping[str, tuple[float, float]]
-    """camera -> (u, v)."""
-    sd_m: float = POINT_SD_M
-
-
-@dataclass(frozen=True, eq=False)
-class KnownPosition:
-    """A camera with a known position."""
-
-    camera: str
-    place: Floats
-    """(3,) x, y, z in metres; or latitude, longitude (degrees) and altitude (metres). z or altitude NaN where unknown."""
-    sd_m: float = POSITION_SD_M
 
 
 def sightings(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[KnownPoint, Camera, Floats]], list[str]]:

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats, Rig
+from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats
+from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.errors import EvidenceError
 from passerby.geometry.alignment import WorldFit, fit_world
 from passerby.geometry.known_places import Places, SeenPoints
 from passerby.geometry.rotations import direction_angle
 from passerby.geometry.similarity import Similarity
-from passerby.world_places import KnownPoint, KnownPosition
 
 POOR_FIT = 3.0
 """Residuals of three times their stated standard deviations are told."""

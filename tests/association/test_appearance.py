@@ -10,7 +10,8 @@ from scipy.optimize import linear_sum_assignment
 
 from passerby.association import appearance as looks
 from passerby.association import appearance_evidence as evidence
-from passerby.observations import Boxes, Floats, Ints
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import Boxes
 
 DIMENSIONS = 64
 

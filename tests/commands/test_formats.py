@@ -10,13 +10,13 @@ import pytest
 import passerby
 from passerby.cameras import Camera, Lens, Rig
 from passerby.cli import run
+from passerby.core.trajectories import Trajectories
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.formats import MODULES
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.interchange.trajectories_csv import write_trajectories
 from passerby.observations import Clock, Observations
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from passerby.tracks3d.trajectories import Trajectories
 from person_scenes import looking_at
 
 MATRIX = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])

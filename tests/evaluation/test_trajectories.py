@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from passerby.cameras import Rig
+from passerby.core.trajectories import Trajectories
 from passerby.errors import InputError
 from passerby.evaluation.trajectories import GroundTruth, between, judge, placements
 from passerby.geometry.similarity import Similarity
 from passerby.observations import Clock
-from passerby.tracks3d.trajectories import Trajectories
 from person_scenes import ring
 
 TIMES = np.arange(40) / 5.0

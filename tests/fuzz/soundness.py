@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.core.trajectories import Trajectories
 from passerby.datasets.published import GroundTruth, Published
 from passerby.interchange.embeddings import Embeddings
 from passerby.interchange.formats import People
@@ -19,8 +21,6 @@ from passerby.observations import UNKNOWN, Boxes, Clock, Keypoints
 from passerby.output_folder import OutputFolder
 from passerby.perception.video_probe import VideoInfo
 from passerby.scene import Scene
-from passerby.tracks3d.trajectories import Trajectories
-from passerby.world_places import KnownPoint, KnownPosition
 
 
 def check(value: Any) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from passerby.observations import BODY_17, Boxes, CameraObservations, Keypoints, Observations
-from passerby.solver.evidence import Evidence, gather_evidence, nominal_heights
+from passerby.people.segments import nominal_heights
+from passerby.solver.evidence import Evidence, gather_evidence
 from person_scenes import LENS, part, ring, simulated
 
 RIG = ring(3)

@@ -11,9 +11,9 @@ import pytest
 from passerby.cameras import Camera, Rig
 from passerby.errors import EvidenceError, InputError
 from passerby.evaluation.metrics import Comparison, compare
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.observations import CameraObservations, Observations
 from passerby.solver.geopose import GeoPoseOptions, solve_geopose
-from passerby.solver.pairs import PairHypothesis
 from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.scale import PopulationHeight, ScaleCues
 from passerby.solver.solution import Solution

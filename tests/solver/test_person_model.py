@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.cameras import Lens
-from passerby.solver.bundle import PointObservations
+from passerby.geometry.reprojection import PointObservations
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.least_squares import NormalEquations, Step
 from passerby.solver.people_state import PeopleState, Sightings

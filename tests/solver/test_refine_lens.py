@@ -11,9 +11,9 @@ import pytest
 
 from passerby.cameras import Camera, Lens, Rig
 from passerby.evaluation.metrics import compare
+from passerby.geometry.reprojection import PointObservations
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.scene_tables import SolverTable
-from passerby.solver.bundle import PointObservations
 from passerby.solver.least_squares import Step
 from passerby.solver.lens_sigmas import posterior_sd
 from passerby.solver.lens_unknowns import LensUnknowns

@@ -4,8 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from passerby.common.text import natural_key
 from passerby.scene import CAMERA_NAME
-from passerby.starting.names import camera_names, matched, natural_key
+from passerby.starting.names import camera_names, matched
 
 
 @pytest.mark.parametrize(

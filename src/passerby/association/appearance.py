@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 
-from passerby.observations import UNKNOWN, Boxes, Floats, Ints
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import UNKNOWN, Boxes
 
 SAMPLES = 8
 """Boxes that a tracklet's feature is the mean of; the paper's number."""

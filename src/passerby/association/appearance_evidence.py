@@ -27,7 +27,8 @@ from passerby.association.appearance import (
     unit,
     without_camera_bias,
 )
-from passerby.observations import Boxes, Floats, Ints
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import Boxes
 
 Mask = NDArray[np.bool_]
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.graph import ViewGraph
 from passerby.association.ground_tracks import GroundTracks
@@ -17,9 +16,8 @@ from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import agreement
 from passerby.association.sampling import STEP_S
 from passerby.cameras import Pose
+from passerby.common.arrays import Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Pairs = tuple[Ints, Ints, Floats]
 """(E,) tracklets, numbered through, (E,) tracklets, and (E,) what speaks for their being one person."""
 

@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Lens
+from passerby.common.arrays import Floats, Ints
 from passerby.geometry.single_view import Level, level_camera
 from passerby.observations import CameraObservations, Clock
-from passerby.solver.evidence import segments_of_boxes, segments_of_keypoints, segments_without
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.people.segments import segments_of_boxes, segments_of_keypoints, segments_without
 
 
 @dataclass(frozen=True, eq=False)

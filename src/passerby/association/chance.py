@@ -13,8 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.association.ground_tracks import GroundTracks, Ints
+from passerby.association.ground_tracks import GroundTracks
 from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Ints
 
 CLEAR_OF_CHANCE, CLEAR_SCORE, CLEAR_SHARE = 1.8, 20.0, 0.15
 """A registration is right that scores so much better than chance, with so many samples that agree, and so much of what both

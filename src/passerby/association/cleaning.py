@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from passerby.association.bodies import Bodies
 from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import UNKNOWN, Clock
 from passerby.solver.consensus import Consensus, adopt, agree, ray_misses
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 MEETING_SHARE, MEETING_FLOOR_PX = 0.15, 3.0

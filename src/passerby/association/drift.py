@@ -17,10 +17,8 @@ from passerby.association.ground_tracks import Tolerance, ground_tracks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.sampling import STEP_S
 from passerby.cameras import Pose
+from passerby.common.arrays import Floats, Ints
 from passerby.geometry.single_view import Level
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TOLERANCE = Tolerance(floor_m=0.08, along=0.04, across=0.008, foot_m=0.25)
 """Of ground positions by a calibrated rig: whoever is half hidden, crouches or stands on a kerb is misplaced along the ray."""

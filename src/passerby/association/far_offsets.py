@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.encounters import TrackPair, encounters
 from passerby.association.ground_tracks import GroundTracks
@@ -17,8 +16,6 @@ from passerby.association.hough import SAME_LAG_S
 from passerby.association.pair_matching import WALKING
 from passerby.association.registration import Registration, register_pair
 from passerby.association.sampling import STEP_S
-
-Ints = NDArray[np.int64]
 
 LEAST_OVERLAP_S = 20.0
 """Recordings that overlap by less than this are not joined by a hint: a hint needs 30 samples, 15 s of somebody who walks."""

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.associate import Tracklets
 from passerby.association.joint_pairs import JointRegistration
 from passerby.association.looks import Looks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.starting import Beginning
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 
 def association_figures(

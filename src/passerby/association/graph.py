@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.pair_matching import GroundMotion
 from passerby.association.registration import BELIEVED_SHARE, PairRegistration, Registration
-
-Floats = NDArray[np.float64]
+from passerby.common.arrays import Floats
 
 # Two ways to the same camera agree within about this: a few times the error of one registration.
 _TURN_SD, _LAG_SD_S, _SHIFT_FLOOR_M, _SHIFT_SHARE = np.deg2rad(8.0), 0.4, 1.0, 0.12

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from passerby.association.bodies import Bodies
 from passerby.association.sampling import sampled
+from passerby.common.arrays import Floats, Ints
 from passerby.geometry.single_view import Level
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CELL_M = 1.0
 """Cells in which a camera has seen people: about a step, and what ground positions are off by."""

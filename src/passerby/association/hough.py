@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from passerby.association.encounters import TrackPair, encounters
 from passerby.association.pair_matching import WALKING, GroundMotion
 from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Ints
 
 Singles = NDArray[np.float32]
-Ints = NDArray[np.int64]
 SingleComplexes = NDArray[np.complex64]
 Complexes = NDArray[np.complex128]
 

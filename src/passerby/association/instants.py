@@ -6,15 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.errors import InputError
-from passerby.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, sampling_step
-from passerby.solver.evidence import BORDER_PX
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from passerby.observations import BORDER_PX, Boxes, CameraObservations, Clock, Keypoints, Observations, sampling_step
 
 MAX_GAP_SAMPLES, MAX_GAP_S = 2, 0.4
 """Nobody is interpolated over more than this, whichever is longer: in 0.4 s a walker strays some centimetres from a straight

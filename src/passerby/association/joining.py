@@ -11,10 +11,8 @@ from __future__ import annotations
 import heapq
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 
 def join(n: int, first: Ints, second: Ints, weight: Floats) -> Ints:

@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.associate import SAMPLE_WORTH, Pairs, Tracklets
 from passerby.association.graph import ViewGraph
@@ -15,15 +14,13 @@ from passerby.association.joint_pairs import JointRegistration, SamePerson, regi
 from passerby.association.joint_tracks import GRID_S, JointTracks
 from passerby.association.preparing import PreparedCamera
 from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Bools, Floats
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
 from passerby.geometry.triangulation import triangulate_two_views
 from passerby.parallel import side_by_side
 from passerby.progress import Progress
-from passerby.solver.pairs import PairHypothesis
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Way = tuple[int, Floats, tuple[int, ...]]
 """From a tree's root to a camera: the root, the rotation, and the numbers of the registrations on the way."""
 

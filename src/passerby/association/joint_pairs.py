@@ -14,16 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.joint_tracks import GRID_S, JointTracks, mirrored
+from passerby.common.arrays import Bools, Floats
 from passerby.errors import EvidenceError
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.two_view import epipolar_errors, essential_matrix, judge_pose, relative_pose
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 TOLERANCE = 0.04
 """Largest epipolar error of a joint that agrees, as a share of the body's size in the picture."""

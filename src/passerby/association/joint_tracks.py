@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.instants import MAX_GAP_S
 from passerby.cameras import Lens
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.observations import UNKNOWN, Clock, Keypoints
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 GRID_S = 0.05
 """A recording of a second or two is to give some dozens of samples; more from one movement say little new."""

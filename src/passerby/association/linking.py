@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from passerby.association.resemblance import Resemblance
-from passerby.observations import Boxes, Floats, Ints, Vectors
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import Boxes, Vectors
 
 Mask = NDArray[np.bool_]
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.appearance import TrackletFeatures, Votes, match_boxes, tracklet_features, votes
 from passerby.association.appearance_evidence import (
@@ -18,10 +17,8 @@ from passerby.association.appearance_evidence import (
 )
 from passerby.association.preparing import PreparedCamera
 from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import Boxes
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
-from passerby.observations import UNKNOWN, Floats, Ints
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import UNKNOWN
 
 
 def clear_matches(n: int, first: Ints, second: Ints, cost: Floats, margin: float) -> tuple[Ints, Ints]:

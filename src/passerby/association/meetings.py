@@ -12,14 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.bodies import Bodies
 from passerby.association.sampling import STEP_S, first_of, sampled
 from passerby.cameras import Pose
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 MIDDLE_FLOOR_RAD = 0.002
 """No ray is better known than that: two pixels of a usual lens."""

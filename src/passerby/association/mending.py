@@ -22,8 +22,9 @@ from passerby.association.linking import SHAPE_SD, START_SPEED_SD, TAIL, Tracks,
 from passerby.association.matching import clear_matches
 from passerby.association.resemblance import HALF, resemblance_of_halves
 from passerby.association.splitting import sample_interval_s
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Floats, Ints
+from passerby.observations import UNKNOWN, Boxes
 
 MEMORY_S = 2.0
 """How much of a tracklet tells place and velocity at its end: the filter forgets what is older."""

@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from passerby.association.instants import common_instants
 from passerby.association.preparing import PreparedCamera
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.observations import Clock, Observations
 from passerby.solver.solution import Solution
-
-Floats = NDArray[np.float64]
 
 WHOLE_SIGMA = 0.12
 """Largest sigma of an offset, in frames, at which its being whole says something: three of them on either side are most of a

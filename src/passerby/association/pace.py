@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from passerby.association.preparing import PreparedCamera, prepare_camera
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import Clock, Observations
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 WALKERS, WALKING_PACE = 70.0, 1.2
 """Percentile of people's speeds, and its usual value, metres per second: half of the people or more walk or stroll, the rest

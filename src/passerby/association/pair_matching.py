@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 from passerby.association.encounters import Encounters
 from passerby.association.sampling import STEP_S
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 WALKING = 0.7
 """Metres per second: slower people tell no direction and count less."""

@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from passerby.association.bodies import Bodies, bodies_of, level_of_bodies
@@ -16,13 +15,11 @@ from passerby.association.mending import MendingOptions, successions
 from passerby.association.splitting import continuations, split
 from passerby.association.tracking import overlaps, track
 from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.geometry.single_view import Level
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.parallel import side_by_side
 from passerby.progress import Progress, silent
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MIN_JOINT_SCORE = 0.3
 SAME_PERSON_OVERLAP = 0.5

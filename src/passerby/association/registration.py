@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.chance import CLEAR_OF_CHANCE, CLEAR_SCORE, CLEAR_SHARE, MOST_AMBIGUOUS, surrogates
 from passerby.association.encounters import Encounters, TrackPair, encounters
@@ -20,9 +19,7 @@ from passerby.association.ground_tracks import GroundTracks
 from passerby.association.hough import SAME_LAG_S, SAME_SHIFT_M, SAME_TURN, likely_motions
 from passerby.association.pair_matching import GroundMotion, Matches, agreements, fitted_motion, matches
 from passerby.association.sampling import STEP_S, first_of
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 _CANDIDATES = 6
 # Instants and encounters that the refinement looks at; more would only say the same again. They come in stretches of ten

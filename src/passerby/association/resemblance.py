@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Vectors
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import UNKNOWN, Boxes, Vectors
 
 Mask = NDArray[np.bool_]
 

@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
+
 Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
 
 STEP_S = 0.5

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.linking import LinkCosts, agreed_links
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Vectors, sampling_step
+from passerby.observations import UNKNOWN, Boxes, Vectors, sampling_step
 
 Mask = NDArray[np.bool_]
 

@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.associate import Pairs, Tracklets, people_of_pairs, people_of_votes
 from passerby.association.graph import Edge, ViewGraph, view_graph
@@ -26,15 +25,12 @@ from passerby.association.preparing import PreparedCamera
 from passerby.association.registration import PairRegistration, register_pair
 from passerby.association.unregistered import WALK_MEND, sees_too_little, told, what_would_fit
 from passerby.cameras import Lens
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.errors import EvidenceError
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.single_view import Level
 from passerby.parallel import side_by_side
 from passerby.progress import Progress, silent
-from passerby.solver.pairs import PairHypothesis
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 TRIED = 3
 """Where no pair can be registered, so many are tried at other frame rates and larger lags."""

@@ -17,8 +17,9 @@ from scipy.sparse.csgraph import connected_components
 from passerby.association.linking import LinkCosts, agreed_links
 from passerby.association.resemblance import Resemblance, measure_resemblance
 from passerby.association.splitting import SplittingOptions, sample_interval_s, split
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Floats, Ints
+from passerby.observations import UNKNOWN, Boxes
 
 Mask = NDArray[np.bool_]
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
+
 Picture = NDArray[np.uint8]
 """(H, W) grey levels or (H, W, 3) BGR, 0 to 255."""
 

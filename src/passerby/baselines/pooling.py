@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.baselines.matching import Matches
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.solver.correspondences import ImagePoints, numbered_points
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SAME_PX = 0.01
 """Matches whose places in the reference's picture agree to this are of one keypoint."""

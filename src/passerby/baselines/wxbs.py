@@ -13,12 +13,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import poselib
-from numpy.typing import NDArray
 
 from passerby.baselines.matching import MAX_FEATURES, Features, Matcher, Matches, Picture, Remembered, grey, nearest_matches
 from passerby.baselines.sift import describe
-
-Floats = NDArray[np.float64]
+from passerby.common.arrays import Floats
 
 RATIO = 0.85
 """MODS' for SIFT on views: verification follows, so that more may come in than with Lowe's."""

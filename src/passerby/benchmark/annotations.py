@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Floats, Rig
+from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.evaluation.detections import paired
 from passerby.observations import BODY_17, UNKNOWN, Boxes

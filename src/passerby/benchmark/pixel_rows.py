@@ -14,7 +14,8 @@ from passerby.benchmark.annotations import marked_points
 from passerby.benchmark.conditions import FAILED, Outcome, with_pose_errors
 from passerby.benchmark.match_picture import right
 from passerby.benchmark.pixel_stage import ANNOTATED, JOINT_NOISE_PX, ORACLE_NOISE_PX, Stage
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.errors import EvidenceError
 from passerby.evaluation.metrics import compare
 from passerby.evaluation.reprojection import reprojection_error

@@ -14,7 +14,8 @@ import tomli_w
 
 from passerby.baselines import Matches, Picture
 from passerby.benchmark.annotations import marked_length, marked_points, named_by_hand
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.inputs import read_inputs
 from passerby.observations import Boxes
 from passerby.perception.video import frames

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Ints
 from passerby.errors import InputError
 from passerby.observations import Boxes, CameraObservations, Keypoints
 from passerby.simulation import SimulatedScene
 from passerby.solver.correspondences import whole_boxes
-
-Ints = NDArray[np.int64]
 
 
 def thinned(simulated: SimulatedScene, shared: int, rng: np.random.Generator) -> SimulatedScene:

@@ -13,6 +13,7 @@ import tomli_w
 
 from passerby.benchmark.kept import Kept
 from passerby.cameras import Rig
+from passerby.core.trajectories import Trajectories
 from passerby.errors import PasserbyError
 from passerby.evaluation.trajectories import GroundTruth, judge, placements
 from passerby.geometry.similarity import Similarity
@@ -23,7 +24,7 @@ from passerby.observations import CameraObservations, Clock, Observations
 from passerby.pipeline import Calibration, calibrate
 from passerby.scene import Scene
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions, Trajectories, trajectories
+from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions, trajectories
 
 BOX_NOISE = 0.02
 FAILED = float("inf")

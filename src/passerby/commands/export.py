@@ -11,7 +11,7 @@ import typer
 from passerby.errors import InputError
 
 if TYPE_CHECKING:
-    from passerby.tracks3d.trajectories import Trajectories
+    from passerby.core.trajectories import Trajectories
 
 
 def export(

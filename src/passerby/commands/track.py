@@ -12,11 +12,12 @@ from passerby.errors import InputError
 
 if TYPE_CHECKING:
     from passerby.cameras import Rig
+    from passerby.core.trajectories import Trajectories
     from passerby.evaluation.trajectories import GroundTruth
     from passerby.observations import Clock
     from passerby.output_folder import OutputFolder
     from passerby.progress import Progress
-    from passerby.tracks3d.trajectories import TrackOptions, Trajectories
+    from passerby.tracks3d.trajectories import TrackOptions
 
 FOLDER, CSV_FILE, HTML_FILE = "trajectories", "trajectories.csv", "trajectories.html"
 

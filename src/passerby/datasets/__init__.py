@@ -76,7 +76,7 @@ def read_published(name: str, folder: Path) -> Published:
     Raises:
         InputError: for an unknown name, a missing folder, and everything in it that is missing or broken.
     """
-    from passerby.scene_errors import nearest
+    from passerby.common.text import nearest
 
     if name not in READERS:
         raise InputError(f"no data set is called '{name}': {nearest(name, list(READERS))}")

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from passerby.common.text import shortened
 from passerby.datasets.published import GroundTruth
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import NotParsed, shortened, xml_of
+from passerby.interchange.untrusted import NotParsed, xml_of
 from passerby.observations import Boxes
 
 LARGEST = 2.0**53

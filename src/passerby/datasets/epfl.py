@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from passerby.cameras import Camera, Rig
+from passerby.common.text import shortened
 from passerby.datasets.annotations import read_vatic
 from passerby.datasets.published import GroundTruth, Published
 from passerby.datasets.same_people import with_identities_of
@@ -29,7 +30,6 @@ from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.tsai import is_tsai, read_tsai
-from passerby.interchange.untrusted import shortened
 from passerby.observations import Boxes
 from passerby.perception.video_probe import VideoInfo, probe
 

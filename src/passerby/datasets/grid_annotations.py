@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Floats, Ints
+from passerby.common.text import shortened
 from passerby.datasets.parsing import check_size, entry, numbered, read_json, real, whole
 from passerby.datasets.published import GroundTruth, Published
 from passerby.datasets.worlds import LEFT_HANDED, PublishedCamera, right_handed
 from passerby.errors import InputError
-from passerby.interchange.untrusted import shortened
-from passerby.observations import UNKNOWN, Boxes, Ints
+from passerby.observations import UNKNOWN, Boxes
 
 Corners = tuple[float, float, float, float]
 

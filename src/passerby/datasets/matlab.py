@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Floats
+from passerby.common.text import shortened, shortened_text
 from passerby.errors import InputError
-from passerby.interchange.untrusted import check_is_file, shortened, shortened_text
+from passerby.interchange.untrusted import check_is_file
 
 
 def mat_variable(path: Path, key: str) -> Any:

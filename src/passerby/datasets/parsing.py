@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.untrusted import NotParsed, json_of, xml_of

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from passerby.cameras import Floats, Rig
-from passerby.observations import UNKNOWN, Boxes, Ints, Keypoints
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import UNKNOWN, Boxes, Keypoints
 
 
 @dataclass(frozen=True, eq=False)

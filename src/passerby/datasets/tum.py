@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Floats, Lens
+from passerby.cameras import Lens
+from passerby.common.arrays import Floats
 from passerby.datasets.matlab import mat_variable
 from passerby.datasets.parsing import check_size, entry, numbered, numbers, picture_size, read_json, text_matrix
 from passerby.datasets.published import Published

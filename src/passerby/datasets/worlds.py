@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import rq
 
-from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 
 AGREEMENT = 0.95

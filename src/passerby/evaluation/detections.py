@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
 from passerby.evaluation.tracklets import overlapping
-from passerby.observations import Boxes, Floats, Ints
+from passerby.observations import Boxes
 
 EDGES = ("left", "top", "right", "bottom")
 MAD_TO_SD = 1.4826

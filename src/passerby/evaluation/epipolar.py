@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats
+from passerby.cameras import Camera
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.geometry.two_view import essential_matrix
 

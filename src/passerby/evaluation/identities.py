@@ -12,14 +12,11 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
 from passerby.observations import UNKNOWN, Boxes, Clock
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SAME_BOX_PX = 0.01
 """Boxes that passed through files with nine significant digits differ by far less, two people's boxes by far more."""

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats, Pose, Rig
+from passerby.cameras import Camera, Pose, Rig
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.evaluation.stated import Stated, stated_errors
 from passerby.geometry.rotations import angle_between, direction_angle

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
 from passerby.geometry.triangulation import triangulate
-from passerby.observations import UNKNOWN, CameraObservations, Ints, Observations
+from passerby.observations import UNKNOWN, CameraObservations, Observations
 
 
 @dataclass(frozen=True)

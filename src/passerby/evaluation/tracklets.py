@@ -15,8 +15,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Floats, Ints
+from passerby.observations import UNKNOWN, Boxes
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
+from passerby.core.trajectories import Trajectories
 from passerby.errors import InputError
 from passerby.evaluation.metrics import place
 from passerby.geometry.similarity import Similarity
-from passerby.tracks3d.trajectories import Trajectories
-
-Ints = NDArray[np.int64]
 
 REACH_M = 2.0
 """Ways that are farther apart than that show different people: who matches whom is chosen by the instants they are nearer."""

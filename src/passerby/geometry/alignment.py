@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
+from passerby.common.arrays import Bools, Floats
 from passerby.errors import EvidenceError
 from passerby.geometry.known_places import Places
 from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.similarity import Similarity
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 STATED_WEIGHT = 4.0
 """The stated standard deviations count as much as so many residuals when the true noise is judged."""

@@ -7,9 +7,8 @@ which this is not one. They agree with it to a nanometre over ten kilometres.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from passerby.common.arrays import Floats
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1 / 298.257223563

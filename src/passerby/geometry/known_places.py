@@ -9,14 +9,11 @@ from math import comb
 from typing import Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.similarity import Similarity, fit_plane_similarity, fit_similarity
 from passerby.geometry.triangulation import triangulate
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SUBSETS = 500
 """Minimal subsets that are tried; with a third of the places wrong, 200 of them are sound pairs, 150 sound triples."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats
 from passerby.errors import EvidenceError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from passerby.common.arrays import Floats
 from passerby.geometry.rotations import rotation_between
-
-Floats = NDArray[np.float64]
 
 MIN_PEOPLE = 8
 # A foot closer than this to the horizon (radians) tells nothing of the ground below it.

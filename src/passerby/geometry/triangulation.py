@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.geometry.rotations import direction_angle
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Two rays closer to parallel than this (radians) have no meeting point that a pixel's noise would not move by kilometres.
 PARALLEL = 1e-6

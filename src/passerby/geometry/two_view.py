@@ -10,14 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import poselib
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Bools, Floats
 from passerby.errors import EvidenceError
 from passerby.geometry.rotations import skew
 from passerby.geometry.triangulation import depths, triangulate_two_views
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 # PoseLib takes points of the picture plane z = 1, where a ray near 90 degrees runs off to infinity and takes its noise along.
 # Rays of a fisheye beyond this angle from the axis are left out of the search, but judged by angle like all others afterwards.

@@ -16,11 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from passerby.common.arrays import Floats
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.faults import FileFaults, read_text
-from passerby.interchange.untrusted import NotParsed, json_of, shortened
-from passerby.observations import UNKNOWN, Floats, Keypoints
+from passerby.interchange.untrusted import NotParsed, json_of
+from passerby.observations import UNKNOWN, Keypoints
 
 LARGEST_WHOLE = 2**53
 """Above it JSON of most programs no longer tells whole numbers apart."""

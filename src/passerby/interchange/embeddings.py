@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from passerby.common.arrays import Ints
+from passerby.common.text import shortened_text
 from passerby.errors import InputError
 from passerby.interchange.archives import Archive, is_single_array, opened
 from passerby.interchange.atomic import write_bytes
-from passerby.interchange.untrusted import NotParsed, shortened_text
-from passerby.observations import Ints, Vectors
+from passerby.interchange.untrusted import NotParsed
+from passerby.observations import Vectors
 
 EMBEDDINGS, FRAME = "embeddings", "frame"
 KIND = 'a numpy archive (npz) with an array "embeddings"'

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
+from passerby.common.arrays import Floats
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.faults import FileFaults, read_text
-from passerby.interchange.untrusted import shortened
-from passerby.observations import UNKNOWN, Boxes, Floats
+from passerby.observations import UNKNOWN, Boxes
 
 MIN_COLUMNS, MAX_COLUMNS = 7, 10
 COLUMNS = ("frame", "identity", "left", "top", "width", "height", "score")

@@ -11,10 +11,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from passerby.cameras import Floats, Lens
+from passerby.cameras import Lens
+from passerby.common.arrays import Floats
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import NotParsed, json_of, leaves, shortened, xml_of, yaml_of
+from passerby.interchange.untrusted import NotParsed, json_of, leaves, xml_of, yaml_of
 
 ENDINGS = (".yml", ".yaml", ".xml", ".json")
 

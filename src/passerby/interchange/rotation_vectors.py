@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 
 MOST_RADIANS = 1e3

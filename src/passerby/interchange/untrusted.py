@@ -10,7 +10,6 @@ from __future__ import annotations
 import errno
 import json
 import re
-import reprlib
 import stat
 import tomllib
 from pathlib import Path
@@ -19,6 +18,7 @@ from xml.etree import ElementTree
 
 import yaml
 
+from passerby.common.text import shortened, shortened_text
 from passerby.errors import InputError
 
 LARGEST_BYTES = 2 << 30
@@ -164,20 +164,6 @@ def _opencv_matrix(loader: Loader, _: str, node: yaml.Node) -> Any:
 Loader.add_multi_constructor("tag:yaml.org,2002:opencv-", _opencv_matrix)
 FLOAT = re.compile(r"^[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
 Loader.add_implicit_resolver("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789"))
-
-
-def shortened(value: Any) -> str:
-    """A value as a message shows it; quick even where a few bytes of YAML stand for endless lists."""
-    short = reprlib.Repr()
-    short.maxlevel, short.maxlist, short.maxdict, short.maxstring, short.maxlong = 3, 16, 8, 90, 40
-    short.maxother = 90
-    text = short.repr(value)
-    return text if len(text) <= 100 else f"{text[:97]}..."
-
-
-def shortened_text(text: str, most: int = 100) -> str:
-    """Text out of a file as a message shows it, without quotes."""
-    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def leaves(value: Any, most: int = MOST_LEAVES) -> list[Any]:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, fdtri
 
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.monitoring.resection import FEWEST_CLUSTERS, loose, spread
 from passerby.monitoring.scores import Scores
 

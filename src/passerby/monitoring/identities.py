@@ -11,17 +11,15 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.associate import Tracklets, people_of_rig
 from passerby.association.graph import ViewGraph
 from passerby.association.preparing import PreparedCamera, prepare_cameras
 from passerby.cameras import Rig
+from passerby.common.arrays import Ints
 from passerby.monitoring.people import BODY_M
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.progress import Progress, silent
-
-Ints = NDArray[np.int64]
 
 
 def identified(

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.monitoring.evidence import Baseline
 from passerby.monitoring.people import Ground, solve_people
 from passerby.monitoring.resection import loose

@@ -11,12 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Floats, Ints
 from passerby.monitoring.sightings import Sightings
-
-Ints = NDArray[np.int64]
 
 BODY_M, BODY_SD = 1.72, 0.09
 """Standing height of people, and how much they differ."""

@@ -8,16 +8,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Floats, Pose, PoseSigma, Rig
+from passerby.cameras import Pose, PoseSigma, Rig
+from passerby.common.arrays import Floats
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.monitoring.people import Ground, solve_people
 from passerby.monitoring.scores import Scores, scores_of
 from passerby.monitoring.sightings import Sightings, poses_of, sightings_of
 from passerby.observations import Observations
-
-Ints = NDArray[np.int64]
 
 LOOSE_M, LOOSE_DEG = 2.0, 40.0
 """One sigma of a move before anything is seen: only to keep the equations soluble."""

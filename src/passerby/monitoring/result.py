@@ -9,7 +9,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.errors import EvidenceError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.json_text import plain, to_json

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Floats, Ints
 from passerby.monitoring.people import People, sums
 from passerby.monitoring.sightings import Sightings
-
-Ints = NDArray[np.int64]
 
 STRETCH_S = 6.0
 """Of one person, in one cluster. By stretches of 3, 6, 10 and 20 s the squared errors of a minute's pose were 1.7, 1.33, 1.30

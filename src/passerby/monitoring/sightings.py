@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.bodies import bodies_of
-from passerby.cameras import Floats, Rig
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 
-Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 CENTRE_SHARE, SIZE_SHARE, FLOOR_PX = 0.02, 0.10, 0.7

@@ -8,7 +8,8 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from passerby.cameras import Floats, Pose, PoseSigma, Rig
+from passerby.cameras import Pose, PoseSigma, Rig
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.geometry.rotations import log_rotation
 from passerby.monitoring.evidence import Baseline, Test, stated, tests

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.pictures import Picture
 
 # Thumbnail pixels: a patch's cell, its corner's distance from the border of that, what is compared, contrast's neighbourhood.

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.pictures import Picture
 
 # Below this size a person is a smear of a few pixels (a torso 3 px wide) that says nothing of the clothes.

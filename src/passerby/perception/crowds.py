@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.background_statistics import Levels
 from passerby.perception.stature import Stature
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.background_statistics import Levels, local_contrast
 from passerby.perception.pictures import Picture
 from passerby.perception.shadows import ShadowOptions, Shadows, find_shadows, regain, without_slivers

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 
 # MoveNet (lightning and thunder alike) scores 0.5 % of the joints that it finds within 4 % of the person's height below this,
 # but 73 % of the joints of legs that are not in the crop; at 0.2 it is 0 % and 53 %. 0.3 is usual for RTMPose, too.

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import BODY_17, Floats
+from passerby.common.arrays import Floats
+from passerby.observations import BODY_17
 from passerby.perception.top_down import JOINT_COUNTS, Answers, TopDownKeypoints
 
 

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.top_down import Answers, TopDownKeypoints
 
 

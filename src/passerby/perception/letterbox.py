@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.networks import InputConvention
 from passerby.perception.pictures import Picture
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.crowds import divide, heads, profiles
 from passerby.perception.foreground import Foreground
 from passerby.perception.silhouettes import Silhouettes, expected, joined, silhouettes, upright

@@ -13,7 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats, Vectors
+from passerby.common.arrays import Floats
+from passerby.observations import Vectors
 
 Picture = NDArray[np.uint8]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
-from passerby.observations import Floats, Vectors
+from passerby.observations import Vectors
 from passerby.perception.crop_network import CropNetwork, crop_rows
 from passerby.perception.crops import stretched, tellable
 from passerby.perception.networks import Network

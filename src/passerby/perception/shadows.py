@@ -9,7 +9,7 @@ from typing import cast
 import cv2
 import numpy as np
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.background_statistics import Levels
 from passerby.perception.pictures import Picture
 

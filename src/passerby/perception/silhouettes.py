@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.background_statistics import Levels
 from passerby.perception.stature import Stature
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 
 LEAST_BOXES = 12
 """Fewer boxes say too little about a plane of three unknowns."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.perception.background_motion import Reference, normalised
 from passerby.perception.pictures import Frame
 

@@ -20,7 +20,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats, Vectors
+from passerby.common.arrays import Floats
+from passerby.observations import Vectors
 from passerby.perception.crop_network import crop_rows
 from passerby.perception.crops import stretched, tellable
 from passerby.perception.pictures import Identity, Picture

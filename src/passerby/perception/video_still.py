@@ -11,7 +11,7 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 
-from passerby.observations import Floats, Ints
+from passerby.common.arrays import Floats, Ints
 from passerby.perception.pictures import Frame
 from passerby.perception.video import VideoInfo, VideoReader, upright
 from passerby.perception.video_probe import opened

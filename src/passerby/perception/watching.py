@@ -19,8 +19,9 @@ import cv2
 import numpy as np
 import onnxruntime
 
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Floats, Ints, Keypoints, Vectors
+from passerby.observations import UNKNOWN, Boxes, Keypoints, Vectors
 from passerby.perception.kept import Arrays, KeptStage, alone, fingerprint, forget_others, hash_of_arrays
 from passerby.perception.opening import (
     background_count,

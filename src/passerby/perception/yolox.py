@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
-from passerby.observations import Floats
 from passerby.perception.letterbox import Fitting, Window, fit_window
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections, Frame, Identity, Picture

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 
 Values = NDArray[np.floating]
 

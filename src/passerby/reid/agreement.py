@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.sampling import first_of
-from passerby.cameras import Floats
-from passerby.observations import UNKNOWN, Ints
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import UNKNOWN
 from passerby.reid.places import Places
 
 FITS = 9.2

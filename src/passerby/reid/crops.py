@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Ints
 from passerby.errors import InputError
-from passerby.observations import Ints
 
 JUNK = -1
 """A picture that counts neither as right nor as wrong where it is found (Market-1501's identity -1)."""

@@ -9,11 +9,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_text
 from passerby.interchange.csv_text import csv_rows
 from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import shortened
 
 LOG_FILE = "log.csv"
 CURVES_FILE = "curves.html"

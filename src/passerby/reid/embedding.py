@@ -10,9 +10,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
 from passerby.evaluation.retrieval import RANKS, RetrievalScore, retrieval_score
-from passerby.observations import Floats, Ints, Vectors
+from passerby.observations import Vectors
 from passerby.perception.pictures import Embedder, Picture
 from passerby.progress import Progress, silent
 from passerby.reid.crops import CropSet, DataSet

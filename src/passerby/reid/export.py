@@ -20,9 +20,10 @@ import torch
 from onnx import GraphProto, ModelProto
 from torch import Tensor, nn
 
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_bytes
-from passerby.observations import Floats, Vectors
+from passerby.observations import Vectors
 from passerby.perception.crops import stretched, tellable
 from passerby.perception.own_networks import IMAGENET, PREFIX, own_network
 from passerby.perception.pictures import Picture

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Floats, Rig
-from passerby.observations import UNKNOWN, Boxes, Clock, Ints
+from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import UNKNOWN, Boxes, Clock
 
 STEP_S = 0.2
 """Instants are so far apart, farther where a camera is slower: a walking person moves 0.3 m meanwhile."""

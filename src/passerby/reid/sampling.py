@@ -14,7 +14,7 @@ from pytorch_metric_learning.samplers import MPerClassSampler
 from pytorch_metric_learning.utils import common_functions
 from torch.utils.data import Sampler
 
-from passerby.observations import Ints
+from passerby.common.arrays import Ints
 from passerby.reid.crops import CropSet
 
 Draw = tuple[int, int, int]

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from passerby.common.arrays import Ints
 from passerby.errors import EvidenceError
-from passerby.observations import Ints
 from passerby.progress import Progress, silent
 from passerby.reid.agreement import ALONE, AMBIGUOUS, BEHIND, MISFIT, NEAR, REASONS, SURE, Agreement, agreement
 from passerby.reid.calibrated import CalibratedScene, read_calibrated

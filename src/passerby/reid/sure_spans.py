@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.sampling import first_of
-from passerby.cameras import Floats
-from passerby.observations import UNKNOWN, Ints
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import UNKNOWN
 from passerby.reid.agreement import AMBIGUOUS, BEHIND, DISPUTED, MISFIT, NEAR, NEAR_M, SURE, Agreement, pairs_within
 from passerby.reid.places import Places
 

@@ -7,19 +7,15 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
-from passerby.observations import UNKNOWN
+from passerby.observations import BORDER_PX, UNKNOWN
 from passerby.perception.pictures import Picture
 from passerby.perception.video import fit_of_size, probe
 from passerby.perception.video_still import still
 from passerby.report.contents import Contents
-from passerby.solver.evidence import BORDER_PX
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 WIDEST_PX = 960
 QUALITIES = (82, 72, 62, 50, 40, 30, 20, 12)

@@ -9,19 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.observations import BORDER_PX
 from passerby.report.contents import Contents
 from passerby.report.sampling import MOST_SIGHTINGS, Sample, grouped, sampled
 from passerby.report.skeletons import Joints, joints_of
 from passerby.report.upright import Bodies, BodyModel, SeenBoxes, body_model, model_boxes, upright_bodies
-from passerby.solver.evidence import BORDER_PX
 from passerby.tracks3d.smoothing import smooth
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 SURE_M = 0.7
 """Whose place is less sure than this is left out of the ways: seen far away, or cut off, by one camera."""

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Floats
 from passerby.report.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, join
 from passerby.report.sheet import Sheet, dot, path_of, within
 from passerby.report.through_lens import View, spacing_of
-
-Floats = NDArray[np.float64]
 
 AXIS_COLOURS = {"x": "#e5484d", "y": "#30a46c"}
 PAD_M = 2.0

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Ints
 from passerby.report.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
@@ -13,8 +14,6 @@ from passerby.report.html import Html, element, join
 from passerby.report.sheet import Sheet, dot, dot_path, offset_words, path_of, short, within
 from passerby.report.through_lens import View
 from passerby.report.upright import model_boxes
-
-Ints = NDArray[np.int64]
 
 LIMBS = (
     ("left_ankle", "left_knee"), ("left_knee", "left_hip"), ("right_ankle", "right_knee"), ("right_knee", "right_hip"),

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, element, join
 from passerby.report.sheet import clipped, offset_words, short
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 COLUMNS = 12
 """Cells across the picture's longer side."""

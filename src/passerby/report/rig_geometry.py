@@ -7,15 +7,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.report.fitted import Fitted, Ways
 from passerby.report.through_lens import spacing_of
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 MOST_LINES = 24
 """Of the ground's grid, in one direction."""

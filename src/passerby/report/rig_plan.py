@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats
 from passerby.report.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
@@ -24,7 +24,6 @@ from passerby.report.rig_geometry import (
 )  # fmt: skip
 from passerby.report.rig_labels import faint, hover_words, posed_cameras, told, unregistered
 
-Floats = NDArray[np.float64]
 Figure = dict[str, Any]
 Trace = dict[str, Any]
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats
 from passerby.report.colours import camera_colour, person_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
@@ -14,7 +15,6 @@ from passerby.report.ground_layer import AXIS_COLOURS, grid_lines
 from passerby.report.rig_geometry import FRUSTUM_SHARE, Stage, frustum, joined, stage_of, thinned_parts
 from passerby.report.rig_labels import hover_words, posed_cameras, told, unregistered
 
-Floats = NDArray[np.float64]
 Figure = dict[str, Any]
 Trace = dict[str, Any]
 

@@ -6,16 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.association.instants import MAX_GAP_S, MAX_GAP_SAMPLES, common_instants, common_time_steps, sampling_distance
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import Contents
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 MOST_SIGHTINGS = 30_000
 """Sightings that are fitted at most, about: half a second of work."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.observations import UNKNOWN, Clock, Floats, Ints
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import UNKNOWN, Clock
 from passerby.report.contents import Contents
 from passerby.sharing import Shared
 

@@ -8,14 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from passerby.cameras import Camera
+from passerby.common.arrays import Floats
 from passerby.report.backdrop import Backdrop
 from passerby.report.html import Attribute, Html, element, join
-
-Floats = NDArray[np.float64]
 
 TEXT_SHARE = 1 / 40
 """Height of the letters, of the picture's width."""

@@ -5,17 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.observations import Observations
+from passerby.people.segments import MIN_JOINT_SCORE, MIN_JOINTS
 from passerby.report.sampling import grouped
 from passerby.solver.consensus import agree
-from passerby.solver.evidence import MIN_JOINT_SCORE, MIN_JOINTS
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 TOLERANCE_PX, TOLERANCE_SHARE = 2.0, 0.05
 """Joints that agree lie within so many pixels, and this share of the person's height in the picture, of where they project:

@@ -10,13 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Bools, Floats, Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Rays = Callable[[Ints, Floats], Floats]
 """From lines (E,) and shares of their lengths (E,) to directions (E, 3), camera frame."""
 

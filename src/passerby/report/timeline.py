@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from passerby.observations import Floats
+from passerby.common.arrays import Floats
 from passerby.report.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot, plot_text

@@ -12,18 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.people.model import GAIT_SHARE, Noise, Priors, body_ends
 from passerby.report.sampling import grouped
 from passerby.report.values import number_of, rows_of, table_of
-from passerby.solver.people_state import Noise, Priors
-from passerby.solver.person_model import GAIT_SHARE, body_ends
 from passerby.tracks3d.bodies import STANCE_SD, Rays, measure, rays_of, stand, stand_alone
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 ROUNDS = 8
 """Of weighing and solving; the last moves a body by less than a millimetre."""

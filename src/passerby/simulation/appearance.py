@@ -9,12 +9,9 @@ person's for 76, 66 and 61 % of single boxes among 7, 14 and 20 people, and for 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import UNKNOWN, Vectors
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DIMENSIONS = 128
 CAMERA_SHIFT = 0.6

@@ -9,16 +9,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Pose, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.simulation.body import BodyState
 from passerby.simulation.motion import Motion, simulate_motion
 from passerby.simulation.options import MIN_PEOPLE, SimulationOptions
 from passerby.simulation.placement import place_cameras
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 AREA_DISTANCE_M = 250.0
 """From one area's middle to the next one's, along x: ten times the largest area."""

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats
 from passerby.observations import BODY_17
-
-Floats = NDArray[np.float64]
 
 HIP_HEIGHT = 0.530
 TRUNK = 0.288

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
 from passerby.simulation.observe import View
 from passerby.simulation.options import SimulationOptions
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 HIDDEN_LIMIT = 0.6
 """A person of whom more than this share is hidden gets no box."""

@@ -6,17 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from passerby.cameras import Camera, Pose, Rig
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.simulation.body import pose_joints
 from passerby.simulation.observe import View, view
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.scene import BODIES_AT_ONCE, Filmed, film
 
-Floats = NDArray[np.float64]
 Ground = Callable[[Floats], Floats]
 """From places (..., 2) to heights (...), metres."""
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats
 from passerby.simulation.body import BodyState, stride_length
 from passerby.simulation.options import MAX_CLOCK_OFFSET_S
 from passerby.simulation.presets import Activity, Preset
-
-Floats = NDArray[np.float64]
 
 STEP_S = 0.04
 PAD_S = MAX_CLOCK_OFFSET_S + 1.0

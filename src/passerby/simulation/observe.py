@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.observations import BODY_17
 from passerby.simulation.body import body_spheres
 
-Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 NEAREST_M = 0.3

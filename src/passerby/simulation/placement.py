@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Lens, Pose, Rig
-
-Floats = NDArray[np.float64]
+from passerby.common.arrays import Floats
 
 FIELD_OF_VIEW_DEG = (60.0, 75.0)
 """Horizontal, drawn per camera: the range of common surveillance lenses."""

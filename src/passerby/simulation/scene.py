@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
 from passerby.observations import BODY_17, UNKNOWN, Boxes, Clock, Observations
 from passerby.simulation.appearance import box_embeddings, people_looks
@@ -21,9 +22,6 @@ from passerby.simulation.observe import View, view
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.presets import PRESETS
 from passerby.simulation.tracklets import renumbered
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 BODIES_AT_ONCE = 4000
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Ints
 from passerby.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
-
-Ints = NDArray[np.int64]
 
 LONGEST_GAP_S = 1.0
 """A tracker lets go of a person whom it has not seen for longer than this."""

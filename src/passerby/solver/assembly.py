@@ -8,15 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from passerby.cameras import Pose
+from passerby.common.arrays import Floats
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between, rotation_between
 from passerby.geometry.single_view import Level
-from passerby.solver.pairs import PairHypothesis
-
-Floats = NDArray[np.float64]
 
 # Two ways to the same camera agree when they differ by about this much: a few times the error of a good guess.
 _CYCLE_ANGLE = np.deg2rad(6.0)

@@ -13,16 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import EvidenceError
 from passerby.geometry.rotations import direction_angle, rotation_between
 from passerby.geometry.similarity import Similarity
 from passerby.geometry.triangulation import angular_residuals, depths, in_camera_frames, triangulate
 from passerby.observations import Observations
+from passerby.people.segments import EXTREME_FRACTIONS, HEAD, MIN_ORDER_CORRELATION, SHOULDERS, nominal_heights
 from passerby.solver.correspondences import BOTTOM, MIN_JOINT_SCORE, TOP, ImagePoints, box_points, joint_points
-from passerby.solver.evidence import EXTREME_FRACTIONS, HEAD, MIN_ORDER_CORRELATION, SHOULDERS, nominal_heights
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # A segment's ends must fit all their rays to within so many of their sigmas: worse ones are swapped or half hidden people.
 MAX_RESIDUAL_SIGMAS = 4.0

@@ -9,14 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.geometry.reprojection import project_near
 from passerby.geometry.triangulation import triangulate
-from passerby.solver.bundle import project_near
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 # Blocks seen by many cameras propose at most this many points each; neighbours in the cameras' order are tried first.
 _MAX_OFFSETS = 7

@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.solver.evidence import Evidence
 from passerby.solver.refinement import Model
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STRETCHES = 8
 """Parts of a recording that are looked at one by one; each holds as many person-instants."""

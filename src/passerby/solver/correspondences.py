@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Lens, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
+from passerby.geometry.reprojection import PointObservations
 from passerby.observations import UNKNOWN, Boxes, Keypoints, Observations
-from passerby.solver.bundle import PointObservations
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CENTRE, TOP, BOTTOM = -1, -2, -3
 """Parts of a box; parts from 0 are joints, by number."""

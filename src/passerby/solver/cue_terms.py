@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.solver.bundle import POSE_SIZE, PointObservations, pose_jacobian, project_near
+from passerby.common.arrays import Floats, Ints
+from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near
 from passerby.solver.least_squares import Cauchy, Layout, Term
 from passerby.solver.people_state import PeopleState
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

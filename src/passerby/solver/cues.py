@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
+from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.triangulation import triangulate
-from passerby.solver.bundle import PointObservations
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.scale import ScaleCues
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""

@@ -6,19 +6,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats
+from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.assembly import cycle_support
 from passerby.solver.consistency import STRETCHES, Agreement, agreement
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
 from passerby.solver.lens_check import FocalCheck, ShapeCheck, common_change
-from passerby.solver.person_model import HEIGHT_PER_CENTRE
 from passerby.solver.stages import Choice, Fit, Start
 from passerby.solver.uncertainty import RigCovariance
-
-Floats = NDArray[np.float64]
 
 # A pose whose sigma exceeds these is no calibration: of the rig's extent, and in degrees.
 _MAX_POSITION_SHARE = 0.05

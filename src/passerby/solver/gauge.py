@@ -13,12 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.solver.people_state import PeopleState
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NULL_SHARE = 1e-10
 """Eigenvalues of the scaled normal matrix below this share of the largest one are zero.

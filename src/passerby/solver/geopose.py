@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
 from passerby.errors import EvidenceError
@@ -53,8 +52,6 @@ from passerby.solver.geopose_star import (
 )
 from passerby.solver.scale import ScaleCues
 from passerby.solver.solution import Solution
-
-Floats = NDArray[np.float64]
 
 __all__ = [
     "GeoPoseOptions", "PairGeometry", "check_people_stand", "decompose", "global_bundle_adjustment", "local_bundle_adjustment",

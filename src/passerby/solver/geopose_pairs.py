@@ -10,18 +10,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Lens, Pose, Rig
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.errors import EvidenceError, InputError
 from passerby.geometry.triangulation import parallax_angles, triangulate_two_views
 from passerby.geometry.two_view import MIN_POINTS, choose_by_cheirality, decompose_essential, relative_pose
 from passerby.solver.bundle import adjust_points
 from passerby.solver.correspondences import ImagePoints, match_pair, point_observations
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 IDENTITY = Pose(np.eye(3), np.zeros(3))
 

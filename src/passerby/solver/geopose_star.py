@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Camera, PoseSigma, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import EvidenceError, InputError
 from passerby.geometry.similarity import Similarity
 from passerby.solver.bundle import PointAdjustment, adjust_points
@@ -24,8 +24,6 @@ from passerby.solver.known_lengths import measured_lengths
 from passerby.solver.scale import KnownLength
 from passerby.solver.solution import Solution, Verdict
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Scale = tuple[float, dict[str, Any]]
 """What to multiply all lengths by to get metres, and what it rests on, JSON-ready; `relative_sd` is among it."""
 

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.solver.left_out import People
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 DEGREE = 3
 """Of the polynomial that the ground is compared with: of what a step or a ramp is beside a plane, it takes up the most."""

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 HALF_WINDOW_S = 0.4
 """Velocities are taken over twice this. Over less, noise of 2 % of the extent would grow to a tenth of a walker's velocity and

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
 from passerby.geometry.triangulation import triangulate
 from passerby.solver.scale import KnownLength
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def measured_lengths(

@@ -24,7 +24,6 @@ __all__ = [
     "Cauchy", "Family", "Layout", "NormalEquations", "Problem", "Reduced", "Result", "Step", "Stopping", "Term", "minimise",
 ]  # fmt: skip
 
-Floats = NDArray[np.float64]
 
 State = TypeVar("State")
 

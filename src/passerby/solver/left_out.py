@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.observations import CameraObservations, Observations
-from passerby.solver.evidence import segments_of_boxes, segments_of_keypoints, segments_without
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.people.segments import segments_of_boxes, segments_of_keypoints, segments_without
 
 SHARE, FLOOR_PX = 0.03, 1.0
 """What the middle of a person is off by: a share of the extent in the picture, and pixels. The centre of a box is another point

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.solver.least_squares import NormalEquations
 from passerby.solver.lens_columns import (
     by_distortion,
@@ -27,8 +28,6 @@ from passerby.solver.lens_sigmas import BOXES_MISLEAD, by_boxes
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import deflated
-
-Floats = NDArray[np.float64]
 
 # People do not look equally tall at all distances: hidden feet, slopes and a detector's habits change with depth by
 # a few percent, which a focal length would explain as well. The less depth a camera sees, as a share of its distance, the more.

@@ -12,15 +12,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Lens, Rig
+from passerby.common.arrays import Floats, Ints
+from passerby.people.model import body_ends
 from passerby.solver.least_squares import Layout, Term
 from passerby.solver.people_state import PeopleState
-from passerby.solver.person_model import FOOT_SHIFT, JOINT, PeopleProblem, body_ends
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.solver.person_model import FOOT_SHIFT, JOINT, PeopleProblem
 
 Derivative = Callable[[Lens, Floats], Floats]
 """(M, 2, u) how the pixels of rays (M, 3) move with u numbers of a lens."""

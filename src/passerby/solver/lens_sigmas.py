@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats
 from passerby.solver.least_squares import NormalEquations
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.systematic import SIGMAS, with_systematic
 from passerby.solver.uncertainty import deflated
-
-Floats = NDArray[np.float64]
-
 
 BOXES_MISLEAD = 2.5
 """Lenses follow what boxes are off by alike more than poses do. What sightings alone say of right focal lengths was off by 2.3

@@ -15,14 +15,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Lens, Rig
-from passerby.solver.bundle import PointObservations
+from passerby.common.arrays import Floats, Ints
+from passerby.geometry.reprojection import PointObservations
 from passerby.solver.people_state import Sightings
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LensPart = Literal["focal", "principal_point"]
 LENS_PARTS: tuple[LensPart, ...] = get_args(LensPart)

@@ -9,12 +9,12 @@ where all is far or flat. Both are kept, and third cameras decide (`assembly`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import EvidenceError
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.geometry.single_view import Level
 from passerby.geometry.triangulation import triangulate_two_views
@@ -22,39 +22,11 @@ from passerby.geometry.two_view import relative_pose
 from passerby.solver.evidence import Evidence
 from passerby.solver.people_state import Sightings
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 MIN_MATCHES = 8
 MAX_MATCHES = 600
 _GROUND_TRIALS = 400
 # A ground position is known to about this share of its distance: box noise, stance, and what is left of the level's tilt.
 _GROUND_SHARE, _GROUND_FLOOR_M = 0.06, 0.15
-
-
-@dataclass(frozen=True, eq=False)
-class PairHypothesis:
-    """One guess at the motion between cameras a and b: `x_b = R_ba x_a + t_ba`, metres."""
-
-    a: int
-    b: int
-    R_ba: Floats
-    t_ba: Floats
-    route: str
-    """ground | epipolar | joints; tracks for a guess from outside, found before anybody was known in both cameras"""
-    inliers: int
-    matches: int
-
-    def among(self, cameras: Sequence[int]) -> PairHypothesis | None:
-        """The same guess in a rig of these cameras alone; None where one of its two is not among them."""
-        if self.a not in cameras or self.b not in cameras:
-            return None
-        return replace(self, a=list(cameras).index(self.a), b=list(cameras).index(self.b))
-
-    @property
-    def inverse(self) -> PairHypothesis:
-        """The same guess from b to a."""
-        return PairHypothesis(self.b, self.a, self.R_ba.T, -self.R_ba.T @ self.t_ba, self.route, self.inliers, self.matches)
 
 
 def pair_hypotheses(

@@ -14,12 +14,13 @@ import numpy as np
 
 from passerby.cameras import LARGEST_FOCAL_SD, Camera, Pose, Rig
 from passerby.errors import EvidenceError
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.observations import Observations
 from passerby.solver.assembly import components, heading_rotation
 from passerby.solver.cues import report_pull
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise, wrong_lenses
 from passerby.solver.lens_check import check_focals, check_shapes
-from passerby.solver.pairs import MIN_MATCHES, PairHypothesis
+from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import PeopleState
 from passerby.solver.refined_lenses import far_lenses, lens_figures, refined_lenses
 from passerby.solver.scale import ScaleCues

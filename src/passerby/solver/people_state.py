@@ -7,8 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,44 +50,6 @@ class Sightings:
         """The sightings of the given rows."""
         columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
         return Sightings(**{name: column[rows] for name, column in columns.items()})
-
-
-@dataclass(frozen=True, eq=False)
-class Noise:
-    """What the residuals are weighed by; shares are of the extent in pixels that the person is expected to have."""
-
-    floor_px: float = 0.5
-    """What head, ankles and joints are off by, however large the person is seen."""
-    box_px: float = 0.5
-    """The same of the centre of a box; its height is off by twice as much, as where both edges err on their own."""
-    centre: float = 0.02
-    height: float = 0.10
-    lean: float = 0.06
-    """The centre of head and ankles, in both directions: bodies lean, and the joints themselves fix the shape."""
-    joint: float = 0.01
-    kinds: Floats | None = None
-    """(C, K) factor on the noise of each joint of the body in each camera; 1 when None."""
-    loss: float = 5.0
-    """Scale of the Cauchy loss in sigmas; large values make it nearly quadratic for a first descent."""
-    broken: float = 0.0
-    """Share of the boxes' edges that are not the person's, beyond what clean boxes feign."""
-
-
-@dataclass(frozen=True)
-class Priors:
-    """Standard deviations of what people and detectors usually do."""
-
-    low: float = 0.05
-    """The lowest point's height above the ground, as a share of the person's height: steps, kerbs, slopes."""
-    high: float = 0.06
-    """The highest point's distance from standing height, the same: gait, a bent neck, shoes."""
-    slack: float = 0.05
-    foot_shift: float = 0.08
-    """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the person's height."""
-    foot_shift_sd: float = 0.04
-    stance_loss: float = 2.0
-    time: float = 0.3
-    """Error of a camera's clock, seconds: whole frames are found before, so that half a frame of 2 a second is left at most."""
 
 
 @dataclass(frozen=True, eq=False)

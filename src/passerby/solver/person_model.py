@@ -15,15 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.solver.bundle import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
+from passerby.common.arrays import Floats, Ints
+from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
+from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, HIGH, LOW, Noise, Priors, body_ends
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.least_squares import Cauchy, Family, Layout, Step, Term
-from passerby.solver.people_state import Noise, PeopleState, Priors, Sightings
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.solver.people_state import PeopleState, Sightings
 
 CAMERA_SIZE = POSE_SIZE + 1
 PRINCIPAL_POINT_SIZE = 2
@@ -32,17 +30,12 @@ SLACK = POSE_SIZE
 # One unknown more a camera where the clocks are refined. Those of the lens, where it is refined, come last.
 TIME = POSE_SIZE + 1
 UPRIGHT, JOINT = 0, 1
-X, Y, LOW, HIGH = range(4)
 FOOT_SHIFT = 0
 
-# People who walk are on the mean this share of their standing height: the head bobs between both (Cavagna and Margaria 1966).
-GAIT_SHARE = 0.99
 
 # The visible length of a person who is not upright, as a share of the standing height: a wide prior.
 CROUCHED, CROUCHED_SD = 0.75, 0.3
 
-# The height of a box is off by this many times what its centre is off by, where both edges err on their own.
-HEIGHT_PER_CENTRE = 2.0
 
 # Means over all cameras that no picture tells are held at 0 by these: slack (as a logarithm) and clocks (seconds).
 MEAN_SLACK_SD = 1e-4
@@ -321,30 +314,6 @@ class PeopleProblem:
             state.time + by_camera[:, TIME] if self.timed else state.time,
             state.lens + by_camera[:, self.camera_size - self.n_lens :] if self.n_lens else state.lens,
         )  # fmt: skip
-
-
-def body_ends(
-    centre: Floats, body: Floats, moved: Floats, top_fraction: Floats | float = 1.0, bottom_fraction: Floats | float = 0.0
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """The highest and the lowest point that cameras see of upright bodies.
-
-    Args:
-        centre: (M, 3) of the cameras, metres.
-        body: (M, 4) x, y, height of the lowest and of the highest point, metres.
-        moved: (M, 1) how much nearer to the camera the lowest visible point is than the body's axis, metres.
-        top_fraction: (M,) where on the body the highest point sits, as a share of its height.
-        bottom_fraction: (M,) the same of the lowest point.
-
-    Returns:
-        (M, 3) highest points; (M, 3) lowest points; (M, 2) unit vectors over the ground to the cameras, (M,) how far that is.
-    """
-    length = body[:, HIGH] - body[:, LOW]
-    top = np.column_stack([body[:, :2], body[:, LOW] + top_fraction * length])
-    toward = centre[:, :2] - body[:, :2]
-    distance = np.maximum(np.linalg.norm(toward, axis=1), 0.1)
-    toward = toward / distance[:, None]
-    bottom = np.column_stack([body[:, :2] + moved * toward, body[:, LOW] + bottom_fraction * length])
-    return top, bottom, toward, distance
 
 
 def _by_body(by_point: Floats, fraction: Floats) -> Floats:

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Lens, Rig
+from passerby.common.arrays import Floats
 from passerby.solver.lens_check import size_drift
 from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import PeopleProblem
-
-Floats = NDArray[np.float64]
 
 # A lens that moved by more than so many standard deviations of one that was never calibrated is another one, or nobody fits it.
 _FAR_SIGMAS = 3.0

@@ -7,22 +7,24 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats
 from passerby.errors import EvidenceError, InputError
+from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
 from passerby.geometry.similarity import chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
 from passerby.observations import Observations
+from passerby.people.model import Noise, Priors
 from passerby.solver.assembly import candidate_trees, levelled, poses_of_tree
 from passerby.solver.cues import cue_rows, expected_heights, first_scale, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.least_squares import Result, Stopping
 from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensPart, LensUnknowns
-from passerby.solver.pairs import PairHypothesis, judged_guesses, pair_hypotheses
-from passerby.solver.people_state import Noise, PeopleState, Priors
+from passerby.solver.pairs import judged_guesses, pair_hypotheses
+from passerby.solver.people_state import PeopleState
 from passerby.solver.refinement import (
     AGREE_SIGMAS,
     Knowledge,
@@ -37,8 +39,6 @@ from passerby.solver.refinement import (
 from passerby.solver.scale import ScaleCues
 from passerby.solver.standing import standing_instants
 from passerby.solver.uncertainty import correlation_inflation
-
-Floats = NDArray[np.float64]
 
 # Descents from different trees that end with at least this share of the best one's agreeing sightings are rivals of it, and
 # rivals are the same rig when no two cameras stand to each other by more than this angle differently.

@@ -7,10 +7,8 @@ frequent value, even for somebody who crouches most of the time.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 KERNEL = 0.025
 """Width of the kernel on heights, as a share: box noise over two or more views."""

@@ -12,12 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Pose
+from passerby.common.arrays import Floats, Ints
+from passerby.geometry.reprojection import pose_jacobian, project_near, retract_poses
 from passerby.geometry.rotations import angle_between, log_rotation
-from passerby.solver.bundle import pose_jacobian, project_near, retract_poses
 from passerby.solver.left_out import Middles, People
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LOSS, BEYOND = 3.0, 25.0
 """Scale of the Cauchy loss in sigmas, and the square of the sigmas beyond which a sighting shows somebody else."""

@@ -13,16 +13,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
 from passerby.solver.least_squares import Layout, NormalEquations, Term
 from passerby.solver.lens_columns import by_focal, lens_columns, widened, widened_layout
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import UPRIGHT, PeopleProblem
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Weighted = Callable[[Term], Term]
 
 SIGMAS = (0.0045, 0.004)

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.cameras import PoseSigma
+from passerby.common.arrays import Floats, Ints
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system, placement_freedoms, similarity_freedoms
 from passerby.solver.least_squares import NormalEquations, Term
@@ -23,9 +23,6 @@ from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import TIME, UPRIGHT, PeopleProblem
 from passerby.solver.refinement import Model
 from passerby.solver.systematic import SIGMAS, StatedFocals, with_systematic
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CHUNK_INSTANTS = 40
 """Residuals of one person in one camera count as independent over stretches of so many instants."""

@@ -12,10 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from passerby.common.arrays import Floats
 
 BROKEN_DENSITY = 3.0
 """A broken edge lies evenly within a sixth of the person's height either way. Rendered videos, a network's boxes and a

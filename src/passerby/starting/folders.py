@@ -10,10 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from passerby.common.text import natural_key
 from passerby.errors import InputError
 from passerby.perception.pieces import JOIN_PICTURES, JOIN_PIECES, PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
 from passerby.perception.video_probe import VideoInfo
-from passerby.starting.names import camera_names, natural_key
+from passerby.starting.names import camera_names
 from passerby.starting.recordings import Length, numbered, pieces_among
 
 VIDEO_FOLDERS = ("video", "videos")

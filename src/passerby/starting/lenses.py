@@ -12,13 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from passerby.cameras import Lens
+from passerby.common.text import natural_key
 from passerby.errors import InputError
 from passerby.interchange.faults import read_toml
 from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, StoredLens, read_opencv_lens
 from passerby.interchange.rig_toml import METADATA, read_lens
 from passerby.scene import CAMERA_NAME
 from passerby.starting.folders import FoundCamera, visible_files, visible_folders
-from passerby.starting.names import camera_names, matched, natural_key
+from passerby.starting.names import camera_names, matched
 
 FOLDERS = ("calib", "intrinsic")
 FIRST_NAMES = ("intrinsic", "calib", "rig")

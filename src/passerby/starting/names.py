@@ -8,16 +8,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
+from passerby.common.text import _NUMBER
 from passerby.interchange.rig_toml import METADATA
 
 _WORD = re.compile(r"[^\s_.\-]+")
-_NUMBER = re.compile(r"[0-9]+")
-
-
-def natural_key(text: str) -> tuple[str | int, ...]:
-    """A key that sorts cam2 before cam10, and capitals with small letters."""
-    parts = re.split(r"([0-9]+)", text.casefold())
-    return tuple(int(part) if index % 2 else part for index, part in enumerate(parts))
 
 
 def valid_name(text: str) -> str:

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Floats
-from passerby.solver.evidence import BORDER_PX
-from passerby.solver.people_state import Noise
-
-Bools = NDArray[np.bool_]
+from passerby.cameras import Camera
+from passerby.common.arrays import Bools, Floats
+from passerby.observations import BORDER_PX
+from passerby.people.model import Noise
 
 ROUNDS = 4
 """Of a box's distance, from its size to the place where the body stands; the fourth moves nobody by a millimetre."""

@@ -7,12 +7,10 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Floats, Rig
-from passerby.tracks3d.trajectories import Trajectories
-
-Ints = NDArray[np.int64]
+from passerby.cameras import Rig
+from passerby.common.arrays import Floats, Ints
+from passerby.core.trajectories import Trajectories
 
 MOST_PLACES = 24_000
 """Drawn of all people together; of more every n-th. In each of two views a place takes 70 bytes, plotly's own code 4.7 MB."""

@@ -8,10 +8,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Floats
+from passerby.cameras import Camera
+from passerby.common.arrays import Floats
 from passerby.geometry.triangulation import depths, triangulate_two_views
-
-Ints = NDArray[np.int64]
 
 
 def pairwise_points(cameras: Sequence[Camera], ltwh: Floats) -> tuple[Floats, Floats]:

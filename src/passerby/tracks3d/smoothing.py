@@ -12,8 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from passerby.common.arrays import Floats, Ints
 
 ACCELERATION = 0.5
 """Density of the white-noise acceleration, m^2/s^3: within a second a person's velocity strays by 0.7 m/s."""

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.instants import common_instants, common_time_steps
-from passerby.cameras import Camera, Floats, Rig
+from passerby.cameras import Camera, Rig
+from passerby.common.arrays import Floats, Ints
+from passerby.core.trajectories import Trajectories
 from passerby.errors import EvidenceError, InputError
 from passerby.observations import UNKNOWN, Boxes, Clock, Observations
 from passerby.progress import Progress, silent
@@ -18,8 +20,6 @@ from passerby.tracks3d.bodies import Rays, rays_of
 from passerby.tracks3d.pairwise import pairwise_points
 from passerby.tracks3d.way import Seen, follow
 
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Method = Literal["smoothed", "pairwise"]
 _Own = Sequence[tuple[Ints, Floats]]
 """One identity's frames (K,) and boxes (K, 4) in each camera."""
@@ -56,43 +56,6 @@ class TrackOptions:
         ):  # fmt: skip
             if not low <= value <= high:
                 raise InputError(f"{name} = {value:g} is out of range: give a number from {low:g} to {high:g}")
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectories:
-    """N places, sorted by identity, then by time. World of the rig: z up, ground at z = 0, metres."""
-
-    identity: Ints
-    """(N,)"""
-    frame: Ints
-    """(N,) frames of `clock`."""
-    time_s: Floats
-    """(N,) the rig's time, seconds."""
-    xyz: Floats
-    """(N, 3) x, y on the ground below the body; z: height of the body's middle."""
-    sigma_m: Floats
-    """(N,) root of the trace of the covariance of (x, y), in the rig's world: the errors that the whole world shares (its
-    place, its turn, its scale) are not in it. NaN where unknown (pairwise with one pair)."""
-    cameras: Ints
-    """(N,) cameras that agree; 0: nobody saw the person, the place lies between others."""
-    part: Ints
-    """(N,) number of the stretch without long gaps, from 1 for each identity."""
-    clock: Clock
-    """Of the frames."""
-    figures: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready: options, people, boxes used and voted down and disagreement by camera."""
-
-    def __repr__(self) -> str:
-        seconds = float(np.ptp(self.time_s)) if len(self) else 0.0
-        return f"Trajectories({len(self.people)} people, {len(self)} places, {seconds:.1f} s)"
-
-    def __len__(self) -> int:
-        return len(self.identity)
-
-    @property
-    def people(self) -> Ints:
-        """(P,) identities, ascending."""
-        return np.unique(self.identity)
 
 
 COLUMNS = ("identity", "frame", "time_s", "xyz", "sigma_m", "cameras", "part")

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from passerby.common.arrays import Bools, Floats, Ints
 
 FITS = 13.8
 """Squared sigmas on a plane: 999 of 1000 right boxes are nearer."""

@@ -6,16 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.solver.standing import MIN_INSTANTS, standing_share
 from passerby.tracks3d.bodies import STANCE_SD, Rays, measure, stand, stand_alone
 from passerby.tracks3d.smoothing import smooth
 from passerby.tracks3d.voting import FITS, apart2, vote
-
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 ROUNDS = 3
 """Of solving, smoothing and judging the boxes again; the choice of boxes rests after two."""

@@ -7,12 +7,12 @@ from importlib import import_module
 from pathlib import Path
 
 from passerby.cameras import Rig
+from passerby.common.text import nearest
 from passerby.errors import InputError
 from passerby.interchange.atomic import write_bytes
 from passerby.interchange.formats.format import Export, Format, Given, People
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.together import together, working_in
-from passerby.scene_errors import nearest
 
 __all__ = [
     "Export",

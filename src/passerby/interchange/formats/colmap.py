@@ -19,7 +19,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.formats.colmap_files import ColmapCamera, ColmapImage, as_binary, as_text, read_model
 from passerby.interchange.formats.colmap_models import MODELS, WRITTEN, lens_of, nearest_to, parameters_of
@@ -27,7 +29,6 @@ from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import expressed
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
-from passerby.interchange.untrusted import shortened
 
 LEAST_QUATERNION, MOST_QUATERNION = 0.25, 1e6
 """Of the largest part of a quaternion, whose length should be one: others are no rotation, or another number's bytes."""

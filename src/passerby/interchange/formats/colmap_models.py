@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Floats, Lens
+from passerby.cameras import Lens
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.interchange.formats.lens_models import (
     FISHEYE,

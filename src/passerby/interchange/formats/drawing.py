@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats, Ints
+from passerby.core.trajectories import Trajectories
 from passerby.interchange.formats.lens_rays import bearings_of
 from passerby.report.colours import camera_colour, person_colour
-from passerby.tracks3d.trajectories import Trajectories
 
-Ints = NDArray[np.int64]
 Colour = tuple[int, int, int]
 
 GROUND_COLOUR: Colour = (128, 128, 128)

@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, expressed

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from passerby.cameras import Rig
+    from passerby.core.trajectories import Trajectories
     from passerby.observations import Boxes, Keypoints
-    from passerby.tracks3d.trajectories import Trajectories
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,6 +27,7 @@ import numpy as np
 import tomli_w
 
 from passerby.cameras import Camera, Lens, Rig
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.faults import read_toml
 from passerby.interchange.formats.format import Export, Format, Given
@@ -35,7 +36,6 @@ from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.values import padded
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
-from passerby.interchange.untrusted import shortened
 
 MILLIMETRES = 1000.0
 LEAST_COEFFICIENTS = 5

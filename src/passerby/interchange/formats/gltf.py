@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from passerby import __version__
-from passerby.cameras import Floats, Lens
+from passerby.cameras import Lens
+from passerby.common.arrays import Floats
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Colour, Drawing, Frustum, Way, draw
 from passerby.interchange.formats.format import Export, Format
 from passerby.interchange.formats.lens_models import PINHOLE, expressed

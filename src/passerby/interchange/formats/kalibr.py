@@ -26,7 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.kalibr_models import INTRINSICS, projection

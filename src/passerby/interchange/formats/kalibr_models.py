@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Floats
 from passerby.errors import InputError
 
 INTRINSICS = {"pinhole": 4, "omni": 5, "ds": 6, "eucm": 6}

@@ -24,7 +24,9 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, LensModel, expressed
@@ -39,7 +41,6 @@ from passerby.interchange.formats.values import (
     whole,
 )
 from passerby.interchange.json_text import to_json
-from passerby.interchange.untrusted import shortened
 
 HALF = 0.5
 """What nerfstudio's pixels are larger than OpenCV's."""

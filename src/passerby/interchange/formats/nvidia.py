@@ -40,7 +40,9 @@ import numpy as np
 import yaml
 from scipy.linalg import rq
 
-from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.formats.format import Export, Format, Given
@@ -56,7 +58,7 @@ from passerby.interchange.formats.values import (
     whole,
 )
 from passerby.interchange.json_text import to_json
-from passerby.interchange.untrusted import NotParsed, json_of, shortened
+from passerby.interchange.untrusted import NotParsed, json_of
 
 CAMERAS, CALIBRATION = "camInfo", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Floats
+from passerby.common.arrays import Floats
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Colour, Drawing, Frustum, Way, draw
 from passerby.interchange.formats.format import Export, Format
 from passerby.interchange.formats.losses import Losses

@@ -27,13 +27,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Floats, PoseSigma
+from passerby.cameras import Camera, PoseSigma
+from passerby.common.arrays import Floats
+from passerby.core.trajectories import Trajectories
 from passerby.errors import InputError
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Drawing, Frustum, Way, draw
 from passerby.interchange.formats.format import Export, Format
 from passerby.interchange.formats.lens_models import PINHOLE, expressed
 from passerby.interchange.formats.losses import Losses
-from passerby.tracks3d.trajectories import Trajectories
 
 APPLICATION = "passerby"
 HALF_A_PIXEL = 0.5

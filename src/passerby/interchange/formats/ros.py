@@ -31,7 +31,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Floats, Lens, Pose, Rig
+from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.arrays import Floats
+from passerby.common.text import shortened
 from passerby.errors import InputError
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, RATIONAL_8, expressed
@@ -46,7 +48,6 @@ from passerby.interchange.formats.values import (
     table,
     whole,
 )
-from passerby.interchange.untrusted import shortened
 
 FORBIDDEN = re.compile(r"[^A-Za-z0-9_]")
 INFOS, TRANSFORMS, LAUNCH = "camera_info", "static_transforms.yaml", "static_transforms.launch.py"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.observations import Floats, Ints
+from passerby.common.arrays import Floats, Ints
 from passerby.perception.crops import tellable
 from passerby.perception.pictures import Picture
 

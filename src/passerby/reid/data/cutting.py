@@ -23,9 +23,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.errors import InputError
 from passerby.interchange.atomic import PART, cannot_write, write_text
-from passerby.observations import Floats, Ints
 from passerby.parallel import side_by_side
 from passerby.perception.kept import alone, fingerprint, hash_of_arrays, key_of
 from passerby.perception.pictures import Frame, Picture

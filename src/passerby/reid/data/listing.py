@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from passerby.common.arrays import Ints
 from passerby.errors import InputError
-from passerby.observations import Ints
 from passerby.progress import Progress
 from passerby.reid.crops import DISTRACTOR, JUNK, CropSet, DataSet
 from passerby.reid.data.pictures import faults_of_pictures, told

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from passerby.common.arrays import Ints
 from passerby.doubled_rows import without_doubles
 from passerby.errors import InputError
 from passerby.interchange.faults import read_text
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
-from passerby.observations import UNKNOWN, Boxes, Ints
+from passerby.observations import UNKNOWN, Boxes
 from passerby.perception.pieces import VIDEO_ENDINGS
 from passerby.progress import Progress, silent
 from passerby.reid.crops import DataSet

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Floats
 from passerby.perception.pictures import Picture
 from passerby.simulation.presets import PRESETS, Preset
 from passerby.simulation.rendering.ground import ground
 from passerby.simulation.rendering.light import SHADOW, Light
 from passerby.simulation.rendering.surroundings import BEHIND_M, Block, draw_blocks, meet, sky, wall
 from passerby.simulation.rendering.textures import Field, Noise
-
-Floats = NDArray[np.float64]
 
 SUPERSAMPLING = 2
 RAY_PITCH_PX = 8

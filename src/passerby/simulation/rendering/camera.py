@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Floats
 from passerby.perception.pictures import Picture
 from passerby.simulation.areas import Areas
 from passerby.simulation.body import pose_joints
@@ -23,8 +24,6 @@ from passerby.simulation.rendering.options import RenderOptions
 from passerby.simulation.rendering.sensor import Sensor
 from passerby.simulation.rendering.shadows import ShadowCaster
 from passerby.simulation.scene import SimulatedScene
-
-Floats = NDArray[np.float64]
 
 BODIES_AT_ONCE = 1000
 SALT = 7119

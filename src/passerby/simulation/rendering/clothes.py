@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats
 from passerby.simulation.rendering.mesh import OPTIONAL, Template
 
-Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Colour = tuple[float, float, float]
 """Blue, green, red; 0 to 255, as in full light."""

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Floats, Ints
 from passerby.perception.pictures import Picture
 from passerby.simulation.body import body_spheres
 from passerby.simulation.observe import NEAREST_M
 from passerby.simulation.rendering.clothes import Outfit, Wardrobe, dress
 from passerby.simulation.rendering.light import Light
 from passerby.simulation.rendering.mesh import Template, pose_surface, template
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FINE_FROM_PX = 110.0
 """People less tall than this are drawn with the coarse template: its corners are then within a pixel."""

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from passerby.common.arrays import Floats
 
 ELEVATION_DEG = (38.0, 60.0)
 """How high the sun may stand: shadows are then 0.6 to 1.3 times as long as people are tall."""

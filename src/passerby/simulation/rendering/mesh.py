@@ -13,10 +13,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats, Ints
 from passerby.simulation.body import JOINTS
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PARTS = ("trunk", "neck", "head", "arm", "hand", "leg", "shoe", "hair", "skirt", "backpack", "brim")
 """Kinds of parts; the last four are worn by some people only."""

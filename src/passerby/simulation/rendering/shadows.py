@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.cameras import Camera
+from passerby.common.arrays import Floats
 from passerby.perception.pictures import Picture
 from passerby.simulation.body import JOINTS
 from passerby.simulation.observe import NEAREST_M
@@ -16,8 +17,6 @@ from passerby.simulation.rendering.clothes import Outfit, dress
 from passerby.simulation.rendering.drawing import LIMIT_PX
 from passerby.simulation.rendering.light import SHADOW, Light
 from passerby.simulation.rendering.mesh import pose_surface, template
-
-Floats = NDArray[np.float64]
 
 SCALE = 2
 """Shadows are drawn in a picture so many times smaller: their edges are soft anyway."""

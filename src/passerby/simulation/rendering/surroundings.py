@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.common.arrays import Floats
 from passerby.simulation.presets import Preset
 from passerby.simulation.rendering.light import Light
 from passerby.simulation.rendering.textures import Field, Noise, grid, mixed
-
-Floats = NDArray[np.float64]
 
 BEHIND_M = {"terrace": 7.0, "basketball": 9.0, "construction": 12.0}
 """From the cameras' rectangle to the buildings."""

@@ -1,0 +1,37 @@
+"""Words and names in messages."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import reprlib
+from typing import Any
+
+
+def nearest(key: str, known: list[str]) -> str:
+    """The mend for a misspelt name."""
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
+
+
+def shortened(value: Any) -> str:
+    """A value as a message shows it; quick even where a few bytes of YAML stand for endless lists."""
+    short = reprlib.Repr()
+    short.maxlevel, short.maxlist, short.maxdict, short.maxstring, short.maxlong = 3, 16, 8, 90, 40
+    short.maxother = 90
+    text = short.repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def shortened_text(text: str, most: int = 100) -> str:
+    """Text out of a file as a message shows it, without quotes."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+_NUMBER = re.compile(r"[0-9]+")
+
+
+def natural_key(text: str) -> tuple[str | int, ...]:
+    """A key that sorts cam2 before cam10, and capitals with small letters."""
+    parts = re.split(r"([0-9]+)", text.casefold())
+    return tuple(int(part) if index % 2 else part for index, part in enumerate(parts))

@@ -1,0 +1,48 @@
+"""Where every person was, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import Clock
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """N places, sorted by identity, then by time. World of the rig: z up, ground at z = 0, metres."""
+
+    identity: Ints
+    """(N,)"""
+    frame: Ints
+    """(N,) frames of `clock`."""
+    time_s: Floats
+    """(N,) the rig's time, seconds."""
+    xyz: Floats
+    """(N, 3) x, y on the ground below the body; z: height of the body's middle."""
+    sigma_m: Floats
+    """(N,) root of the trace of the covariance of (x, y), in the rig's world: the errors that the whole world shares (its
+    place, its turn, its scale) are not in it. NaN where unknown (pairwise with one pair)."""
+    cameras: Ints
+    """(N,) cameras that agree; 0: nobody saw the person, the place lies between others."""
+    part: Ints
+    """(N,) number of the stretch without long gaps, from 1 for each identity."""
+    clock: Clock
+    """Of the frames."""
+    figures: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready: options, people, boxes used and voted down and disagreement by camera."""
+
+    def __repr__(self) -> str:
+        seconds = float(np.ptp(self.time_s)) if len(self) else 0.0
+        return f"Trajectories({len(self.people)} people, {len(self)} places, {seconds:.1f} s)"
+
+    def __len__(self) -> int:
+        return len(self.identity)
+
+    @property
+    def people(self) -> Ints:
+        """(P,) identities, ascending."""
+        return np.unique(self.identity)

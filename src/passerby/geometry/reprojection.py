@@ -1,0 +1,91 @@
+"""Reprojection near a measured ray, its derivatives, and steps of poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from passerby.common.arrays import Floats, Ints
+
+POSE_SIZE = 6
+
+# A point that comes closer than this share of its distance to the plane of its own ray has left the camera's view.
+_MIN_COSINE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class PointObservations:
+    """M sightings of points by cameras."""
+
+    camera: Ints
+    """(M,) camera index."""
+    point: Ints
+    """(M,) point index."""
+    bearing: Floats
+    """(M, 3) unit viewing rays, camera frame."""
+    tangent: Floats
+    """(M, 2, 3) pixels, from `Lens.tangents`."""
+    sigma_px: Floats
+    """(M,) standard deviation of the sighting, pixels."""
+    velocity: Floats | None = None
+    """(M, 2) how fast the point moves through the picture, pixels a second; None where time is no question."""
+    pixels: Floats | None = None
+    """(M, 2) where it was seen; this and the next two None where lenses are not refined."""
+    lens_at: Floats | None = None
+    """(M, L) the camera's lens that the ray was made with, as what is added to the stated one."""
+    by_lens: Floats | None = None
+    """(M, 2, L) how the pixel moves with it."""
+
+    def take(self, rows: NDArray[np.generic]) -> PointObservations:
+        """The sightings of the given rows."""
+        columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
+        return PointObservations(**{name: column[rows] for name, column in columns.items()})
+
+
+def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, Floats]:
+    """Pixel residuals of camera-frame points near their rays, and the derivative.
+
+    Args:
+        bearing: (M, 3) observed unit rays.
+        tangent: (M, 2, 3) from `Lens.tangents`.
+        d: (M, 3) points in the camera frame.
+
+    Returns:
+        residual (M, 2) in pixels and its derivative by d (M, 2, 3).
+    """
+    depth = np.einsum("mi,mi->m", bearing, d)
+    # A point behind its ray has no residual; hold the depth above a floor so that the cost is large but finite.
+    depth = np.maximum(depth, _MIN_COSINE * np.sqrt(np.einsum("mi,mi->m", d, d)) + 1e-9)
+    inverse = 1.0 / depth
+    residual = (tangent[:, :, 0] * d[:, :1] + tangent[:, :, 1] * d[:, 1:2] + tangent[:, :, 2] * d[:, 2:]) * inverse[:, None]
+    by_d = (tangent - residual[:, :, None] * bearing[:, None, :]) * inverse[:, None, None]
+    return residual, by_d
+
+
+def skew(v: Floats) -> Floats:
+    """(M, 3) to (M, 3, 3): the matrix of the cross product, `skew(v) @ w = v x w`."""
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
+def pose_jacobian(by_d: Floats, d: Floats, R: Floats) -> tuple[Floats, Floats]:
+    """Derivatives by a camera's rotation vector and centre (M, k, 6), and by the world point (M, k, 3).
+
+    Args:
+        by_d: (M, k, 3) derivative by the camera-frame point.
+        d: (M, 3) camera-frame points.
+        R: (M, 3, 3) world-to-camera rotations, one a row.
+    """
+    by_point = by_d @ R
+    by_rotation = -by_d @ skew(d)
+    return np.concatenate([by_rotation, -by_point], axis=2), by_point
+
+
+def retract_poses(R: Floats, centre: Floats, step: Floats) -> tuple[Floats, Floats]:
+    """Move poses (C, 3, 3), (C, 3) by (C, 6): rotation vectors in the cameras' frames, then centres."""
+    return Rotation.from_rotvec(step[:, :3]).as_matrix() @ R, centre + step[:, 3:6]

@@ -1,0 +1,81 @@
+"""The upright person: noise, priors, and the body's ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+
+X, Y, LOW, HIGH = range(4)
+"""Columns of a body: its place on the ground, and its lowest and highest points above the ground, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What the residuals are weighed by; shares are of the extent in pixels that the person is expected to have."""
+
+    floor_px: float = 0.5
+    """What head, ankles and joints are off by, however large the person is seen."""
+    box_px: float = 0.5
+    """The same of the centre of a box; its height is off by twice as much, as where both edges err on their own."""
+    centre: float = 0.02
+    height: float = 0.10
+    lean: float = 0.06
+    """The centre of head and ankles, in both directions: bodies lean, and the joints themselves fix the shape."""
+    joint: float = 0.01
+    kinds: Floats | None = None
+    """(C, K) factor on the noise of each joint of the body in each camera; 1 when None."""
+    loss: float = 5.0
+    """Scale of the Cauchy loss in sigmas; large values make it nearly quadratic for a first descent."""
+    broken: float = 0.0
+    """Share of the boxes' edges that are not the person's, beyond what clean boxes feign."""
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard deviations of what people and detectors usually do."""
+
+    low: float = 0.05
+    """The lowest point's height above the ground, as a share of the person's height: steps, kerbs, slopes."""
+    high: float = 0.06
+    """The highest point's distance from standing height, the same: gait, a bent neck, shoes."""
+    slack: float = 0.05
+    foot_shift: float = 0.08
+    """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the person's height."""
+    foot_shift_sd: float = 0.04
+    stance_loss: float = 2.0
+    time: float = 0.3
+    """Error of a camera's clock, seconds: whole frames are found before, so that half a frame of 2 a second is left at most."""
+
+
+# People who walk are on the mean this share of their standing height: the head bobs between both (Cavagna and Margaria 1966).
+GAIT_SHARE = 0.99
+
+# The height of a box is off by this many times what its centre is off by, where both edges err on their own.
+HEIGHT_PER_CENTRE = 2.0
+
+
+def body_ends(
+    centre: Floats, body: Floats, moved: Floats, top_fraction: Floats | float = 1.0, bottom_fraction: Floats | float = 0.0
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """The highest and the lowest point that cameras see of upright bodies.
+
+    Args:
+        centre: (M, 3) of the cameras, metres.
+        body: (M, 4) x, y, height of the lowest and of the highest point, metres.
+        moved: (M, 1) how much nearer to the camera the lowest visible point is than the body's axis, metres.
+        top_fraction: (M,) where on the body the highest point sits, as a share of its height.
+        bottom_fraction: (M,) the same of the lowest point.
+
+    Returns:
+        (M, 3) highest points; (M, 3) lowest points; (M, 2) unit vectors over the ground to the cameras, (M,) how far that is.
+    """
+    length = body[:, HIGH] - body[:, LOW]
+    top = np.column_stack([body[:, :2], body[:, LOW] + top_fraction * length])
+    toward = centre[:, :2] - body[:, :2]
+    distance = np.maximum(np.linalg.norm(toward, axis=1), 0.1)
+    toward = toward / distance[:, None]
+    bottom = np.column_stack([body[:, :2] + moved * toward, body[:, LOW] + bottom_fraction * length])
+    return top, bottom, toward, distance

@@ -1,0 +1,127 @@
+"""The two ends of an upright person in a picture, from boxes and from joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.cameras import Lens
+from passerby.common.arrays import Floats, Ints
+from passerby.observations import BORDER_PX, Boxes, Keypoints
+from passerby.solver.image_motion import image_velocity
+
+MIN_EXTENT_PX = 8.0
+
+MIN_JOINT_SCORE = 0.3
+
+MIN_JOINTS = 4
+
+BODY_HEIGHTS = {
+    "head_top": 1.0, "nose": 0.93, "eye": 0.94, "ear": 0.93, "neck": 0.84, "shoulder": 0.82, "hip": 0.53,
+    "knee": 0.28, "ankle": 0.045, "heel": 0.02, "big_toe": 0.01, "small_toe": 0.01,
+}  # fmt: skip
+"""Where joints of a standing body are, as a share of its height (after Drillis and Contini 1966)."""
+
+HEAD, SHOULDERS, FEET = ("head_top", "nose", "eye", "ear"), ("neck", "shoulder"), ("ankle", "heel", "big_toe", "small_toe")
+
+# Joint names count as right when, in the median person, they order the joints from head to feet at least this well.
+MIN_ORDER_CORRELATION = 0.9
+
+# Where the names are wrong the highest and lowest joints found stand in: about the eyes or crown, and the toes.
+EXTREME_FRACTIONS = (0.96, 0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Highest and lowest points of people in one camera's picture, pixels."""
+
+    frame: Ints
+    identity: Ints
+    top: Floats
+    bottom: Floats
+    top_fraction: Floats
+    bottom_fraction: Floats
+    has_foot: Floats
+    row: Ints
+    """Which box, or which set of joints, each is."""
+
+    def velocity(self, fps: float) -> Floats:
+        """(M, 2) how fast the middles move through the picture, pixels a second."""
+        extent = np.linalg.norm(self.bottom - self.top, axis=1)
+        return image_velocity(self.frame, self.identity, 0.5 * (self.top + self.bottom), extent, fps)
+
+
+def segments_of_boxes(boxes: Boxes, lens: Lens, *, unknown: bool = False) -> Segments:
+    """Boxes not cut by the border, as segments from top to bottom at the middle of their width.
+
+    Those without an identity are left out unless `unknown` are wanted.
+    """
+    x, y, w, h = boxes.ltwh.T
+    whole = (
+        (x > BORDER_PX) & (y > BORDER_PX) & (x + w < lens.size[0] - BORDER_PX) & (y + h < lens.size[1] - BORDER_PX)
+        & (h >= MIN_EXTENT_PX) & ((boxes.identity >= 0) | unknown)
+    )  # fmt: skip
+    x, y, w, h = x[whole], y[whole], w[whole], h[whole]
+    n = len(x)
+    return Segments(
+        boxes.frame[whole], boxes.identity[whole], np.column_stack([x + w / 2, y]), np.column_stack([x + w / 2, y + h]),
+        np.ones(n), np.zeros(n), np.ones(n), np.flatnonzero(whole),
+    )  # fmt: skip
+
+
+def nominal_heights(joints: tuple[str, ...]) -> Floats:
+    """(J,) share of the body's height of each named joint; NaN for joints that move freely or are unknown."""
+    out = np.full(len(joints), np.nan)
+    for index, name in enumerate(joints):
+        bare = name.removeprefix("left_").removeprefix("right_").removeprefix("mid_")
+        out[index] = BODY_HEIGHTS.get(bare, np.nan)
+    return out
+
+
+def segments_of_keypoints(keypoints: Keypoints, named: bool, *, unknown: bool = False) -> Segments:
+    """People with head and feet found, as segments between them; those without an identity only if `unknown` are wanted."""
+    score, xy = keypoints.score, keypoints.xy
+    found = score > MIN_JOINT_SCORE
+    nominal = nominal_heights(keypoints.joints)
+    if named:
+        head = found & _is_any(keypoints.joints, HEAD)
+        head |= found & _is_any(keypoints.joints, SHOULDERS) & (head.sum(axis=1) == 0)[:, None]
+        feet = found & _is_any(keypoints.joints, FEET)
+        use = head.any(axis=1) & feet.any(axis=1)
+        top, top_fraction = _mean_joint(xy, head, nominal)
+        bottom, bottom_fraction = _mean_joint(xy, feet, nominal)
+    else:
+        use = found.sum(axis=1) >= 10
+        rows = np.arange(len(xy))
+        y = xy[:, :, 1]
+        top = xy[rows, np.where(found, y, np.inf).argmin(axis=1)]
+        bottom = xy[rows, np.where(found, y, -np.inf).argmax(axis=1)]
+        top_fraction, bottom_fraction = (np.full(len(xy), value) for value in EXTREME_FRACTIONS)
+    use &= ((keypoints.identity >= 0) | unknown) & (bottom[:, 1] - top[:, 1] >= MIN_EXTENT_PX)
+    return Segments(
+        keypoints.frame[use], keypoints.identity[use], top[use], bottom[use], top_fraction[use], bottom_fraction[use],
+        np.zeros(np.count_nonzero(use)), np.flatnonzero(use),
+    )  # fmt: skip
+
+
+def _is_any(joints: tuple[str, ...], names: tuple[str, ...]) -> NDArray[np.bool_]:
+    return np.array([joint.removeprefix("left_").removeprefix("right_") in names for joint in joints])
+
+
+def _mean_joint(xy: Floats, use: NDArray[np.bool_], nominal: Floats) -> tuple[Floats, Floats]:
+    """Mean position (N, 2) and mean nominal height (N,) of the joints in use."""
+    count = np.maximum(use.sum(axis=1), 1)
+    mean = (xy * use[:, :, None]).sum(axis=1) / count[:, None]
+    return mean, np.where(use, np.nan_to_num(nominal), 0.0).sum(axis=1) / count
+
+
+def segments_without(segments: Segments, other: Segments) -> Segments:
+    """The segments of people that `other` does not hold."""
+    pairs = np.column_stack([segments.frame, segments.identity])
+    both = np.concatenate([np.column_stack([other.frame, other.identity]), pairs])
+    _, number = np.unique(both, axis=0, return_inverse=True)
+    number = number.ravel()
+    new = ~np.isin(number[len(other.frame) :], number[: len(other.frame)])
+    return Segments(**{name: getattr(segments, name)[new] for name in segments.__dataclass_fields__})
