@@ -13,10 +13,10 @@ import tomli_w
 from command import ONE_THREAD, Calibrated, calibrate, passerby
 
 from datasets import DataSet
+from passerby.core.observations import Boxes, Clock
 from passerby.evaluation.identities import IdentityAgreement, identity_agreement
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.observations import Boxes, Clock
 
 LARGEST_SHIFT_S = 5.0
 BOX_NOISE, MISSING, TRACKLET_SECONDS = 0.02, 0.1, 4.0

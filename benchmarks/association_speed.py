@@ -18,12 +18,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from passerby.association.associate import Tracklets
-from passerby.association.preparing import PreparedCamera, prepare_camera
-from passerby.association.starting import begin_with_tracks
-from passerby.inputs import SceneInputs, read_inputs
-from passerby.observations import Boxes, CameraObservations, Observations
-from passerby.parallel import local_processes
-from passerby.scene import Scene
+from passerby.association.camera_tracklets import PreparedCamera, prepare_camera
+from passerby.association.initial_association import begin_with_tracks
+from passerby.common.parallel import local_processes
+from passerby.core.observations import Boxes, CameraObservations, Observations
+from passerby.scene.inputs import SceneInputs, read_inputs
+from passerby.scene.scene import Scene
 
 CORES = 2
 

@@ -15,8 +15,8 @@ import numpy as np
 import tomli_w
 
 from passerby.benchmark.goals import Goal
+from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes, write_boxes
-from passerby.observations import Boxes
 
 ROOT = Path(__file__).resolve().parent.parent
 BoxChange = Callable[[Boxes], Boxes]

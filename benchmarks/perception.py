@@ -54,7 +54,7 @@ from simulations import PRESETS, WORKERS
 
 from datasets import data_set, folder_of, models_folder
 from passerby.benchmark.page import Page, load, table
-from passerby.scene_tables import WATCHED_FPS
+from passerby.scene.tables import WATCHED_FPS
 
 Result = TypeVar("Result")
 Runs = Mapping[str, Watched]

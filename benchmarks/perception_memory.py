@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from passerby.perception.plan import make_plan
 from passerby.perception.video import probe
 from passerby.perception.watching import CameraJob, watch_camera
-from passerby.scene_tables import WATCHED_FPS
+from passerby.scene.tables import WATCHED_FPS
 
 
 def peak_mb() -> float:

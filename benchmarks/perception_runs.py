@@ -15,18 +15,18 @@ import tomli_w
 from command import ONE_THREAD, Calibrated, Run, calibrate, judge, passerby, run_program
 
 from datasets import models_folder
-from passerby.association.mending import mend
-from passerby.association.tracking import track
-from passerby.errors import InputError
+from passerby.association.tracking.stitching import mend
+from passerby.association.tracking.tracking import track
+from passerby.common.errors import InputError
+from passerby.common.progress import silent
+from passerby.core.observations import UNKNOWN, Boxes
 from passerby.evaluation.detections import BoxScore, score_boxes
 from passerby.evaluation.tracklets import TrackletScore, score_tracklets
-from passerby.inputs import read_inputs
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.observations import UNKNOWN, Boxes
-from passerby.progress import silent
-from passerby.scene import Scene
-from passerby.videos import Videos
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import Videos
 
 CRASHED = "crashed"
 WEIGHT_FREE = {"detector": "background", "embedder": "stripes"}

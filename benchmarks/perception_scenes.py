@@ -9,7 +9,7 @@ import av
 import numpy as np
 
 from passerby.benchmark.rendered import FPS, SECONDS, render_key, rendered
-from passerby.cameras import Camera, Rig
+from passerby.core.cameras import Camera, Rig
 from passerby.interchange.video_writer import VideoWriter
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.rendering import RenderOptions

@@ -13,9 +13,9 @@ from command import ONE_THREAD, passerby
 from perception_scenes import render_key
 from simulations import WORKERS
 
+from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.video_writer import VideoWriter
-from passerby.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.rendering import RenderOptions
 from passerby.simulation.rendering.camera import CameraJob, camera_job, pictures

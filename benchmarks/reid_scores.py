@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from perception_runs import used_boxes
 
-from passerby.association.appearance import match_boxes
-from passerby.association.looks import Looks
-from passerby.association.preparing import prepare_cameras
+from passerby.association.appearance.affinity import Looks
+from passerby.association.appearance.embeddings import match_boxes
+from passerby.association.camera_tracklets import prepare_cameras
+from passerby.common.progress import silent
+from passerby.core.observations import UNKNOWN, Boxes
 from passerby.evaluation.detections import paired
 from passerby.evaluation.identities import IdentityAgreement, identity_agreement
-from passerby.inputs import read_inputs
 from passerby.interchange.motchallenge import read_boxes
-from passerby.observations import UNKNOWN, Boxes
-from passerby.progress import silent
-from passerby.scene import Scene
-from passerby.videos import Videos
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import Videos
 
 OVERLAP = 0.5
 """Intersection over union from which on a found box shows the person of a true one."""

@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from passerby.perception.model_files import find_model
 from passerby.perception.reid import BATCH, ReidEmbedder
 from passerby.perception.sessions import inputs_of, open_session
-from passerby.reid.data.reading import read_data
+from passerby.training.data.reading import read_data
 
 BATCHES, ROUNDS = 16, 5
 

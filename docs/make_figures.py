@@ -21,12 +21,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Rectangle
 
-from passerby.association.preparing import PreparedCamera, prepare_cameras
-from passerby.association.registration import Registration, register_pair
-from passerby.cameras import Camera, Rig
+from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
+from passerby.association.ground.registration import Registration, register_pair
+from passerby.calibration.pipeline import Calibration, calibrate
 from passerby.common.arrays import Floats
-from passerby.observations import Clock
-from passerby.pipeline import Calibration, calibrate
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import Clock
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate, write_scene
 
 FOLDER = Path(__file__).resolve().parent / "figures"

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from passerby.commands.formats import as_markdown
-from passerby.interchange.atomic import write_text
+from passerby.cli.commands.formats import as_markdown
 from passerby.interchange.formats import all_formats
+from passerby.interchange.storage.atomic import write_text
 
 PAGE = Path(__file__).resolve().parent / "formats.md"
 BEGIN, END = "<!-- formats: written by docs/make_formats.py -->\n", "<!-- formats: end -->\n"

@@ -29,9 +29,10 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
-from passerby import scene, scene_tables
-from passerby.cli import app
-from passerby.interchange.atomic import write_text
+from passerby.cli.main import app
+from passerby.interchange.storage.atomic import write_text
+from passerby.scene import scene
+from passerby.scene import tables as scene_tables
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 WRITTEN = "<!-- Written by docs/make_reference.py from the code: change it there. -->"
@@ -40,8 +41,8 @@ SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le"
 Row = Sequence[str]
 
 OPTIONS = (
-    ("people", "passerby.solver.stages", "PeopleOptions"),
-    ("geopose", "passerby.solver.geopose", "GeoPoseOptions"),
+    ("people", "passerby.solver.initialisation", "PeopleOptions"),
+    ("geopose", "passerby.solver.geopose.geopose", "GeoPoseOptions"),
 )
 """`[solver.options]` by method: where its dataclass is defined."""
 ELSEWHERE = frozenset({"reference"})

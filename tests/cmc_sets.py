@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from scipy.io import savemat
 
-from passerby.cameras import Lens
+from passerby.core.cameras import Lens
 from walking_rigs import HEIGHT_M, MIRROR, RADIUS_M, Walk, around, paths
 
 SIZE = (1920, 1024)

@@ -24,7 +24,7 @@ settings.load_profile("passerby")
 def no_log_of_slow_runs() -> Iterator[None]:
     """What a test reads on standard error does not depend on the machine's speed: time stands still for the log that tells now
     and then how far a run of more than half a minute is. Tests of that log have clocks of their own."""
-    from passerby import terminal
+    from passerby.cli import terminal
 
     log = terminal._Log
     with pytest.MonkeyPatch.context() as patch:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
-from passerby.observations import Clock
 
 NASTY = 'C"1\n</script><b>\x01\\ é'
 """A camera's name with all that could break out of a file."""

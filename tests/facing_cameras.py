@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Given, export, find_format
 
 LOOKING_NORTH = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])

@@ -10,11 +10,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from passerby.cameras import Lens, Rig
+from passerby.core.cameras import Lens, Rig
+from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.video_writer import VideoWriter
-from passerby.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 
 SCALE = 0.5

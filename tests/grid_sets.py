@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from passerby.cameras import Lens
+from passerby.core.cameras import Lens
 from walking_rigs import MIRROR, Walk, around, paths
 
 SIZE = (1920, 1080)

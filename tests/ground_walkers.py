@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.bodies import Bodies
-from passerby.association.ground_tracks import GroundTracks, ground_tracks
+from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
 from passerby.common.arrays import Floats
 from passerby.geometry.single_view import Level
+from passerby.people.upright_rays import Bodies
 
 Complexes = NDArray[np.complex128]
 

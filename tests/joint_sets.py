@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from scipy.io import savemat
 
-from passerby.cameras import Lens, Rig
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Lens, Rig
+from passerby.core.observations import BODY_17
 from passerby.datasets.panoptic import COCO19
 from passerby.datasets.tum import JOINTS
-from passerby.observations import BODY_17
 from passerby.simulation import SimulationOptions, simulate
 
 Y_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])

@@ -51,8 +51,10 @@ class Fate:
 
 def _watch_over(fate: Fate) -> None:
     """Let the fate know what happens in this process."""
-    from passerby import parallel, results, terminal
-    from passerby.interchange import atomic
+    from passerby.calibration import results
+    from passerby.cli import terminal
+    from passerby.common import parallel
+    from passerby.interchange.storage import atomic
     from passerby.perception import opening, watching
     from passerby.perception.background import BackgroundDetector
     from passerby.perception.stripes import StripesEmbedder
@@ -86,7 +88,7 @@ def _run(scene: Path, out: Path, moment: Moment | None, sign: int, channel: Any)
     """In the new process."""
     fate = Fate(moment, sign)
     _watch_over(fate)
-    from passerby.cli import run
+    from passerby.cli.main import run
 
     sys.stdout, sys.stderr = io.StringIO(), io.StringIO()
     status = run(["calibrate", str(scene), "-o", str(out)])
@@ -108,7 +110,9 @@ class Ended:
 def calibrate(scene: Path, out: Path, moment: Moment | None = None, sign: int = signal.SIGKILL) -> Ended:
     """Calibrate in a process of its own until the moment comes, or to the end."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["passerby.pipeline", "passerby.cli", "passerby.perception.background", "passerby.tables"])
+    context.set_forkserver_preload(
+        ["passerby.calibration.pipeline", "passerby.cli.main", "passerby.perception.background", "passerby.cli.tables"]
+    )
     here, there = context.Pipe(duplex=False)
     process = context.Process(target=_run, args=(scene, out, moment, sign, there))
     process.start()

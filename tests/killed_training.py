@@ -31,12 +31,12 @@ def _run(data: Path, out: Path, chosen: dict[str, Any], moment: Moment) -> None:
     """In the new process."""
     import torch
 
-    from passerby.interchange import atomic
-    from passerby.reid import training
-    from passerby.reid.data import read_all
-    from passerby.reid.losses import ReidLoss
-    from passerby.reid.options import train_options
-    from passerby.reid.runs import train_run
+    from passerby.interchange.storage import atomic
+    from passerby.training import training
+    from passerby.training.data import read_all
+    from passerby.training.losses import ReidLoss
+    from passerby.training.options import train_options
+    from passerby.training.runs import train_run
 
     torch.set_num_threads(1)
     ReidLoss.forward = _until("batch", moment, ReidLoss.forward)  # type: ignore[method-assign]
@@ -59,7 +59,7 @@ class _Os:
 def train_until(data: Path, out: Path, chosen: dict[str, Any], moment: Moment) -> None:
     """Train in a process of its own until the moment has come; it must come."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["passerby.reid.runs", "passerby.reid.data"])
+    context.set_forkserver_preload(["passerby.training.runs", "passerby.training.data"])
     process = context.Process(target=_run, args=(data, out, chosen, moment))
     process.start()
     process.join()

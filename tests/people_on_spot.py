@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
-from passerby.observations import BODY_17, Boxes, CameraObservations, Keypoints
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import BODY_17, Boxes, CameraObservations, Keypoints
 from passerby.simulation.body import BodyState, pose_joints
 from passerby.simulation.observe import view
 

@@ -8,12 +8,12 @@ from functools import cache
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.observations import Boxes, CameraObservations, Keypoints, Observations
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
+from passerby.core.scale_cues import ScaleCues
+from passerby.core.solution import Solution
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.people import PeopleOptions, solve_people
-from passerby.solver.scale import ScaleCues
-from passerby.solver.solution import Solution
 
 LENS = Lens((1280, 720), np.array([[800.0, 0, 640], [0, 802.0, 360], [0, 0, 1]]), np.array([-0.08, 0.01, 0.0005, -0.0003, 0.0]))
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.video_writer import VideoWriter
-from passerby.observations import Boxes
 
 SIZE = (160, 120)
 """Of the video's pictures, width and height."""

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from passerby.addresses import not_a_file, without_credentials
-from passerby.cli import run
-from passerby.errors import EvidenceError, InputError
-from passerby.interchange.faults import FileFaults
-from passerby.scene import Scene
-from passerby.scene_tables import CameraTable, SceneTable
+from passerby.cli.main import run
+from passerby.common.addresses import not_a_file, without_credentials
+from passerby.common.errors import EvidenceError, InputError
+from passerby.interchange.storage.faults import FileFaults
+from passerby.scene.scene import Scene
+from passerby.scene.tables import CameraTable, SceneTable
 
 ADDRESSES = [
     "rtsp://walter:hunter2@10.0.0.5:554/Streaming/Channels/101",
@@ -143,7 +143,7 @@ def test_a_bugs_traceback_repeats_no_password(monkeypatch, capsys):
     def broken(path):
         raise RuntimeError(f"cannot do anything with {ADDRESSES[0]}")
 
-    monkeypatch.setattr("passerby.check.check_scene", broken)
+    monkeypatch.setattr("passerby.scene.check.check_scene", broken)
     assert run(["check", "scene.toml"]) == 1
     told = capsys.readouterr().err
     assert "RuntimeError: cannot do anything with rtsp://...@10.0.0.5" in told

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.cli import run
-from passerby.observations import CameraObservations
+from passerby.cli.main import run
+from passerby.core.observations import CameraObservations
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
 

@@ -9,11 +9,11 @@ import pytest
 import tomli_w
 
 import passerby
-from passerby.cameras import Camera, Pose, Rig
-from passerby.cli import run
+from passerby.cli.main import run
+from passerby.core.cameras import Camera, Pose, Rig
+from passerby.core.observations import CameraObservations, Observations
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes, write_boxes
-from passerby.observations import CameraObservations, Observations
 from passerby.simulation import SimulationOptions, simulate, write_scene
 from test_want_of_evidence import boxes_of
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from passerby.cli import run
+from passerby.cli.main import run
 from scenes import lens, rows, write_scene
 
 BAD = 2

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from filmed import film, pictures, puppets, scene_file, wall, write_video
-from passerby import parallel
-from passerby.cli import run
-from passerby.scene import Scene
+from passerby.cli.main import run
+from passerby.common import parallel
+from passerby.scene.scene import Scene
 
 BAD, DOUBTFUL = 2, 3
 

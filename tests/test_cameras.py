@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.geometry.rotations import exp_rotation
 from person_scenes import looking_at
 

@@ -8,8 +8,9 @@ from dataclasses import fields
 
 import pytest
 
-from passerby import __version__, cli
-from passerby.cli import run
+from passerby import __version__
+from passerby.cli import main as cli
+from passerby.cli.main import run
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.simulation import SimulationOptions
 
@@ -26,9 +27,9 @@ def test_no_arguments_is_help(capsys):
 
 
 def test_help_and_import_need_no_heavy_library():
-    code = "import sys, passerby, passerby.cli; passerby.cli.run(['--help']); print(*sorted(sys.modules), sep='\\n')"
+    code = "import sys, passerby, passerby.cli.main; passerby.cli.main.run(['--help']); print(*sorted(sys.modules), sep='\\n')"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert "passerby.cli" in loaded
+    assert "passerby.cli.main" in loaded
     assert not {"numpy", "cv2", "scipy", "poselib"} & set(loaded)
 
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.cli import run
-from passerby.doubled_rows import MOST_DOUBLED, without_doubles
-from passerby.errors import InputError
-from passerby.observations import Boxes, Keypoints
-from passerby.reading import read_camera
-from passerby.scene import Scene
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes, Keypoints
+from passerby.scene.camera_input import read_camera
+from passerby.scene.doubled_rows import MOST_DOUBLED, without_doubles
+from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate
 from scenes import rows, write_scene
 

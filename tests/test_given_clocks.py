@@ -8,10 +8,10 @@ import pytest
 import tomli_w
 
 import passerby
+from passerby.calibration.temporal_calibration import in_line
+from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
-from passerby.given_clocks import in_line
 from passerby.interchange.motchallenge import read_boxes
-from passerby.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
 FAULTS = {"seconds": 20.0, "box_noise": 0.02, "missing": 0.1}

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from passerby.cli import run
-from passerby.errors import InputError
-from passerby.inputs import read_inputs
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.core.observations import Clock
 from passerby.interchange.embeddings import write_embeddings
-from passerby.observations import Clock
-from passerby.scene import Scene
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
 from scenes import lens, rows, write_scene
 
 COMBINED = 'mode = "combined"'

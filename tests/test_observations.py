@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
-from passerby.observations import BODY_17, Boxes, CameraObservations, Keypoints, Observations
+from passerby.common.errors import InputError
+from passerby.core.observations import BODY_17, Boxes, CameraObservations, Keypoints, Observations
 
 BOXES = {"frame": [1, 2, 3], "identity": [4, 5, -1], "ltwh": [[1, 2, 30, 40]] * 3, "score": [0.5, 1, 1]}
 

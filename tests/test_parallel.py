@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby import parallel
-from passerby.association.preparing import prepare_cameras
-from passerby.cameras import Rig
-from passerby.errors import InputError
-from passerby.observations import Clock
-from passerby.parallel import local_processes, pays, side_by_side
+from passerby.association.camera_tracklets import prepare_cameras
+from passerby.common import parallel
+from passerby.common.errors import InputError
+from passerby.common.parallel import local_processes, pays, side_by_side
+from passerby.core.cameras import Rig
+from passerby.core.observations import Clock
 from passerby.simulation import SimulationOptions, simulate
 
 
@@ -77,7 +77,7 @@ def test_a_process_that_is_killed_from_outside_is_told(monkeypatch):
 
 INTERRUPTED = """
 import multiprocessing, os, time
-from passerby.parallel import local_processes
+from passerby.common.parallel import local_processes
 started = []
 def alive(pid):
     try:

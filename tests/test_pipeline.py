@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby import pipeline
-from passerby.cameras import Pose, PoseSigma
-from passerby.cli import run
-from passerby.errors import EvidenceError, InputError
+from passerby.calibration import pipeline
+from passerby.cli.main import run
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Pose, PoseSigma
+from passerby.core.solution import Solution
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.solver.solution import Solution
 from scenes import lens, rows, write_scene
 
 
@@ -50,7 +50,7 @@ def solver(monkeypatch):
     solver = Solver()
     monkeypatch.setattr(pipeline, "PeopleOptions", Options)
     monkeypatch.setattr(pipeline, "solve_people", solver)
-    module = ModuleType("passerby.solver.geopose")
+    module = ModuleType("passerby.solver.geopose.geopose")
     module.GeoPoseOptions, module.solve_geopose = Options, solver
     monkeypatch.setitem(sys.modules, module.__name__, module)
     return solver

@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-import passerby.moved_cameras as moved_cameras
-import passerby.pipeline as pipeline
+import passerby.calibration.camera_motion as moved_cameras
+import passerby.calibration.pipeline as pipeline
+import passerby.solver.initialisation as stages
 import passerby.solver.people as people
-import passerby.solver.stages as stages
-from passerby.association.drift import Drift
+from passerby.association.clocks.drift import Drift
 from passerby.association.result import Association
-from passerby.cameras import Pose, Rig
-from passerby.clock_rates import rated
-from passerby.errors import EvidenceError
-from passerby.in_memory import calibrate_observations
-from passerby.inputs import SceneInputs
-from passerby.moved_cameras import Moved, steadied
-from passerby.observations import Clock
+from passerby.calibration.camera_motion import Moved, steadied
+from passerby.calibration.clock_skew import rated
+from passerby.calibration.diagnostics.pose_change import Change
+from passerby.calibration.in_memory import calibrate_observations
+from passerby.common.errors import EvidenceError
+from passerby.core.cameras import Pose, Rig
+from passerby.core.observations import Clock
+from passerby.core.solution import Solution
+from passerby.scene.inputs import SceneInputs
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleOptions
-from passerby.solver.solution import Solution
-from passerby.solver.steadiness import Change
 from person_scenes import part, simulated, solve, without_poses
 
 FORCED = "forced"

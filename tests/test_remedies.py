@@ -18,13 +18,13 @@ from documentation import DOCS, ROOT
 from filmed import film, puppets, scene_file, write_video
 from filmed import pictures as pictures_of
 from model_server import BODY, entry, keep_to, know_only
-from passerby.check import SHORTEST_S, check_scene
-from passerby.cli import run
-from passerby.errors import InputError
+from passerby.calibration.pipeline import calibrate, solver_options
+from passerby.cli.main import run
+from passerby.common.errors import InputError
 from passerby.perception.plan import keypoints_to_be_had
-from passerby.pipeline import calibrate, solver_options
 from passerby.report.distances import Distance, _advice
-from passerby.scene import TABLES, Scene
+from passerby.scene.check import SHORTEST_S, check_scene
+from passerby.scene.scene import TABLES, Scene
 
 SOURCE = ROOT / "src" / "passerby"
 VALUE = r'(?:\[[^\]]*\]|"[^"]*"|true|false|\d+(?:\.\d+)?|\{\})'

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.cli import run
+from passerby.cli.main import run
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
-from passerby.observations import Boxes, CameraObservations, Clock, Observations
-from passerby.same_content import doubts_of_same_place, same_contents
+from passerby.scene.same_content import doubts_of_same_place, same_contents
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.options import MAX_CLOCK_OFFSET_S
 from scenes import rows, write_scene

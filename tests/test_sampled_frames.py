@@ -10,10 +10,10 @@ import pytest
 import tomli_w
 
 import passerby
+from passerby.core.observations import CameraObservations, Observations
 from passerby.evaluation.metrics import compare
-from passerby.observations import CameraObservations, Observations
+from passerby.people.trajectories.trajectories import trajectories
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from passerby.tracks3d.trajectories import trajectories
 from walkers_watched import calibrated, write_watched
 
 

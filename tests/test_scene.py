@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
-from passerby.interchange.faults import faults_of
-from passerby.scene import TABLES, Scene
-from passerby.scene_tables import AssociationTable, CameraTable
+from passerby.common.errors import InputError
+from passerby.interchange.storage.faults import faults_of
+from passerby.scene.scene import TABLES, Scene
+from passerby.scene.tables import AssociationTable, CameraTable
 
 CAMERAS = """
 [cameras.A]

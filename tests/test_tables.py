@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from passerby.association.result import Association
-from passerby.cameras import Pose, PoseSigma, Rig
-from passerby.inputs import read_inputs
-from passerby.observations import Clock
-from passerby.pipeline import Calibration
-from passerby.progress import tell_note
-from passerby.scene import Scene
-from passerby.tables import show_calibration
-from passerby.terminal import _Log, stages
+from passerby.calibration.pipeline import Calibration
+from passerby.cli.tables import show_calibration
+from passerby.cli.terminal import _Log, stages
+from passerby.common.progress import tell_note
+from passerby.core.cameras import Pose, PoseSigma, Rig
+from passerby.core.observations import Clock
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
 from scenes import write_scene
 
 PAIR = {

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.observations import Boxes, CameraObservations, Observations
+from passerby.calibration.diagnostics.covisibility import doubts_of_missed, people_missed
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.simulation.placement import looking_at
-from passerby.unseen_people import doubts_of_missed, people_missed
 
 LENS = Lens((1280, 720), np.array([[900.0, 0.0, 640.0], [0.0, 900.0, 360.0], [0.0, 0.0, 1.0]]), np.zeros(0))
 

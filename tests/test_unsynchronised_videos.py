@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from filmed import film, puppets, scene_file
-from passerby.cli import run
+from passerby.cli.main import run
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 

@@ -11,10 +11,10 @@ import pytest
 import tomli_w
 
 import passerby
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.evaluation.metrics import compare
-from passerby.inputs import read_inputs
-from passerby.scene import Scene
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate, write_scene
 from passerby.simulation.disturbances import Move, film_disturbed, rig_after
 

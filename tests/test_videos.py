@@ -18,21 +18,21 @@ import crop_models
 import yolox_files
 from filmed import film, in_order, pictures, puppets, scene_file, wall, write_video
 from model_server import entry, keep_to, know_only
-from passerby import parallel
-from passerby.cli import run
-from passerby.errors import InputError
+from passerby.calibration.pipeline import calibrate
+from passerby.cli.main import run
+from passerby.cli.terminal import _Bar, stages
+from passerby.common import parallel
+from passerby.common.errors import InputError
+from passerby.common.progress import Forward, silent
 from passerby.evaluation.metrics import compare
-from passerby.inputs import read_inputs
-from passerby.interchange.json_text import to_json
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import read_rig
+from passerby.interchange.storage.json_text import to_json
 from passerby.perception.video import probe
-from passerby.pipeline import calibrate
-from passerby.progress import Forward, silent
-from passerby.reading import read_camera
-from passerby.scene import Scene
-from passerby.terminal import _Bar, stages
-from passerby.videos import Videos, picture_rate, plan_of
+from passerby.scene.camera_input import read_camera
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import Videos, picture_rate, plan_of
 
 SECONDS, FPS = 30.0, 3.0
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import passerby
+from passerby.calibration.diagnostics.walking_speed import doubts_of_heights, doubts_of_pace, paces, scale_basis
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.walking_pace import doubts_of_heights, doubts_of_pace, paces, scale_basis
 
 FPS = 5.0
 

@@ -7,11 +7,11 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from passerby.cli import run
-from passerby.observations import Boxes, CameraObservations, Observations
+from passerby.calibration.diagnostics.verdict import judged, people_positions
+from passerby.cli.main import run
+from passerby.core.observations import Boxes, CameraObservations, Observations
+from passerby.core.solution import Solution
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from passerby.solver.solution import Solution
-from passerby.verdict import judged, people_positions
 
 METHODS = ["people", "geopose"] if find_spec("passerby.solver.people") else ["geopose"]
 WANT_OF_EVIDENCE = 3

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.cameras import Lens
-from passerby.observations import Boxes, CameraObservations, Keypoints
-from passerby.picture_checks import smaller_picture
+from passerby.core.cameras import Lens
+from passerby.core.observations import Boxes, CameraObservations, Keypoints
+from passerby.scene.intrinsics_checks import smaller_picture
+from passerby.scene.upside_down import doubt_of_upside_down, fits_better_turned
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.upside_down import doubt_of_upside_down, fits_better_turned
 
 Change = Callable[[Boxes, tuple[int, int]], Boxes]
 

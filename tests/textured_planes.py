@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 
 SIZE = (400, 300)
 LENS = Lens(SIZE, np.array([[380.0, 0, 199.5], [0, 380.0, 149.5], [0, 0, 1]]), np.zeros(0))

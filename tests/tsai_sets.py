@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Lens, Pose
+from passerby.core.cameras import Camera, Lens, Pose
 from passerby.interchange.video_writer import VideoWriter
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 

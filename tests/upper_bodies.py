@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.observations import Boxes, CameraObservations, Observations
+from passerby.core.observations import Boxes, CameraObservations, Observations
 
 LEGS = ("knee", "ankle")
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.cameras import Pose, PoseSigma, Rig
+from passerby.core.cameras import Pose, PoseSigma, Rig
+from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
-from passerby.observations import Boxes, CameraObservations, Observations
 from passerby.simulation.placement import place_cameras
 
 FPS = 2.0

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 
 RADIUS_M, HEIGHT_M = 0.16, 1.8
 """Of the cylinder that stands for a person."""

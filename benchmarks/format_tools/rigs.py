@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from format_tools.case import Case
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Export, Given, export, find_format, read_rig_as
 
 SIZE = (1920, 1080)

@@ -10,11 +10,11 @@ import numpy as np
 import tomli_w
 
 from datasets import data_set, folder_of, swap_identities
-from passerby.cameras import Rig
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes, CameraObservations, Keypoints
 from passerby.interchange.coco import read_keypoints, write_keypoints
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig, write_rig
-from passerby.observations import Boxes, CameraObservations, Keypoints
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.scene import simulate
 from peers.observations import Kind

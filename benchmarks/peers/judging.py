@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
-from passerby.cameras import Rig
+from passerby.core.cameras import Rig
 from passerby.evaluation.metrics import compare
 from peers.runners import Outcome
 

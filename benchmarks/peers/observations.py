@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from passerby.cameras import Lens, Rig
-from passerby.observations import CameraObservations, Observations
-from passerby.solver.correspondences import BOTTOM, CENTRE, TOP, ImagePoints, box_points, joint_points
+from passerby.core.cameras import Lens, Rig
+from passerby.core.observations import CameraObservations, Observations
+from passerby.solver.geopose.correspondences import BOTTOM, CENTRE, TOP, ImagePoints, box_points, joint_points
 from peers.protocol import Points
 
 Kind = Literal["centre", "top+bottom", "joints"]

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets import ROOT
-from passerby.cameras import Pose
+from passerby.core.cameras import Pose
 
 HERE = Path(__file__).resolve().parent
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")

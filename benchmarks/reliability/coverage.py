@@ -11,9 +11,9 @@ import numpy as np
 
 from datasets import DATA_SETS, write_scene
 from passerby.benchmark.page import table
+from passerby.calibration.in_memory import calibrate_observations
+from passerby.calibration.pipeline import Calibration, calibrate
 from passerby.evaluation.metrics import compare
-from passerby.in_memory import calibrate_observations
-from passerby.pipeline import Calibration, calibrate
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.write import MEAN_SD
 from reliability.page import Line, Part

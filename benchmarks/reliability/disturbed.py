@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from passerby.errors import PasserbyError
-from passerby.interchange.locks import FOLDER_LOCK
-from passerby.output_folder import read_report
+from passerby.common.errors import PasserbyError
+from passerby.interchange.output_folder import read_report
+from passerby.interchange.storage.locks import FOLDER_LOCK
 from reliability.machine import tree
 
 JUMPING = """

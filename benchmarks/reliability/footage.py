@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.signal import lfilter
 
-from passerby.cameras import Camera, Pose, PoseSigma, Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Camera, Pose, PoseSigma, Rig
+from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.geometry.rotations import exp_rotation
-from passerby.observations import Boxes, CameraObservations, Observations
 from passerby.simulation.placement import place_cameras
 from passerby.simulation.presets import PRESETS
 

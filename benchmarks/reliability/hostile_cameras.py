@@ -9,8 +9,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Rig
-from passerby.observations import Boxes
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.observations import Boxes
 from reliability.staging import Floats, HandedIn, aimed, staged, turned, zoomed
 
 Build = Callable[[int], HandedIn]

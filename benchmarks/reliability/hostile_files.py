@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from passerby.observations import Boxes
+from passerby.core.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 from reliability.staging import HandedIn, joined, staged
 

@@ -9,8 +9,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from passerby.cameras import Rig
-from passerby.observations import Boxes
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes
 from passerby.simulation.motion import Motion
 from reliability.staging import Floats, HandedIn, aimed, joined, raised, staged, still, walking
 

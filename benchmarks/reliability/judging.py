@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Pose, Rig
-from passerby.errors import InputError
+from passerby.calibration.in_memory import calibrate_observations
+from passerby.calibration.pipeline import Calibration
+from passerby.common.errors import InputError
+from passerby.core.cameras import Pose, Rig
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import angle_between
-from passerby.in_memory import calibrate_observations
-from passerby.pipeline import Calibration
 from reliability.staging import HandedIn
 
 MOST_M, MOST_DEG, MOST_SIGMAS = 0.5, 3.0, 3.0

@@ -25,8 +25,8 @@ WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 SEGMENT = 16
 """Pictures kept at once in these runs, so that short videos have several segments."""
 PRELOADED = [
-    "passerby.cli", "passerby.pipeline", "passerby.tables", "passerby.simulation", "passerby.aligned_folder",
-    "passerby.tracks3d.page", "passerby.report.page", "passerby.perception.background", "passerby.starting.start",
+    "passerby.cli.main", "passerby.calibration.pipeline", "passerby.cli.tables", "passerby.simulation", "passerby.calibration.alignment.folder",
+    "passerby.report.trajectories_page", "passerby.report.page", "passerby.perception.background", "passerby.scene.start.start",
 ]  # fmt: skip
 
 
@@ -86,8 +86,8 @@ class _Failing:
 
 def _run(arguments: Sequence[str], root: str, fault: Fault, at: int, channel: Any) -> None:
     """In the new process."""
-    from passerby import parallel
-    from passerby.cli import run
+    from passerby.cli.main import run
+    from passerby.common import parallel
     from passerby.perception import watching
 
     # One process, so that what happens is counted in one place.

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from passerby.benchmark.page import Page, table, write_page
-from passerby.interchange.atomic import write_text
+from passerby.interchange.storage.atomic import write_text
 from reliability.runs import code_digest
 
 HEAD = """# Reliability

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import Boxes
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import BodyState, pose_joints, stride_length
 from passerby.simulation.motion import STEP_S, Motion, simulate_motion

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from passerby.benchmark.page import table
-from passerby.cameras import Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Pose, Rig
+from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.geometry.rotations import log_rotation
 from passerby.monitoring.identities import identified
-from passerby.monitoring.sightings import sightings_of
 from passerby.monitoring.watching import Watched, WatchOptions, watch
-from passerby.observations import CameraObservations, Clock, Observations
+from passerby.people.rig_observations import sightings_of
 from reliability.footage import Move, calibrated, footage, true_rig, unit
 from reliability.page import Line, Part
 from reliability.runs import Wanted, kept, percent, seeds

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from passerby.errors import InputError
-from passerby.interchange.together import settle
+from passerby.common.errors import InputError
+from passerby.interchange.storage.transaction import settle
 from reliability.machine import Ended, Fault, passerby, tree
 
 Files = Mapping[str, bytes]

@@ -12,24 +12,24 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from passerby._version import __version__ as __version__
+
 if TYPE_CHECKING:
     from passerby.api import align, evaluate, export_rig, import_rig, monitor, read_calibration, trajectories
-    from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
+    from passerby.calibration.alignment.world import Aligned
+    from passerby.calibration.in_memory import calibrate_observations
+    from passerby.calibration.pipeline import Calibration, calibrate
+    from passerby.common.errors import EvidenceError, InputError, PasserbyError
+    from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
     from passerby.core.known_places import KnownPoint, KnownPosition
+    from passerby.core.observations import Boxes, Keypoints, Observations
+    from passerby.core.solution import Verdict
     from passerby.core.trajectories import Trajectories
-    from passerby.errors import EvidenceError, InputError, PasserbyError
     from passerby.evaluation.metrics import Comparison
-    from passerby.in_memory import calibrate_observations
+    from passerby.interchange.output_folder import OutputFolder
     from passerby.interchange.rig_toml import read_rig, write_rig
     from passerby.monitoring.result import Monitored
-    from passerby.observations import Boxes, Keypoints, Observations
-    from passerby.output_folder import OutputFolder
-    from passerby.pipeline import Calibration, calibrate
-    from passerby.scene import Scene
-    from passerby.solver.solution import Verdict
-    from passerby.world import Aligned
-
-__version__ = "0.1.0"
+    from passerby.scene.scene import Scene
 
 __all__ = [
     "Aligned",
@@ -53,6 +53,7 @@ __all__ = [
     "Scene",
     "Trajectories",
     "Verdict",
+    "__version__",
     "align",
     "calibrate",
     "calibrate_observations",
@@ -67,30 +68,30 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Aligned": "world",
-    "Boxes": "observations",
-    "Calibration": "pipeline",
-    "Camera": "cameras",
+    "Aligned": "calibration.alignment.world",
+    "Boxes": "core.observations",
+    "Calibration": "calibration.pipeline",
+    "Camera": "core.cameras",
     "Comparison": "evaluation.metrics",
-    "EvidenceError": "errors",
-    "InputError": "errors",
-    "Keypoints": "observations",
-    "KnownPoint": "world_places",
-    "KnownPosition": "world_places",
-    "Lens": "cameras",
+    "EvidenceError": "common.errors",
+    "InputError": "common.errors",
+    "Keypoints": "core.observations",
+    "KnownPoint": "core.known_places",
+    "KnownPosition": "core.known_places",
+    "Lens": "core.cameras",
     "Monitored": "monitoring.result",
-    "Observations": "observations",
-    "OutputFolder": "output_folder",
-    "PasserbyError": "errors",
-    "Pose": "cameras",
-    "PoseSigma": "cameras",
-    "Rig": "cameras",
-    "Scene": "scene",
-    "Trajectories": "tracks3d.trajectories",
-    "Verdict": "solver.solution",
+    "Observations": "core.observations",
+    "OutputFolder": "interchange.output_folder",
+    "PasserbyError": "common.errors",
+    "Pose": "core.cameras",
+    "PoseSigma": "core.cameras",
+    "Rig": "core.cameras",
+    "Scene": "scene.scene",
+    "Trajectories": "core.trajectories",
+    "Verdict": "core.solution",
     "align": "api",
-    "calibrate": "pipeline",
-    "calibrate_observations": "in_memory",
+    "calibrate": "calibration.pipeline",
+    "calibrate_observations": "calibration.in_memory",
     "evaluate": "api",
     "export_rig": "api",
     "import_rig": "api",

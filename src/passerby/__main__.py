@@ -1,6 +1,6 @@
 """`python -m passerby`."""
 
-from passerby.cli import main
+from passerby.cli.main import main
 
 if __name__ == "__main__":
     main()

@@ -5,26 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from passerby.cameras import Rig
+from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
+from passerby.calibration.following import folder_clocks, people_of_folder, track_options, ways_by
+from passerby.calibration.pipeline import Calibration
+from passerby.common.errors import EvidenceError, InputError, PasserbyError
+from passerby.common.progress import Progress
+from passerby.core.cameras import Rig
 from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
-from passerby.errors import EvidenceError, InputError, PasserbyError
 from passerby.evaluation.metrics import Comparison, compare
-from passerby.following import folder_clocks, people_of_folder, track_options, ways_by
 from passerby.interchange.formats import Export, Given, export, find_format, read_rig_as
+from passerby.interchange.output_folder import OutputFolder, read_output, read_rig_at
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.monitoring.given_rig import GivenRig, read_given
 from passerby.monitoring.monitor import monitor as watch_rig
 from passerby.monitoring.result import Monitored
 from passerby.monitoring.watching import WatchOptions
-from passerby.observations import Clock
-from passerby.output_folder import OutputFolder, read_output, read_rig_at
-from passerby.pipeline import Calibration
-from passerby.progress import Progress
-from passerby.scene import Scene
-from passerby.tracks3d import trajectories as following
-from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions
-from passerby.world import Aligned, align_to_camera, align_to_points, align_to_positions
+from passerby.people.trajectories import trajectories as following
+from passerby.people.trajectories.trajectories import METHODS, Method, TrackOptions
+from passerby.scene.scene import Scene
 
 RigLike = Rig | Calibration | OutputFolder | str | Path
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from passerby.association import appearance as looks
-from passerby.association import appearance_evidence as evidence
+from passerby.association.appearance import discriminability as evidence
+from passerby.association.appearance import embeddings as looks
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import Boxes
+from passerby.core.observations import Boxes
 
 DIMENSIONS = 64
 

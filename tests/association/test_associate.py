@@ -11,13 +11,13 @@ import pytest
 
 from ground_walkers import bodies_at
 from passerby.association.associate import OVERLAP_S, Tracklets, people_of_pairs, people_of_rig
+from passerby.association.camera_tracklets import PreparedCamera, prepare_camera
 from passerby.association.graph import ViewGraph, view_graph
-from passerby.association.ground_tracks import GroundTracks
-from passerby.association.preparing import PreparedCamera, prepare_camera
-from passerby.association.registration import register_pair
-from passerby.cameras import Pose
+from passerby.association.ground.ground_tracks import GroundTracks
+from passerby.association.ground.registration import register_pair
+from passerby.core.cameras import Pose
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.evaluation.identities import IdentityAgreement, identity_agreement
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.scene import SimulatedScene
 

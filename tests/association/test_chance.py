@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ground_walkers import Station, seen_by, walkers
-from passerby.association.chance import surrogates
 from passerby.association.graph import view_graph
-from passerby.association.ground_tracks import GroundTracks
-from passerby.association.registration import BELIEVED_SHARE, register_pair
+from passerby.association.ground.chance import surrogates
+from passerby.association.ground.ground_tracks import GroundTracks
+from passerby.association.ground.registration import BELIEVED_SHARE, register_pair
 from passerby.association.sampling import STEP_S
 
 A, B = Station(0.4, -12.0 - 3.0j), Station(2.2, 4.0 + 11.0j)

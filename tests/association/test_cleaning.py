@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from passerby.association.bodies import Bodies, bodies_of
 from passerby.association.cleaning import clean
-from passerby.cameras import Rig
-from passerby.observations import UNKNOWN, Clock
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, Clock
+from passerby.people.upright_rays import Bodies, bodies_of
 from person_scenes import observe, ring
 
 FPS = 5.0

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from ground_walkers import Walker, standing, walkers
-from passerby.association.bodies import bodies_of
-from passerby.association.drift import Drift, clock_drifts, drift_findings
-from passerby.association.preparing import PreparedCamera
-from passerby.cameras import Pose, Rig
-from passerby.observations import Clock
+from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
+from passerby.core.cameras import Pose, Rig
+from passerby.core.observations import Clock
+from passerby.people.upright_rays import bodies_of
 from person_scenes import observe, ring
 
 FPS = 10.0

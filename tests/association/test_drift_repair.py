@@ -7,10 +7,10 @@ from functools import cache
 import pytest
 
 import passerby
-from passerby.association.drift import Drift
-from passerby.clock_rates import against_one
+from passerby.association.clocks.drift import Drift
+from passerby.calibration.clock_skew import against_one
+from passerby.calibration.pipeline import Calibration
 from passerby.evaluation.metrics import compare
-from passerby.pipeline import Calibration
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
 FPS = 5.0

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ground_walkers import UP
-from passerby.association.encounters import TrackPair, encounters
-from passerby.association.ground_tracks import GroundTracks, Tolerance
+from passerby.association.ground.cooccurrence import TrackPair, encounters
+from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
 from passerby.geometry.single_view import Level
 
 SAMPLES = st.lists(st.tuples(st.integers(-6, 6), st.integers(0, 3)), max_size=15)

@@ -10,14 +10,14 @@ import pytest
 
 from ground_walkers import UP, Station, bodies_at, walkers
 from passerby.association.associate import Tracklets
+from passerby.association.camera_tracklets import PreparedCamera
 from passerby.association.figures import association_figures
 from passerby.association.graph import ViewGraph, view_graph
-from passerby.association.ground_tracks import ground_tracks
-from passerby.association.preparing import PreparedCamera
-from passerby.association.registration import register_pair
-from passerby.association.starting import Beginning
+from passerby.association.ground.ground_tracks import ground_tracks
+from passerby.association.ground.registration import register_pair
+from passerby.association.initial_association import Beginning
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.geometry.single_view import Level
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock
 
 LEVEL = Level(UP, 4.0, 0.125)
 STATIONS = Station(turn=0.4, place=-6 - 8j), Station(turn=-1.2, place=7 - 6j, delay_s=0.8), Station(turn=2.0, place=1 + 9j)

@@ -9,7 +9,7 @@ import pytest
 
 from ground_walkers import Station
 from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph, view_graph
-from passerby.association.registration import PairRegistration, Registration
+from passerby.association.ground.registration import PairRegistration, Registration
 
 STATIONS = [
     Station(0.3, -12.0 - 2.0j, 0.0),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ground_walkers import UP, bodies_at
-from passerby.association.ground_tracks import MAX_REACH_HEIGHTS, GroundTracks, Tolerance, ground_tracks
+from passerby.association.ground.ground_tracks import MAX_REACH_HEIGHTS, GroundTracks, Tolerance, ground_tracks
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ground_walkers import UP, Station, Walker, seen_by, walkers
-from passerby.association.encounters import TrackPair
-from passerby.association.ground_tracks import GroundTracks, Tolerance
-from passerby.association.hough import SAME_LAG_S, likely_motions
+from passerby.association.ground.cooccurrence import TrackPair
+from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
+from passerby.association.ground.hough import SAME_LAG_S, likely_motions
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.association.instants import TimeSteps, common_instants, common_time_steps
-from passerby.errors import InputError
-from passerby.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.core.synchronisation import TimeSteps, common_instants, common_time_steps
 
 SPEED = np.array([35.0, -12.0, 3.0, 8.0])
 """How the walker's box changes, pixels a second."""

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.association.joining import join, overlapping
+from passerby.association.correlation_clustering import join, overlapping
 
 NEVER = -1e9
 """Weight of two tracklets that cannot be one person."""

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-import passerby.association.joint_graph as joint_graph
-from passerby.alternation import AssociationOptions, solve_unidentified
+import passerby.association.joints.joint_graph as joint_graph
 from passerby.association.associate import Tracklets
 from passerby.association.graph import ViewGraph
-from passerby.association.joint_pairs import JointRegistration, SamePerson
-from passerby.cameras import Camera, Rig
+from passerby.association.joints.joint_pairs import JointRegistration, SamePerson
+from passerby.calibration.association_loop import AssociationOptions, solve_unidentified
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import Observations
+from passerby.core.scale_cues import ScaleCues
 from passerby.evaluation.metrics import compare
-from passerby.observations import Observations
 from passerby.solver.people import solve_people
-from passerby.solver.scale import ScaleCues
 from people_on_spot import moving_on_spot, ring, seen
 
 TURNS = Rotation.random(4, random_state=5).as_matrix()

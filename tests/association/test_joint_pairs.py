@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from passerby.association.joint_pairs import register_joints
-from passerby.association.joint_tracks import joint_tracks
+from passerby.association.joints.joint_pairs import register_joints
+from passerby.association.joints.joint_tracks import joint_tracks
+from passerby.core.observations import Clock
 from passerby.geometry.rotations import angle_between, direction_angle
-from passerby.observations import Clock
 from people_on_spot import moving_on_spot, ring, seen
 
 ONE = np.array([[0.0, 0.0]])

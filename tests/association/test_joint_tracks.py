@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from passerby.association.joint_tracks import GRID_S, joint_tracks, mirrored, unmirrored
-from passerby.cameras import Lens
-from passerby.observations import BODY_17, Clock, Keypoints
+from passerby.association.joints.joint_tracks import GRID_S, joint_tracks, mirrored, unmirrored
+from passerby.core.cameras import Lens
+from passerby.core.observations import BODY_17, Clock, Keypoints
 
 LENS = Lens((640, 480), np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]), np.zeros(5))
 

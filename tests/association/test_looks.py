@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ground_walkers import bodies_at
-from passerby.association.looks import Looks
-from passerby.association.preparing import PreparedCamera
+from passerby.association.appearance.affinity import Looks
+from passerby.association.camera_tracklets import PreparedCamera
 from passerby.association.sampling import STEP_S
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 
 PEOPLE, DIMENSIONS = 10, 64
 FPS = 10.0

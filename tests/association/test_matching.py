@@ -4,7 +4,7 @@ from itertools import permutations
 
 import numpy as np
 
-from passerby.association.matching import clear_matches
+from passerby.association.tracking.matching import clear_matches
 
 
 def least(table: np.ndarray) -> tuple[float, list[int]]:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from passerby.association.bodies import Bodies
-from passerby.association.meetings import SightTracks, meetings, sight_tracks
+from passerby.association.ground.ray_affinity import SightTracks, meetings, sight_tracks
 from passerby.association.sampling import STEP_S
-from passerby.cameras import Pose
+from passerby.core.cameras import Pose
+from passerby.people.upright_rays import Bodies
 from person_scenes import looking_at
 
 BODY_M = 1.72

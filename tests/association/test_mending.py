@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from simulated_scenes import scene
 
-from passerby.association.mending import MendingOptions, mend, successions
-from passerby.association.tracking import track
-from passerby.errors import InputError
+from passerby.association.tracking.stitching import MendingOptions, mend, successions
+from passerby.association.tracking.tracking import track
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes
 from passerby.evaluation.tracklets import score_tracklets
-from passerby.observations import Boxes
 
 FPS = 10.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.association.offsets import whole_frames
+from passerby.association.clocks.offsets import whole_frames
 
 FPS = np.full(4, 25.0)
 FRAME_S = 0.04

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from ground_walkers import UP, Station, bodies_at, standing, walkers
-from passerby.association.pace import FASTEST, SLOWEST, UNKNOWN_RATE, assumed_rate, rate_of_walkers
-from passerby.association.preparing import PreparedCamera
-from passerby.cameras import Rig
+from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.clocks.frame_rate import FASTEST, SLOWEST, UNKNOWN_RATE, assumed_rate, rate_of_walkers
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
 from passerby.geometry.single_view import Level
-from passerby.observations import UNKNOWN, CameraObservations, Clock, Observations
 from person_scenes import simulated
 
 HEIGHT_M = 4.0

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ground_walkers import UP, Station, seen_by, walkers
-from passerby.association.encounters import Encounters, TrackPair, encounters
-from passerby.association.ground_tracks import GroundTracks, Tolerance
-from passerby.association.pair_matching import GroundMotion, agreements, fitted_motion, matches
+from passerby.association.ground.cooccurrence import Encounters, TrackPair, encounters
+from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
+from passerby.association.ground.pair_matching import GroundMotion, agreements, fitted_motion, matches
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 

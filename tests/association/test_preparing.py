@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.association.preparing import PreparedCamera, prepare_camera, prepare_cameras
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.association.camera_tracklets import PreparedCamera, prepare_camera, prepare_cameras
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.simulation import SimulatedScene
 from person_scenes import simulated
 

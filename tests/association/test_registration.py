@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ground_walkers import UP, Station, Walker, seen_by, standing, walkers
-from passerby.association.ground_tracks import GroundTracks, Tolerance
-from passerby.association.registration import PairRegistration, Registration, agreement, register_pair
+from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
+from passerby.association.ground.registration import PairRegistration, Registration, agreement, register_pair
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 

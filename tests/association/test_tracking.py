@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from simulated_scenes import scene
 
-from passerby.association.resemblance import measure_resemblance
-from passerby.association.splitting import SplittingOptions, split
-from passerby.association.tracking import TrackingOptions, track
-from passerby.errors import InputError
+from passerby.association.tracking.embedding_model import measure_resemblance
+from passerby.association.tracking.splitting import SplittingOptions, split
+from passerby.association.tracking.tracking import TrackingOptions, track
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
-from passerby.observations import Boxes
 
 FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.05, "cameras": 2, "seconds": 20.0}
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from ground_walkers import UP, Station, Walker, bodies_at, standing, walkers
+from passerby.association.camera_tracklets import PreparedCamera
 from passerby.association.graph import Edge, ViewGraph, view_graph
-from passerby.association.ground_tracks import ground_tracks
-from passerby.association.preparing import PreparedCamera
-from passerby.association.registration import register_pair
-from passerby.association.unregistered import (
+from passerby.association.ground.ground_tracks import ground_tracks
+from passerby.association.ground.registration import register_pair
+from passerby.association.registration_failures import (
     VIEW_MEND,
     WALK_MEND,
     nobody_walks,
@@ -22,9 +22,9 @@ from passerby.association.unregistered import (
     told,
     what_would_fit,
 )
-from passerby.cameras import Pose
+from passerby.core.cameras import Pose
+from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level
-from passerby.observations import CameraObservations, Clock
 from person_scenes import looking_at
 
 LEVEL = Level(UP, 4.0, 0.0)

@@ -12,8 +12,8 @@ import pytest
 
 from passerby.baselines import MATCHERS, Unavailable, available, open_matcher
 from passerby.baselines.disk_lightglue import TORCHVISION, stand_in
-from passerby.cameras import Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
 from textured_planes import looking, pictures
 
 

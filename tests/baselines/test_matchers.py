@@ -15,12 +15,12 @@ from passerby.baselines import Matches, Picture, open_matcher
 from passerby.baselines.matching import Features, Remembered, nearest_matches
 from passerby.baselines.pooling import pooled_points
 from passerby.baselines.wxbs import describe_views, single, tilted, verified
-from passerby.cameras import Rig
+from passerby.core.cameras import Rig
+from passerby.core.scale_cues import KnownLength
 from passerby.evaluation.epipolar import epipolar_distances
 from passerby.evaluation.metrics import compare
-from passerby.solver.geopose_pairs import GeoPoseOptions
-from passerby.solver.geopose_points import solve_correspondences
-from passerby.solver.scale import KnownLength
+from passerby.solver.geopose.geopose_points import solve_correspondences
+from passerby.solver.geopose.pairs import GeoPoseOptions
 from textured_planes import looking, pictures
 
 RIG = Rig(

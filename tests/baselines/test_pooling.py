@@ -7,8 +7,8 @@ import pytest
 
 from passerby.baselines.matching import Matches
 from passerby.baselines.pooling import pooled_points
-from passerby.cameras import Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
 from textured_planes import looking
 
 RIG = Rig(tuple(looking(name, (x, -2.5, 1.5), (0.0, 2.0, 0.4)) for name, x in (("a", -0.5), ("b", 0.5), ("c", 0.0))))

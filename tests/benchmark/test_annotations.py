@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from passerby.benchmark.annotations import marked_length, marked_points, named_by_hand
-from passerby.cameras import Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes
 from passerby.evaluation.reprojection import reprojection_error
-from passerby.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 
 SCENE = simulate(SimulationOptions(preset="terrace", seed=0, seconds=8.0))

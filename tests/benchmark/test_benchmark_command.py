@@ -8,7 +8,7 @@ import pytest
 
 from passerby.benchmark import parts
 from passerby.benchmark.page import Page
-from passerby.cli import run
+from passerby.cli.main import run
 
 pytest.importorskip("matplotlib")
 
@@ -90,6 +90,6 @@ def test_the_folder_cannot_be_a_file(calls, capsys, tmp_path):
 
 
 def test_listing_needs_neither_numbers_nor_plots():
-    code = "import sys; from passerby.cli import run; run(['benchmark', '--list']); print(*sys.modules)"
+    code = "import sys; from passerby.cli.main import run; run(['benchmark', '--list']); print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"matplotlib", "torch", "poselib", "kornia"} & set(loaded)

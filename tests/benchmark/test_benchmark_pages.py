@@ -12,7 +12,7 @@ from passerby.benchmark.conditions import Condition
 from passerby.benchmark.page import Wanted
 from passerby.benchmark.plots import Axis
 from passerby.benchmark.sweep import curve_page, sweep
-from passerby.progress import silent
+from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
 
 pytest.importorskip("matplotlib")

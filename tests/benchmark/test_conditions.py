@@ -13,12 +13,12 @@ from passerby.benchmark import kept as kept_module
 from passerby.benchmark.conditions import Condition, run_conditions
 from passerby.benchmark.kept import Kept
 from passerby.benchmark.thinning import thinned
-from passerby.errors import InputError
-from passerby.progress import silent
-from passerby.sharing import person_instants, shared_people
+from passerby.common.errors import InputError
+from passerby.common.progress import silent
+from passerby.core.overlap import person_instants, shared_people
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.scene import FAULTS, film
-from passerby.solver.correspondences import whole_boxes
+from passerby.solver.geopose.correspondences import whole_boxes
 
 SMALL = SimulationOptions(seconds=8.0, people=4, cameras=3, box_noise=0.02)
 

@@ -8,8 +8,8 @@ import pytest
 
 from passerby.baselines import Matches
 from passerby.benchmark.match_picture import GREEN, MOST_DRAWN, RED, as_jpeg, draw_matches, right
-from passerby.cameras import Camera, Lens, Pose
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose
 
 LENS = Lens((320, 240), np.array([[300.0, 0, 160], [0, 300.0, 120], [0, 0, 1]]), np.zeros(0))
 A, B = (Camera(name, LENS, Pose(np.eye(3), np.array([-x, 0.0, 0.0]))) for name, x in (("a", 0.0), ("b", 1.0)))

@@ -13,7 +13,7 @@ from passerby.benchmark.pixel_jobs import Done, Job, jobs, run_job
 from passerby.benchmark.pixel_real import panoptic, wildtrack
 from passerby.benchmark.pixel_rows import NOT_RUN, ROWS, PixelOutcome, run_row
 from passerby.benchmark.pixel_stage import Stage
-from passerby.progress import silent
+from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
 
 WRONG = PixelOutcome(

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from passerby.benchmark import tracking
 from passerby.benchmark.tracking_runs import CAMERAS, FAILED, Case, Outcome, RealOutcome, RealSet, outcome_of, run_set
+from passerby.people.trajectories.trajectories import METHODS
 from passerby.simulation import PRESETS
-from passerby.tracks3d.trajectories import METHODS
 
 MEANS = {f"{method} {cameras}": 0.1 for method in METHODS for cameras in CAMERAS}
 GOOD = Outcome("accepted", 0.02, MEANS, 0.99, 0.7, 0.2)

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cli import run
-from passerby.errors import InputError
+from passerby.calibration.pipeline import calibrate
+from passerby.cli.main import run
+from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.interchange.world_files import read_known_points, read_known_positions
-from passerby.pipeline import calibrate
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.cameras import Camera, Lens, Rig
-from passerby.cli import run
+from passerby.cli.main import run
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.observations import Clock, Observations
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.formats import MODULES
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.interchange.trajectories_csv import write_trajectories
-from passerby.observations import Clock, Observations
 from passerby.simulation import SimulationOptions, simulate, write_scene
 from person_scenes import looking_at
 

@@ -10,11 +10,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from passerby.commands.init import init
-from passerby.errors import InputError
+from passerby.cli.commands.init import init
+from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.video_writer import VideoWriter
-from passerby.scene import Scene
+from passerby.scene.scene import Scene
 
 WIDTH, HEIGHT = 64, 48
 

@@ -6,9 +6,9 @@ import pytest
 import typer
 
 from model_server import BODY, SHA256, entry, keep_to, know_only, serving
-from passerby import cli
-from passerby.commands.models import models_app
-from passerby.errors import InputError
+from passerby.cli import main as cli
+from passerby.cli.commands.models import models_app
+from passerby.common.errors import InputError
 
 
 @pytest.fixture

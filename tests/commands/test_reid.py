@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from coloured_people import coloured_people
-from passerby.cli import run
+from passerby.cli.main import run
 
 OPTIONS = "height = 32\nwidth = 16\nepochs = 3\nvalidate_every = 3\npeople_per_batch = 4\npictures_per_person = 2\n"
 TORCH = ("torch", "transformers", "pytorch_metric_learning", "accelerate")
@@ -158,7 +158,7 @@ def test_an_export_without_what_writes_onnx(tmp_path, capsys, monkeypatch):
 def test_torch_is_not_loaded_where_it_is_not_needed(court, arguments):
     filled = [one.format(court=court) for one in arguments]
     program = (
-        "import sys\nfrom passerby.cli import run\n"
+        "import sys\nfrom passerby.cli.main import run\n"
         f"status = run({filled!r})\n"
         f"loaded = [name for name in {(*TORCH, 'onnx', 'plotly')!r} if name in sys.modules]\n"
         "sys.exit(status or (f'loads {loaded}' if loaded else 0))\n"

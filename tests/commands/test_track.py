@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from passerby.cli import run
+from passerby.cli.main import run
 from passerby.interchange.trajectories_csv import read_ground_positions
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
@@ -181,7 +181,7 @@ def test_wrong_options(calibrated, tmp_path, capsys, arguments, says):
     ],
 )
 def test_broken_truth(tmp_path, text, says):
-    from passerby.errors import InputError
+    from passerby.common.errors import InputError
 
     (tmp_path / "truth.csv").write_text(text)
     with pytest.raises(InputError) as error:

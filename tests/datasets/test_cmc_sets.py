@@ -12,9 +12,9 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 from cmc_sets import write_cmc
-from passerby.cli import app
+from passerby.cli.main import app
+from passerby.common.errors import InputError
 from passerby.datasets import read_published
-from passerby.errors import InputError
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 

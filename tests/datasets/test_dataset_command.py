@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import tsai_sets
-from passerby.cameras import Camera, Lens, Rig
-from passerby.cli import run
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.observations import Boxes, Keypoints
 from passerby.datasets import READERS, published, scene_folder
-from passerby.errors import InputError
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.observations import Boxes, Keypoints
 from passerby.perception.video import VideoReader
 
 

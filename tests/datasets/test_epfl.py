@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import tsai_sets
+from passerby.common.errors import InputError
 from passerby.datasets.epfl import read, read_grid
-from passerby.errors import InputError
 from passerby.interchange.rig_toml import write_rig
 
 

@@ -13,10 +13,10 @@ import pytest
 from typer.testing import CliRunner
 
 from grid_sets import annotation, write_multiviewx, write_wildtrack
-from passerby.cli import app
+from passerby.cli.main import app
+from passerby.common.errors import InputError
 from passerby.datasets import read_published
 from passerby.datasets.published import Published
-from passerby.errors import InputError
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from walking_rigs import Walk

@@ -12,16 +12,16 @@ from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
 from joint_sets import FIRST, People, write_panoptic, write_tum
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.cli import app
+from passerby.cli.main import app
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import BODY_17
 from passerby.datasets import read_published
 from passerby.datasets.published import Published
 from passerby.datasets.skeletons import Skeletons, projected
 from passerby.datasets.tum import JOINTS
-from passerby.errors import InputError
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
-from passerby.observations import BODY_17
 
 
 def assert_cameras(found: Published, truth: People, tolerance_px: float = 1e-4) -> None:

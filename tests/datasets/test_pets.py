@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import tsai_sets
+from passerby.common.errors import InputError
 from passerby.datasets.pets import read
-from passerby.errors import InputError
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 
 import tsai_sets
-from passerby.cameras import Camera, Rig
+from passerby.core.cameras import Camera, Rig
 from passerby.datasets.published import GroundTruth
 from passerby.datasets.same_people import with_identities_of
 

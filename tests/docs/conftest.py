@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from filmed import film, puppets
-from passerby.cli import run
-from passerby.inputs import read_inputs
-from passerby.progress import silent
-from passerby.scene import Scene
-from passerby.videos import Videos
+from passerby.cli.main import run
+from passerby.common.progress import silent
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import Videos
 
 Folders = Callable[[str], Path]
 

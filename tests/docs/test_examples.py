@@ -16,11 +16,11 @@ from typing import Any
 import pytest
 
 from documentation import ROOT, Block, blocks_of, pages
-from passerby.cli import run
-from passerby.errors import EvidenceError
+from passerby.cli.main import run
+from passerby.common.errors import EvidenceError
 from passerby.interchange.rig_toml import read_rig
 from passerby.perception.own_networks import Description
-from passerby.scene import Scene
+from passerby.scene.scene import Scene
 
 RUN = ("sh", "console", "python")
 TOOLS = frozenset({"ls", "cat", "head", "mkdir", "cp", "mv"})
@@ -213,7 +213,7 @@ def _as_model(content: dict[str, Any], _: str, __: Path) -> None:
 
 
 def _as_training(_: dict[str, Any], text: str, folder: Path) -> None:
-    from passerby.reid.options import train_options
+    from passerby.training.options import train_options
 
     (folder / "run.toml").write_text(text)
     train_options("small", folder / "run.toml")

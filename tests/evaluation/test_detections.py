@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN, Boxes
 from passerby.evaluation.detections import score_boxes
-from passerby.observations import UNKNOWN, Boxes
 
 
 def boxes(*rows: tuple[int, float, float, float, float]) -> Boxes:

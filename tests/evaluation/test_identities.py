@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes, Clock
 from passerby.evaluation.identities import identity_agreement
-from passerby.observations import Boxes, Clock
 
 
 def boxes(*rows: tuple[int, int, float], shift: float = 0.0) -> Boxes:

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.evaluation.metrics import compare
 
 LENS = Lens((1920, 1080), np.array([[1000.0, 0, 960], [0, 1000, 540], [0, 0, 1]]), np.zeros(5))

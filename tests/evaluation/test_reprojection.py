@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.evaluation.reprojection import median_residuals, reprojection_error
-from passerby.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.simulation import SimulationOptions, simulate
 
 TRUTH = simulate(SimulationOptions(preset="terrace", seed=0, seconds=0.2)).rig

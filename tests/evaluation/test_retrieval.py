@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.evaluation import retrieval
 from passerby.evaluation.retrieval import retrieval_score
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import PoseSigma, Rig
+from passerby.core.cameras import PoseSigma, Rig
 from passerby.evaluation.metrics import compare
 from person_scenes import ring as ring_of
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes
 from passerby.evaluation.tracklets import score_tracklets
-from passerby.observations import Boxes
 
 
 def person(identity: int, frames: range, left: float = 0.0) -> Boxes:

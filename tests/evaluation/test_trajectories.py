@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cameras import Rig
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
-from passerby.errors import InputError
 from passerby.evaluation.trajectories import GroundTruth, between, judge, placements
 from passerby.geometry.similarity import Similarity
-from passerby.observations import Clock
 from person_scenes import ring
 
 TIMES = np.arange(40) / 5.0

@@ -31,7 +31,7 @@ def every_moment(work, root, fault="kill", step=1):
 
 def _work(work, root, at, fault):
     """In the new process."""
-    from passerby.errors import InputError
+    from passerby.common.errors import InputError
 
     count = 0
 

@@ -13,16 +13,16 @@ from pathlib import Path
 
 import pytest
 
-from passerby.cli import run
-from passerby.errors import InputError
-from passerby.interchange.locks import FOLDER_LOCK, alone_in
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.interchange.storage.locks import FOLDER_LOCK, alone_in
 
 pytest.importorskip("fcntl", reason="the system has no such locks")
 
 HOLD = """
 import sys
 from pathlib import Path
-from passerby.interchange.locks import alone_in
+from passerby.interchange.storage.locks import alone_in
 with alone_in(Path(sys.argv[1]), "passerby calibrate"):
     print("held", flush=True)
     sys.stdin.read()

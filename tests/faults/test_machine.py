@@ -14,15 +14,15 @@ import pytest
 
 from filmed import film, puppets
 from passerby.benchmark.kept import Kept
-from passerby.cli import run
-from passerby.errors import InputError
+from passerby.cli.main import run
+from passerby.cli.terminal import _Log
+from passerby.common.errors import InputError
 from passerby.perception import watching
 from passerby.perception.kept import SUMMARY, KeptStage, fingerprint
 from passerby.perception.plan import make_plan
 from passerby.perception.video import expected_count
 from passerby.perception.video_probe import probe
 from passerby.perception.watching import CameraJob, watch_camera, work_of
-from passerby.terminal import _Log
 from scenes import write_scene
 
 
@@ -60,7 +60,7 @@ def read_only(tmp_path):
 
 
 def test_a_folder_that_may_not_be_written_is_told_before_anything_is_computed(read_only, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("passerby.pipeline.calibrate", None)
+    monkeypatch.setattr("passerby.calibration.pipeline.calibrate", None)
     scene = write_scene(tmp_path)
     commands = (["calibrate", str(scene), "-o", str(read_only)], ["simulate", "-o", str(read_only / "in"), "--seconds", "2"],
                 ["report", str(read_only)])  # fmt: skip

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from faults.dying import TOLD, every_moment, hidden, visible
-from passerby.cameras import Pose, Rig
-from passerby.cli import run
-from passerby.errors import InputError
+from passerby.calibration.pipeline import Calibration
+from passerby.calibration.results import write_calibration, write_results
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.core.cameras import Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
+from passerby.interchange.output_folder import read_folder_rig, read_output
 from passerby.interchange.rig_toml import read_rig, write_rig
-from passerby.observations import Boxes, CameraObservations, Keypoints, Observations
-from passerby.output_folder import read_folder_rig, read_output
-from passerby.pipeline import Calibration
-from passerby.results import write_calibration, write_results
-from passerby.scene import Scene
+from passerby.scene.scene import Scene
 from scenes import write_scene
 
 

@@ -15,13 +15,13 @@ import cv2
 import numpy as np
 import yaml
 
-from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.observations import BODY_17, Boxes, Keypoints
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.formats import Export, export
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.video_writer import VideoWriter
-from passerby.observations import BODY_17, Boxes, Keypoints
 
 Files = Mapping[str, bytes]
 """Name below a folder -> content; the first is the one that a reader is given, where that is not the folder."""

@@ -12,31 +12,31 @@ from typing import Any
 
 import example_files as example
 
+from passerby.common.errors import EvidenceError, InputError
 from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic
 from passerby.datasets.epfl import read_grid
 from passerby.datasets.matlab import mat_matrix
 from passerby.datasets.parsing import text_matrix, xml_numbers
-from passerby.errors import EvidenceError, InputError
-from passerby.inputs import read_inputs
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import Given, all_formats, read_people_as, read_rig_as
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.opencv_lens import read_opencv_lens
+from passerby.interchange.output_folder import read_output
 from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.trajectories_csv import read_ground_positions, read_trajectories
 from passerby.interchange.world_files import read_known_points, read_known_positions
-from passerby.output_folder import read_output
 from passerby.perception.kept import KeptStage
 from passerby.perception.own_networks import own_network
 from passerby.perception.video import VideoReader, probe
-from passerby.reid.curves import TrainingLog
-from passerby.reid.data.pictures import read_picture
-from passerby.reid.data.published import msmt17
-from passerby.reid.data.tracks import camera_of_sequence
-from passerby.scene import Scene
-from passerby.starting.folders import FoundCamera
-from passerby.starting.lenses import find_lenses
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.start.folders import FoundCamera
+from passerby.scene.start.lenses import find_lenses
+from passerby.training.curves import TrainingLog
+from passerby.training.data.pictures import read_picture
+from passerby.training.data.published import msmt17
+from passerby.training.data.tracks import camera_of_sequence
 
 OWN_PROCESS = 0.01
 """Of the usual number of cases, where each is read in a new process: SciPy can be made to end its own."""

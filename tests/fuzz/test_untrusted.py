@@ -14,9 +14,8 @@ import pytest
 from bombs import bombs
 
 import passerby
-from passerby.cameras import Rig
-from passerby.errors import InputError
-from passerby.inputs import read_inputs
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
 from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.formats import Export, all_formats, read_rig_as
 from passerby.interchange.formats.losses import Losses
@@ -25,7 +24,8 @@ from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.interchange.tsai import read_tsai
 from passerby.perception.own_networks import own_network
 from passerby.perception.video import probe
-from passerby.scene import Scene
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
 
 PACKAGE = Path(passerby.__file__).parent
 SECRET = "the-secret-of-another-file"
@@ -101,7 +101,7 @@ def test_pickled_objects_run_nothing(tmp_path):
 
 def test_checkpoints_run_nothing(tmp_path):
     torch = pytest.importorskip("torch")
-    from passerby.reid.checkpoints import load_checkpoint
+    from passerby.training.checkpoints import load_checkpoint
 
     trap = tmp_path / "sprung"
     torch.save({"format": "passerby", "options": Trap(trap)}, tmp_path / "checkpoint.pt")

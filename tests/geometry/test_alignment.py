@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.calibration.alignment.world import align_to_camera, align_to_points, align_to_positions
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.known_places import KnownPoint, KnownPosition
-from passerby.errors import EvidenceError, InputError
 from passerby.geometry.alignment import fit_world
+from passerby.geometry.anchors import KnownPositions
 from passerby.geometry.geodesy import east_north_up, mean_place
-from passerby.geometry.known_places import KnownPositions
 from passerby.geometry.rotations import exp_rotation
-from passerby.world import align_to_camera, align_to_points, align_to_positions
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 900, 360], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
 SPOTS = ((-9.0, -8.0, 3.1), (9.0, -7.0, 2.7), (8.0, 9.0, 4.2), (-8.0, 8.0, 3.6))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.errors import EvidenceError
+from passerby.common.errors import EvidenceError
 from passerby.geometry.rotations import angle_between, exp_rotation
 from passerby.geometry.similarity import chordal_mean_rotation, fit_plane_similarity, fit_similarity
 

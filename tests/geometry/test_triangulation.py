@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.cameras import Lens
+from passerby.core.cameras import Lens
 from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.triangulation import (
     angular_residuals,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.errors import EvidenceError
+from passerby.common.errors import EvidenceError
 from passerby.geometry.rotations import angle_between, direction_angle, exp_rotation
 from passerby.geometry.two_view import (
     choose_by_cheirality,

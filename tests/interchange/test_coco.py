@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import Keypoints
 from passerby.interchange.coco import read_keypoints, write_keypoints
-from passerby.observations import Keypoints
 
 GOOD = {
     "images": [{"id": 7, "file_name": "000012.png", "frame": 3}, {"id": 8, "file_name": "000014.png", "frame": 1}],

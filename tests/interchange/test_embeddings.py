@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.interchange.embeddings import read_embeddings, write_embeddings
 
 VECTORS = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 7.0]])

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.errors import InputError
-from passerby.interchange.faults import faults_of
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes, write_boxes
-from passerby.observations import Boxes
+from passerby.interchange.storage.faults import faults_of
 
 GOOD = "1,4,10,20,30,60,0.9,-1,-1,-1\n2,4,11,20,30,60,0.9,-1,-1,-1\n"
 

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.interchange.opencv_lens import read_opencv_lens
 
 MATRIX = np.array([[900.0, 0, 330], [0, 910, 235], [0, 0, 1]])

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.interchange.rig_toml import read_lens, read_rig, write_rig
 
 LENS = """size = [1920, 1080]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Pose
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Pose
 from passerby.interchange.tsai import WORST_PX, fitted_distortions, is_tsai, read_tsai
 from tsai_sets import Tsai
 

@@ -6,7 +6,7 @@ import av
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.interchange.video_writer import VideoWriter
 
 SIZE = (64, 48)

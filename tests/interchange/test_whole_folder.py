@@ -2,8 +2,8 @@
 
 import pytest
 
-from passerby.errors import InputError
-from passerby.interchange.whole_folder import whole_folder
+from passerby.common.errors import InputError
+from passerby.interchange.storage.whole_folder import whole_folder
 
 
 def write(target, text, marker="mark"):

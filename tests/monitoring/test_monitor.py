@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.cli import run
-from passerby.errors import InputError
+from passerby.cli.main import run
+from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_rig
 from walkers_watched import calibrated, knocked, true_rig, walkers, write_watched
 

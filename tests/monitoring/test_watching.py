@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.geometry.rotations import log_rotation
-from passerby.monitoring.ground import fit_ground
-from passerby.monitoring.resection import resect
-from passerby.monitoring.sightings import poses_of, sightings_of
 from passerby.monitoring.watching import watch
-from passerby.observations import Boxes, CameraObservations, Observations
+from passerby.people.ground import fit_ground
+from passerby.people.resection import resect
+from passerby.people.rig_observations import poses_of, sightings_of
 from walkers_watched import calibrated, knocked, only, true_rig, walkers
 
 RIG = true_rig()
@@ -135,7 +135,7 @@ def test_ground_that_is_a_slope_somewhere_else():
 
 def test_derivatives_of_the_equations():
     from passerby.geometry.rotations import exp_rotation
-    from passerby.monitoring.people import equations_of, solve_people
+    from passerby.people.held_cameras import equations_of, solve_people
 
     seen = sightings_of(GIVEN, walkers(RIG, 20))
     rotation, centre = poses_of(GIVEN, seen.names)

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.inputs import read_inputs
-from passerby.observations import Boxes, CameraObservations, Keypoints
-from passerby.scene import Scene
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Keypoints
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.scene import simulate
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from figures_on_ground import COLOURS, HEIGHT, WIDTH, Figure, ground, picture, recording
-from passerby.errors import EvidenceError, InputError
+from passerby.common.errors import EvidenceError, InputError
 from passerby.perception.background import (
     BackgroundDetector,
     BackgroundModel,

@@ -9,7 +9,7 @@ import time
 import pytest
 
 from model_server import BODY, SHA256, keep_to, serving
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception import fetching
 from passerby.perception.fetching import UnreachableError, fetch
 

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.kept import KeptStage, alone, fingerprint, forget_others, hash_of_arrays, key_of
 
 PART = {"number": np.arange(5), "score": np.linspace(0, 1, 7).reshape(7, 1), "none": np.zeros((0, 4))}

@@ -9,8 +9,8 @@ import pytest
 from onnx import TensorProto
 
 from crop_models import brightest, fixed, network, stripe_means
-from passerby.errors import InputError
-from passerby.observations import BODY_17
+from passerby.common.errors import InputError
+from passerby.core.observations import BODY_17
 from passerby.perception.crops import enlarged, sampled
 from passerby.perception.joint_checks import MIN_JOINTS, MIN_SCORE, OUTSIDE, believed
 from passerby.perception.keypoints import HeatmapKeypoints, MovenetKeypoints, SimccKeypoints, open_keypoints

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from model_server import BODY, SHA256, entry, keep_to, know_only, serving
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.catalogue import catalogue, default_of
 from passerby.perception.fetching import sha256_of
 from passerby.perception.model_files import cache_folder, find_model, model_folders

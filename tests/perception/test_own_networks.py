@@ -7,7 +7,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from model_server import keep_to
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.fetching import sha256_of
 from passerby.perception.model_files import find_model
 from passerby.perception.networks import InputConvention

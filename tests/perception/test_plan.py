@@ -4,7 +4,7 @@ import pytest
 
 from crop_models import stripe_means
 from model_server import entry, keep_to, know_only
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.networks import Network
 from passerby.perception.plan import STRIPES, Plan, foresee, make_plan
 from yolox_files import constant_file, raw_rows

@@ -7,7 +7,7 @@ import pytest
 from onnx import TensorProto, helper
 
 from crop_models import fixed, network, port, saved, stripe_means
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.reid import ReidEmbedder
 
 COLOURS = np.array([[10, 200, 30], [250, 40, 90], [60, 60, 220], [120, 180, 0]], dtype=np.uint8)  # BGR, head to foot

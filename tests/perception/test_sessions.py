@@ -9,7 +9,7 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.sessions import CPU, inputs_of, open_session, outputs_of, provider_of
 
 

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.stripes import StripesEmbedder
 
 BACKGROUND = ((90, 120, 90), (150, 150, 160))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from av.video.stream import VideoStream
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.interchange.video_writer import VideoWriter
 from passerby.perception.pictures import Frame
 from passerby.perception.video import VideoInfo, expected_count, fit_of_size, frames, probe

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from filmed import wall, write_video
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.video import VideoReader, probe
 from passerby.perception.video_still import still
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from filmed import wall, write_video
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN, Boxes
 from passerby.interchange.video_writer import VideoWriter
-from passerby.observations import UNKNOWN, Boxes
 from passerby.perception import watching
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections

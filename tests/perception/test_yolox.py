@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from onnx import TensorProto
 
-from passerby.association.tracking import overlaps
-from passerby.errors import InputError
+from passerby.association.tracking.tracking import overlaps
+from passerby.common.errors import InputError
 from passerby.interchange.motchallenge import read_boxes
 from passerby.perception.letterbox import fit_window
 from passerby.perception.networks import InputConvention, Network

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Rig
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.monitoring.ground import fit_ground
-from passerby.monitoring.sightings import sightings_of
 from passerby.monitoring.watching import Watched, watch
-from passerby.observations import Boxes, CameraObservations, Observations
+from passerby.people.ground import fit_ground
+from passerby.people.rig_observations import sightings_of
 
 pytestmark = pytest.mark.real
 FPS, KNOCK_S = 2.0, 60.0

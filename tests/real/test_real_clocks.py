@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.association.instants import common_instants
-from passerby.cameras import Rig
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.core.solution import Solution
+from passerby.core.synchronisation import common_instants
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.solver.people import PeopleOptions
-from passerby.solver.solution import Solution
 from person_scenes import solve
 
 pytestmark = pytest.mark.real

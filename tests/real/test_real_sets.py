@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.cameras import Rig
+from passerby.core.cameras import Rig
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.observations import CameraObservations, Observations
-from passerby.solver.solution import Solution
 from person_scenes import solve
 
 pytestmark = pytest.mark.real

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from passerby.association.mending import mend
-from passerby.association.tracking import track
+from passerby.association.tracking.stitching import mend
+from passerby.association.tracking.tracking import track
+from passerby.calibration.pipeline import Calibration, calibrate
+from passerby.common.progress import silent
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.evaluation.tracklets import score_tracklets
-from passerby.inputs import read_inputs
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.pipeline import Calibration, calibrate
-from passerby.progress import silent
-from passerby.scene import Scene
-from passerby.videos import Videos
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import Videos
 
 pytestmark = [pytest.mark.real, pytest.mark.slow]
 

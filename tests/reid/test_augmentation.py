@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from passerby.reid.augmentation import ERASED_AREA, ERASED_ASPECT, ERASED_COLOUR, varied
-from passerby.reid.options import TrainOptions
+from passerby.training.augmentation import ERASED_AREA, ERASED_ASPECT, ERASED_COLOUR, varied
+from passerby.training.options import TrainOptions
 
 NONE = {"flip": 0.0, "shift": 0.0, "erasing": 0.0, "colour": 0.0}
 SIZE = (64, 32)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import write_boxes
-from passerby.observations import Boxes
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from passerby.errors import InputError
-from passerby.reid.backbones import RESNETS, open_backbone
-from passerby.reid.checkpoints import FORMAT, load_checkpoint, save_checkpoint
-from passerby.reid.network import ReidNetwork
-from passerby.reid.options import RECIPES, TrainOptions, train_options
+from passerby.common.errors import InputError
+from passerby.training.backbones import RESNETS, open_backbone
+from passerby.training.checkpoints import FORMAT, load_checkpoint, save_checkpoint
+from passerby.training.network import ReidNetwork
+from passerby.training.options import RECIPES, TrainOptions, train_options
 
 OPTIONS = train_options("small", height=32, width=16, weights="random", pooling="gem")
 SIZE = (32, 16)
@@ -173,7 +173,7 @@ def test_small_is_small():
 
 def test_generalised_mean(network, monkeypatch):
     """(mean x^3)^(1/3); the plain one without a power."""
-    monkeypatch.setattr("passerby.reid.network.feature_map", lambda answer: torch.tensor([[[[1.0, 2.0], [3.0, 0.0]]]]))
+    monkeypatch.setattr("passerby.training.network.feature_map", lambda answer: torch.tensor([[[[1.0, 2.0], [3.0, 0.0]]]]))
     picture = torch.zeros(1, 3, *SIZE)
     network.eval()
     assert network.pooled(picture).item() == pytest.approx(((1 + 8 + 27) / 4) ** (1 / 3), rel=1e-5)

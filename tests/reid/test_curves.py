@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
-from passerby.reid.curves import COLUMNS, EpochRecord, TrainingLog, write_curves
+from passerby.common.errors import InputError
+from passerby.training.curves import COLUMNS, EpochRecord, TrainingLog, write_curves
 
 
 def row(epoch, scored=False):

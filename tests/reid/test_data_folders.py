@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
-from passerby.reid.crops import DISTRACTOR, JUNK, mixed
-from passerby.reid.data import read_all, read_data
+from passerby.common.errors import InputError
+from passerby.training.crops import DISTRACTOR, JUNK, mixed
+from passerby.training.data import read_all, read_data
 from picture_folders import market, msmt17, picture, pictures
 
 

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.interchange.motchallenge import read_boxes
 from passerby.perception.crops import stretched
 from passerby.perception.video import VideoReader
-from passerby.reid.data import cutting, read_data
-from passerby.reid.data.choosing import PER_PERSON, clear_boxes, spread
-from passerby.reid.data.cutting import WantedCrops, cut_crops
+from passerby.training.data import cutting, read_data
+from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
+from passerby.training.data.cutting import WantedCrops, cut_crops
 from picture_folders import SIZE, film, picture, scene, tracks, two_walkers
 
 

@@ -12,14 +12,14 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.crops import stretched
 from passerby.perception.networks import InputConvention, Network
 from passerby.perception.reid import ReidEmbedder
 from passerby.perception.stripes import StripesEmbedder
-from passerby.reid.crops import JUNK, CropSet
-from passerby.reid.data import read_data
-from passerby.reid.embedding import embed_crops, leave_one_out, score_crops, score_data, whole_box
+from passerby.training.crops import JUNK, CropSet
+from passerby.training.data import read_data
+from passerby.training.embedding import embed_crops, leave_one_out, score_crops, score_data, whole_box
 from picture_folders import picture, pictures
 
 
@@ -146,7 +146,7 @@ def test_a_set_without_query_is_scored_by_its_people(tmp_path):
 
 
 def test_reading_and_scoring_need_no_pytorch():
-    code = "import sys, passerby.reid.data, passerby.reid.embedding; sys.exit('torch' in sys.modules)"
+    code = "import sys, passerby.training.data, passerby.training.embedding; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -8,15 +8,15 @@ import onnxruntime
 import pytest
 import torch
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.model_files import find_model
 from passerby.perception.own_networks import IMAGENET
 from passerby.perception.reid import ReidEmbedder
-from passerby.reid import export
-from passerby.reid.backbones import Backbone, open_backbone
-from passerby.reid.export import agreement, export_network, torch_vectors
-from passerby.reid.network import ReidNetwork
-from passerby.reid.options import train_options
+from passerby.training import export
+from passerby.training.backbones import Backbone, open_backbone
+from passerby.training.export import agreement, export_network, torch_vectors
+from passerby.training.network import ReidNetwork
+from passerby.training.options import train_options
 
 SIZE = {"height": 64, "width": 32}
 

@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch.nn import functional
 
-from passerby.reid.losses import ReidLoss, identity_loss
-from passerby.reid.network import Answers
-from passerby.reid.options import TrainOptions
+from passerby.training.losses import ReidLoss, identity_loss
+from passerby.training.network import Answers
+from passerby.training.options import TrainOptions
 
 OPTIONS = TrainOptions(identity_weight=0, triplet_weight=1, margin=0.3)
 

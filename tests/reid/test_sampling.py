@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.reid.crops import CropSet
-from passerby.reid.sampling import BatchSampler
+from passerby.training.crops import CropSet
+from passerby.training.sampling import BatchSampler
 
 
 def crops_of(person, camera=None, apart=None):

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.cameras import Lens, Rig
-from passerby.errors import EvidenceError, InputError
+from passerby.calibration.results import scene_file
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Lens, Rig
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.video_writer import VideoWriter
-from passerby.reid.scene_people import scene_people
-from passerby.results import scene_file
+from passerby.training.scene_people import scene_people
 from person_scenes import observe, ring
 
 FPS, FRAMES, PEOPLE = 5.0, 60, 6

@@ -9,11 +9,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from passerby.observations import Boxes, Clock
-from passerby.reid.agreement import BEHIND, MISFIT, NEAR, SURE, agreement
-from passerby.reid.places import places_of
-from passerby.reid.sure_spans import sure_spans
+from passerby.core.observations import Boxes, Clock
+from passerby.people.ground_positions import places_of
 from passerby.simulation import SimulationOptions, simulate
+from passerby.training.agreement import BEHIND, MISFIT, NEAR, SURE, agreement
+from passerby.training.sure_spans import sure_spans
 from person_scenes import observe, ring
 
 FPS = 5.0
@@ -256,8 +256,8 @@ def test_parts_of_a_long_recording_are_judged_as_the_whole(monkeypatch):
     made = scene()
     whole = judged(made.rig, labelled(made))
     spread = whole[1].spread
-    monkeypatch.setattr("passerby.reid.agreement.BLOCK_ROWS", 700)
-    monkeypatch.setattr("passerby.reid.agreement._spread", lambda places: spread)
+    monkeypatch.setattr("passerby.training.agreement.BLOCK_ROWS", 700)
+    monkeypatch.setattr("passerby.training.agreement._spread", lambda places: spread)
     parts = judged(made.rig, labelled(made))
     assert (parts[2].span == whole[2].span).all()
     assert (parts[1].reason == whole[1].reason).all()

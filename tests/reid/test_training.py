@@ -14,17 +14,17 @@ import torch
 
 from coloured_people import coloured_people, coloured_person
 from killed_training import train_until
-from passerby.errors import InputError
-from passerby.reid import training
-from passerby.reid.backbones import open_backbone
-from passerby.reid.checkpoints import load_checkpoint
-from passerby.reid.crops import CropSet
-from passerby.reid.curves import TrainingLog
-from passerby.reid.data import read_all
-from passerby.reid.losses import ReidLoss
-from passerby.reid.options import TrainOptions, train_options
-from passerby.reid.runs import course, fine_tuning, run_embedder, train_run
-from passerby.reid.training import learning_rate, train
+from passerby.common.errors import InputError
+from passerby.training import training
+from passerby.training.backbones import open_backbone
+from passerby.training.checkpoints import load_checkpoint
+from passerby.training.crops import CropSet
+from passerby.training.curves import TrainingLog
+from passerby.training.data import read_all
+from passerby.training.losses import ReidLoss
+from passerby.training.options import TrainOptions, train_options
+from passerby.training.runs import course, fine_tuning, run_embedder, train_run
+from passerby.training.training import learning_rate, train
 
 TINY = {"height": 32, "width": 16, "weights": "random", "epochs": 4, "validate_every": 2, "warm_up_epochs": 1,
         "people_per_batch": 4, "pictures_per_person": 2, "learning_rate": 1e-3}  # fmt: skip

@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Pose, PoseSigma, Rig
+from passerby.core.cameras import Camera, Pose, PoseSigma, Rig
 from passerby.simulation.placement import place_cameras
 
 Bench = Callable[[str], ModuleType]

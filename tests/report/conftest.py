@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 @pytest.fixture(scope="session")
 def scene(tmp_path_factory):
     """A simulated scene of four cameras, boxes and joints, 15 seconds."""
-    from passerby.cli import run
+    from passerby.cli.main import run
 
     folder = tmp_path_factory.mktemp("report") / "scene"
     assert run(["simulate", "-o", str(folder), "--people", "5", "--seconds", "15", "--keypoints"]) == 0

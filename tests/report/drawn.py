@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from passerby.cameras import Rig
-from passerby.observations import Boxes, CameraObservations, Observations
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.report.contents import Contents
 from passerby.simulation import SimulationOptions, simulate
 

@@ -5,8 +5,8 @@ from html.parser import HTMLParser
 
 import numpy as np
 
-from passerby.cameras import PoseSigma, Rig
-from passerby.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.core.cameras import PoseSigma, Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import Contents
 from person_scenes import ring
 

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from passerby.report.colours import CAMERA_COLOURS, NOBODY, PERSON_COLOURS, camera_colour, person_colour
+from passerby.core.colours import CAMERA_COLOURS, NOBODY, PERSON_COLOURS, camera_colour, person_colour
 
 # Machado, Oliveira, Fernandes 2009, full protanopia, deuteranopia and tritanopia, on linear sRGB.
 SIGHTS = {

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from drawn import contents, only_boxes, only_joints, simulated
 
-from passerby.cameras import Rig
-from passerby.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.fitted import fitted
 from passerby.report.sampling import STEP_S, STRETCHES, sampled
 from passerby.report.upright import Bodies, body_model, model_boxes

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from reported import Page, busy_place, named, solved, without, without_poses
 
-from passerby.cli import run
+from passerby.cli.main import run
 from passerby.report.contents import contents_from, contents_of
 from passerby.report.page import report_page
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reported import busy_place
 
-from passerby.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import contents_from
 from passerby.report.distances import best_to_measure, distances_of
 from passerby.report.headline import _people_label

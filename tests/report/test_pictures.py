@@ -9,8 +9,8 @@ import pytest
 from drawn import SVG, contents, distance_to, layer, of_class, only_boxes, only_joints, parsed, scripts, simulated, strokes
 
 from filmed import pictures, puppets, write_video
-from passerby.cameras import Rig
-from passerby.observations import BODY_17, Boxes, CameraObservations, Observations
+from passerby.core.cameras import Rig
+from passerby.core.observations import BODY_17, Boxes, CameraObservations, Observations
 from passerby.report.backdrop import MOST_CHARACTERS, WIDEST_PX, data_uri
 from passerby.report.contents import Contents
 from passerby.report.fitted import fitted

@@ -8,8 +8,8 @@ import pytest
 from drawn import contents, only_boxes, simulated
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Lens, Pose, PoseSigma, Rig
-from passerby.observations import CameraObservations, Observations
+from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+from passerby.core.observations import CameraObservations, Observations
 from passerby.report.fitted import fitted
 from passerby.report.rig_geometry import (
     border_rays,

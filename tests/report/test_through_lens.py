@@ -5,7 +5,7 @@ import pytest
 from drawn import distance_to
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Lens, Pose
+from passerby.core.cameras import Camera, Lens, Pose
 from passerby.report.through_lens import View, spacing_of, straightened
 
 LENSES = {

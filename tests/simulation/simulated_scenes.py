@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from passerby.observations import Boxes
+from passerby.core.observations import Boxes
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
 

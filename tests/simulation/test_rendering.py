@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from simulated_scenes import scene
 
-from passerby.cameras import Camera, Lens, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.motchallenge import read_boxes
 from passerby.simulation import write_scene
 from passerby.simulation.body import JOINTS, BodyState, pose_joints

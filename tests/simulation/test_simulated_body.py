@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose
+from passerby.core.cameras import Camera, Lens, Pose
 from passerby.simulation.body import JOINTS, SHANK, THIGH, BodyState, body_spheres, pose_joints, stride_length
 from passerby.simulation.observe import view
 from passerby.simulation.placement import looking_at

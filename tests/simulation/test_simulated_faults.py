@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_scenes import edges_of, scene
 
-from passerby.observations import UNKNOWN
+from passerby.core.observations import UNKNOWN
 
 FREE = {"occlusion": False, "preset": "construction"}
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from simulated_scenes import scene
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.evaluation.identities import identity_agreement
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.scene import Scene
+from passerby.scene.scene import Scene
 from passerby.simulation import write_scene
 
 FAULTS = {"seconds": 3.0, "box_noise": 0.02, "false_boxes": 0.1, "identity_swaps": 0.2, "clock_offsets": 0.2}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_scenes import edges_of, scene
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.simulation import PRESETS, SimulationOptions, simulate
 from passerby.simulation.motion import PAD_S
 

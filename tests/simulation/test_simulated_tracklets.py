@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from simulated_scenes import scene
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN
 from passerby.evaluation.identities import identity_agreement
-from passerby.observations import UNKNOWN
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.areas import AREA_DISTANCE_M, share_out
 from passerby.simulation.tracklets import renumbered

@@ -7,11 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from passerby.cameras import Pose
+from passerby.core.cameras import Pose
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between, direction_angle, exp_rotation
 from passerby.geometry.single_view import Level
-from passerby.solver.assembly import candidate_trees, components, cycle_support, heading_rotation, levelled, poses_of_tree
+from passerby.solver.pose_graph import candidate_trees, components, cycle_support, heading_rotation, levelled, poses_of_tree
 from person_scenes import ring
 
 POSES = [camera.pose for camera in ring(5) if camera.pose is not None]

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.cameras import Camera, Lens, Rig
-from passerby.errors import EvidenceError
+from passerby.common.errors import EvidenceError
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.observations import CameraObservations, Keypoints, Observations
 from passerby.geometry.rotations import direction_angle, exp_rotation
-from passerby.observations import CameraObservations, Keypoints, Observations
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.solver.body_extent import (
+from passerby.solver.geopose.body_extent import (
     Segments,
     box_extents,
     joint_extents,

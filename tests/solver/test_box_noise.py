@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from passerby.core.observations import Observations
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import Comparison, compare
-from passerby.observations import Observations
-from passerby.solver.solution import Solution
-from passerby.solver.whole_boxes import judge_boxes
+from passerby.solver.occlusion import judge_boxes
 from person_scenes import part, simulated, solve
 
 PER_PX = np.sqrt(1 / 6)

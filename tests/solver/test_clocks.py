@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.association.instants import common_instants
-from passerby.cameras import Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import CameraObservations, Clock, Observations
+from passerby.core.solution import Solution
+from passerby.core.synchronisation import common_instants
 from passerby.evaluation.metrics import compare
-from passerby.observations import CameraObservations, Clock, Observations
+from passerby.people.image_motion import image_velocity
 from passerby.simulation import SimulatedScene
 from passerby.solver.evidence import gather_evidence
-from passerby.solver.image_motion import image_velocity
 from passerby.solver.people import PeopleOptions
-from passerby.solver.solution import Solution
 from person_scenes import observe, part, ring, simulated, solve
 
 TIMED = PeopleOptions(refine_time=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.cameras import Rig
-from passerby.solver.consensus import Consensus, adopt, agree
+from passerby.core.cameras import Rig
+from passerby.geometry.ray_consensus import Consensus, adopt, agree
 from person_scenes import ring
 
 N = 30

@@ -7,10 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.cameras import Camera, Lens, Rig
-from passerby.errors import InputError
-from passerby.observations import Boxes, CameraObservations, Keypoints, Observations
-from passerby.solver.correspondences import BOTTOM, CENTRE, TOP, box_points, joint_points, match_pair, point_observations
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
+from passerby.solver.geopose.correspondences import (
+    BOTTOM,
+    CENTRE,
+    TOP,
+    box_points,
+    joint_points,
+    match_pair,
+    point_observations,
+)
 
 LENS = Lens((640, 480), np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(4))
 RIG = Rig((Camera("A", LENS), Camera("B", LENS)))

@@ -7,11 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
-from passerby.evaluation.metrics import compare
-from passerby.solver.cues import POPULATION_BIAS, cue_rows, expected_heights, first_scale, measured, triangulate_marks
-from passerby.solver.people import PeopleOptions
-from passerby.solver.scale import (
+from passerby.common.errors import InputError
+from passerby.core.scale_cues import (
     CameraDistance,
     CameraHeight,
     KnownLength,
@@ -19,7 +16,10 @@ from passerby.solver.scale import (
     PopulationHeight,
     ScaleCues,
 )
-from passerby.solver.solution import Solution
+from passerby.core.solution import Solution
+from passerby.evaluation.metrics import compare
+from passerby.solver.cues import POPULATION_BIAS, cue_rows, expected_heights, first_scale, measured, triangulate_marks
+from passerby.solver.people import PeopleOptions
 from person_scenes import part, simulated, solve
 
 TRUTH = simulated("terrace", seconds=8.0)

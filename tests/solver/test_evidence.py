@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.observations import BODY_17, Boxes, CameraObservations, Keypoints, Observations
+from passerby.core.observations import BODY_17, Boxes, CameraObservations, Keypoints, Observations
 from passerby.people.segments import nominal_heights
 from passerby.solver.evidence import Evidence, gather_evidence
 from person_scenes import LENS, part, ring, simulated

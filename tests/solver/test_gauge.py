@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cameras import Rig
+from passerby.core.cameras import Rig
+from passerby.core.scale_cues import CameraDistance, CameraHeight, ScaleCues
+from passerby.core.solution import Solution
 from passerby.solver.gauge import NULL_SHARE, Free, HeldSystem, held_system, placement_freedoms
-from passerby.solver.least_squares import NormalEquations
+from passerby.solver.initialisation import Fit, Start, choose, descend
+from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.scale import CameraDistance, CameraHeight, ScaleCues
-from passerby.solver.solution import Solution
-from passerby.solver.stages import Fit, Start, choose, descend
 from passerby.solver.uncertainty import rig_covariance
 from person_scenes import part, simulated, solve, without_poses
 from upper_bodies import in_turns, without_joints

@@ -8,15 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from passerby.cameras import Pose, Rig
-from passerby.errors import EvidenceError, InputError
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Pose, Rig
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.scale_cues import KnownLength, ScaleCues
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import angle_between, direction_angle
-from passerby.observations import CameraObservations, Observations
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.solver.body_extent import box_extents
-from passerby.solver.correspondences import box_points, match_pair
-from passerby.solver.geopose import (
+from passerby.solver.geopose.body_extent import box_extents
+from passerby.solver.geopose.correspondences import box_points, match_pair
+from passerby.solver.geopose.geopose import (
     GeoPoseOptions,
     PairGeometry,
     check_people_stand,
@@ -28,8 +30,6 @@ from passerby.solver.geopose import (
     solve_pair,
     triangulate_pair,
 )
-from passerby.solver.scale import KnownLength, ScaleCues
-from passerby.solver.solution import Solution
 
 PRESETS = ("terrace", "basketball", "construction")
 BOXES = GeoPoseOptions("C1", points="boxes")

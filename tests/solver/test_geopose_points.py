@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cameras import Rig
-from passerby.errors import EvidenceError, InputError
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Rig
+from passerby.core.scale_cues import KnownLength
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulationOptions, simulate
-from passerby.solver.correspondences import ImagePoints, numbered_points
-from passerby.solver.geopose_pairs import GeoPoseOptions
-from passerby.solver.geopose_points import solve_correspondences
-from passerby.solver.scale import KnownLength
-from passerby.solver.solution import Solution
+from passerby.solver.geopose.correspondences import ImagePoints, numbered_points
+from passerby.solver.geopose.geopose_points import solve_correspondences
+from passerby.solver.geopose.pairs import GeoPoseOptions
 
 TRUTH = simulate(SimulationOptions(preset="terrace", seed=0, seconds=0.2)).rig
 LINE = np.array([[-1.8, 0.0, 0.0], [1.8, 0.0, 0.0]])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import passerby
+from passerby.calibration.pipeline import Calibration
 from passerby.evaluation.metrics import compare
-from passerby.pipeline import Calibration
+from passerby.people.body_centres import People
+from passerby.people.ground_shape import ground_shape
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Ground, film_disturbed, level
-from passerby.solver.ground_shape import ground_shape
-from passerby.solver.left_out import People
 
 OPTIONS = SimulationOptions(seconds=30.0, people=6, box_noise=0.02, seed=4)
 

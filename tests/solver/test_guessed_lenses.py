@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Rig
-from passerby.check import check_scene
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig, write_rig
-from passerby.scene import Scene
+from passerby.scene.check import check_scene
+from passerby.scene.scene import Scene
 from passerby.solver.lens_unknowns import FOCAL_CORE, LensUnknowns
 from passerby.solver.people import PeopleOptions
-from passerby.solver.solution import Solution
 from passerby.solver.systematic import covariance_of_guesses
 from person_scenes import LENS, part, simulated, solve, without_poses
 from scenes import lens, write_scene

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from passerby.solver.least_squares import Cauchy, Family, Layout, NormalEquations, Step, Stopping, Term, minimise
+from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, NormalEquations, Step, Stopping, Term, minimise
 
 TIGHT = Stopping(200, 1e-14)
 

@@ -8,13 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from passerby.cameras import Rig
-from passerby.observations import Boxes, CameraObservations, Observations
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes, CameraObservations, Observations
+from passerby.core.solution import Solution
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.lens_check import COMMON, FARTHEST, KNOWN_FOCAL, MIN_INSTANTS, FocalCheck, common_change
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleOptions
-from passerby.solver.solution import Solution
 from person_scenes import part, simulated, solve, without_poses
 
 SOLVING = PeopleOptions(max_sightings=4000, max_joints=5000)

@@ -7,14 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from passerby.cameras import Rig
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.single_view import Level
-from passerby.observations import Observations
 from passerby.solver.evidence import Evidence, gather_evidence
+from passerby.solver.initialisation import level_of
 from passerby.solver.pairs import body_lengths, pair_hypotheses, shared_rows
-from passerby.solver.stages import level_of
 from person_scenes import observe, part, ring, simulated
 
 BODY = 1.72

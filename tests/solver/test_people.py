@@ -8,15 +8,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Rig
-from passerby.errors import EvidenceError, InputError
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.scale_cues import PopulationHeight, ScaleCues
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.geometry.relative_pose import PairHypothesis
-from passerby.observations import CameraObservations, Observations
-from passerby.solver.geopose import GeoPoseOptions, solve_geopose
+from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
 from passerby.solver.people import PeopleOptions, solve_people
-from passerby.solver.scale import PopulationHeight, ScaleCues
-from passerby.solver.solution import Solution
 from person_scenes import part, simulated, solve, without_poses
 
 PRESETS = ("terrace", "basketball", "construction")

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cameras import Lens
+from passerby.core.cameras import Lens
 from passerby.geometry.reprojection import PointObservations
 from passerby.solver.cue_terms import CueRows
-from passerby.solver.least_squares import NormalEquations, Step
+from passerby.solver.optimizer.least_squares import NormalEquations, Step
 from passerby.solver.people_state import PeopleState, Sightings
 from passerby.solver.person_model import PeopleProblem
 

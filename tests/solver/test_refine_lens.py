@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Rig
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.geometry.reprojection import PointObservations
 from passerby.interchange.rig_toml import read_rig, write_rig
-from passerby.scene_tables import SolverTable
-from passerby.solver.least_squares import Step
+from passerby.scene.tables import SolverTable
 from passerby.solver.lens_sigmas import posterior_sd
 from passerby.solver.lens_unknowns import LensUnknowns
+from passerby.solver.optimizer.least_squares import Step
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import PeopleState, Sightings
 from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
 from passerby.solver.refined_lenses import far_lenses, lens_notes
-from passerby.solver.solution import Solution
 from person_scenes import LENS, looking_at, part, simulated, solve, without_poses
 
 BOTH = LensUnknowns(("focal", "principal_point"))

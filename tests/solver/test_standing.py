@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.solver.standing import standing_instants, standing_share
+from passerby.people.standing import standing_instants, standing_share
 
 
 def seen(rng: np.random.Generator, share: float, count: int, spread: float = 0.02) -> np.ndarray:

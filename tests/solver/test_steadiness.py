@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.cameras import Rig
+from passerby.calibration.diagnostics.pose_change import find_change, matched
+from passerby.calibration.pipeline import Calibration
+from passerby.core.cameras import Rig
 from passerby.evaluation.metrics import compare
-from passerby.pipeline import Calibration
+from passerby.people.body_centres import identified_middles, people_without
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Move, film_disturbed, rig_after
-from passerby.solver.left_out import identified_middles, people_without
-from passerby.solver.steadiness import find_change, matched
 
 OPTIONS = SimulationOptions(seconds=32.0, people=6, box_noise=0.02, seed=3)
 UNRELATED = replace(OPTIONS, unrelated_ids=True, tracklet_seconds=10.0)

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cameras import Pose, Rig
+from passerby.core.cameras import Pose, Rig
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.scale_cues import CameraHeight, ScaleCues
+from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import fit_plane_similarity
-from passerby.observations import CameraObservations, Observations
+from passerby.solver.initialisation import Start, choose, descend
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.scale import CameraHeight, ScaleCues
-from passerby.solver.solution import Solution
-from passerby.solver.stages import Start, choose, descend
 from passerby.solver.uncertainty import RigCovariance, rig_covariance
 from person_scenes import part, simulated, solve, without_poses
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from passerby.core.observations import Boxes, CameraObservations
 from passerby.evaluation.metrics import compare
-from passerby.observations import Boxes, CameraObservations
-from passerby.solver.whole_boxes import CLEAN, LEAST_WEIGHT, judge_boxes
+from passerby.solver.occlusion import CLEAN, LEAST_WEIGHT, judge_boxes
 from person_scenes import part, simulated, solve
 
 

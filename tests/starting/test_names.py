@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from passerby.common.text import natural_key
-from passerby.scene import CAMERA_NAME
-from passerby.starting.names import camera_names, matched
+from passerby.scene.scene import CAMERA_NAME
+from passerby.scene.start.names import camera_names, matched
 
 
 @pytest.mark.parametrize(

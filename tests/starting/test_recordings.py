@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from passerby.starting.recordings import numbered, pieces_among, start_of
+from passerby.scene.start.recordings import numbered, pieces_among, start_of
 
 TEN = datetime(2024, 5, 1, 10, 3, 5).timestamp()
 

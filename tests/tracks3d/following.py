@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 
-from passerby.observations import Boxes, CameraObservations, Clock, Observations
-from passerby.tracks3d.trajectories import TrackOptions, trajectories
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.people.trajectories.trajectories import TrackOptions, trajectories
 from person_scenes import observe, ring, simulated
 
 FPS = 5.0

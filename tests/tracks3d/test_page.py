@@ -6,9 +6,9 @@ import re
 import numpy as np
 from following import POLES, clocks_of, ring, watched
 
-from passerby.tracks3d import page
-from passerby.tracks3d.page import trajectories_page
-from passerby.tracks3d.trajectories import trajectories
+from passerby.people.trajectories.trajectories import trajectories
+from passerby.report import trajectories_page as page
+from passerby.report.trajectories_page import trajectories_page
 
 
 def drawn(html):

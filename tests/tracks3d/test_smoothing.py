@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from passerby.tracks3d import smoothing
-from passerby.tracks3d.smoothing import START_SPEED, smooth
+from passerby.people.trajectories import smoothing
+from passerby.people.trajectories.smoothing import START_SPEED, smooth
 
 
 def walk(count=60, step=0.2, seed=0):

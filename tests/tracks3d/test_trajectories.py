@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from following import POLES, clocks_of, followed, pole_errors, ring, scene_errors, swapped, watched
 
-from passerby.cameras import Rig
-from passerby.errors import EvidenceError, InputError
-from passerby.observations import Boxes, CameraObservations, Clock, Observations
-from passerby.tracks3d.trajectories import METHODS, TrackOptions, trajectories
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.people.trajectories.trajectories import METHODS, TrackOptions, trajectories
 
 PRESETS = ("terrace", "basketball", "construction")
 
@@ -153,7 +153,7 @@ def test_the_same_input_gives_the_same_bits_in_any_grouping(method, monkeypatch)
     second = trajectories(rig, seen, clocks_of(rig), TrackOptions(method))
     assert np.array_equal(first.xyz, second.xyz)
     assert first.figures == second.figures
-    monkeypatch.setattr("passerby.tracks3d.trajectories.BOXES_AT_ONCE", 1)
+    monkeypatch.setattr("passerby.people.trajectories.trajectories.BOXES_AT_ONCE", 1)
     alone = trajectories(rig, seen, clocks_of(rig), TrackOptions(method))
     assert np.allclose(alone.xyz, first.xyz, atol=1e-9)
 

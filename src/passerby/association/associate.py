@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from passerby.association.appearance.affinity import Looks
+from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.correlation_clustering import join, overlapping
 from passerby.association.graph import ViewGraph
-from passerby.association.ground_tracks import GroundTracks
-from passerby.association.joining import join, overlapping
-from passerby.association.looks import Looks
-from passerby.association.meetings import meetings, sight_tracks
-from passerby.association.preparing import PreparedCamera
-from passerby.association.registration import agreement
+from passerby.association.ground.ground_tracks import GroundTracks
+from passerby.association.ground.ray_affinity import meetings, sight_tracks
+from passerby.association.ground.registration import agreement
 from passerby.association.sampling import STEP_S
-from passerby.cameras import Pose
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Pose
 
 Pairs = tuple[Ints, Ints, Floats]
 """(E,) tracklets, numbered through, (E,) tracklets, and (E,) what speaks for their being one person."""

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.bodies import Bodies
-from passerby.cameras import Camera, Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import UNKNOWN, Clock
-from passerby.solver.consensus import Consensus, adopt, agree, ray_misses
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import UNKNOWN, Clock
+from passerby.geometry.ray_consensus import Consensus, adopt, agree, ray_misses
+from passerby.people.upright_rays import Bodies
 
 Mask = NDArray[np.bool_]
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from passerby.association.appearance.affinity import Looks
 from passerby.association.associate import Tracklets
-from passerby.association.joint_pairs import JointRegistration
-from passerby.association.looks import Looks
-from passerby.association.preparing import PreparedCamera
-from passerby.association.starting import Beginning
+from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.initial_association import Beginning
+from passerby.association.joints.joint_pairs import JointRegistration
 from passerby.common.arrays import Floats, Ints
 
 

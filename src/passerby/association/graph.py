@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.association.pair_matching import GroundMotion
-from passerby.association.registration import BELIEVED_SHARE, PairRegistration, Registration
+from passerby.association.ground.pair_matching import GroundMotion
+from passerby.association.ground.registration import BELIEVED_SHARE, PairRegistration, Registration
 from passerby.common.arrays import Floats
 
 # Two ways to the same camera agree within about this: a few times the error of one registration.

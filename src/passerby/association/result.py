@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from passerby.association.drift import Drift
-from passerby.observations import Clock, Observations
+from passerby.association.clocks.drift import Drift
+from passerby.core.observations import Clock, Observations
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from passerby.baselines.matching import Matcher, Matches, Picture, Unavailable
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 __all__ = ["MATCHERS", "Matcher", "Matches", "Picture", "Unavailable", "available", "open_matcher"]
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from passerby.baselines.matching import Matches
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.solver.correspondences import ImagePoints, numbered_points
+from passerby.core.cameras import Rig
+from passerby.solver.geopose.correspondences import ImagePoints, numbered_points
 
 SAME_PX = 0.01
 """Matches whose places in the reference's picture agree to this are of one keypoint."""

@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Rig
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import BODY_17, UNKNOWN, Boxes
+from passerby.core.scale_cues import KnownLength
 from passerby.evaluation.detections import paired
-from passerby.observations import BODY_17, UNKNOWN, Boxes
 from passerby.simulation import SimulatedScene
-from passerby.solver.scale import KnownLength
 
 MARKED = ("ground", "nose", "left_shoulder", "right_hip", "left_ankle", "ground", "right_wrist", "right_ankle")
 """In turn: the ground between the feet, and joints. A point is marked where the person's box is seen."""

@@ -10,7 +10,7 @@ from passerby.benchmark.goals import BOX_NOISE
 from passerby.benchmark.page import Page, Wanted
 from passerby.benchmark.plots import Axis
 from passerby.benchmark.sweep import curve_page, sweep
-from passerby.progress import Progress
+from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 
 LEVELS, QUICK_LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0), (2.0, 6.0)

@@ -10,8 +10,8 @@ from passerby.benchmark.page import Page, Wanted, number, table
 from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import FAILS, failures, of, quartiles
 from passerby.benchmark.sweep import Swept, curve_page, seeds_of, sweep
-from passerby.progress import Progress
-from passerby.scene_tables import SEARCHED_S
+from passerby.common.progress import Progress
+from passerby.scene.tables import SEARCHED_S
 from passerby.simulation import SimulationOptions
 
 LEVELS, QUICK_LEVELS = (0.0, 0.2, 0.5, 1.0), (0.5,)

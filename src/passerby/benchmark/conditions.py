@@ -20,11 +20,11 @@ import tomli_w
 from passerby.benchmark.kept import Kept
 from passerby.benchmark.sampling import sampled
 from passerby.benchmark.thinning import thinned
+from passerby.calibration.pipeline import Calibration, calibrate
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress
 from passerby.evaluation.metrics import Comparison, compare
-from passerby.parallel import side_by_side
-from passerby.pipeline import Calibration, calibrate
-from passerby.progress import Progress
-from passerby.scene import Scene
+from passerby.scene.scene import Scene
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate, write_scene
 from passerby.simulation.scene import Filmed, film, without_faults
 

@@ -12,8 +12,8 @@ from passerby.benchmark.page import Page, Wanted, table, yes
 from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import ABOUT, failures, median_errors, of, quartiles, worst_errors
 from passerby.benchmark.sweep import Swept, presets_of, sweep
+from passerby.common.progress import Progress
 from passerby.geometry.two_view import MIN_POINTS
-from passerby.progress import Progress
 from passerby.simulation import SimulationOptions
 
 LEVELS, QUICK_LEVELS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0, 200.0, 500.0), (10.0, 30.0, 200.0)

@@ -11,7 +11,7 @@ from typing import Any
 
 import passerby
 from passerby.benchmark.page import PACKAGES
-from passerby.interchange.atomic import write_text
+from passerby.interchange.storage.atomic import write_text
 
 
 class Kept:

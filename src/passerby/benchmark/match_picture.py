@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from passerby.baselines.matching import Matches, Picture, bgr
-from passerby.cameras import Camera
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera
 from passerby.evaluation.epipolar import RIGHT_PX, epipolar_distances
 
 GREEN, RED, WHITE = (60, 200, 40), (40, 40, 230), (255, 255, 255)

@@ -12,7 +12,7 @@ from passerby.benchmark.page import Page, Wanted
 from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import percent
 from passerby.benchmark.sweep import curve_page, presets_of, sweep
-from passerby.progress import Progress
+from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 
 LEVELS, QUICK_LEVELS = (0.0, 0.2, 0.5, 0.8), (0.0, 0.8)

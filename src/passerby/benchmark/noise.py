@@ -13,7 +13,7 @@ from passerby.benchmark.paper_figures import NOISE, NOISE_FAILS_PX, POSES
 from passerby.benchmark.plots import Axis, Line, Panel, error_plot
 from passerby.benchmark.spread import ABOUT, FAILS, failures, median, median_errors, of, worst_errors
 from passerby.benchmark.sweep import Swept, sweep
-from passerby.progress import Progress
+from passerby.common.progress import Progress
 from passerby.simulation import PRESETS, SimulationOptions
 
 LEVELS, QUICK_LEVELS = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0), (10.0, 20.0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 
-from passerby.interchange.atomic import write_bytes, write_text
+from passerby.interchange.storage.atomic import write_bytes, write_text
 
 PACKAGES = ("passerby", "numpy", "scipy", "poselib")
 """Whose versions decide over the last digits."""

@@ -11,8 +11,8 @@ from types import MappingProxyType
 from typing import Protocol
 
 from passerby.benchmark.page import Page, Wanted
-from passerby.errors import InputError
-from passerby.progress import Progress
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress
 
 
 class Run(Protocol):

@@ -21,10 +21,10 @@ from passerby.benchmark.annotations import marked_length
 from passerby.benchmark.match_picture import as_jpeg, draw_matches
 from passerby.benchmark.pixel_rows import MATCH_SIGMA_PX, NOT_RUN, PixelOutcome, Solved, counted, judged, solved
 from passerby.benchmark.pixel_stage import LENGTH_NOISE_PX
-from passerby.cameras import Rig
-from passerby.errors import InputError
+from passerby.calibration.pipeline import calibrate
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import read_rig
-from passerby.pipeline import calibrate
 
 SHRINK = 2
 """Pictures of 1920 x 1080 are looked at in half their size: networks take four times as long otherwise."""

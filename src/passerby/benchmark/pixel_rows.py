@@ -14,19 +14,19 @@ from passerby.benchmark.annotations import marked_points
 from passerby.benchmark.conditions import FAILED, Outcome, with_pose_errors
 from passerby.benchmark.match_picture import right
 from passerby.benchmark.pixel_stage import ANNOTATED, JOINT_NOISE_PX, ORACLE_NOISE_PX, Stage
-from passerby.cameras import Rig
+from passerby.calibration.pipeline import calibrate
 from passerby.common.arrays import Floats
-from passerby.errors import EvidenceError
+from passerby.common.errors import EvidenceError
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
+from passerby.core.scale_cues import KnownLength
 from passerby.evaluation.metrics import compare
 from passerby.evaluation.reprojection import reprojection_error
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.motchallenge import write_boxes
-from passerby.observations import Observations
-from passerby.pipeline import calibrate
-from passerby.solver.correspondences import ImagePoints, box_points, match_pair, numbered_points
-from passerby.solver.geopose_pairs import GeoPoseOptions
-from passerby.solver.geopose_points import solve_correspondences
-from passerby.solver.scale import KnownLength
+from passerby.solver.geopose.correspondences import ImagePoints, box_points, match_pair, numbered_points
+from passerby.solver.geopose.geopose_points import solve_correspondences
+from passerby.solver.geopose.pairs import GeoPoseOptions
 
 MATCH_SIGMA_PX = 1.0
 """Of a matched keypoint. RANSAC's threshold is 2.5 times that."""

@@ -14,16 +14,16 @@ import tomli_w
 
 from passerby.baselines import Matches, Picture
 from passerby.benchmark.annotations import marked_length, marked_points, named_by_hand
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats
-from passerby.inputs import read_inputs
-from passerby.observations import Boxes
+from passerby.common.progress import silent
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes
+from passerby.core.scale_cues import KnownLength
 from passerby.perception.video import frames
-from passerby.progress import silent
-from passerby.scene import Scene
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import Videos
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
-from passerby.solver.scale import KnownLength
-from passerby.videos import Videos
 
 LENGTH_M = 3.6
 """The known length of all rows without people: the paper's free-throw line."""

@@ -17,10 +17,10 @@ from passerby.benchmark.pixel_rows import NOT_RUN, ROWS, PixelOutcome
 from passerby.benchmark.pixel_stage import JOINT_NOISE_PX, JUDGE_NOISE_PX, JUDGED, LENGTH_M, LENGTH_NOISE_PX
 from passerby.benchmark.rendered import FPS, SECONDS
 from passerby.benchmark.spread import FAILS, failures, median, median_errors, verdicts
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress
 from passerby.evaluation.epipolar import RIGHT_PX
-from passerby.parallel import side_by_side
-from passerby.progress import Progress
-from passerby.solver.geopose_pairs import GeoPoseOptions
+from passerby.solver.geopose.pairs import GeoPoseOptions
 
 PRESETS, QUICK_PRESETS = ("terrace", "basketball", "construction"), ("terrace", "basketball")
 SEEDS, QUICK_SEEDS = 2, 1

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from passerby.benchmark.spread import quartiles
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.observations import CameraObservations
+from passerby.core.observations import CameraObservations
 from passerby.simulation import SimulatedScene
 
 LONGEST_STEP = 3

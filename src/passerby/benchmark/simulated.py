@@ -14,7 +14,7 @@ from passerby.benchmark.page import Page, Wanted, number, reached, table, yes
 from passerby.benchmark.paper_figures import POSES, POSES_MEAN
 from passerby.benchmark.spread import failures, of, percent, pose_errors, verdicts, worst_errors
 from passerby.benchmark.sweep import sweep
-from passerby.progress import Progress
+from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 
 SEEDS = 10

@@ -12,7 +12,7 @@ from passerby.benchmark.page import Page, Wanted, number, table, yes
 from passerby.benchmark.plots import Axis
 from passerby.benchmark.spread import median, percent
 from passerby.benchmark.sweep import Swept, curve_page, presets_of, sweep
-from passerby.progress import Progress
+from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 
 LEVELS, QUICK_LEVELS = (0.0, 0.1, 0.2, 0.3, 0.5), (0.0, 0.3)

@@ -10,7 +10,7 @@ from passerby.benchmark.conditions import Condition, Outcome, run_conditions
 from passerby.benchmark.page import Page, Wanted, table
 from passerby.benchmark.plots import Axis, Line, Panel, error_plot
 from passerby.benchmark.spread import ABOUT, HEAD, of, spread_cells
-from passerby.progress import Progress
+from passerby.common.progress import Progress
 from passerby.simulation import PRESETS
 
 QUICK_SEEDS = 2

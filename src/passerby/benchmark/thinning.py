@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.common.arrays import Ints
-from passerby.errors import InputError
-from passerby.observations import Boxes, CameraObservations, Keypoints
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes, CameraObservations, Keypoints
 from passerby.simulation import SimulatedScene
-from passerby.solver.correspondences import whole_boxes
+from passerby.solver.geopose.correspondences import whole_boxes
 
 
 def thinned(simulated: SimulatedScene, shared: int, rng: np.random.Generator) -> SimulatedScene:

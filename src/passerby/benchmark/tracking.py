@@ -24,10 +24,10 @@ from passerby.benchmark.tracking_runs import (
     run_case,
     run_set,
 )
-from passerby.parallel import side_by_side
-from passerby.progress import Progress
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress
+from passerby.people.trajectories.trajectories import METHODS
 from passerby.simulation import PRESETS
-from passerby.tracks3d.trajectories import METHODS
 
 SEEDS, FOUND_SEEDS, QUICK_SEEDS = 3, 2, 1
 """Finding identities takes four times as long as following people who are known."""

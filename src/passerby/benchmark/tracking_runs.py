@@ -12,19 +12,19 @@ import numpy as np
 import tomli_w
 
 from passerby.benchmark.kept import Kept
-from passerby.cameras import Rig
+from passerby.calibration.pipeline import Calibration, calibrate
+from passerby.common.errors import PasserbyError
+from passerby.core.cameras import Rig
+from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.core.trajectories import Trajectories
-from passerby.errors import PasserbyError
 from passerby.evaluation.trajectories import GroundTruth, judge, placements
 from passerby.geometry.similarity import Similarity
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.trajectories_csv import read_ground_positions
-from passerby.observations import CameraObservations, Clock, Observations
-from passerby.pipeline import Calibration, calibrate
-from passerby.scene import Scene
+from passerby.people.trajectories.trajectories import METHODS, Method, TrackOptions, trajectories
+from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate, write_scene
-from passerby.tracks3d.trajectories import METHODS, Method, TrackOptions, trajectories
 
 BOX_NOISE = 0.02
 FAILED = float("inf")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import Clock
+from passerby.core.observations import Clock
 
 
 @dataclass(frozen=True, eq=False)

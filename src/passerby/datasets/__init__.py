@@ -1,6 +1,6 @@
-"""Readers of published data sets, in the layouts in which they are published; one module a set, loaded when it is used.
+"""Published data sets in their own layouts, as scenes with truth; every module of `READERS` has `read(folder) -> Published`.
 
-Every module of `READERS` has `read(folder: Path) -> Published`.
+A module is loaded when its set is read. Imports `interchange`, `perception` and below.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 if TYPE_CHECKING:
     from passerby.datasets.published import Published

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
+from passerby.core.observations import Boxes
 from passerby.datasets.published import GroundTruth
-from passerby.errors import InputError
-from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import NotParsed, xml_of
-from passerby.observations import Boxes
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, xml_of
 
 LARGEST = 2.0**53
 """Above it a float64 no longer tells whole numbers apart."""

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
+from passerby.core.observations import UNKNOWN, Boxes
 from passerby.datasets.parsing import check_size, entry, numbered, read_json, real, whole
 from passerby.datasets.published import GroundTruth, Published
 from passerby.datasets.worlds import LEFT_HANDED, PublishedCamera, right_handed
-from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes
 
 Corners = tuple[float, float, float, float]
 

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.io import loadmat
 
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
-from passerby.errors import InputError
-from passerby.interchange.untrusted import check_is_file
+from passerby.interchange.storage.safe_parsing import check_is_file
 
 
 def mat_variable(path: Path, key: str) -> Any:

@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import BODY_17, UNKNOWN
 from passerby.datasets.parsing import check_size, entry, numbered, numbers, read_json, whole
 from passerby.datasets.published import Published
 from passerby.datasets.skeletons import BETWEEN_ANKLES, PROJECTED, Skeletons, check_upright, ground_under, projected
 from passerby.datasets.worlds import rotation
-from passerby.errors import InputError
-from passerby.observations import BODY_17, UNKNOWN
 
 FPS = 29.97
 POSES = "hdPose3d_stage1_coco19"

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
-from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import NotParsed, json_of, xml_of
+from passerby.common.errors import InputError
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, json_of, xml_of
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 

@@ -17,13 +17,13 @@ from pathlib import Path
 
 import cv2
 
-from passerby.cameras import Rig
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes
 from passerby.datasets.annotations import read_cvml, read_mot_truth, read_vatic
 from passerby.datasets.published import GroundTruth, Published
 from passerby.datasets.same_people import with_identities_of
-from passerby.errors import InputError
 from passerby.interchange.tsai import TsaiCamera, is_tsai, read_tsai
-from passerby.observations import Boxes
 from passerby.perception.video_probe import probe
 
 FPS = 7.0

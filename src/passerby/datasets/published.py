@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import UNKNOWN, Boxes, Keypoints
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 
 
 @dataclass(frozen=True, eq=False)

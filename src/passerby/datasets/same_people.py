@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from passerby.cameras import Camera, Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import UNKNOWN, Boxes
 from passerby.datasets.published import GroundTruth
-from passerby.observations import UNKNOWN, Boxes
 
 FARTHEST_M = 0.6
 """Two are the same person where the median distance of the box's foot point from the position is below: half a shoulder's

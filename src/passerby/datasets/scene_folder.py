@@ -10,19 +10,19 @@ from typing import Any
 import cv2
 import tomli_w
 
-from passerby.cameras import Rig
+from passerby.common.errors import InputError
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.datasets.published import Published
-from passerby.errors import InputError
-from passerby.interchange.atomic import write_text
 from passerby.interchange.coco import write_keypoints
-from passerby.interchange.csv_text import to_csv
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.csv_text import to_csv
+from passerby.interchange.storage.whole_folder import whole_folder
 from passerby.interchange.video_writer import VideoWriter
-from passerby.interchange.whole_folder import whole_folder
-from passerby.observations import UNKNOWN, Boxes, Keypoints
-from passerby.parallel import side_by_side
-from passerby.progress import Progress, silent
 
 SCENE_FILE = "scene.toml"
 VIDEOS_FILE = "videos.toml"

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.observations import UNKNOWN, Keypoints
 from passerby.datasets.published import GroundTruth
-from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Keypoints
 
 PROJECTED = (
     "Joints are the set's 3D joints, projected through its cameras: free of noise, and there also where somebody else stands "

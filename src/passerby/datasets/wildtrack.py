@@ -17,12 +17,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from passerby.cameras import Lens
+from passerby.common.errors import InputError
+from passerby.core.cameras import Lens
 from passerby.datasets.grid_annotations import GridLayout, read_grid
 from passerby.datasets.parsing import xml_numbers
 from passerby.datasets.published import Published
 from passerby.datasets.worlds import PublishedCamera
-from passerby.errors import InputError
 
 LAYOUT = GridLayout(
     name="wildtrack",

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import rq
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 
 AGREEMENT = 0.95
 """Annotations have single errors; a camera with more than the rest of its people on the other side is described wrongly."""

@@ -1,1 +1,4 @@
-"""How good a rig is: measured against the truth."""
+"""How far a result is from the truth: rigs, trajectories, re-ID, and reprojection.
+
+The only room that sees the truth. Imports `interchange`, `people` and below.
+"""

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes
 from passerby.evaluation.tracklets import overlapping
-from passerby.observations import Boxes
 
 EDGES = ("left", "top", "right", "bottom")
 MAD_TO_SD = 1.4826

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera
 from passerby.geometry.two_view import essential_matrix
 
 RIGHT_PX = 5.0

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Clock
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN, Boxes, Clock
 
 SAME_BOX_PX = 0.01
 """Boxes that passed through files with nine significant digits differ by far less, two people's boxes by far more."""

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Pose, Rig
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Pose, Rig
 from passerby.evaluation.stated import Stated, stated_errors
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.similarity import Similarity, chordal_mean_rotation

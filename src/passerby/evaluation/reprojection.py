@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.geometry.triangulation import triangulate
-from passerby.observations import UNKNOWN, CameraObservations, Observations
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 Flags = NDArray[np.bool_]
 Distances = NDArray[np.floating[Any]]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Pose
+from passerby.core.cameras import Camera, Pose
 from passerby.geometry.rotations import angle_between, exp_rotation
 from passerby.geometry.similarity import fit_plane_similarity
 

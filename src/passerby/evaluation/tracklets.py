@@ -16,8 +16,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN, Boxes
 
 
 @dataclass(frozen=True)

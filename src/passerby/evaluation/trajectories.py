@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
 from passerby.core.trajectories import Trajectories
-from passerby.errors import InputError
 from passerby.evaluation.metrics import place
 from passerby.geometry.similarity import Similarity
 

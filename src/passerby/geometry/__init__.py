@@ -1,1 +1,4 @@
-"""Geometry of rays, poses and points: pure numpy and PoseLib, no files and no solver."""
+"""Geometry of rays, poses and points: arrays in, arrays out, with no notion of a camera's lens or of a person.
+
+Uses numpy, scipy and PoseLib; imports `common` only.
+"""

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from passerby.common.arrays import Bools, Floats
-from passerby.errors import EvidenceError
-from passerby.geometry.known_places import Places
+from passerby.common.errors import EvidenceError
+from passerby.geometry.anchors import Places
 from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.similarity import Similarity
 

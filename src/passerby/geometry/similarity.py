@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.errors import EvidenceError
+from passerby.common.errors import EvidenceError
 
 
 @dataclass(frozen=True, eq=False)

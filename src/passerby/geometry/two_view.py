@@ -12,7 +12,7 @@ import numpy as np
 import poselib
 
 from passerby.common.arrays import Bools, Floats
-from passerby.errors import EvidenceError
+from passerby.common.errors import EvidenceError
 from passerby.geometry.rotations import skew
 from passerby.geometry.triangulation import depths, triangulate_two_views
 

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.atomic import write_text
-from passerby.interchange.faults import FileFaults, read_text
-from passerby.interchange.untrusted import NotParsed, json_of
-from passerby.observations import UNKNOWN, Keypoints
+from passerby.core.observations import UNKNOWN, Keypoints
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.faults import FileFaults, read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, json_of
 
 LARGEST_WHOLE = 2**53
 """Above it JSON of most programs no longer tells whole numbers apart."""

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from passerby.common.arrays import Ints
+from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
-from passerby.errors import InputError
-from passerby.interchange.archives import Archive, is_single_array, opened
-from passerby.interchange.atomic import write_bytes
-from passerby.interchange.untrusted import NotParsed
-from passerby.observations import Vectors
+from passerby.core.observations import Vectors
+from passerby.interchange.storage.archives import Archive, is_single_array, opened
+from passerby.interchange.storage.atomic import write_bytes
+from passerby.interchange.storage.safe_parsing import NotParsed
 
 EMBEDDINGS, FRAME = "embeddings", "frame"
 KIND = 'a numpy archive (npz) with an array "embeddings"'

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from passerby.cameras import Camera, Rig
-from passerby.errors import InputError
-from passerby.interchange.faults import FileFaults
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Rig
+from passerby.interchange.storage.faults import FileFaults
 
 
 def gathered_rig(

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.atomic import write_text
-from passerby.interchange.faults import FileFaults, read_text
-from passerby.observations import UNKNOWN, Boxes
+from passerby.core.observations import UNKNOWN, Boxes
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.faults import FileFaults, read_text
 
 MIN_COLUMNS, MAX_COLUMNS = 7, 10
 COLUMNS = ("frame", "identity", "left", "top", "width", "height", "score")

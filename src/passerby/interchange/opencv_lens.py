@@ -11,12 +11,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from passerby.cameras import Lens
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import NotParsed, json_of, leaves, xml_of, yaml_of
+from passerby.core.cameras import Lens
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, json_of, leaves, xml_of, yaml_of
 
 ENDINGS = (".yml", ".yaml", ".xml", ".json")
 

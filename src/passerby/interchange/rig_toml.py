@@ -17,15 +17,15 @@ import cv2
 import numpy as np
 import tomli_w
 
-from passerby.cameras import LARGEST_FOCAL_SD, Camera, Lens, Pose, PoseSigma, Rig
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.atomic import write_text
-from passerby.interchange.faults import read_text
+from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Lens, Pose, PoseSigma, Rig
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rotation_vectors import rotation_of
-from passerby.interchange.untrusted import NotParsed, toml_of
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, toml_of
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"

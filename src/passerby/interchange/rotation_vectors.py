@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 MOST_RADIANS = 1e3
 """A rotation vector is told to within a turn or a few; a longer one is another number's bytes, and OpenCV makes NaN of it."""

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import InputError
 from passerby.common.text import shortened, shortened_text
+from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
-from passerby.errors import InputError
-from passerby.interchange.atomic import write_text
-from passerby.interchange.csv_text import csv_rows
-from passerby.interchange.faults import FileFaults, read_text
-from passerby.observations import Clock
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.csv_text import csv_rows
+from passerby.interchange.storage.faults import FileFaults, read_text
 
 HEADER = ("time_s", "frame", "id", "x_m", "y_m", "z_m", "sigma_m", "cameras")
 LARGEST = 1e12

@@ -30,12 +30,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import NotParsed, xml_of
+from passerby.core.cameras import Camera, Lens, Pose
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, xml_of
 
 METRES = 1e-3
 """The files' unit of length."""

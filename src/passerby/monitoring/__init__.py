@@ -1,1 +1,4 @@
-"""A calibrated rig in use: has a camera moved since, which, when and by how much."""
+"""A rig in use: which cameras have moved since it was calibrated.
+
+Stands beside `calibration` and does not know it.
+"""

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, fdtri
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats
-from passerby.monitoring.resection import FEWEST_CLUSTERS, loose, spread
-from passerby.monitoring.scores import Scores
+from passerby.core.cameras import Rig
+from passerby.people.resection import FEWEST_CLUSTERS, loose, spread
+from passerby.people.scores import Scores
 
 MODEL_M, MODEL_DEG = 0.01, 0.05
 """One sigma in each direction by which people seem to move a camera that stands still: added to the rig's own sigmas."""

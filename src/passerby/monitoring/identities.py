@@ -13,13 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.association.associate import Tracklets, people_of_rig
+from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
 from passerby.association.graph import ViewGraph
-from passerby.association.preparing import PreparedCamera, prepare_cameras
-from passerby.cameras import Rig
 from passerby.common.arrays import Ints
-from passerby.monitoring.people import BODY_M
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.progress import Progress, silent
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.people.held_cameras import BODY_M
 
 
 def identified(

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Rig
 from passerby.monitoring.evidence import Baseline
-from passerby.monitoring.people import Ground, solve_people
-from passerby.monitoring.resection import loose
-from passerby.monitoring.scores import scores_of
-from passerby.monitoring.sightings import Sightings, poses_of
+from passerby.people.held_cameras import Ground, solve_people
+from passerby.people.resection import loose
+from passerby.people.rig_observations import Sightings, poses_of
+from passerby.people.scores import scores_of
 
 GRID_S = 1.0
 INFLATION = 6.0

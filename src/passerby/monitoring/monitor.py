@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from passerby.association.instants import common_instants
-from passerby.cameras import Camera, Rig
-from passerby.errors import InputError
-from passerby.inputs import SceneInputs, read_inputs
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import Clock, Observations
+from passerby.core.synchronisation import common_instants
 from passerby.monitoring.given_rig import GivenRig
-from passerby.monitoring.ground import fit_ground, rough_height
 from passerby.monitoring.identities import identified
 from passerby.monitoring.result import Monitored
-from passerby.monitoring.sightings import sightings_of
 from passerby.monitoring.watching import WatchOptions, watch
-from passerby.observations import Clock, Observations
-from passerby.progress import Progress, silent
-from passerby.scene import Scene
-from passerby.videos import Videos
+from passerby.people.ground import fit_ground, rough_height
+from passerby.people.rig_observations import sightings_of
+from passerby.scene.inputs import SceneInputs, read_inputs
+from passerby.scene.scene import Scene
+from passerby.scene.video_inputs import Videos
 
 SEED = 0
 """Of the draw of the people that tell each camera's vertical where nobody says who is who."""

@@ -9,13 +9,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats
-from passerby.errors import EvidenceError
-from passerby.interchange.atomic import write_text
-from passerby.interchange.json_text import plain, to_json
-from passerby.monitoring.people import Ground
+from passerby.common.errors import EvidenceError
+from passerby.core.cameras import Rig
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.json_text import plain, to_json
 from passerby.monitoring.watching import Move, Watched, WatchOptions, Window
+from passerby.people.held_cameras import Ground
 
 State = Literal["steady", "moved", "one of several moved", "cannot tell"]
 MONITOR_FILE = "monitor.json"
@@ -147,7 +147,7 @@ class Monitored:
 
         Raises `InputError` where the folder is not writable.
         """
-        from passerby.results import RIG_FILE
+        from passerby.calibration.results import RIG_FILE
 
         write_text(Path(folder) / RIG_FILE, rig_text)
         write_text(Path(folder) / MONITOR_FILE, to_json(self.to_dict()))

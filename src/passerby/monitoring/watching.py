@@ -8,17 +8,17 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from passerby.cameras import Pose, PoseSigma, Rig
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.geometry.rotations import log_rotation
 from passerby.monitoring.evidence import Baseline, Test, stated, tests
 from passerby.monitoring.moments import Moment, moment_of
-from passerby.monitoring.people import Ground, solve_people
-from passerby.monitoring.resection import Resection, resect_sightings
-from passerby.monitoring.scores import STRETCH_S, Scores, joined, scores_of
-from passerby.monitoring.sightings import Sightings, poses_of
-from passerby.progress import Progress, silent
+from passerby.people.held_cameras import Ground, solve_people
+from passerby.people.resection import Resection, resect_sightings
+from passerby.people.rig_observations import Sightings, poses_of
+from passerby.people.scores import STRETCH_S, Scores, joined, scores_of
 
 STAGE = "watching"
 STEPS = 5

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Lens
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import BORDER_PX, Boxes, Keypoints
-from passerby.solver.image_motion import image_velocity
+from passerby.core.cameras import Lens
+from passerby.core.observations import BORDER_PX, Boxes, Keypoints
+from passerby.people.image_motion import image_velocity
 
 MIN_EXTENT_PX = 8.0
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.errors import EvidenceError, InputError
+from passerby.common.errors import EvidenceError, InputError
 from passerby.perception.background_statistics import Levels, usual_colours
 from passerby.perception.foreground import Reference, foreground, prepare_reference
 from passerby.perception.people_shapes import found_people

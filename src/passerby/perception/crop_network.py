@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Picture
 from passerby.perception.sessions import Port, inputs_of, open_session, outputs_of

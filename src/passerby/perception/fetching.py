@@ -15,10 +15,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from passerby import __version__
-from passerby.errors import InputError
-from passerby.interchange.locks import locked
-from passerby.progress import Progress, silent, tell_failure
+from passerby._version import __version__
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent, tell_failure
+from passerby.interchange.storage.locks import locked
 
 OFFLINE = "PASSERBY_OFFLINE"
 """Environment variable that forbids all downloads where it is set to anything but 0."""

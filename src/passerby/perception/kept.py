@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.interchange.atomic import PART, cannot_write, write_bytes, write_text
+from passerby.interchange.storage.atomic import PART, cannot_write, write_bytes, write_text
 
 try:
     import fcntl

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.keypoints_heatmaps import HeatmapKeypoints
 from passerby.perception.keypoints_movenet import MovenetKeypoints
 from passerby.perception.keypoints_simcc import SimccKeypoints

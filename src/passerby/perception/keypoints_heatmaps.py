@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.observations import BODY_17
+from passerby.core.observations import BODY_17
 from passerby.perception.top_down import JOINT_COUNTS, Answers, TopDownKeypoints
 
 

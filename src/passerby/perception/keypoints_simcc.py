@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.observations import BODY_17
+from passerby.core.observations import BODY_17
 from passerby.perception.top_down import JOINT_COUNTS, Answers, TopDownKeypoints
 
 

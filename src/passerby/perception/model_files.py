@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import platformdirs
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent
 from passerby.perception.catalogue import ModelEntry, catalogue, default_of
 from passerby.perception.fetching import UnreachableError, fetch, sha256_of
 from passerby.perception.networks import InputConvention, Network, Role
-from passerby.progress import Progress, silent
 
 AUTO = "auto"
 MODELS = "PASSERBY_MODELS"

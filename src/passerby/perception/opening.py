@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from typing import Any, Literal
 
-from passerby.errors import EvidenceError, InputError
+from passerby.common.errors import EvidenceError, InputError
 from passerby.perception.background import (
     VERSION,
     BackgroundDetector,

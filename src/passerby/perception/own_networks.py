@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import NotParsed, toml_of
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, toml_of
 from passerby.perception.catalogue import InputTable, Table
 from passerby.perception.networks import InputConvention, Network, Output, Role
 

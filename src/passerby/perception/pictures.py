@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.observations import Vectors
+from passerby.core.observations import Vectors
 
 Picture = NDArray[np.uint8]
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent, tell_warning
 from passerby.perception.catalogue import catalogue, default_of
 from passerby.perception.fetching import offline
 from passerby.perception.model_files import AUTO, Found, copies_of, find_model
 from passerby.perception.networks import Network, Role
 from passerby.perception.tiles import Tiling
-from passerby.progress import Progress, silent, tell_warning
 
 BACKGROUND, NONE = "background", "none"
 STRIPES: Literal["stripes"] = "stripes"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
-from passerby.observations import Vectors
+from passerby.common.errors import InputError
+from passerby.core.observations import Vectors
 from passerby.perception.crop_network import CropNetwork, crop_rows
 from passerby.perception.crops import stretched, tellable
 from passerby.perception.networks import Network

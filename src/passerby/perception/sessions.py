@@ -8,7 +8,7 @@ from typing import Any
 
 import onnxruntime
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 CPU = "CPUExecutionProvider"
 CUDA = "CUDAExecutionProvider"

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.observations import Vectors
+from passerby.core.observations import Vectors
 from passerby.perception.crop_network import crop_rows
 from passerby.perception.crops import stretched, tellable
 from passerby.perception.pictures import Identity, Picture

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
-from passerby.observations import BODY_17
+from passerby.common.errors import InputError
+from passerby.core.observations import BODY_17
 from passerby.perception.crop_network import CropNetwork, crop_rows
 from passerby.perception.crops import enlarged, sampled, tellable
 from passerby.perception.joint_checks import believed

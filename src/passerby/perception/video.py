@@ -21,7 +21,7 @@ from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.pictures import Frame, Picture
 from passerby.perception.video_probe import GRID_TOLERANCE_S, VideoInfo, fit_of_size, opened, probe
 

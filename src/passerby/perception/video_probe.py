@@ -22,8 +22,8 @@ from av.video.frame import VideoFrame
 from av.video.stream import VideoStream
 
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
-from passerby.errors import InputError
 from passerby.perception.pieces import JOIN_PICTURES, why_a_pattern_is_no_video, why_no_video_is_there
 
 VARIABLE_CLOCK_FPS = 100.0

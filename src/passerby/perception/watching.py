@@ -20,8 +20,9 @@ import numpy as np
 import onnxruntime
 
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
-from passerby.observations import UNKNOWN, Boxes, Keypoints, Vectors
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Vectors
+from passerby.interchange.storage.toml_text import key
 from passerby.perception.kept import Arrays, KeptStage, alone, fingerprint, forget_others, hash_of_arrays
 from passerby.perception.opening import (
     background_count,
@@ -35,7 +36,6 @@ from passerby.perception.pictures import Detections, Detector, Embedder, Frame, 
 from passerby.perception.plan import Plan
 from passerby.perception.steadiness import SteadinessWatcher
 from passerby.perception.video import VideoInfo, VideoReader, expected_count
-from passerby.starting.toml_text import key
 
 REVISION = 1
 """Counted up whenever a stage gives other results than before, so that what an older version kept is not taken for them."""

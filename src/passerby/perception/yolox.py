@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.perception.letterbox import Fitting, Window, fit_window
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections, Frame, Identity, Picture

@@ -1,1 +1,4 @@
-"""The report: one HTML page that tells whether a calibration is good, where it is weak and what to do."""
+"""The page that a person looks at, and the drawings of notebooks.
+
+Takes finished values and files and decides nothing. Imports `interchange`, `perception`, `people`, `solver` and below.
+"""

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
-from passerby.observations import BORDER_PX, UNKNOWN
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera
+from passerby.core.observations import BORDER_PX, UNKNOWN
 from passerby.perception.pictures import Picture
 from passerby.perception.video import fit_of_size, probe
 from passerby.perception.video_still import still

@@ -6,8 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from passerby.cameras import Camera, Pose
-from passerby.report.colours import camera_colour
+from passerby.core.cameras import Camera, Pose
+from passerby.core.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join
 from passerby.report.mends import point_of

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from passerby.cameras import Rig
+from passerby.calibration.results import RIG_FILE, TRACKS_FOLDER, calibration_dict, scene_file
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.output_folder import camera_tables, is_file_name, read_report, unlike
 from passerby.interchange.rig_toml import read_rig
-from passerby.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.output_folder import camera_tables, is_file_name, read_report, unlike
-from passerby.results import RIG_FILE, TRACKS_FOLDER, calibration_dict, scene_file
 
 if TYPE_CHECKING:
-    from passerby.pipeline import Calibration
+    from passerby.calibration.pipeline import Calibration
 
 
 @dataclass(frozen=True, eq=False)

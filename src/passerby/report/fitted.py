@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.observations import BORDER_PX
+from passerby.core.cameras import Rig
+from passerby.core.observations import BORDER_PX
+from passerby.people.trajectories.smoothing import smooth
 from passerby.report.contents import Contents
 from passerby.report.sampling import MOST_SIGHTINGS, Sample, grouped, sampled
 from passerby.report.skeletons import Joints, joints_of
 from passerby.report.upright import Bodies, BodyModel, SeenBoxes, body_model, model_boxes, upright_bodies
-from passerby.tracks3d.smoothing import smooth
 
 SURE_M = 0.7
 """Whose place is less sure than this is left out of the ways: seen far away, or cut off, by one camera."""

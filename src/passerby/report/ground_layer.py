@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Floats
-from passerby.report.colours import camera_colour
+from passerby.core.cameras import Camera
+from passerby.core.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, join

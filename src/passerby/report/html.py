@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
-from passerby.interchange.json_text import plain
+from passerby.interchange.storage.json_text import plain
 
 VOID = frozenset({"meta", "input", "br", "link"})
 

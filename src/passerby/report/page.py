@@ -8,8 +8,8 @@ from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 
-from passerby.interchange.atomic import write_text
-from passerby.progress import Progress, silent
+from passerby.common.progress import Progress, silent
+from passerby.interchange.storage.atomic import write_text
 from passerby.report.camera_table import camera_section
 from passerby.report.contents import Contents
 from passerby.report.distances import distances_section

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from passerby.report.colours import person_colour
+from passerby.core.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.tables import Column, data_table, number, text

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Ints
-from passerby.report.colours import person_colour
+from passerby.core.cameras import Camera
+from passerby.core.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, element, join

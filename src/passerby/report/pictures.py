@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from passerby.observations import Clock
+from passerby.core.observations import Clock
 from passerby.report.backdrop import backdrop
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted, fit_sample

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from passerby.progress import Progress
+from passerby.common.progress import Progress
 from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from passerby.cameras import Camera, Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Camera, Rig
 from passerby.report.fitted import Fitted, Ways
 from passerby.report.through_lens import spacing_of
 

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from passerby.cameras import Camera
+from passerby.core.cameras import Camera
 from passerby.report.contents import Contents
 from passerby.report.sheet import clipped
 

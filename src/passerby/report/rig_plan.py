@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.report.colours import camera_colour
+from passerby.core.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.rig_geometry import (

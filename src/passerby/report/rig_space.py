@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.report.colours import camera_colour, person_colour
+from passerby.core.colours import camera_colour, person_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.ground_layer import AXIS_COLOURS, grid_lines

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.association.instants import MAX_GAP_S, MAX_GAP_SAMPLES, common_instants, common_time_steps, sampling_distance
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
+from passerby.core.synchronisation import MAX_GAP_S, MAX_GAP_SAMPLES, common_instants, common_time_steps, sampling_distance
 from passerby.report.contents import Contents
 
 MOST_SIGHTINGS = 30_000

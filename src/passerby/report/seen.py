@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import UNKNOWN, Clock
+from passerby.core.observations import UNKNOWN, Clock
+from passerby.core.overlap import Shared
 from passerby.report.contents import Contents
-from passerby.sharing import Shared
 
 
 @dataclass(frozen=True, eq=False)

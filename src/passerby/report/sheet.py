@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Camera
 from passerby.report.backdrop import Backdrop
 from passerby.report.html import Attribute, Html, element, join
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.observations import Observations
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
+from passerby.geometry.ray_consensus import agree
 from passerby.people.segments import MIN_JOINT_SCORE, MIN_JOINTS
 from passerby.report.sampling import grouped
-from passerby.solver.consensus import agree
 
 TOLERANCE_PX, TOLERANCE_SHARE = 2.0, 0.05
 """Joints that agree lie within so many pixels, and this share of the person's height in the picture, of where they project:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Bools, Floats, Ints
+from passerby.core.cameras import Camera
 
 Rays = Callable[[Ints, Floats], Floats]
 """From lines (E,) and shares of their lengths (E,) to directions (E, 3), camera frame."""

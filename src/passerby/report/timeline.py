@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.report.colours import person_colour
+from passerby.core.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot, plot_text
 from passerby.report.seen import Spells, lanes_of, merged

@@ -1,6 +1,6 @@
 """Upright bodies fitted to the boxes of single instants, by a rig that is held; and the boxes that these bodies should have.
 
-The measurements are those of `passerby.tracks3d.bodies`, the two ends of a body those of `passerby.solver.person_model`.
+The measurements are those of `passerby.people.bodies`, the two ends of a body those of `passerby.solver.person_model`.
 Robust: Cauchy weights on each box (the solver's scale) and on each person's stance, begun at the median of where the boxes by
 themselves put the body.
 """
@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Bools, Floats, Ints
+from passerby.core.cameras import Rig
+from passerby.people.bodies import STANCE_SD, Rays, measure, rays_of, stand, stand_alone
 from passerby.people.model import GAIT_SHARE, Noise, Priors, body_ends
 from passerby.report.sampling import grouped
 from passerby.report.values import number_of, rows_of, table_of
-from passerby.tracks3d.bodies import STANCE_SD, Rays, measure, rays_of, stand, stand_alone
 
 ROUNDS = 8
 """Of weighing and solving; the last moves a body by less than a millimetre."""

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from passerby.core.colours import camera_colour
+from passerby.core.overlap import Shared
 from passerby.report.camera_table import swatch
-from passerby.report.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen
 from passerby.report.tables import Column, data_table, number, text
 from passerby.report.values import MISSING, number_of, rows_of, table_of
-from passerby.sharing import Shared
 
 STRONG, FAIR = 0.7, 0.4
 """Confidence above which a pair is strong, or fair."""

@@ -1,4 +1,7 @@
-"""Simulated scenes: cameras around an area, people who walk, jump and crouch in it, and what the cameras see of them."""
+"""Scenes with known truth, as boxes, joints or rendered videos.
+
+Imports `interchange`, `perception` and below.
+"""
 
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.presets import PRESETS

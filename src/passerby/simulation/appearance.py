@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import UNKNOWN, Vectors
+from passerby.core.observations import UNKNOWN, Vectors
 
 DIMENSIONS = 128
 CAMERA_SHIFT = 0.6

@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from passerby.cameras import Camera, Pose, Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Camera, Pose, Rig
 from passerby.simulation.body import BodyState
 from passerby.simulation.motion import Motion, simulate_motion
 from passerby.simulation.options import MIN_PEOPLE, SimulationOptions

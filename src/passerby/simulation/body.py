@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.observations import BODY_17
+from passerby.core.observations import BODY_17
 
 HIP_HEIGHT = 0.530
 TRUNK = 0.288

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
 from passerby.simulation.observe import View
 from passerby.simulation.options import SimulationOptions
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Pose, Rig
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Pose, Rig
 from passerby.simulation.body import pose_joints
 from passerby.simulation.observe import View, view
 from passerby.simulation.options import SimulationOptions

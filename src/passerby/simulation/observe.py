@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
-from passerby.observations import BODY_17
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera
+from passerby.core.observations import BODY_17
 from passerby.simulation.body import body_spheres
 
 Mask = NDArray[np.bool_]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.simulation.presets import PRESETS, Preset
 
 MAX_CLOCK_OFFSET_S = 5.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 
 FIELD_OF_VIEW_DEG = (60.0, 75.0)
 """Horizontal, drawn per camera: the range of common surveillance lenses."""

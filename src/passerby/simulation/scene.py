@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera, Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
-from passerby.observations import BODY_17, UNKNOWN, Boxes, Clock, Observations
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import BODY_17, UNKNOWN, Boxes, Clock, Observations
 from passerby.simulation.appearance import box_embeddings, people_looks
 from passerby.simulation.areas import Areas, move_groups, place_groups
 from passerby.simulation.body import pose_joints

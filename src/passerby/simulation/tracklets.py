@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Ints
-from passerby.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
 
 LONGEST_GAP_S = 1.0
 """A tracker lets go of a person whom it has not seen for longer than this."""

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from passerby.cameras import Rig
-from passerby.interchange.atomic import write_text
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Rig
 from passerby.interchange.coco import write_keypoints
-from passerby.interchange.csv_text import to_csv
 from passerby.interchange.embeddings import write_embeddings
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
-from passerby.interchange.whole_folder import whole_folder
-from passerby.progress import Progress, silent
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.csv_text import to_csv
+from passerby.interchange.storage.whole_folder import whole_folder
 from passerby.simulation.rendering import RenderOptions, write_videos
 from passerby.simulation.scene import SimulatedScene
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near
-from passerby.solver.least_squares import Cauchy, Layout, Term
+from passerby.solver.optimizer.least_squares import Cauchy, Layout, Term
 from passerby.solver.people_state import PeopleState
 
 

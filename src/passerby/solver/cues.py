@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.core.scale_cues import ScaleCues
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.triangulation import triangulate
 from passerby.solver.cue_terms import CueRows
-from passerby.solver.scale import ScaleCues
 
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""

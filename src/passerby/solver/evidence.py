@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
 from passerby.geometry.reprojection import PointObservations
-from passerby.observations import Observations
+from passerby.people.image_motion import image_velocity
 from passerby.people.segments import (
     MIN_EXTENT_PX,
     MIN_JOINT_SCORE,
@@ -26,7 +27,6 @@ from passerby.people.segments import (
     segments_of_keypoints,
     segments_without,
 )
-from passerby.solver.image_motion import image_velocity
 from passerby.solver.people_state import Sightings
 
 # How much farther off a joint is taken to be that was found with less confidence than usual: this power of the ratio, within a

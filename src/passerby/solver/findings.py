@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Rig
 from passerby.people.model import HEIGHT_PER_CENTRE
-from passerby.solver.assembly import cycle_support
 from passerby.solver.consistency import STRETCHES, Agreement, agreement
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
+from passerby.solver.initialisation import Choice, Fit, Start
 from passerby.solver.lens_check import FocalCheck, ShapeCheck, common_change
-from passerby.solver.stages import Choice, Fit, Start
+from passerby.solver.pose_graph import cycle_support
 from passerby.solver.uncertainty import RigCovariance
 
 # A pose whose sigma exceeds these is no calibration: of the rig's extent, and in degrees.

@@ -13,9 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats
-from passerby.solver.least_squares import NormalEquations
+from passerby.core.cameras import Rig
 from passerby.solver.lens_columns import (
     by_distortion,
     by_focal,
@@ -25,6 +24,7 @@ from passerby.solver.lens_columns import (
     widened_layout,
 )
 from passerby.solver.lens_sigmas import BOXES_MISLEAD, by_boxes
+from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import deflated

@@ -13,10 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.cameras import Lens, Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Lens, Rig
 from passerby.people.model import body_ends
-from passerby.solver.least_squares import Layout, Term
+from passerby.solver.optimizer.least_squares import Layout, Term
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import FOOT_SHIFT, JOINT, PeopleProblem
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.solver.least_squares import NormalEquations
+from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.systematic import SIGMAS, with_systematic

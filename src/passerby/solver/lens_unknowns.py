@@ -16,8 +16,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from passerby.cameras import Lens, Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Lens, Rig
 from passerby.geometry.reprojection import PointObservations
 from passerby.solver.people_state import Sightings
 

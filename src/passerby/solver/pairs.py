@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.errors import EvidenceError
+from passerby.common.errors import EvidenceError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.geometry.single_view import Level

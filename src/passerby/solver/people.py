@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import LARGEST_FOCAL_SD, Camera, Pose, Rig
-from passerby.errors import EvidenceError
+from passerby.common.errors import EvidenceError
+from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Pose, Rig
+from passerby.core.observations import Observations
+from passerby.core.scale_cues import ScaleCues
+from passerby.core.solution import Solution, Verdict
 from passerby.geometry.relative_pose import PairHypothesis
-from passerby.observations import Observations
-from passerby.solver.assembly import components, heading_rotation
 from passerby.solver.cues import report_pull
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise, wrong_lenses
+from passerby.solver.initialisation import Fit, PeopleOptions, Start, choose, descend
 from passerby.solver.lens_check import check_focals, check_shapes
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import PeopleState
+from passerby.solver.pose_graph import components, heading_rotation
 from passerby.solver.refined_lenses import far_lenses, lens_figures, refined_lenses
-from passerby.solver.scale import ScaleCues
-from passerby.solver.solution import Solution, Verdict
-from passerby.solver.stages import Fit, PeopleOptions, Start, choose, descend
 from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import RigCovariance, correlation_inflation, rig_covariance, with_learnt_stance
 

@@ -20,7 +20,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
 from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, HIGH, LOW, Noise, Priors, body_ends
 from passerby.solver.cue_terms import CueRows
-from passerby.solver.least_squares import Cauchy, Family, Layout, Step, Term
+from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Step, Term
 from passerby.solver.people_state import PeopleState, Sightings
 
 CAMERA_SIZE = POSE_SIZE + 1

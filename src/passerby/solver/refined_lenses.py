@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Lens, Rig
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Lens, Rig
 from passerby.solver.lens_check import size_drift
 from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import LensUnknowns

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.ray_consensus import adopt, agree
 from passerby.geometry.reprojection import PointObservations
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
-from passerby.solver.consensus import adopt, agree
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.evidence import Evidence
-from passerby.solver.least_squares import NormalEquations, Result, Stopping, Term, minimise
+from passerby.solver.occlusion import Wholeness, judge_boxes
+from passerby.solver.optimizer.least_squares import NormalEquations, Result, Stopping, Term, minimise
 from passerby.solver.people_state import PeopleState, Sightings
 from passerby.solver.person_model import JOINT, PeopleProblem
-from passerby.solver.whole_boxes import Wholeness, judge_boxes
 
 # A sighting agrees within so many sigmas of its centre: the Cauchy loss deals with what is nearer.
 AGREE_SIGMAS = 6.0

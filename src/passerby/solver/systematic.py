@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from passerby.cameras import Rig
 from passerby.common.arrays import Floats, Ints
-from passerby.solver.least_squares import Layout, NormalEquations, Term
+from passerby.core.cameras import Rig
 from passerby.solver.lens_columns import by_focal, lens_columns, widened, widened_layout
+from passerby.solver.optimizer.least_squares import Layout, NormalEquations, Term
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import UPRIGHT, PeopleProblem
 

@@ -14,11 +14,11 @@ from functools import partial
 
 import numpy as np
 
-from passerby.cameras import PoseSigma
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import PoseSigma
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system, placement_freedoms, similarity_freedoms
-from passerby.solver.least_squares import NormalEquations, Term
+from passerby.solver.optimizer.least_squares import NormalEquations, Term
 from passerby.solver.people_state import PeopleState
 from passerby.solver.person_model import TIME, UPRIGHT, PeopleProblem
 from passerby.solver.refinement import Model

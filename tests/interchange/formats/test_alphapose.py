@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from passerby.cli import app
-from passerby.errors import InputError
+from passerby.cli.main import app
+from passerby.common.errors import InputError
+from passerby.core.observations import BODY_17
 from passerby.interchange.formats import read_people_as
 from passerby.interchange.motchallenge import read_boxes
-from passerby.observations import BODY_17
 
 
 def person(image, count=17, start=100.0, **other):

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import BODY_17, Keypoints
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.formats import read_people_as
-from passerby.observations import BODY_17, Keypoints
 
 IMAGES = [{"id": 51, "file_name": "C1/frame_000003.jpg"}, {"id": 7, "file_name": "C1/frame_000004.jpg"}]
 PEOPLE = [{"id": 1, "name": "person", "keypoints": list(BODY_17)}]

@@ -6,11 +6,11 @@ import struct
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
-from passerby.errors import InputError
 from passerby.interchange.formats import Export, Given, export, read_rig_as
-from passerby.observations import Clock
 
 RAYS = np.array([[0.3, -0.2, 1.0], [-0.5, 0.1, 1.1]])
 # Parameters, and where pycolmap 4.2.1 (Camera.img_from_cam) has RAYS: pixels from the corner of the first one.

@@ -17,8 +17,8 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.cameras import Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
 
 # As EasyMocap's own writer has it: six digits, Windows' line ends, no picture size.
 INTRI = """%YAML:1.0\r

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose, Rig
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
-from passerby.errors import InputError
 from passerby.interchange import formats
 from passerby.interchange.formats import Export, Format
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.trajectories_csv import read_trajectories, write_trajectories
-from passerby.observations import Clock
 
 LENS = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.zeros(5))
 RIG = Rig((Camera("A", LENS, Pose(np.eye(3), np.zeros(3))), Camera("B", LENS)))

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from facing_cameras import CENTRE, NASTY_NAMES, PIXELS, POINTS, SIZE, facing, read_back, same_cameras, turned_rig, written
-from passerby.cameras import Lens, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Lens, Rig
 
 # As FreeMoCap 1.8.2 dumps a group of cameras (toml 0.10.2).
 DUMPED = """\

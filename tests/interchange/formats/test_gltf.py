@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drawn_rigs import BENT, CENTRED, FISHEYE, NASTY, rig, ways
-from passerby.cameras import Camera, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Rig
 from passerby.interchange.formats import Export, export
 
 Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])

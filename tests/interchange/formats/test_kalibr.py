@@ -16,8 +16,8 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.cameras import Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
 
 # From the sample in Kalibr's wiki (yaml formats), shortened.
 CHAIN = """\

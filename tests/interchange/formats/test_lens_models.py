@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens
 from passerby.interchange.formats import lens_models as lm
 from passerby.interchange.formats import lens_rays as lr
 from passerby.interchange.formats.losses import Losses

@@ -18,8 +18,8 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 
 # As docs/quickstart/data_conventions.md of nerfstudio shows it: one lens at the top, for all frames.
 DOCUMENTED = {

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Export, Given, export, read_rig_as
 from passerby.interchange.opencv_lens import read_opencv_lens
 

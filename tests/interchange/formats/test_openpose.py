@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from passerby.cli import app
-from passerby.errors import InputError
+from passerby.cli.main import app
+from passerby.common.errors import InputError
+from passerby.core.observations import BODY_17
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.formats import read_people_as
-from passerby.observations import BODY_17
 
 # As OpenPose's documentation lists them: joint k of a made-up person lies at (100 + k, 200 + k).
 BODY_25_AT = {"nose": 0, "left_shoulder": 5, "right_shoulder": 2, "left_hip": 12, "right_hip": 9, "left_ankle": 14,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from passerby.cli import run
+from passerby.cli.main import run
 from passerby.interchange.formats import all_formats
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from drawn_rigs import BENT, CENTRED, FISHEYE, NASTY, SKEWED, rig, ways
-from passerby.cameras import Camera, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Rig
+from passerby.core.colours import camera_colour, person_colour
 from passerby.interchange.formats import Export, export
-from passerby.report.colours import camera_colour, person_colour
 
 TYPES = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Export, Given, all_formats, export, read_rig_as
 
 SIZE = (1280, 720)

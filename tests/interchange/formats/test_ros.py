@@ -20,8 +20,8 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.cameras import Camera, Lens, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
 
 # As camera_calibration writes it (ost.yaml).
 OST = """\

@@ -5,8 +5,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from passerby.cameras import Camera, Lens, Pose, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats import Export, Given, export, read_rig_as
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 905, 360], [0, 0, 1]]), np.array([-0.2, 0.05, 0.001, -0.002, 0.01]))

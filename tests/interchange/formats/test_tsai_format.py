@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from passerby.cli import app
-from passerby.errors import InputError
+from passerby.cli.main import app
+from passerby.common.errors import InputError
 from passerby.interchange.formats import Given, read_rig_as
 from passerby.interchange.rig_toml import read_rig
 

@@ -7,7 +7,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.interchange.formats.names import LETTER, tame_names
 from passerby.interchange.formats.values import dump_yaml, numbers, parse_yaml, rigid, rotation
 

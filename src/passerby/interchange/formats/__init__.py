@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 
-from passerby.cameras import Rig
+from passerby.common.errors import InputError
 from passerby.common.text import nearest
-from passerby.errors import InputError
-from passerby.interchange.atomic import write_bytes
+from passerby.core.cameras import Rig
 from passerby.interchange.formats.format import Export, Format, Given, People
 from passerby.interchange.formats.losses import Losses
-from passerby.interchange.together import together, working_in
+from passerby.interchange.storage.atomic import write_bytes
+from passerby.interchange.storage.transaction import together, working_in
 
 __all__ = [
     "Export",

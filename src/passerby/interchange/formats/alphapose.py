@@ -18,8 +18,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
 from passerby.interchange.formats.format import Format, Given, People
 from passerby.interchange.formats.found_people import Found, frame_in, identity_in, numbers_in, people_of
 from passerby.interchange.formats.frame_numbers import frames_of_names

@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.colmap_files import ColmapCamera, ColmapImage, as_binary, as_text, read_model
 from passerby.interchange.formats.colmap_models import MODELS, WRITTEN, lens_of, nearest_to, parameters_of
 from passerby.interchange.formats.format import Export, Format, Given

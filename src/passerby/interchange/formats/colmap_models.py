@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.cameras import Lens
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Lens
 from passerby.interchange.formats.lens_models import (
     FISHEYE,
     PINHOLE,

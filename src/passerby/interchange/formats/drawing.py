@@ -11,11 +11,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.colours import camera_colour, person_colour
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.formats.lens_rays import bearings_of
-from passerby.report.colours import camera_colour, person_colour
 
 Colour = tuple[int, int, int]
 

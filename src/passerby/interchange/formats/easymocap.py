@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, expressed
 from passerby.interchange.formats.losses import Losses
@@ -39,7 +39,7 @@ from passerby.interchange.formats.values import (
     table,
 )
 from passerby.interchange.rotation_vectors import rotation_of
-from passerby.interchange.untrusted import NotParsed, json_of
+from passerby.interchange.storage.safe_parsing import NotParsed, json_of
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 NAMES, TRUE_NAMES = "names", "passerby_names"

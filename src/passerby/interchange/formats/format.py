@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 from passerby.interchange.formats.losses import Losses
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from passerby.cameras import Rig
+    from passerby.core.cameras import Rig
+    from passerby.core.observations import Boxes, Keypoints
     from passerby.core.trajectories import Trajectories
-    from passerby.observations import Boxes, Keypoints
 
 
 @dataclass(frozen=True, eq=False)

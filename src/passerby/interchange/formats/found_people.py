@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.interchange.formats.format import People
 from passerby.interchange.formats.skeletons import known_joints, ordered_joints, told_counts
-from passerby.observations import UNKNOWN, Boxes, Keypoints
 
 VISIBILITIES = (0.0, 1.0, 2.0)
 HIDDEN_CONFIDENCE = 0.5

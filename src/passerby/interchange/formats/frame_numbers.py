@@ -11,8 +11,8 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import PurePosixPath
 
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
 
 LARGEST = 2**53
 """Above it a float64, which other tools keep numbers in, no longer tells whole numbers apart."""

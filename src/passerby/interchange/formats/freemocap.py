@@ -26,16 +26,16 @@ from typing import Any
 import numpy as np
 import tomli_w
 
-from passerby.cameras import Camera, Lens, Rig
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.faults import read_toml
+from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RATIONAL_8, TILTED_14, expressed
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.values import padded
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
+from passerby.interchange.storage.faults import read_toml
 
 MILLIMETRES = 1000.0
 LEAST_COEFFICIENTS = 5

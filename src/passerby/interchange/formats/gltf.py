@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from passerby import __version__
-from passerby.cameras import Lens
+from passerby._version import __version__
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Lens
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Colour, Drawing, Frustum, Way, draw
 from passerby.interchange.formats.format import Export, Format
 from passerby.interchange.formats.lens_models import PINHOLE, expressed

@@ -26,9 +26,9 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.kalibr_models import INTRINSICS, projection
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5, expressed, how_far, nearest_lens

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 INTRINSICS = {"pinhole": 4, "omni": 5, "ds": 6, "eucm": 6}
 """How many numbers each model has; the last four are fu, fv, pu, pv."""

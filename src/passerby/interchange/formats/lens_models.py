@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from passerby.cameras import FISHEYE_DISTORTION_LENGTHS, PINHOLE_DISTORTION_LENGTHS, Camera, Lens
 from passerby.common.arrays import Floats
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import FISHEYE_DISTORTION_LENGTHS, PINHOLE_DISTORTION_LENGTHS, Camera, Lens
 from passerby.interchange.formats.lens_rays import WIDEST_PINHOLE_DEG, Rays
 from passerby.interchange.formats.losses import Losses
 

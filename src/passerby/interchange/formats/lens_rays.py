@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Lens
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Lens
 
 GRID = (41, 31)
 """Points across and down at which lenses are compared, the picture's border included."""

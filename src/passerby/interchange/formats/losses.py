@@ -6,7 +6,7 @@ a camera without a pose where poses are needed. Sigmas and the verdict are no lo
 
 from __future__ import annotations
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 
 class Losses:

@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, LensModel, expressed
 from passerby.interchange.formats.losses import Losses
@@ -40,7 +40,7 @@ from passerby.interchange.formats.values import (
     table,
     whole,
 )
-from passerby.interchange.json_text import to_json
+from passerby.interchange.storage.json_text import to_json
 
 HALF = 0.5
 """What nerfstudio's pixels are larger than OpenCV's."""

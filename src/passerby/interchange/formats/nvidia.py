@@ -40,11 +40,10 @@ import numpy as np
 import yaml
 from scipy.linalg import rq
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.faults import read_text
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import PINHOLE, expressed
 from passerby.interchange.formats.losses import Losses
@@ -57,8 +56,9 @@ from passerby.interchange.formats.values import (
     table,
     whole,
 )
-from passerby.interchange.json_text import to_json
-from passerby.interchange.untrusted import NotParsed, json_of
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.json_text import to_json
+from passerby.interchange.storage.safe_parsing import NotParsed, json_of
 
 CAMERAS, CALIBRATION = "camInfo", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")

@@ -23,11 +23,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import natural_key
-from passerby.errors import InputError
-from passerby.interchange.faults import FileFaults, faults_of
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import OPENCV, expressed, trimmed
 from passerby.interchange.formats.losses import Losses
@@ -35,6 +34,7 @@ from passerby.interchange.formats.names import tame_names
 from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, first_value, lens_in, numbers_of, read_values
 from passerby.interchange.rig_toml import METRES_PER_UNIT
 from passerby.interchange.rotation_vectors import rotation_of
+from passerby.interchange.storage.faults import FileFaults, faults_of
 
 ENDING = ".yml"
 

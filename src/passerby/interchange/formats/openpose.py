@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.observations import Keypoints
 from passerby.interchange.formats.format import Format, Given, People
 from passerby.interchange.formats.found_people import Found, identity_in, numbers_in, people_of
 from passerby.interchange.formats.frame_numbers import frames_of_names
 from passerby.interchange.formats.values import load_json
-from passerby.observations import Keypoints
 
 ENDING = "_keypoints"
 _OF_A_VIDEO = re.compile(r"(?:^|.*\D)\d{12}" + ENDING)

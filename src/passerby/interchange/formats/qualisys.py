@@ -27,14 +27,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.faults import read_text
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.gathering import gathered_rig
-from passerby.interchange.untrusted import NotParsed, xml_of
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, xml_of
 
 METRES = 1e-3
 SUBPIXELS = 64.0

@@ -27,10 +27,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, PoseSigma
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, PoseSigma
 from passerby.core.trajectories import Trajectories
-from passerby.errors import InputError
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Drawing, Frustum, Way, draw
 from passerby.interchange.formats.format import Export, Format
 from passerby.interchange.formats.lens_models import PINHOLE, expressed

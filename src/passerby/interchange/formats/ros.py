@@ -31,10 +31,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from passerby.cameras import Camera, Lens, Pose, Rig
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, RATIONAL_8, expressed
 from passerby.interchange.formats.losses import Losses

@@ -27,15 +27,15 @@ from typing import Any
 
 import tomli_w
 
-from passerby.cameras import Camera, Lens, Rig
-from passerby.errors import InputError
-from passerby.interchange.faults import read_toml
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import FISHEYE_SKEWED, RATIONAL_8, TILTED_14, LensModel, expressed, trimmed
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, camera_of, table_of
+from passerby.interchange.storage.faults import read_toml
 
 OTHER_TABLES = (METADATA, "capture_volume", "charuco", "checkerboard", "cameras")
 """Tables that Pose2Sim takes for no camera, and Caliscope's table of all cameras."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from passerby.cameras import Camera, Pose, Rig
-from passerby.errors import InputError
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.tsai import METRES, is_tsai, read_tsai_cameras
 

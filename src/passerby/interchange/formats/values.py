@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import yaml
 
-from passerby.cameras import Pose
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
 from passerby.common.text import shortened
-from passerby.errors import InputError
-from passerby.interchange.faults import read_text
-from passerby.interchange.untrusted import FLOAT, NotParsed, json_of, leaves, yaml_of
+from passerby.core.cameras import Pose
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import FLOAT, NotParsed, json_of, leaves, yaml_of
 
 ROTATION_TOLERANCE = 1e-3
 """Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""

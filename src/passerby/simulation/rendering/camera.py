@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Camera
 from passerby.perception.pictures import Picture
 from passerby.simulation.areas import Areas
 from passerby.simulation.body import pose_joints

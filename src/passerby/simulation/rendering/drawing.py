@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.cameras import Camera
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Camera
 from passerby.perception.pictures import Picture
 from passerby.simulation.body import body_spheres
 from passerby.simulation.observe import NEAREST_M

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.errors import InputError
+from passerby.common.errors import InputError
 
 CLOTHES = ("individual", "alike")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from pathlib import Path
 
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress, silent
 from passerby.interchange.video_writer import VideoWriter
-from passerby.parallel import side_by_side
-from passerby.progress import Progress, silent
 from passerby.simulation.rendering.camera import CameraJob, camera_job, pictures
 from passerby.simulation.rendering.options import RenderOptions
 from passerby.simulation.scene import SimulatedScene

@@ -1,0 +1,304 @@
+"""How much the looks of people tell, found without truth, and what they say about two tracklets being one person.
+
+A re-identification network gives numbers for any picture, also where everybody wears the same vest. What can be known for sure:
+two halves of one tracklet are the same person, and two tracklets that one camera sees at one instant are two. *Within a camera*
+(`camera_usefulness`) that settles whether the embeddings tell people apart at all. It says nothing of whether a second camera
+finds the same differences (a background, a seat in the light can be as personal as a face), so *between two cameras*
+(`pair_usefulness`) a second question is asked: has somebody in one camera a counterpart in the other that stands out more than
+among people who are surely not the same?
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+
+from passerby.association.appearance.embeddings import (
+    SAMPLES,
+    TrackletFeatures,
+    common_presence,
+    presence,
+    sightings,
+    similarities,
+    tracklet_features,
+    unit,
+    without_camera_bias,
+)
+from passerby.common.arrays import Floats, Ints
+from passerby.core.observations import Boxes
+
+Mask = NDArray[np.bool_]
+
+# Below this number of comparisons the probability's sigma is above 0.1, and nothing can be told from chance.
+_MIN_COMPARISONS = 8
+# More comparisons than this sharpen little (sigma 0.025).
+_MAX_COMPARISONS = 400
+# One look in 20 misleads, whatever the network: a jacket put on, somebody else in the box. Bounds the log-likelihood ratio.
+_MISLEADING = 0.05
+# The usefulness of a pair counts people whom only one camera sees as failures; from this on the looks count in full. A small
+# re-identification network on real crops has about 0.7 where both cameras see all, 0.3 where each sees 70 %, 0.1 at 50 %.
+_FULL_WEIGHT = 0.2
+# Similarities that the two distributions are fitted to, and rounds of the fit.
+_FIT_SAMPLE, _FIT_ROUNDS = 20_000, 60
+
+
+@dataclass(frozen=True)
+class Usefulness:
+    """The probability that looks decide a comparison with a known answer rightly; 0.5 is chance."""
+
+    probability: float
+    sigma: float
+    comparisons: int
+
+    @property
+    def weight(self) -> float:
+        """0 (worth nothing, or no better than chance might be, three sigma) to 1 (never wrong)."""
+        return float(np.clip(2.0 * (self.probability - 3.0 * self.sigma) - 1.0, 0.0, 1.0))
+
+
+def _usefulness(wins: Floats, independent: float) -> Usefulness | None:
+    if independent < _MIN_COMPARISONS:
+        return None
+    sigma = max(float(wins.std()), 0.5 / np.sqrt(len(wins))) / np.sqrt(independent)
+    return Usefulness(float(wins.mean()), float(sigma), len(wins))
+
+
+def camera_usefulness(boxes: Boxes, rng: np.random.Generator, samples: int = SAMPLES) -> Usefulness | None:
+    """Whether the looks tell one camera's people apart.
+
+    The probability that the first third of a tracklet looks more like its own last third than like that of another tracklet
+    seen at the same instant. The middle is left out: boxes that follow each other are near copies.
+
+    Args:
+        boxes: one camera's, with tracklet numbers and embeddings.
+        rng: draws boxes, see `tracklet_features`.
+        samples: as there.
+
+    Returns:
+        None where too few tracklets were seen together with others.
+    """
+    early = tracklet_features(boxes, rng, samples, (0.0, 1 / 3))
+    late = tracklet_features(boxes, rng, samples, (2 / 3, 1.0))
+    usable = early.known & late.known
+    if not usable.any():
+        return None
+    middle = (early.feature[usable].mean(axis=0) + late.feature[usable].mean(axis=0)) / 2
+    first, last = unit(early.feature - middle), unit(late.feature - middle)
+    usable_only = TrackletFeatures(early.tracklet, np.where(usable[:, None], early.feature, 0.0), early.n)
+    i, j = _seen_together(boxes, usable_only)
+    own = np.einsum("td,td->t", first, last)[i]
+    other = np.einsum("pd,pd->p", first[i], last[j])
+    wins = np.sign(own - other) / 2 + 0.5
+    count = np.bincount(i, minlength=len(first))
+    per_tracklet = np.bincount(i, wins, len(first))[count > 0] / count[count > 0]
+    return _usefulness(per_tracklet, len(per_tracklet))
+
+
+def _seen_together(boxes: Boxes, features: TrackletFeatures) -> tuple[Ints, Ints]:
+    """(P,), (P,) rows of two tracklets of known looks that one camera saw at one instant; each pair in both orders."""
+    _, tracklet, frame = sightings(boxes, features, boxes.frame)
+    frames, at = np.unique(frame, return_inverse=True)
+    seen = presence(tracklet, at, (len(frames), len(features.tracklet)))
+    together = coo_array(seen.T @ seen)
+    i, j = (np.asarray(axis, dtype=np.int64) for axis in together.coords)
+    return i[i != j], j[i != j]
+
+
+def different_similarities(boxes: Boxes, features: TrackletFeatures, centre: bool = True) -> Floats:
+    """(P,) cosines between tracklets that are surely two people: one camera saw them at one instant.
+
+    Args:
+        boxes: one camera's.
+        features: of its tracklets.
+        centre: take the camera's mean off first.
+    """
+    i, j = _seen_together(boxes, features)
+    once = i < j
+    vectors = without_camera_bias(features).feature if centre else features.feature
+    return np.asarray(np.einsum("pd,pd->p", vectors[i[once]], vectors[j[once]]))
+
+
+def pair_usefulness(
+    a: Boxes,
+    b: Boxes,
+    features_a: TrackletFeatures,
+    features_b: TrackletFeatures,
+    instants_a: Ints,
+    instants_b: Ints,
+    rng: np.random.Generator,
+    centre: bool = True,
+) -> Usefulness | None:
+    """Whether two cameras see the same looks.
+
+    One instant of every tracklet is drawn. There, the tracklet's best match in the other camera stands out from the second
+    best by a margin. Nobody is seen twice at one instant, so if looks carry over, that margin is that of a person against a
+    stranger. It is compared with the margin of the tracklet's two best matches among the *others in its own camera*, all of
+    them strangers, and with that of somebody in the other camera among those around him. The probability of the cross-camera
+    margin being the larger one is 0.5 where looks do not carry over; the lesser of the two comparisons counts. The numbers of
+    candidates are made alike, since the margin shrinks with them. A margin rather than a similarity: a camera's light, or the
+    dusk, moves all similarities alike.
+
+    A person whom the other camera does not see counts as chance, so the figure is a lower bound.
+
+    Args:
+        a: boxes of the first camera.
+        b: boxes of the second camera.
+        features_a: looks of a's tracklets.
+        features_b: looks of b's tracklets.
+        instants_a: (N_a,) as in `match_boxes`.
+        instants_b: (N_b,) the same of b.
+        rng: draws instants and candidates.
+        centre: take each camera's mean feature off first.
+
+    Returns:
+        None where there are too few instants at which each camera sees three people or more.
+    """
+    in_a, in_b = common_presence(a, b, features_a, features_b, instants_a, instants_b)
+    if not in_a.shape[0]:
+        return None
+    if centre:
+        features_a, features_b = without_camera_bias(features_a), without_camera_bias(features_b)
+    forth = _margin_wins(in_a, in_b, features_a.feature, features_b.feature, rng)
+    back = _margin_wins(in_b, in_a, features_b.feature, features_a.feature, rng)
+    wins = np.concatenate([forth, back])
+    found = [_usefulness(column, len(wins) / 2) for column in wins.T]  # forth and back ask much the same
+    return min((one for one in found if one is not None), key=lambda one: one.probability, default=None)
+
+
+def _margin_wins(in_a: csr_array, in_b: csr_array, vectors_a: Floats, vectors_b: Floats, rng: np.random.Generator) -> Floats:
+    """(R, 2) 1 where a tracklet's margin in the other camera beats that among strangers in a, and in b; ties are 0.5."""
+    instant, tracklet = (np.asarray(axis, dtype=np.int64) for axis in coo_array(in_a).coords)
+    shuffled = rng.permutation(len(tracklet))
+    _, once = np.unique(tracklet[shuffled], return_index=True)
+    drawn = shuffled[once]
+    many_a, many_b = np.diff(in_a.indptr)[instant[drawn]], np.diff(in_b.indptr)[instant[drawn]]
+    drawn = rng.permutation(drawn[(many_a >= 3) & (many_b >= 3)])[:_MAX_COMPARISONS]
+    at, who = instant[drawn], tracklet[drawn]
+    if not len(at):
+        return np.zeros((0, 2))
+    (people_a, seen_a), (people_b, seen_b) = _present(in_a, at), _present(in_b, at)
+    column = _random_choice(seen_b, 1, rng).argmax(axis=1)
+    stranger = people_b[np.arange(len(at)), column]
+    others_a = _random_choice(seen_a & (people_a != who[:, None]), seen_b.sum(axis=1), rng)
+    others_b = seen_b & (people_b != stranger[:, None])
+    cross = _margin(vectors_a[who], vectors_b[people_b], seen_b)
+    among_a = _margin(vectors_a[who], vectors_a[people_a], others_a)
+    among_b = _margin(vectors_b[stranger], vectors_b[people_b], others_b)
+    return np.sign(cross[:, None] - np.stack([among_a, among_b], axis=1)) / 2 + 0.5
+
+
+def _present(seen: csr_array, at: Ints) -> tuple[Ints, Mask]:
+    """(R, K) tracklets seen at each of R instants, K at most; and which of the entries hold."""
+    start, count = seen.indptr[at], np.diff(seen.indptr)[at]
+    step = np.arange(count.max())
+    held = step < count[:, None]
+    return np.where(held, seen.indices[np.where(held, start[:, None] + step, 0)], 0), held
+
+
+def _random_choice(mask: Mask, count: Ints | int, rng: np.random.Generator) -> Mask:
+    """(R, K) at most `count` (R,) of each row's true entries, drawn at random."""
+    draw = np.where(mask, rng.random(mask.shape), 2.0)
+    rank = draw.argsort(axis=1).argsort(axis=1)
+    return np.asarray(mask & (rank < np.reshape(count, (-1, 1))))
+
+
+def _margin(looks: Floats, candidates: Floats, mask: Mask) -> Floats:
+    """(R,) by how much the most similar of the allowed candidates (R, K, D) to looks (R, D) exceeds the second."""
+    similarity = np.where(mask, np.einsum("rd,rkd->rk", looks, candidates), -np.inf)
+    best = np.partition(similarity, -2, axis=1)[:, -2:]
+    return np.asarray(best[:, 1] - best[:, 0])
+
+
+def appearance_llr(
+    features_a: TrackletFeatures,
+    features_b: TrackletFeatures,
+    different: Floats,
+    weight: float,
+    together: csr_array | None = None,
+    centre: bool = True,
+) -> Floats:
+    """(T_a, T_b) log-likelihood ratio, nats, of two tracklets being one person against two.
+
+    The similarities between the cameras are a mixture of two normal distributions, fitted by expectation maximisation; the
+    similarities that are surely of different people hold one of them in place. The other shows how alike one
+    person is to *two* cameras, which no single camera can tell. One look in 20 is taken to mislead, so
+    that the ratio stays within log(0.95 / 0.05) = 2.94 either way, and it never falls where the similarity rises.
+
+    Args:
+        features_a: looks of a's tracklets.
+        features_b: looks of b's tracklets.
+        different: (P,) from `different_similarities` of both cameras.
+        weight: of `pair_usefulness` (`Usefulness.weight`; 0 where it is None): 0 gives zeros, 0.2 and more the full ratio.
+        together: (T_a, T_b) `Votes.together`: the fit is made on tracklets that were seen at one instant; None: on all.
+        centre: take each camera's mean feature off first.
+    """
+    ratio = np.zeros((len(features_a.tracklet), len(features_b.tracklet)))
+    known = np.outer(features_a.known, features_b.known)
+    trust = min(max(weight, 0.0) / _FULL_WEIGHT, 1.0)
+    if trust == 0 or not known.any():
+        return ratio
+    similarity = similarities(features_a, features_b, centre)
+    fitted = known if together is None else known & (together.toarray() > 0)
+    model = _fit(_thinned(similarity[fitted]), _thinned(different))
+    if model is not None:
+        ratio[known] = trust * model.ratio(similarity[known])
+    return ratio
+
+
+@dataclass(frozen=True)
+class _TwoKinds:
+    """Normal distributions of similarities."""
+
+    different: tuple[float, float]
+    same: tuple[float, float]
+    """Mean and sigma."""
+
+    def ratio(self, similarity: Floats) -> Floats:
+        """(N,) bounded log-likelihood ratio, rising with the similarity."""
+        (mean_0, sigma_0), (mean_1, sigma_1) = self.different, self.same
+        # Normal distributions of unlike widths cross twice; beyond the turning point nothing more is learned.
+        bend = 1 / sigma_0**2 - 1 / sigma_1**2
+        if bend != 0:
+            turn = (mean_0 / sigma_0**2 - mean_1 / sigma_1**2) / bend
+            similarity = np.maximum(similarity, turn) if bend > 0 else np.minimum(similarity, turn)
+        log_0, log_1 = _log_normal(similarity, mean_0, sigma_0), _log_normal(similarity, mean_1, sigma_1)
+        well, ill = np.log(1 - _MISLEADING), np.log(_MISLEADING)
+        return np.asarray(np.logaddexp(well + log_1, ill + log_0) - np.logaddexp(well + log_0, ill + log_1))
+
+
+def _log_normal(x: Floats, mean: float, sigma: float) -> Floats:
+    return np.asarray(-0.5 * ((x - mean) / sigma) ** 2 - np.log(sigma))
+
+
+def _thinned(values: Floats) -> Floats:
+    return values[:: max(1, -(-len(values) // _FIT_SAMPLE))]
+
+
+def _fit(mixed: Floats, different: Floats) -> _TwoKinds | None:
+    """Two kinds in `mixed`, given examples of one; None where there are not two."""
+    if len(mixed) < _MIN_COMPARISONS:
+        return None
+    share = 0.1
+    # The lower half of the mixture is different people; the start must not be pulled by the same ones.
+    mean_0 = float(np.median(mixed))
+    sigma_0 = max(1.4826 * float(np.median(mean_0 - mixed[mixed <= mean_0])), 1e-3)
+    mean_1, sigma_1 = float(np.quantile(mixed, 1 - share / 2)), sigma_0
+    pool = np.concatenate([mixed, different])
+    for _ in range(_FIT_ROUNDS):
+        odds = np.log(share / (1 - share)) + _log_normal(mixed, mean_1, sigma_1) - _log_normal(mixed, mean_0, sigma_0)
+        same = np.where(mixed > mean_0, 1 / (1 + np.exp(-np.clip(odds, -50, 50))), 0.0)
+        # Nobody has more than one counterpart among two or more: half is the most.
+        share = float(np.clip(same.mean(), 1e-4, 0.5))
+        if same.sum() < 1:
+            return None
+        mean_1 = float(np.average(mixed, weights=same))
+        sigma_1 = float(np.sqrt(np.average((mixed - mean_1) ** 2, weights=same)))
+        rest = np.concatenate([1 - same, np.ones(len(different))])
+        mean_0 = float(np.average(pool, weights=rest))
+        sigma_0 = max(float(np.sqrt(np.average((pool - mean_0) ** 2, weights=rest))), 1e-3)
+        # A few counterparts that agree by chance are no narrow distribution.
+        sigma_1 = max(sigma_1, 0.5 * sigma_0, 1e-3)
+    return _TwoKinds((mean_0, sigma_0), (mean_1, sigma_1)) if mean_1 - mean_0 > sigma_0 else None

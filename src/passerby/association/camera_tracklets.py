@@ -1,0 +1,168 @@
+"""What association starts from: the tracklets of each camera, clean, and where its people are on its own ground."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
+from passerby.association.tracking.splitting import continuations, split
+from passerby.association.tracking.stitching import MendingOptions, successions
+from passerby.association.tracking.tracking import overlaps, track
+from passerby.common.arrays import Floats, Ints
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.geometry.single_view import Level
+from passerby.people.upright_rays import Bodies, bodies_of, level_of_bodies
+
+MIN_JOINT_SCORE = 0.3
+SAME_PERSON_OVERLAP = 0.5
+"""Joints belong to the box that their extent overlaps by this much (intersection over union)."""
+BEYOND_DOUBT = MendingOptions(margin=6.0)
+"""As sure as the tracker is of its links, 20 to 1. On pets2009 precision and recall of the pairs of boxes that are tied are
+0.947 and 0.803 with them, 0.942 and 0.785 without, and 0.945 and 0.800 with all links of odds above 2.7 to 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedCamera:
+    """One camera, ready for association."""
+
+    name: str
+    seen: CameraObservations
+    """Boxes and joints as they were read, their identities the tracklets 0, 1, ... of this camera, or -1."""
+    clock: Clock
+    bodies: Bodies
+    """The same people, times by the camera's own clock."""
+    level: Level | None
+    """The camera above its own ground; None where too few people tell."""
+    tracks: GroundTracks | None
+    continued: tuple[Ints, Ints]
+    """(K,) tracklets and (K,) those that go on where they end, beyond doubt."""
+
+    @property
+    def n_tracklets(self) -> int:
+        """Tracklets are numbered below this."""
+        return max((int(part.identity.max(initial=-1)) for part in (self.seen.boxes, self.seen.keypoints)), default=-1) + 1
+
+
+def prepare_camera(
+    camera: Camera, seen: CameraObservations, clock: Clock, body_m: float, rng: np.random.Generator, *, given: bool = False
+) -> PreparedCamera:
+    """Track, split, level.
+
+    Args:
+        camera: name and lens.
+        seen: boxes and joints whose identities are tracklets of this camera, or -1 for detections.
+        clock: from frames to seconds.
+        body_m: expected standing height, metres.
+        rng: draws the people that the level is fitted to.
+        given: whether the identities are known people, which are neither tracked nor split nor renumbered.
+    """
+    none = np.zeros(0, np.int64)
+    tracked, continued = (seen, (none, none)) if given else _tracked(seen, clock.fps)
+    bodies = bodies_of(tracked, camera.lens, clock)
+    level = level_of_bodies(bodies, body_m, rng)
+    tracks = None if level is None else ground_tracks(bodies, level)
+    return PreparedCamera(camera.name, tracked, clock, bodies, level, tracks, continued)
+
+
+def prepare_cameras(
+    rig: Rig, observations: Observations, clocks: Mapping[str, Clock], body_m: float, rng: np.random.Generator,
+    executor: Executor | None = None, *, given: bool = False, tell: Progress = silent,
+) -> list[PreparedCamera]:  # fmt: skip
+    """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
+
+    `tell` is told of every camera that is done.
+    """
+    jobs = [
+        _Job(camera, observations[camera.name], clocks[camera.name], body_m, own, given)
+        for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
+    ]
+    return side_by_side(_prepared, jobs, executor, tell, "people of each camera")
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    camera: Camera
+    seen: CameraObservations
+    clock: Clock
+    body_m: float
+    rng: np.random.Generator
+    given: bool
+
+
+def _prepared(job: _Job) -> PreparedCamera:
+    return prepare_camera(job.camera, job.seen, job.clock, job.body_m, job.rng, given=job.given)
+
+
+def _tracked(seen: CameraObservations, fps: float) -> tuple[CameraObservations, tuple[Ints, Ints]]:
+    """Every box and all joints in a tracklet of one person, or in none; and the tracklets that go on as others."""
+    boxes, joints = seen.boxes, seen.keypoints
+    if len(boxes):
+        boxes, continued = _tracklets(boxes, fps)
+        joints = _joints_of_boxes(joints, boxes) if len(joints) else joints
+        return CameraObservations(boxes, joints), continued
+    extents = _extents(joints)
+    found = extents[:, 2] > 0
+    made = Boxes(joints.frame[found], joints.identity[found], extents[found], joints.score[found].mean(axis=1))
+    made, continued = _tracklets(made, fps)
+    identity = np.full(len(joints), UNKNOWN)
+    identity[found] = made.identity
+    return CameraObservations(boxes, replace(joints, identity=identity)), continued
+
+
+def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:
+    """Tracklets numbered from 0 on: those that were given, split where they change person, and those of the detections.
+
+    Our own tracker splits by itself. What goes on as what is told by frames for given tracklets, which somebody else's tracker
+    may have ended anywhere, and by whole tracklets for our own.
+    """
+    known = boxes.identity > UNKNOWN
+    identity = np.full(len(boxes), UNKNOWN)
+    given = split(boxes.take(known), fps)
+    numbers, identity[known] = np.unique(given.identity, return_inverse=True)
+    given = replace(given, identity=identity[known])
+    continued = continuations(given, fps)
+    if not known.all():
+        found = track(boxes.take(~known), fps)
+        identity[~known] = np.where(found.identity > UNKNOWN, found.identity + len(numbers), UNKNOWN)
+        ends, begins = successions(found, fps, BEYOND_DOUBT)
+        continued = np.append(continued[0], ends + len(numbers)), np.append(continued[1], begins + len(numbers))
+    return replace(boxes, identity=identity), continued
+
+
+def _extents(joints: Keypoints) -> Floats:
+    """(N, 4) left, top, width, height of the joints found in each person; zeros where fewer than two are."""
+    found = (joints.score > MIN_JOINT_SCORE)[..., None]
+    low = np.where(found, joints.xy, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(found, joints.xy, -np.inf).max(axis=1, initial=-np.inf)
+    some = (high > low).all(axis=1)
+    return np.where(some[:, None], np.column_stack([low, high - low]), 0.0)
+
+
+def _joints_of_boxes(joints: Keypoints, boxes: Boxes) -> Keypoints:
+    """The joints under the tracklets of the boxes that they lie in; of two on one box the better fitting."""
+    identity = np.full(len(joints), UNKNOWN)
+    extents = _extents(joints)
+    by_frame = np.argsort(boxes.frame, kind="stable")
+    frames = boxes.frame[by_frame]
+    found = np.flatnonzero(extents[:, 2] > 0)
+    found = found[np.argsort(joints.frame[found], kind="stable")]
+    for rows in np.split(found, np.flatnonzero(np.diff(joints.frame[found])) + 1):
+        if not len(rows):
+            continue
+        frame = joints.frame[rows[0]]
+        own = by_frame[np.searchsorted(frames, frame) : np.searchsorted(frames, frame, side="right")]
+        if not len(own):
+            continue
+        overlap = overlaps(extents[rows], boxes.ltwh[own])
+        for i, j in zip(*linear_sum_assignment(-overlap), strict=True):
+            if overlap[i, j] > SAME_PERSON_OVERLAP:
+                identity[rows[i]] = boxes.identity[own[j]]
+    return replace(joints, identity=identity)

@@ -1,0 +1,4 @@
+"""Offsets, frame rates and drift of the cameras' clocks.
+
+Imports `people` and below.
+"""

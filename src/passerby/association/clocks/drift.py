@@ -1,0 +1,266 @@
+"""Clocks that do not keep step: a camera whose frame rate is not quite the stated one.
+
+With a rig, everybody is at one place of the ground for every camera. Where a camera shows people late, they lag behind along
+their way. How late each camera is, is fitted as a straight line over time to the people whom two cameras see: its slope is
+the drift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.ground.ground_tracks import Tolerance, ground_tracks
+from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Pose
+from passerby.geometry.single_view import Level
+
+TOLERANCE = Tolerance(floor_m=0.08, along=0.04, across=0.008, foot_m=0.25)
+"""Of ground positions by a calibrated rig: whoever is half hidden, crouches or stands on a kerb is misplaced along the ray."""
+WALKING = 0.4
+"""Metres per second: slower people do not tell the time."""
+WINDOW_S = 4.0
+"""Samples of one person are off alike for about so long: they count as one in the sigma."""
+MIN_SAMPLES = 60
+MOST_SAMPLES = 3_000
+"""Of more, so many are taken at even steps."""
+SIGMAS, LEAST_S = 8.0, 0.2
+"""A drift is told where it is so many times its sigma, and so much over the recording: 0.3 m of a walker's way. Over simulated
+scenes with sound clocks it is at most 0.04 s, and scatters by two of its sigmas."""
+HARMFUL_S, HARMFUL_RATE, SPOILING_S = 0.5, 0.01, 1.0
+"""It is a doubt where it is larger and, over the recording, quicker than a clock that is merely poor: then the frame rate is
+mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. 0.8 s cost 30 mm on a
+terrace."""
+
+MEND = 'or let it be fitted: under [solver] set refine = ["clock_rate"]'
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How much a clock drifts against those of the other cameras."""
+
+    rate: float
+    """Seconds that the camera's clock runs ahead, each second of the rig's time."""
+    sigma: float
+    span_s: float
+    """Length of the recording."""
+
+    @property
+    def harmful(self) -> bool:
+        """Whether the rig cannot be relied upon."""
+        drift = abs(self.seconds)
+        return drift > SPOILING_S or (drift > HARMFUL_S and abs(self.rate) > HARMFUL_RATE)
+
+    @property
+    def seconds(self) -> float:
+        """Over the recording."""
+        return self.rate * self.span_s
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is beyond doubt, and large enough to move people."""
+        return abs(self.rate) > SIGMAS * self.sigma and abs(self.seconds) > LEAST_S
+
+
+def drift_findings(cameras: Sequence[PreparedCamera], drifts: Mapping[int, Drift]) -> tuple[list[str], list[str]]:
+    """What is told of drifting clocks: sentences that speak against the rig, and sentences that do not.
+
+    Args:
+        cameras: all cameras.
+        drifts: from `clock_drifts`.
+    """
+    if len(drifts) == 2:
+        (a, one), (b, other) = drifts.items()
+        between = Drift(one.rate - other.rate, max(one.sigma, other.sigma), max(one.span_s, other.span_s))
+        both = f"{cameras[a].name} and {cameras[b].name}"
+        text = [f"the clocks of {both} drift apart by {abs(between.seconds):.2f} s: check their fps, {MEND}"]
+        return (text, []) if one.sure and between.harmful else ([], text if one.sure else [])
+    told = {c: drift for c, drift in drifts.items() if drift.sure}
+    texts = {c: _sentence(cameras[c].name, cameras[c].clock.fps, drift) for c, drift in told.items()}
+    harmful = [text for c, text in texts.items() if told[c].harmful]
+    return harmful, [text for text in texts.values() if text not in harmful]
+
+
+def _sentence(name: str, fps: float, drift: Drift) -> str:
+    return (
+        f"the clock of {name} drifts by {abs(drift.seconds):.2f} s over {drift.span_s:.0f} s: its people fit about "
+        f"{fps / (1 - drift.rate):.4g} frames per second better than the stated {fps:.4g}: check its fps, {MEND}"
+    )
+
+
+def clock_drifts(
+    cameras: Sequence[PreparedCamera], poses: Sequence[Pose | None], person: Sequence[Ints], offset_s: Floats
+) -> dict[int, Drift]:
+    """The drift of each registered camera against the median of all; empty where too few people walk to tell, or where fewer
+    than two cameras are registered, as after a refused solve.
+
+    Args:
+        cameras: all cameras.
+        poses: world z up, ground at z = 0; None for a camera that is not registered.
+        person: for each camera (T_c,) the person of each tracklet.
+        offset_s: (C,) what to add to each camera's clock.
+    """
+    posed = [c for c, pose in enumerate(poses) if pose is not None]
+    if len(posed) < 2:
+        return {}
+    views = [
+        _view(cameras[c], pose, person[c], float(offset_s[c])) for c, pose in enumerate(poses) if pose is not None
+    ]  # fmt: skip
+    walks = _walks(views)
+    if walks is None:
+        return {}
+    rate, sigma = _slopes(walks)
+    ties = (walks.information[:, :, 0, 0] > 0).sum(axis=0) >= MIN_SAMPLES
+    span_s = float(np.ptp(walks.seconds))
+    return {
+        c: Drift(float(r), float(s), span_s) for c, r, s, tied in zip(posed, rate, sigma, ties, strict=True) if tied
+    }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One camera's people in the world, each person once a step of the rig's time: N samples."""
+
+    key: Ints
+    """(N,) person and step, sorted."""
+    place: Floats
+    """(N, 2) metres,"""
+    velocity: Floats
+    """(N, 2)"""
+    information: Floats
+    """(N, 2, 2) and the inverse of the covariance of the place."""
+
+
+_STRIDE = 1 << 32
+_UNKNOWNS, _ROUNDS = 8, 8
+
+
+def _view(camera: PreparedCamera, pose: Pose, person: Ints, offset_s: float) -> _View:
+    level = Level(pose.R_cw[:, 2], float(pose.centre[2]), 0.0)
+    tracks = ground_tracks(camera.bodies, level, TOLERANCE)
+    turn = pose.R_cw.T @ level.R_lc.T
+    yaw = complex(turn[0, 0], turn[1, 0])
+    late = round(offset_s / STEP_S)
+    key, first = np.unique(person[tracks.tracklet] * _STRIDE + tracks.step + late, return_index=True)
+    reach, velocity = yaw * tracks.position[first], yaw * tracks.velocity[first]
+    # The grid time of the rig is so much later than the sample's.
+    place = reach + velocity * (late * STEP_S - offset_s) + complex(*pose.centre[:2])
+    ray = _plane(reach / np.maximum(np.abs(reach), 1e-9))
+    along, across = (sigma[first] for sigma in tracks.sigma)
+    outer = ray[:, :, None] * ray[:, None, :]
+    information = outer / along[:, None, None] ** 2 + (np.eye(2) - outer) / across[:, None, None] ** 2
+    return _View(key, _plane(place), _plane(velocity), information)
+
+
+def _plane(points: NDArray[np.complex128]) -> Floats:
+    return np.column_stack([points.real, points.imag])
+
+
+@dataclass(frozen=True, eq=False)
+class _Walks:
+    """G times that two cameras or more see a walker; C cameras."""
+
+    seconds: Floats
+    """(G,) the rig's time."""
+    cluster: Ints
+    """(G,) those that are off alike have the same number."""
+    velocity: Floats
+    """(G, 2)"""
+    place: Floats
+    """(G, C, 2)"""
+    information: Floats
+    """(G, C, 2, 2) of the places; 0 where a camera does not see the walker."""
+
+
+def _walks(views: Sequence[_View]) -> _Walks | None:
+    key, seen = np.unique(np.concatenate([view.key for view in views]), return_counts=True)
+    key = key[seen >= 2]
+    if len(key) > MOST_SAMPLES:
+        key = key[np.linspace(0, len(key) - 1, MOST_SAMPLES).astype(np.int64)]
+    place, velocity = np.zeros((len(key), len(views), 2)), np.zeros((len(key), len(views), 2))
+    information = np.zeros((len(key), len(views), 2, 2))
+    for c, view in enumerate(views):
+        at = np.minimum(np.searchsorted(view.key, key), max(len(view.key) - 1, 0))
+        rows = np.flatnonzero(view.key[at] == key) if len(view.key) else np.zeros(0, np.int64)
+        place[rows, c], velocity[rows, c] = view.place[at[rows]], view.velocity[at[rows]]
+        information[rows, c] = view.information[at[rows]]
+    known = information[:, :, 0, 0] > 0
+    mean = velocity.sum(axis=1) / np.maximum(known.sum(axis=1), 1)[:, None]
+    walking = np.linalg.norm(mean, axis=1) > WALKING
+    if np.count_nonzero(walking) < MIN_SAMPLES:
+        return None
+    person, step = (key + _STRIDE // 2) // _STRIDE, (key + _STRIDE // 2) % _STRIDE - _STRIDE // 2
+    seconds = np.asarray(step * STEP_S, dtype=np.float64)
+    window = np.column_stack([person, np.floor(seconds / WINDOW_S).astype(np.int64)])[walking]
+    _, cluster = np.unique(window, axis=0, return_inverse=True)
+    return _Walks(seconds[walking], cluster.ravel(), mean[walking], place[walking], information[walking])
+
+
+def _slopes(walks: _Walks) -> tuple[Floats, Floats]:
+    """(C,) drifts of the cameras against their median, and their sigmas.
+
+    Camera c sees a walker who is at x at `x + affine_c(x) - late_c(t) * velocity`, with `late = offset + slope * t`. The affine
+    part stands for what is wrong with the camera's pose, which looks like a drift where people first go one way and then the
+    other. The walker's place is eliminated. Reweighted least squares with a Cauchy loss; the sigmas come from the scatter of
+    the clusters.
+    """
+    n = walks.place.shape[1]
+    length = max(float(np.ptp(walks.seconds)), STEP_S)
+    design = _design(walks, (walks.seconds - walks.seconds.mean()) / length)
+    known = walks.information[:, :, 0, 0] > 0
+    root = np.linalg.cholesky(walks.information + 1e-12 * np.eye(2)).transpose(0, 1, 3, 2)
+    weight: Floats = np.ones(known.shape)
+    for _ in range(_ROUNDS):
+        weighed = np.asarray(weight[:, :, None, None] * walks.information, dtype=np.float64)
+        rows, target = _eliminated(walks, design, weighed, np.asarray(root, dtype=np.float64))
+        scaled = rows * weight[:, :, None, None]
+        normal = np.einsum("gcik,gcil->kl", scaled, rows, optimize=True)
+        # Only differences are seen: a little keeps what all cameras have in common at 0.
+        normal += 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.trace(normal) * np.eye(len(normal))
+        solved = np.linalg.solve(normal, np.einsum("gcik,gci->k", scaled, target, optimize=True))
+        miss = target - rows @ solved
+        square = (miss**2).sum(axis=2)
+        weight = np.asarray(1.0 / (1.0 + square / (3.0 * float(np.median(square[known])) + 1e-12)))
+    score = np.einsum("gcik,gci->gk", scaled, miss, optimize=True)
+    summed = np.zeros((int(walks.cluster.max()) + 1, len(solved)))
+    np.add.at(summed, walks.cluster, score)
+    inverse = np.linalg.inv(normal)
+    slopes = np.arange(n) * _UNKNOWNS + 1
+    covariance = (inverse @ (summed.T @ summed) @ inverse)[np.ix_(slopes, slopes)]
+    # The error of the median is about that of the mean.
+    against = np.eye(n) - 1.0 / n
+    sigma = np.sqrt(np.maximum(np.diag(against @ covariance @ against.T), 0.0))
+    return (solved[slopes] - np.median(solved[slopes])) / length, sigma / length
+
+
+def _design(walks: _Walks, t: Floats) -> Floats:
+    """(G, 2, U) how a sighting's place depends on its camera's unknowns: offset and slope of the clock, affine part."""
+    total = walks.information.sum(axis=1)
+    mean = np.linalg.solve(total, np.einsum("gcij,gcj->gi", walks.information, walks.place)[:, :, None])[:, :, 0]
+    mean = (mean - mean.mean(axis=0)) / max(float(mean.std()), 1e-3)
+    design = np.zeros((len(t), 2, _UNKNOWNS))
+    design[:, :, 0], design[:, :, 1] = -walks.velocity, -walks.velocity * t[:, None]
+    for axis in (0, 1):
+        design[:, axis, 2 + 3 * axis] = 1.0
+        design[:, axis, 3 + 3 * axis : 5 + 3 * axis] = mean
+    return design
+
+
+def _eliminated(walks: _Walks, design: Floats, information: Floats, root: Floats) -> tuple[Floats, Floats]:
+    """Rows (G, C, 2, C * U) and targets (G, C, 2), in sigmas, less the place of the walker."""
+    groups, n = information.shape[:2]
+    # What the walker's place makes of each sighting: the mean, weighed by information.
+    share = np.einsum("gij,gcjk->gcik", np.linalg.inv(information.sum(axis=1)), information)
+    mean = np.einsum("gcij,gcj->gi", share, walks.place)
+    target = np.einsum("gcij,gcj->gci", root, walks.place - mean[:, None])
+    rows = np.empty((groups, n, 2, n, _UNKNOWNS))
+    rows[:] = -np.einsum("gdij,gjk->gidk", share, design)[:, None]
+    cameras = np.arange(n)
+    rows[:, cameras, :, cameras] += design
+    rows = np.einsum("gcij,gcjdk->gcidk", root, rows, optimize=True)
+    return rows.reshape(groups, n, 2, n * _UNKNOWNS), target

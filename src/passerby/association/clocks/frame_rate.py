@@ -1,0 +1,100 @@
+"""The frame rate of recordings that state none, by how far people walk from frame to frame.
+
+Only the tracking and the sampling of tracks rest on it, and these need it to half or twice itself; nothing metric does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.camera_tracklets import PreparedCamera, prepare_camera
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Rig
+from passerby.core.observations import Clock, Observations
+
+WALKERS, WALKING_PACE = 70.0, 1.2
+"""Percentile of people's speeds, and its usual value, metres per second: half of the people or more walk or stroll, the rest
+stand. Where most of them work on the spot it is 0.8, where many run 2.2."""
+FAR_ENOUGH_M = 1.0
+"""A displacement that stands out of the noise of ground positions."""
+NEAR_HEIGHTS = 10.0
+"""Farther off, in camera heights, ground positions are too noisy for it."""
+SLOWEST, FASTEST = 0.5, 60.0
+"""Frames per second that are believed."""
+TRIALS = 2.0, 10.0
+"""Frames per second at which detections are tracked for a first estimate."""
+_MIN_PAIRS = 30
+UNKNOWN_RATE = 10.0
+"""Where nobody walks."""
+
+
+def assumed_rate(rig: Rig, observations: Observations, body_m: float, rng: np.random.Generator) -> float:
+    """Frames per second at which the people of all cameras walk as people do.
+
+    Detections are tracked at several rates; that counts which comes nearest to what it finds.
+
+    Args:
+        rig: names and lenses.
+        observations: frame numbers are counted alike in all cameras.
+        body_m: expected standing height, metres.
+        rng: draws the people that levels are fitted to.
+    """
+    best, miss = UNKNOWN_RATE, np.inf
+    for chosen in (*TRIALS, None):
+        trial = best if chosen is None else chosen
+        found = rate_of_walkers(
+            [prepare_camera(camera, observations[camera.name], Clock(trial), body_m, rng) for camera in rig]
+        )
+        if found is not None and abs(np.log(found / trial)) < miss:
+            best, miss = found, abs(np.log(found / trial))
+    return best
+
+
+def rate_of_walkers(cameras: Sequence[PreparedCamera]) -> float | None:
+    """Frames per second by the people's pace; None where too few people walk to tell.
+
+    Displacements over more and more frames are followed until they are far enough to be a walk.
+
+    Args:
+        cameras: tracked and levelled at some rate; frame numbers are counted alike in all.
+    """
+    walks = [_walks(camera) for camera in cameras]
+    longest = max((int(frame.max() - frame.min()) for _, frame, _ in walks if len(frame)), default=0)
+    apart, rate = 1, None
+    while apart <= longest:
+        moved = np.concatenate([_moved(walk, apart) for walk in walks])
+        if len(moved) < _MIN_PAIRS:
+            break
+        typical = float(np.percentile(moved, WALKERS))
+        if typical >= FAR_ENOUGH_M:
+            rate = WALKING_PACE * apart / typical
+            break
+        apart = max(apart + 1, round(1.25 * apart))
+    return None if rate is None else float(np.clip(rate, SLOWEST, FASTEST))
+
+
+def _walks(camera: PreparedCamera) -> tuple[Ints, Ints, NDArray[np.complex128]]:
+    """(N,) tracklets, frames and places on the camera's own ground, metres; tracklet after tracklet."""
+    if camera.level is None:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.complex128)
+    ground = camera.level.ground_positions(camera.bodies.bottom)
+    with np.errstate(invalid="ignore"):
+        near = np.linalg.norm(ground, axis=1) < NEAR_HEIGHTS * camera.level.height
+    use = np.flatnonzero(near & (camera.bodies.tracklet >= 0))
+    use = use[np.lexsort((camera.bodies.frame[use], camera.bodies.tracklet[use]))]
+    return camera.bodies.tracklet[use], camera.bodies.frame[use], ground[use, 0] + 1j * ground[use, 1]
+
+
+def _moved(walk: tuple[Ints, Ints, NDArray[np.complex128]], apart: int) -> Floats:
+    """How far people moved over `apart` frames, metres: one value for each sighting that has one so much later."""
+    tracklet, frame, place = walk
+    if not len(frame):
+        return np.zeros(0)
+    stride = int(frame.max() - frame.min()) + apart + 1
+    key = tracklet * stride + (frame - frame.min())
+    later = np.minimum(np.searchsorted(key, key + apart), len(key) - 1)
+    there = key[later] == key + apart
+    return np.asarray(np.abs(place[later[there]] - place[there]))

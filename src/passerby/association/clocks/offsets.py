@@ -1,0 +1,77 @@
+"""The cameras' clocks set by their offsets, and the offsets corrected by what a solver finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from passerby.association.camera_tracklets import PreparedCamera
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Rig
+from passerby.core.observations import Clock, Observations
+from passerby.core.solution import Solution
+from passerby.core.synchronisation import common_instants
+
+WHOLE_SIGMA = 0.12
+"""Largest sigma of an offset, in frames, at which its being whole says something: three of them on either side are most of a
+frame."""
+BY_CHANCE = 0.95
+"""Offsets count as whole frames unless they stray from them more than in 95 of 100 recordings that are."""
+
+
+def clocks_with(cameras: Sequence[PreparedCamera], offset_s: Floats) -> dict[str, Clock]:
+    """The cameras' clocks, by name, with offsets (C,) in seconds."""
+    return {
+        camera.name: replace(camera.clock, offset_s=float(offset)) for camera, offset in zip(cameras, offset_s, strict=True)
+    }
+
+
+def at_common_instants(
+    rig: Rig, cameras: Sequence[PreparedCamera], observations: Observations, offset_s: Floats
+) -> Observations:
+    """People at instants that all cameras share (see `common_instants`), by clocks with offsets (C,) in seconds."""
+    sizes = {camera.name: camera.lens.size for camera in rig}
+    return common_instants(observations, clocks_with(cameras, offset_s), sizes=sizes)
+
+
+def by_first_registered(offset_s: Floats, rig: Rig | None) -> Floats:
+    """(C,) the offsets against that of the first registered camera, or of the first where none is."""
+    registered = [c for c, camera in enumerate(rig) if camera.pose is not None] if rig is not None else []
+    return np.asarray(offset_s - offset_s[registered[0] if registered else 0])
+
+
+def corrections(solution: Solution) -> tuple[Floats, Floats]:
+    """(C,) the solver's corrections of the offsets, 0 where it has none, and (C,) their sigmas, NaN there; seconds."""
+    found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {})
+    nothing = {"correction_s": 0.0, "sigma_s": np.nan}
+    rows = [found.get(name, nothing) for name in solution.rig.names]
+    return np.array([row["correction_s"] for row in rows]), np.array([row["sigma_s"] for row in rows])
+
+
+def whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | None:
+    """The offsets in whole frames, where nothing speaks against it; else None.
+
+    Cameras with a common trigger, and recordings cut from one, are whole frames apart. Taking them so then spares the solver
+    an unknown a camera. Each offset may stray by its sigma, which must be small beside a frame: else anything looks whole.
+
+    Args:
+        offset_s: (C,) offsets, seconds; the first with a sigma is the reference.
+        sigma_s: (C,) their sigmas, 0 for the reference, NaN for cameras that are not registered.
+        fps: (C,) frame rates.
+    """
+    known = np.isfinite(sigma_s)
+    if np.count_nonzero(known) < 2 or np.ptp(fps[known]) > 0:
+        return None
+    rate, reference = float(fps[known][0]), offset_s[known][0]
+    frames = (offset_s - reference) * rate
+    stray = (frames - np.round(frames))[known] / rate
+    free = sigma_s[known] > 0
+    if (sigma_s[known] > WHOLE_SIGMA / rate).any():
+        return None
+    square = float(((stray[free] / sigma_s[known][free]) ** 2).sum())
+    if square > chdtri(np.count_nonzero(free), 1 - BY_CHANCE):
+        return None
+    return np.where(known, reference + np.round(frames) / rate, offset_s)

@@ -1,0 +1,4 @@
+"""Pairs of cameras registered by the tracks of people on the ground.
+
+Imports `people` and below.
+"""

@@ -1,0 +1,111 @@
+"""Samples of two cameras' ground tracks at the same time, for a lag between their clocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from passerby.association.ground.ground_tracks import GroundTracks
+from passerby.common.arrays import Floats, Ints
+
+
+@dataclass(frozen=True, eq=False)
+class TrackPair:
+    """All that is known of two cameras before they are registered."""
+
+    a: GroundTracks
+    b: GroundTracks
+    likeness: Floats | None = None
+    """(T_a, T_b) log-likelihood ratio of tracklets showing one person rather than two, from their appearance."""
+
+    def instants_of(self, encounters: int) -> int:
+        """About how many instants have so many encounters, at any lag."""
+        crowd_a, crowd_b = (len(side) / max(1, len(np.unique(side.step))) for side in (self.a, self.b))
+        return int(np.ceil(encounters / max(crowd_a * crowd_b, 1.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackletPairs:
+    """The P pairs of tracklets that N encounters belong to."""
+
+    a: Ints
+    """(P,) tracklet numbers of camera a."""
+    b: Ints
+    """(P,) tracklet numbers of camera b."""
+    of_encounter: Ints
+    """(N,) the pair of each encounter."""
+
+    def __len__(self) -> int:
+        return len(self.a)
+
+    @cached_property
+    def size(self) -> Ints:
+        """(P,) number of encounters."""
+        return np.bincount(self.of_encounter, minlength=len(self))
+
+    @cached_property
+    def _sorted(self) -> tuple[Ints, Ints]:
+        order = np.argsort(self.of_encounter, kind="stable")
+        return order, np.concatenate([[0], np.cumsum(self.size)])
+
+    def encounters_of(self, pair: int) -> Ints:
+        """Rows of a pair's encounters."""
+        order, first = self._sorted
+        return order[first[pair] : first[pair + 1]]
+
+    def summed(self, values: Floats) -> Floats:
+        """(P,) sums over each pair's encounters of values (N,)."""
+        return np.asarray(np.bincount(self.of_encounter, values, len(self)), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Encounters:
+    """Every combination of a sample of camera a and a sample of camera b at the same time: N of them."""
+
+    tracks: TrackPair
+    lag: int
+    """Grid steps: camera b's clock shows so much more."""
+    a: Ints
+    """(N,) rows of camera a's tracks."""
+    b: Ints
+    """(N,) rows of camera b's."""
+    thinned: bool = False
+    """Whether instants were left out."""
+
+    def __len__(self) -> int:
+        return len(self.a)
+
+    @cached_property
+    def tracklets(self) -> TrackletPairs:
+        """Whose encounters they are."""
+        in_a, in_b = self.tracks.a.tracklet, self.tracks.b.tracklet
+        n_b = int(in_b.max(initial=0)) + 1
+        key, which = np.unique(in_a[self.a] * n_b + in_b[self.b], return_inverse=True)
+        return TrackletPairs(key // n_b, key % n_b, which.ravel())
+
+
+def encounters(tracks: TrackPair, lag: int, most_instants: int | None = None, stretch: int = 1) -> Encounters:
+    """Encounters of two cameras.
+
+    Args:
+        tracks: of both cameras.
+        lag: grid steps that camera b's clock shows more.
+        most_instants: of more instants with people in both cameras, so many are taken at even steps,
+        stretch: so many neighbours each time. Tracklets can be matched only by several samples of both.
+    """
+    steps = np.intersect1d(tracks.a.step, tracks.b.step - lag)
+    thinned = most_instants is not None and len(steps) > most_instants
+    if most_instants is not None and len(steps) > most_instants:
+        together = min(stretch, most_instants)
+        begins = np.linspace(0, len(steps) - together, most_instants // together).astype(np.int64)
+        steps = steps[(begins[:, None] + np.arange(together)).ravel()]
+    # The columns are sorted by step.
+    low_a, high_a = (np.searchsorted(tracks.a.step, steps, side=side) for side in ("left", "right"))
+    low_b, high_b = (np.searchsorted(tracks.b.step, steps + lag, side=side) for side in ("left", "right"))
+    n_a, n_b = high_a - low_a, high_b - low_b
+    count = n_a * n_b
+    instant = np.repeat(np.arange(len(steps)), count)
+    within = np.arange(len(instant)) - np.repeat(np.cumsum(count) - count, count)
+    return Encounters(tracks, lag, low_a[instant] + within // n_b[instant], low_b[instant] + within % n_b[instant], thinned)

@@ -1,0 +1,183 @@
+"""Where two cameras may stand to each other: a Hough transform over turn, lag and shift.
+
+Every two people seen at one moment propose a shift for every turn and lag; where the turn and the lag are right, the proposals
+of all pairs that really are one person fall on one spot. Velocities must agree too, which removes most pairs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.ground.cooccurrence import TrackPair, encounters
+from passerby.association.ground.pair_matching import WALKING, GroundMotion
+from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Ints
+
+Singles = NDArray[np.float32]
+SingleComplexes = NDArray[np.complex64]
+Complexes = NDArray[np.complex128]
+
+SAME_TURN, SAME_LAG_S, SAME_SHIFT_M = np.deg2rad(25.0), 1.6, 6.0
+"""Spots this near to a better one are the same: their refinements would meet."""
+# The grid: a turn is found to 5 degrees, a shift to a cell. Shifts are counted on a torus, so that cost and memory do not
+# depend on how far apart the cameras are; what falls onto one spot from several rounds is told apart after.
+_TURNS, _CELLS, _CELL_M = 36, 64, 1.5
+_BLUR_CELLS = 1.0
+# Instants that vote, and about how many voters they may bring for each lag; more would only say the same again.
+_INSTANTS, _VOTERS = 240, 20_000
+# Velocities agree within this (metres per second), more for the fast.
+_VELOCITY_SD = 0.5
+_LEAST_VOICE = float(np.log(0.05))
+"""Logarithm of the weight: voters that weigh less at a turn are not counted."""
+
+
+@dataclass(frozen=True)
+class _Spot:
+    """A cell of the grid."""
+
+    votes: float
+    lag: int
+    """Grid steps of time."""
+    turn: int
+    cell: int
+
+    def is_near(self, other: _Spot) -> bool:
+        """Whether both are one motion: their lags, turns and shifts lie closer than the votes spread."""
+        if abs(self.lag - other.lag) * STEP_S > SAME_LAG_S:
+            return False
+        turned = _around(self.turn - other.turn, _TURNS) * 2 * np.pi / _TURNS
+        if turned > 0:
+            # Another turn, about the people, moves the shift as well.
+            return bool(turned <= SAME_TURN)
+        x, y = divmod(self.cell, _CELLS)
+        other_x, other_y = divmod(other.cell, _CELLS)
+        return bool(np.hypot(_around(x - other_x, _CELLS), _around(y - other_y, _CELLS)) * _CELL_M < SAME_SHIFT_M)
+
+
+def _around(difference: int, period: int) -> int:
+    """Distance on a circle."""
+    return abs((difference + period // 2) % period - period // 2)
+
+
+def likely_motions(tracks: TrackPair, max_lag_s: float, most: int) -> list[GroundMotion]:
+    """The motions with most votes, the best first, distinct from each other.
+
+    Args:
+        tracks: of both cameras.
+        max_lag_s: largest difference of the two clocks, seconds.
+        most: number of motions.
+    """
+    peaks: list[_Spot] = []
+    voters = {}
+    most_instants, blur = min(_INSTANTS, tracks.instants_of(_VOTERS)), _blur()
+    for lag in _lags(tracks, max_lag_s).tolist():
+        voters[lag] = _voters(tracks, lag, most_instants)
+        votes = _counted(voters[lag], blur)
+        peaks += [_Spot(float(votes[k, cell]), lag, k, cell) for k, cell in enumerate(votes.argmax(axis=1).tolist())]
+    peaks.sort(key=lambda spot: (-spot.votes, abs(spot.lag), spot.turn))
+    best: list[_Spot] = []
+    for spot in peaks:
+        if spot.votes <= 0 or len(best) == most:
+            break
+        if not any(spot.is_near(other) for other in best):
+            best.append(spot)
+    turns = _turns().tolist()
+    return [
+        GroundMotion(turns[spot.turn], _unwrapped(voters[spot.lag], turns[spot.turn], spot.cell), spot.lag * STEP_S)
+        for spot in best
+    ]
+
+
+def _lags(tracks: TrackPair, max_lag_s: float) -> Ints:
+    """Lags in grid steps at which the two recordings overlap, the shortest first."""
+    most = int(np.ceil(max_lag_s / STEP_S))
+    low, high = tracks.b.step[0] - tracks.a.step[-1], tracks.b.step[-1] - tracks.a.step[0]
+    lags = np.arange(max(-most, low), min(most, high) + 1)
+    return lags[np.argsort(np.abs(lags), kind="stable")]
+
+
+@dataclass(frozen=True, eq=False)
+class _Voters:
+    """Encounters whose speeds agree. Single precision and lengths in cells: it is all that the grid can tell."""
+
+    position_a: SingleComplexes
+    """(V,) x + iy, cells."""
+    position_b: SingleComplexes
+    """(V,)"""
+    voice: Singles
+    """(3, V) of the logarithm of a voter's weight at a turn: the constant part, and what goes with its cosine and its sine."""
+
+    def loud_at(self, turn: complex) -> tuple[Ints, Singles]:
+        """Rows that are heard at a turn, and their weights."""
+        voice = self.voice[0] + self.voice[1] * np.float32(turn.real) + self.voice[2] * np.float32(turn.imag)
+        rows = np.flatnonzero(voice > _LEAST_VOICE)
+        return rows, np.exp(voice.take(rows))
+
+    def shifts_at(self, turn: complex, rows: Ints) -> Singles:
+        """(rows, 2) the shifts that they propose at a turn, cells."""
+        shift = self.position_b.take(rows) - np.complex64(turn) * self.position_a.take(rows)
+        return shift.view(np.float32).reshape(-1, 2)
+
+
+def _voters(tracks: TrackPair, lag: int, most_instants: int) -> _Voters:
+    met = encounters(tracks, lag, most_instants)
+    velocity_a, velocity_b = tracks.a.velocity[met.a], tracks.b.velocity[met.b]
+    fast_a, fast_b = np.abs(velocity_a), np.abs(velocity_b)
+    sd = _VELOCITY_SD * np.maximum(1.0, 0.5 * (fast_a + fast_b))
+    weight = np.minimum(1.0, np.minimum(fast_a, fast_b) / WALKING)
+    # A position that is known poorly smears its vote over many cells.
+    reach = np.hypot(tracks.a.sigma[0][met.a], tracks.b.sigma[0][met.b])
+    weight = weight / np.maximum(1.0, reach / _CELL_M)
+    if tracks.likeness is not None:
+        weight = weight * np.exp(tracks.likeness[tracks.a.tracklet[met.a], tracks.b.tracklet[met.b]])
+    use = np.flatnonzero((np.abs(fast_a - fast_b) < 2.5 * sd) & (weight > np.exp(_LEAST_VOICE)))
+    # The velocities differ by |turn * velocity_a - velocity_b|, normally distributed; its square is written out.
+    along = velocity_a[use] * velocity_b[use].conj() / sd[use] ** 2
+    level = np.log(weight[use]) - 0.5 * (fast_a[use] ** 2 + fast_b[use] ** 2) / sd[use] ** 2
+    return _Voters(
+        (tracks.a.position[met.a[use]] / _CELL_M).astype(np.complex64),
+        (tracks.b.position[met.b[use]] / _CELL_M).astype(np.complex64),
+        np.stack([level, along.real, -along.imag]).astype(np.float32),
+    )
+
+
+def _counted(voters: _Voters, blur: Singles) -> Singles:
+    """(turns, cells * cells) votes for shifts, smoothed."""
+    counts = np.empty((_TURNS, _CELLS * _CELLS), dtype=np.float32)
+    for k, turn in enumerate(_turns().tolist()):
+        rows, weight = voters.loud_at(turn)
+        # Cells beyond the torus wrap around, also the negative ones: it is a power of two.
+        cell = np.floor(voters.shifts_at(turn, rows)).astype(np.int32) & (_CELLS - 1)
+        counts[k] = np.bincount(cell[:, 0] * _CELLS + cell[:, 1], weight, _CELLS**2)
+    smoothed = np.asarray(blur @ counts.reshape(_TURNS, _CELLS, _CELLS) @ blur, dtype=np.float32)
+    return smoothed.reshape(_TURNS, -1)
+
+
+def _turns() -> Complexes:
+    return np.asarray(np.exp(2j * np.pi * np.arange(_TURNS) / _TURNS))
+
+
+def _blur() -> Singles:
+    """(cells, cells) symmetric matrix that smooths one axis of the torus."""
+    from_first = np.minimum(np.arange(_CELLS), _CELLS - np.arange(_CELLS))
+    kernel = np.exp(-0.5 * (from_first / _BLUR_CELLS) ** 2)
+    return np.stack([np.roll(kernel / kernel.sum(), shift) for shift in range(_CELLS)]).astype(np.float32)
+
+
+def _unwrapped(voters: _Voters, turn: complex, cell: int) -> complex:
+    """The shift of a cell of the torus, metres: the round of the torus that most of its votes come from, and their mean."""
+    rows, weight = voters.loud_at(turn)
+    shift = voters.shifts_at(turn, rows).astype(np.float64)
+    apart = shift - np.array(divmod(cell, _CELLS)) - 0.5
+    rounds = np.round(apart / _CELLS)
+    distance = np.hypot(*(apart - rounds * _CELLS).T)
+    # Where a cell owes its votes to its neighbours' only, they are farther away.
+    near = distance < max(1.5, 1.01 * float(distance.min()))
+    distinct, which = np.unique(rounds[near], axis=0, return_inverse=True)
+    top = int(np.argmax(np.bincount(which.ravel(), weight[near], len(distinct))))
+    use = np.flatnonzero(near)[which.ravel() == top]
+    x, y = np.average(shift[use], axis=0, weights=weight[use]) * _CELL_M
+    return complex(x, y)

@@ -1,0 +1,185 @@
+"""Tracklets of two cameras matched under a motion of the ground, and the motion that fits matched tracklets best."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.ground.cooccurrence import Encounters
+from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Floats, Ints
+
+WALKING = 0.7
+"""Metres per second: slower people tell no direction and count less."""
+# A tracklet pair is a match when so many of its common samples agree, on average over their weight.
+_MIN_AGREEMENT, _MIN_SAMPLES = 0.25, 3
+# A few samples where two tracklets of one person touch do not part them.
+_MAX_TAKEN = 0.2
+# Squared tolerances beyond which an agreement is -1.
+_NOTHING_BEYOND = 2.0
+# The levels know each camera's height to about 9 %, so the two scales differ by about this much, and never by more than these.
+_SCALE_SD, _SCALE_RANGE = 0.13, (0.7, 1.4)
+# The priors weigh as much as this share of the matched samples: neighbouring samples are off alike.
+_PRIOR_SHARE = 0.05
+# A normal matrix worse than this is that of people who all stand on one spot.
+_MAX_CONDITION = 1e14
+
+
+@dataclass(frozen=True)
+class GroundMotion:
+    """From camera a's ground and clock to camera b's: `ground_b = turn * ground_a + shift` at `time_b = time_a + lag_s`."""
+
+    turn: complex
+    """Turn about the vertical, and the ratio of the two cameras' scales."""
+    shift: complex
+    """x + iy, metres of camera b."""
+    lag_s: float
+    """Seconds."""
+
+    def then(self, other: GroundMotion) -> GroundMotion:
+        """From camera a on to camera c, by another motion from camera b to camera c."""
+        return GroundMotion(other.turn * self.turn, other.turn * self.shift + other.shift, self.lag_s + other.lag_s)
+
+    @property
+    def inverse(self) -> GroundMotion:
+        """From camera b to camera a."""
+        return GroundMotion(1 / self.turn, -self.shift / self.turn, -self.lag_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Matched tracklets and their encounters."""
+
+    rows: Ints
+    """(M,) rows of the encounters."""
+    miss: Floats
+    """(M,) distance in tolerances."""
+    whitening: Floats
+    """(M, 3) the lower triangle (11, 21, 22) that turns metres into tolerances, along camera b's axes."""
+    score: float
+    """Encounters of walking people that agree, less those that disagree."""
+    tracklets_a: Ints
+    """(K,) matched tracklets of camera a,"""
+    tracklets_b: Ints
+    """(K,) and of camera b,"""
+    weight: Floats
+    """(K,) with the agreement of each match, in samples."""
+
+
+def agreements(met: Encounters, motion: GroundMotion, factor: float = 1.0) -> Floats:
+    """(N,) how well encounters meet when the tolerances are `factor` times as wide.
+
+    1 where the two samples meet, 0 a tolerance apart, -1 beyond.
+    """
+    apart = _apart(met, motion, slice(None))
+    tracks_a, tracks_b = met.tracks.a, met.tracks.b
+    # No tolerance reaches farther than those along both rays together, so that most encounters need no closer look.
+    reach_a = (abs(motion.turn) * np.maximum(*tracks_a.sigma)) ** 2
+    reach_b = np.maximum(*tracks_b.sigma) ** 2
+    square = apart.real**2 + apart.imag**2
+    near = np.flatnonzero(square < _NOTHING_BEYOND * factor**2 * (reach_a[met.a] + reach_b[met.b]))
+    value = np.full(len(met), -1.0)
+    miss = _missed(apart[near], _whitening(met, motion.turn, near) / factor)
+    value[near] = np.maximum(1.0 - miss**2, -1.0)
+    return value
+
+
+def _apart(met: Encounters, motion: GroundMotion, rows: Ints | slice) -> NDArray[np.complex128]:
+    """How far camera a's samples come to lie from camera b's, metres."""
+    a, b = met.a[rows], met.b[rows]
+    tracks_a, tracks_b = met.tracks.a, met.tracks.b
+    rest_s = motion.lag_s - met.lag * STEP_S
+    return np.asarray(motion.turn * tracks_a.position[a] + motion.shift - tracks_b.position[b] - tracks_b.velocity[b] * rest_s)
+
+
+def _missed(apart: NDArray[np.complex128], whitening: Floats) -> Floats:
+    """The same in tolerances."""
+    return np.hypot(whitening[:, 0] * apart.real, whitening[:, 1] * apart.real + whitening[:, 2] * apart.imag)
+
+
+def _whitening(met: Encounters, turn: complex, rows: Ints) -> Floats:
+    """(rows, 3) lower triangles W with `W^T W` the inverse of both positions' joint covariance, along camera b's axes."""
+    xx = yy = xy = np.zeros(len(rows))
+    for tracks, own, turned in ((met.tracks.a, met.a[rows], turn), (met.tracks.b, met.b[rows], 1.0 + 0.0j)):
+        along, across = tracks.sigma
+        ray = tracks.position[own] * turned
+        ray = ray / np.maximum(np.abs(ray), 1e-9)
+        extra = (along[own] ** 2 - across[own] ** 2) * abs(turned) ** 2
+        base = across[own] ** 2 * abs(turned) ** 2
+        xx = xx + base + extra * ray.real**2
+        yy = yy + base + extra * ray.imag**2
+        xy = xy + extra * ray.real * ray.imag
+    # Inverse of the Cholesky factor of [[xx, xy], [xy, yy]].
+    first = np.sqrt(xx)
+    second = np.sqrt(np.maximum(yy - xy**2 / xx, 1e-12))
+    return np.column_stack([1.0 / first, -xy / xx / second, 1.0 / second])
+
+
+def matches(met: Encounters, motion: GroundMotion, factor: float) -> Matches | None:
+    """Tracklets that run together under a motion, the best first; two that overlap in time never share a partner.
+
+    None where they have too few samples to tell anything.
+    """
+    tracks, pairs = met.tracks, met.tracklets
+    agreeing = agreements(met, motion, factor)
+    weight = pairs.summed(agreeing)
+    likeness = np.zeros(len(pairs)) if tracks.likeness is None else tracks.likeness[pairs.a, pairs.b]
+    good = (weight > _MIN_AGREEMENT * pairs.size) & (pairs.size >= _MIN_SAMPLES) & (weight + likeness > 0)
+    chosen = _exclusive(met, good, weight + likeness)
+    rows = np.flatnonzero(chosen[pairs.of_encounter])
+    if len(rows) < _MIN_SAMPLES:
+        return None
+    slower = np.minimum(np.abs(tracks.a.velocity[met.a[rows]]), np.abs(tracks.b.velocity[met.b[rows]]))
+    score = float((agreeing[rows] * np.minimum(1.0, slower / WALKING)).sum())
+    whitening = _whitening(met, motion.turn, rows) / factor
+    miss = _missed(_apart(met, motion, rows), whitening)
+    return Matches(rows, miss, whitening, score, pairs.a[chosen], pairs.b[chosen], weight[chosen])
+
+
+def _exclusive(met: Encounters, good: NDArray[np.bool_], weight: Floats) -> NDArray[np.bool_]:
+    """(P,) which of the good tracklet pairs are kept when the best take their samples first: a sample has one partner."""
+    chosen = np.zeros(len(good), dtype=bool)
+    taken_a, taken_b = np.zeros(len(met.tracks.a), dtype=bool), np.zeros(len(met.tracks.b), dtype=bool)
+    candidates = np.flatnonzero(good)
+    for pair in candidates[np.argsort(-weight[candidates], kind="stable")].tolist():
+        rows = met.tracklets.encounters_of(pair)
+        in_a, in_b = met.a[rows], met.b[rows]
+        if max(np.count_nonzero(taken_a[in_a]), np.count_nonzero(taken_b[in_b])) > _MAX_TAKEN * len(rows):
+            continue
+        chosen[pair] = True
+        taken_a[in_a] = True
+        taken_b[in_b] = True
+    return chosen
+
+
+def fitted_motion(met: Encounters, matched: Matches, start: GroundMotion, *, free_lag: bool) -> GroundMotion | None:
+    """The motion that brings matched samples together: robust linear least squares about a start.
+
+    Unknowns are the turn with its scale, the shift and, if it is free, what the lag is more than the encounters' own. A lag
+    that is held must be theirs. None where the samples do not determine the unknowns.
+    """
+    a, b = met.a[matched.rows], met.b[matched.rows]
+    tracks_a, tracks_b = met.tracks.a, met.tracks.b
+    w = matched.whitening / np.sqrt(1.0 + (2 * matched.miss) ** 2)[:, None]
+    p, q, v = tracks_a.position[a], tracks_b.position[b], tracks_b.velocity[b] * (1.0 if free_lag else 0.0)
+    one, zero = np.ones(len(p)), np.zeros(len(p))
+    x = np.column_stack([p.real, -p.imag, one, zero, -v.real, q.real])
+    y = np.column_stack([p.imag, p.real, zero, one, -v.imag, q.imag])
+    rows = np.concatenate([w[:, :1] * x, w[:, 1:2] * x + w[:, 2:] * y])
+    A, target = rows[:, :5], rows[:, 5]
+    H, g = A.T @ A, A.T @ target
+    # Priors: the scale near 1, the rest of the lag small.
+    unit = start.turn / abs(start.turn)
+    prior = max(1.0, _PRIOR_SHARE * len(p))
+    H[[0, 1], [0, 1]] += prior / _SCALE_SD**2
+    g[:2] += prior / _SCALE_SD**2 * np.array([unit.real, unit.imag])
+    H[4, 4] += prior
+    if np.linalg.cond(H) > _MAX_CONDITION:
+        return None
+    solution = np.linalg.solve(H, g)
+    turn = complex(solution[0], solution[1])
+    scale = float(np.clip(abs(turn), *_SCALE_RANGE))
+    lag_s = met.lag * STEP_S + float(solution[4]) if free_lag else start.lag_s
+    return GroundMotion(turn / abs(turn) * scale, complex(solution[2], solution[3]), lag_s)

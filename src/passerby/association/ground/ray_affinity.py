@@ -1,0 +1,181 @@
+"""Whether two tracklets meet in space, by a calibrated rig: the rays to the middles of bodies, rather than feet on a plane.
+
+Two cameras at known poses see one person along two rays that meet at half a body's height, at a distance that fits the body's
+size in both pictures. That holds on slopes and kerbs, and for low cameras, where a foot's place on the ground says little of
+the distance. Each two samples are judged at the best of three places: where the rays are nearest to each other, and where
+camera a's ray is half a body above the ground, or as far away as the body is small. (The first fails where two cameras stand
+side by side.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.association.sampling import STEP_S, first_of, sampled
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Pose
+from passerby.people.upright_rays import Bodies
+
+MIDDLE_FLOOR_RAD = 0.002
+"""No ray is better known than that: two pixels of a usual lens."""
+AGAINST = 12.0
+"""Cost at which two samples speak neither for one person nor for two; one person's five residuals cost 5 on the mean."""
+TAIL = 2.0
+"""Squared sigmas from which a height or a size counts no longer in full."""
+NEAREST = 50
+"""Fewer samples that are each other's nearest do not tell how far off one person's samples are."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far apart two samples of one person may be, one sigma."""
+
+    middle: float = 0.08
+    """Of a ray from the place, as a share of the body's size in the picture: boxes jitter by 2 to 3 % of it, bodies lean, and
+    the rig is not perfect either."""
+    height_m: float = 0.3
+    """Of the middle of a body above the ground: crouching, kerbs and slopes."""
+    size: float = 0.15
+    """Of the logarithm of a body's apparent height: people differ by 5 %, bend, and are half hidden."""
+
+    @classmethod
+    def limits(cls) -> tuple[Spread, Spread]:
+        """Between these a recording's own spread is believed: errors last, so that one sample more is not one more proof."""
+        return cls(0.03, 0.12, 0.07), cls(0.16, 0.6, 0.25)
+
+
+@dataclass(frozen=True, eq=False)
+class SightTracks:
+    """The tracklets of one camera sampled on the grid of time: N samples, sorted by time."""
+
+    step: Ints
+    """(N,) grid times: the camera's time is `step * STEP_S`."""
+    tracklet: Ints
+    ray: Floats
+    """(N, 3) directions to the bodies' middles, world."""
+    rate: Floats
+    """(N, 3) how they change, per second."""
+    size: Floats
+    """(N,) whole body's angular height, radians."""
+    pose: Pose
+
+
+def sight_tracks(bodies: Bodies, pose: Pose) -> SightTracks:
+    """Samples of the bodies that belong to a tracklet.
+
+    Args:
+        bodies: one camera's people.
+        pose: the camera's, world z up and ground at z = 0.
+    """
+    own = np.flatnonzero(bodies.tracklet >= 0)
+    order = own[np.lexsort((bodies.seconds[own], bodies.tracklet[own]))]
+    ray = bodies.top[order] + bodies.bottom[order]
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    cosine = np.einsum("ni,ni->n", bodies.top[order], bodies.bottom[order])
+    size = np.arccos(np.clip(cosine, -1, 1)) / np.maximum(bodies.top_fraction[order] - bodies.bottom_fraction[order], 0.2)
+    columns = np.column_stack([ray @ pose.R_cw, np.log(np.maximum(size, 1e-4))])
+    found = sampled(bodies.tracklet[order], bodies.seconds[order], columns)
+    by_time = np.argsort(found.step, kind="stable")
+    value, rate = found.value[by_time], found.rate[by_time]
+    length = np.linalg.norm(value[:, :3], axis=1, keepdims=True)
+    return SightTracks(
+        found.step[by_time], found.tracklet[by_time], value[:, :3] / length, rate[:, :3] / length, np.exp(value[:, 3]), pose
+    )
+
+
+def meetings(a: SightTracks, b: SightTracks, lag_s: float, body_m: float) -> tuple[Ints, Ints, Floats]:
+    """How well every two tracklets of two cameras run together.
+
+    Args:
+        a: of the first camera.
+        b: of the second camera.
+        lag_s: how much more camera b's clock shows.
+        body_m: typical standing height, metres.
+
+    Returns:
+        (K,) tracklets of camera a, (K,) of camera b, and (K,) the sum over their common samples of 1 (they meet) down to -1.
+    """
+    lag = round(lag_s / STEP_S)
+    i, j = _together(a.step, b.step - lag)
+    if not len(i):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
+    ray_b = b.ray[j] + b.rate[j] * (lag_s - lag * STEP_S)
+    spread = Spread()
+    for _ in range(2):
+        spread = _learnt(_residuals(a, b, i, j, ray_b, body_m, spread), i, j, spread)
+    cost = _cost(_residuals(a, b, i, j, ray_b, body_m, spread))
+    value = np.maximum(1.0 - cost / AGAINST, -1.0)
+    n_b = int(b.tracklet.max()) + 1
+    pair, which = np.unique(a.tracklet[i] * n_b + b.tracklet[j], return_inverse=True)
+    return pair // n_b, pair % n_b, np.asarray(np.bincount(which.ravel(), value, len(pair)), dtype=np.float64)
+
+
+def _together(step_a: Ints, step_b: Ints) -> tuple[Ints, Ints]:
+    """Rows of both (sorted) columns with equal values, every combination."""
+    low, high = np.searchsorted(step_b, step_a), np.searchsorted(step_b, step_a, side="right")
+    count = high - low
+    i = np.repeat(np.arange(len(step_a)), count)
+    return i, np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(i))
+
+
+def _cost(residuals: Floats) -> Floats:
+    """(K,) what residuals (K, 5) speak against one person.
+
+    Rays must meet; but people crouch, climb and are half hidden, so that height and sizes have long tails.
+    """
+    rays, rest = residuals[:, :2] ** 2, residuals[:, 2:] ** 2
+    return np.asarray(rays.sum(axis=1) + (TAIL * np.log1p(rest / TAIL)).sum(axis=1))
+
+
+def _learnt(residuals: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
+    """The spread of samples that are each other's nearest."""
+    cost = _cost(residuals)
+    near = np.flatnonzero(cost < 4 * AGAINST)
+    mutual = near[np.intersect1d(first_of(i[near], cost[near]), first_of(j[near], cost[near]))]
+    if len(mutual) < NEAREST:
+        return spread
+    # Median absolute deviations as sigmas of a normal distribution.
+    middle, height, size = (
+        float(np.median(np.abs(residuals[mutual][:, columns]))) / 0.6745 for columns in ([0, 1], [2], [3, 4])
+    )
+    low, high = Spread.limits()
+    return Spread(
+        float(np.clip(spread.middle * middle, low.middle, high.middle)),
+        float(np.clip(spread.height_m * height, low.height_m, high.height_m)),
+        float(np.clip(spread.size * size, low.size, high.size)),
+    )
+
+
+def _residuals(a: SightTracks, b: SightTracks, i: Ints, j: Ints, ray_b: Floats, body_m: float, spread: Spread) -> Floats:
+    """(K, 5) what speaks against one person at the best of the three places, in sigmas.
+
+    The two rays' misses, the height of the place, and the two sizes.
+    """
+    from_a, from_b, ray_a = a.pose.centre, b.pose.centre, a.ray[i]
+    apart = from_b - from_a
+    cosine = np.einsum("ki,ki->k", ray_a, ray_b)
+    along_a, along_b = ray_a @ apart, ray_b @ apart
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach_a = (along_a - cosine * along_b) / (1 - cosine**2)
+        reach_b = (cosine * along_a - along_b) / (1 - cosine**2)
+        nearest = 0.5 * (from_a + reach_a[:, None] * ray_a + from_b + reach_b[:, None] * ray_b)
+        level = from_a + ((0.5 * body_m - from_a[2]) / ray_a[:, 2])[:, None] * ray_a
+    sized = from_a + (body_m / a.size[i])[:, None] * ray_a
+    best = np.full((len(i), 5), 1e3)
+    for place in (nearest, level, sized):
+        found = np.empty((len(i), 5))
+        found[:, 2] = (place[:, 2] - 0.5 * body_m) / spread.height_m
+        for k, (centre, ray, size) in enumerate(((from_a, ray_a, a.size[i]), (from_b, ray_b, b.size[j]))):
+            to = place - centre
+            reach = np.linalg.norm(to, axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                sine = np.linalg.norm(np.cross(ray, to), axis=1) / reach
+                found[:, k] = sine / np.hypot(spread.middle * size, MIDDLE_FLOOR_RAD)
+                found[:, 3 + k] = np.log(reach * size / body_m) / spread.size
+            found[np.einsum("ki,ki->k", ray, to) <= 0, k] = 1e3
+        found = np.where(np.isfinite(found), found, 1e3)
+        better = _cost(found) < _cost(best)
+        best[better] = found[better]
+    return best

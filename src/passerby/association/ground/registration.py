@@ -1,0 +1,224 @@
+"""Two cameras registered by the people who walk on their common ground, without knowing who is who.
+
+Two levelled cameras differ by a turn about the vertical, a shift along the ground and a lag of their clocks. The likely ones
+(`hough`) are refined by matching tracklets and least squares in turns (`pair_matching`), and compared: a runner-up that scores
+nearly as well means that the registration cannot be trusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from passerby.association.ground.chance import CLEAR_OF_CHANCE, CLEAR_SCORE, CLEAR_SHARE, MOST_AMBIGUOUS, surrogates
+from passerby.association.ground.cooccurrence import Encounters, TrackPair, encounters
+from passerby.association.ground.ground_tracks import GroundTracks
+from passerby.association.ground.hough import SAME_LAG_S, SAME_SHIFT_M, SAME_TURN, likely_motions
+from passerby.association.ground.pair_matching import GroundMotion, Matches, agreements, fitted_motion, matches
+from passerby.association.sampling import STEP_S, first_of
+from passerby.common.arrays import Floats, Ints
+
+_CANDIDATES = 6
+# Instants and encounters that the refinement looks at; more would only say the same again. They come in stretches of ten
+# seconds: of an hour at even steps, a tracklet of four seconds would be left with one or two samples and match nobody.
+_INSTANTS, _ENCOUNTERS, _STRETCH = 1500, 300_000, 20
+# Tolerances of the matching, from round to round: the likely motions are known to a cell and five degrees.
+_TOLERANCES = (2.5, 2.0, 1.5, 1.2, 1.0, 1.0)
+BELIEVED_SHARE = 0.45
+"""Of what two cameras should both see. Over simulated scenes whose boxes are nearly all there, cameras that see the same place
+reach 0.63 to 0.83, and those that see different people at most 0.44. Third cameras do not help there: cameras that see one
+place all agree on where to put a stranger."""
+# Samples of one person in two cameras miss each other by so many tolerances on the median (0.2 to 0.35 in simulation); where it
+# is more the tolerance is too tight, and is widened up to this factor.
+_USUAL_MISS, _WIDEST, _MIN_NEAREST = 0.35, 3.0, 20
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """One guess at how camera b stands to camera a: `ground_b = turn * ground_a + shift`, at `time_b = time_a + lag_s`."""
+
+    turn: complex
+    """Turn about the vertical, and the ratio of the two cameras' scales."""
+    shift: complex
+    """x + iy, metres of camera b."""
+    lag_s: float
+    """Seconds: camera b's clock shows so much more than camera a's."""
+    score: float
+    """Samples of walking people that agree, less those that disagree."""
+    samples: int
+    """Samples of matched tracklets."""
+    share: float
+    """Of the samples that each camera has where the other one sees people, so many have a partner there."""
+    middle: complex
+    """Where camera a's matched people were, on the mean, metres of camera a."""
+    tracklets_a: Ints
+    """(K,) matched tracklets of camera a,"""
+    tracklets_b: Ints
+    """(K,) and of camera b,"""
+    weight: Floats
+    """(K,) with the agreement of each match, in samples."""
+
+    @property
+    def motion(self) -> GroundMotion:
+        """The motion alone."""
+        return GroundMotion(self.turn, self.shift, self.lag_s)
+
+    @property
+    def merit(self) -> float:
+        """What guesses are ranked by: how much agrees, and how little that should agree does not."""
+        return self.score * self.share
+
+
+@dataclass(frozen=True, eq=False)
+class PairRegistration:
+    """All guesses for a pair of cameras, the best first."""
+
+    a: int
+    b: int
+    candidates: tuple[Registration, ...]
+    by_chance: float | None = None
+    """What the tracks score by chance; None where it was not asked, since the share says enough."""
+
+    @property
+    def clear_of_chance(self) -> bool:
+        """Whether the best guess scores so much more than chance that it is right, however little of the people both see."""
+        if self.by_chance is None:
+            return False
+        best = self.candidates[0]
+        return best.score > max(CLEAR_OF_CHANCE * self.by_chance, CLEAR_SCORE) and best.share >= CLEAR_SHARE
+
+    @property
+    def runner_up(self) -> float:
+        """The best score of another guess as a share of the first one's; 1 and more where nothing stands out."""
+        if not self.candidates or self.candidates[0].score <= 0:
+            return 1.0
+        return max((guess.score for guess in self.candidates[1:]), default=0.0) / self.candidates[0].score
+
+
+def register_pair(
+    a: int, b: int, tracks_a: GroundTracks, tracks_b: GroundTracks, max_lag_s: float, likeness: Floats | None = None
+) -> PairRegistration:
+    """Register two cameras by their ground tracks.
+
+    Args:
+        a: number of the first camera.
+        b: number of the second camera.
+        tracks_a: tracks of the first camera, in its own levelled frame and clock.
+        tracks_b: tracks of the second camera.
+        max_lag_s: largest difference of the two clocks that is searched for; 0 takes them as in step.
+        likeness: (T_a, T_b) log-likelihood ratio of tracklets (by their numbers) showing one person rather than two, from their
+            appearance; None where nothing is known.
+    """
+    if not len(tracks_a) or not len(tracks_b):
+        return PairRegistration(a, b, ())
+    tracks = TrackPair(tracks_a, tracks_b, likeness)
+    found = PairRegistration(a, b, _guesses(tracks, max_lag_s, tracks_a))
+    if not found.candidates or found.candidates[0].share >= BELIEVED_SHARE or found.runner_up > MOST_AMBIGUOUS:
+        return found
+    chance = [_guesses(TrackPair(tracks_a, other, None), max_lag_s, tracks_a) for other in surrogates(tracks_b, max_lag_s)]
+    return replace(found, by_chance=max((guesses[0].score for guesses in chance if guesses), default=0.0))
+
+
+def _guesses(tracks: TrackPair, max_lag_s: float, tracks_a: GroundTracks) -> tuple[Registration, ...]:
+    """The guesses for a pair, the best first."""
+    most_instants = min(_INSTANTS, tracks.instants_of(_ENCOUNTERS))
+
+    # Guesses mostly share a few lags; what is kept for one may be large.
+    @lru_cache(maxsize=3)
+    def met_at(lag: int) -> Encounters:
+        return encounters(tracks, lag, most_instants, _STRETCH)
+
+    found = [_refined(met_at, start, max_lag_s) for start in likely_motions(tracks, max_lag_s, _CANDIDATES)]
+    ranked = sorted((guess for guess in found if guess is not None), key=lambda guess: -guess.merit)
+    distinct: list[Registration] = []
+    for guess in ranked:
+        if not any(_same(guess, other, tracks_a) for other in distinct):
+            distinct.append(guess)
+    return tuple(distinct)
+
+
+def _refined(met_at: Callable[[int], Encounters], start: GroundMotion, max_lag_s: float) -> Registration | None:
+    """Alternate between matching tracklets and the least-squares motion, from tolerant to strict."""
+    motion, latest = start, max_lag_s + STEP_S
+    found: Registration | None = None
+    for factor in _TOLERANCES:
+        met = met_at(round(motion.lag_s / STEP_S))
+        matched = matches(met, motion, factor)
+        fitted = None if matched is None else fitted_motion(met, matched, motion, free_lag=max_lag_s > 0)
+        if matched is None or fitted is None:
+            return None
+        motion = GroundMotion(fitted.turn, fitted.shift, float(np.clip(fitted.lag_s, -latest, latest)))
+        found = _registration(met, matched, motion)
+    return found
+
+
+def _registration(met: Encounters, matched: Matches, motion: GroundMotion) -> Registration:
+    middle = complex(np.mean(met.tracks.a.position[met.a[matched.rows]]))
+    share = _share(met, matched, motion)
+    return Registration(
+        motion.turn, motion.shift, motion.lag_s, matched.score, len(matched.rows), share, middle,
+        matched.tracklets_a, matched.tracklets_b, matched.weight,
+    )  # fmt: skip
+
+
+def _share(met: Encounters, matched: Matches, motion: GroundMotion) -> float:
+    """How much of what should be seen by both cameras is: the clearest sign of a right motion, however crowded it is."""
+    found = expected = 0
+    sides = (
+        (met.tracks.a, met.a, met.tracks.b, met.lag, motion), (met.tracks.b, met.b, met.tracks.a, -met.lag, motion.inverse)
+    )  # fmt: skip
+    for tracks, rows, other, lag, way in sides:
+        partnered = np.zeros(len(tracks), dtype=bool)
+        partnered[rows[matched.rows]] = True
+        both = (tracks.step >= other.step[0] - lag) & (tracks.step <= other.step[-1] - lag)
+        if met.thinned:
+            both &= np.isin(tracks.step, tracks.step[rows])
+        due = both & (other.covers(way.turn * tracks.position + way.shift) | partnered)
+        found += int(np.count_nonzero(partnered))
+        expected += int(np.count_nonzero(due))
+    return found / max(expected, 1)
+
+
+def _same(guess: Registration, other: Registration, tracks_a: GroundTracks) -> bool:
+    """Whether two guesses put camera a's people at about the same places at about the same time."""
+    middle = complex(np.mean(tracks_a.position))
+    apart = abs(guess.turn * middle + guess.shift - other.turn * middle - other.shift)
+    turned = abs(np.angle(guess.turn / other.turn))
+    return bool(apart < SAME_SHIFT_M and turned < SAME_TURN and abs(guess.lag_s - other.lag_s) < SAME_LAG_S)
+
+
+def agreement(
+    tracks_a: GroundTracks, tracks_b: GroundTracks, turn: complex, shift: complex, lag_s: float
+) -> tuple[Ints, Ints, Floats, Ints]:
+    """How well every two tracklets of two cameras run together under a motion.
+
+    The tolerance widens, at most threefold, where the samples that are nearest to each other miss by more than they should: on
+    ground that is not level, or where a camera's people are half hidden, all positions are worse.
+
+    Returns:
+        (K,) tracklets of camera a, (K,) tracklets of camera b, (K,) the sum over their common samples of the agreement (1 where
+        they meet, 0 a tolerance apart, -1 beyond), and (K,) the number of these samples.
+    """
+    met = encounters(TrackPair(tracks_a, tracks_b), round(lag_s / STEP_S))
+    motion = GroundMotion(turn, shift, lag_s)
+    value = agreements(met, motion, _WIDEST)
+    usual = _usual_miss(met, value)
+    value = agreements(met, motion, float(np.clip(usual / _USUAL_MISS, 1.0, _WIDEST)))
+    return met.tracklets.a, met.tracklets.b, met.tracklets.summed(value), met.tracklets.size
+
+
+def _usual_miss(met: Encounters, value: Floats) -> float:
+    """The median miss, in tolerances, of samples that are each other's nearest; 0 where there are too few.
+
+    Args:
+        met: encounters.
+        value: (N,) their agreement at the widest tolerance.
+    """
+    near = np.flatnonzero(value > -1.0)
+    mutual = near[np.intersect1d(first_of(met.a[near], -value[near]), first_of(met.b[near], -value[near]))]
+    if len(mutual) < _MIN_NEAREST:
+        return 0.0
+    return float(np.median(_WIDEST * np.sqrt(1.0 - value[mutual])))

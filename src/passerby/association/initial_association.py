@@ -1,0 +1,186 @@
+"""Association before any rig is known: by the registrations of camera pairs, or by looks alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.association.appearance.affinity import Looks
+from passerby.association.associate import Pairs, Tracklets, people_of_pairs, people_of_votes
+from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.graph import Edge, ViewGraph, view_graph
+from passerby.association.ground.ground_tracks import GroundTracks
+from passerby.association.ground.registration import PairRegistration, register_pair
+from passerby.association.joints.joint_graph import (
+    joined_graph,
+    joint_hypothesis,
+    known_pairs,
+    mirrored_tracklets,
+    registered_by_joints,
+)
+from passerby.association.joints.joint_pairs import JointRegistration
+from passerby.association.joints.joint_tracks import joint_tracks
+from passerby.association.registration_failures import WALK_MEND, sees_too_little, told, what_would_fit
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.common.errors import EvidenceError
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Lens
+from passerby.geometry.relative_pose import PairHypothesis
+from passerby.geometry.single_view import Level
+
+TRIED = 3
+"""Where no pair can be registered, so many are tried at other frame rates and larger lags."""
+MIN_LOOKS = 0.02
+"""Weight of the looks of the clearest pair of cameras below which looks tell nobody apart."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """Who is who and when, as the first guess has it."""
+
+    person: Ints
+    """(T,) person of each tracklet."""
+    offset_s: Floats
+    """(C,) what to add to each camera's clock."""
+    graph: ViewGraph | None
+    """None where only looks were used."""
+    guesses: tuple[PairHypothesis, ...] = ()
+    """How the registered pairs stand to each other, for the solver."""
+    by_joints: tuple[JointRegistration, ...] = ()
+    """The pairs that tracks left apart, as their joints have it."""
+    known: Pairs | None = None
+    """What joints say of who is who."""
+    mirrored: Bools | None = None
+    """(T,) in which tracklets the joints of left and right are exchanged; None where that is not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointEvidence:
+    """What it takes to register cameras by joints."""
+
+    lenses: Sequence[Lens]
+    """Of every camera."""
+    body_m: float
+    """Mean standing height, metres."""
+    rng: np.random.Generator
+    """Drives RANSAC."""
+
+
+def begin_with_tracks(
+    cameras: Sequence[PreparedCamera], tracklets: Tracklets, max_lag_s: float, likeness: Mapping[tuple[int, int], Floats],
+    executor: Executor | None = None, tell: Progress = silent, joints: JointEvidence | None = None,
+) -> Beginning:  # fmt: skip
+    """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
+
+    Cameras that tracks leave apart are registered by joints where there are any.
+
+    Args:
+        cameras: all cameras.
+        tracklets: of all cameras.
+        max_lag_s: largest difference of two clocks that is searched for.
+        likeness: from looks, by pair of cameras; empty where there are none.
+        executor: runs the pairs in parallel; one after the other where it is None.
+        tell: told of every pair that is done.
+        joints: what it takes to use joints; None: they are not used.
+
+    Raises:
+        EvidenceError: no two cameras can be registered.
+    """
+    jobs = [
+        _Job(a, b, first.tracks, second.tracks, max_lag_s, likeness.get((a, b)))
+        for a, first in enumerate(cameras)
+        for b, second in enumerate(cameras)
+        if a < b and first.tracks is not None and second.tracks is not None
+    ]
+    pairs = side_by_side(_registered, jobs, executor, tell, "pairs of cameras")
+    graph = view_graph(pairs, len(cameras))
+    by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell)
+    graph = joined_graph(graph, by_joints)
+    if len(graph.groups[0]) < 2:
+        raise EvidenceError(*_no_pair(cameras, graph, max_lag_s))
+    used = [one for one in by_joints if one.used]
+    known = known_pairs(tracklets, used) if used else None
+    person = people_of_pairs(tracklets, [camera.tracks for camera in cameras], graph, likeness, known)
+    guesses = [_hypothesis(edge, cameras[edge.a].level, cameras[edge.b].level) for edge in graph.edges if edge.used]
+    if joints is not None:
+        guesses += [joint_hypothesis(one, cameras[one.a], cameras[one.b], joints.body_m) for one in used]
+    mirrored = mirrored_tracklets(tracklets, used) if used else None
+    told_guesses = tuple(guess for guess in guesses if guess is not None)
+    return Beginning(person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored)
+
+
+def _registered_by_joints(
+    cameras: Sequence[PreparedCamera], graph: ViewGraph, joints: JointEvidence, executor: Executor | None, tell: Progress
+) -> list[JointRegistration]:
+    """The pairs that tracks leave apart, as far as their joints tell."""
+    if len(graph.groups) < 2 or sum(len(camera.seen.keypoints) > 0 for camera in cameras) < 2:
+        return []
+    seen = [
+        joint_tracks(camera.seen.keypoints, lens, camera.clock) for camera, lens in zip(cameras, joints.lenses, strict=True)
+    ]
+    return registered_by_joints(seen, graph, joints.rng, executor, tell)
+
+
+def _hypothesis(edge: Edge, level_a: Level | None, level_b: Level | None) -> PairHypothesis | None:
+    """The motion between two cameras in space, from that between their grounds."""
+    if edge.guess is None or level_a is None or level_b is None:
+        return None
+    scale = abs(edge.guess.turn)
+    c, s = edge.guess.turn.real / scale, edge.guess.turn.imag / scale
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    # Each camera's metres are its own: the baseline is given in their geometric mean.
+    shift = np.array([edge.guess.shift.real, edge.guess.shift.imag, scale * level_a.height - level_b.height]) / np.sqrt(scale)
+    R_lb = level_b.R_lc
+    return PairHypothesis(
+        edge.a, edge.b, R_lb.T @ turn @ level_a.R_lc, R_lb.T @ shift, "tracks", edge.guess.samples, edge.guess.samples
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    a: int
+    b: int
+    tracks_a: GroundTracks
+    tracks_b: GroundTracks
+    max_lag_s: float
+    likeness: Floats | None
+
+
+def _registered(job: _Job) -> PairRegistration:
+    return register_pair(job.a, job.b, job.tracks_a, job.tracks_b, job.max_lag_s, job.likeness)
+
+
+def _no_pair(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: float) -> tuple[str, tuple[str, ...]]:
+    """Why no two cameras can be registered."""
+    head = f"no two cameras could be registered by the tracks of the people: {WALK_MEND}"
+    reasons = [reason for camera in cameras if (reason := sees_too_little(camera)) is not None]
+    edges = sorted((edge for edge in graph.edges if edge.guess), key=lambda edge: -edge.guess.merit if edge.guess else 0.0)
+    for number, edge in enumerate(edges[:6]):
+        a, b = cameras[edge.a], cameras[edge.b]
+        mend = what_would_fit(a, b, max_lag_s) if number < TRIED else None
+        reasons.append(f"cameras {a.name} and {b.name}: {told(edge)}" + (f": {mend}" if mend else ""))
+    return head, (head, *reasons)
+
+
+def begin_with_looks(cameras: Sequence[PreparedCamera], tracklets: Tracklets, looks: Looks | None) -> Beginning:
+    """Join tracklets by looks alone, as the paper does: those that were matched at most of the instants when both were seen.
+
+    Raises:
+        EvidenceError: the looks tell nobody apart.
+    """
+    if looks is None:
+        reason = "no two cameras have tracklets with embeddings: give embeddings of the boxes of every camera"
+        raise EvidenceError(reason, (reason,))
+    clearest = max((pair.usefulness.weight for pair in looks.pairs.values() if pair.usefulness is not None), default=0.0)
+    if clearest < MIN_LOOKS:
+        reason = (
+            "the embeddings do not tell people apart across cameras: no better than chance in any pair; take them from a "
+            'network that fits these people, or go by their tracks on the ground: under [association] set mode = "combined"'
+        )
+        raise EvidenceError(reason, (reason,))
+    person = people_of_votes(tracklets, looks)
+    return Beginning(person, np.zeros(len(cameras)), None)

@@ -1,0 +1,4 @@
+"""Pairs of cameras registered by people's joints.
+
+Imports `people` and below.
+"""

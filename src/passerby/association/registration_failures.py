@@ -1,0 +1,176 @@
+"""Why a camera could not be registered by the tracks of its people, and what would make them fit.
+
+Two mistakes are usual: a frame rate that is not the recording's, and clocks that differ by more than was searched for. Both
+are tried, so that the reason can name the mend.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.clocks.far_offsets import far_registration
+from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph
+from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
+from passerby.association.ground.registration import BELIEVED_SHARE, Registration, register_pair
+from passerby.association.sampling import STEP_S
+from passerby.core.cameras import Pose
+
+WALK_MEND = "record more people who walk about in the view that cameras share"
+VIEW_MEND = f"{WALK_MEND}, and check its fps and its intrinsics"
+MISTAKEN_RATES = tuple(
+    ratio
+    for pair in ((2, 1), (6, 5), (5, 4), (25, 24), (12, 5), (5, 3), (5, 2))
+    for ratio in (pair[0] / pair[1], pair[1] / pair[0])
+)
+"""Mistaken for each other: 25 and 50, 25 and 30, 24 and 30, 24 and 25, 25 and 60, 30 and 50, 10 and 25 frames per second."""
+PACE_RATIO = 1.4
+"""People of two cameras walk equally fast; the medians of some seconds agree within this."""
+WALK_M = 1.0
+NEAR_LAG_S = 60.0
+"""Every lag up to this, or half of the shorter recording, is searched in full: some 3 s of computing."""
+CLEAR_SHARE, CLEAR_SCORE = 0.5, 30.0
+"""Of what both cameras should see, so much has to fit, and so many samples of walkers."""
+FAR_SCORE = 60.0
+"""The same where all lags at which two recordings overlap are tried: strangers' best of so many scores 30 (120 simulated pairs,
+1 to 5 people for 1 to 3 minutes), and people seen by both cameras for two minutes some 200 each."""
+PARTNERS = 2
+"""A camera is tried against so many others."""
+
+
+def told(edge: Edge) -> str:
+    """One clause on a pair that was not used."""
+    if edge.guess is None:
+        return "nobody walks in both at one time"
+    if edge.guess.share < BELIEVED_SHARE:
+        return f"of the people whom both should see, the best fit of their tracks finds {edge.guess.share:.0%} in both"
+    if edge.runner_up >= 1:
+        return "third cameras contradict the best fit of their tracks"
+    return f"another fit of their tracks scores {edge.runner_up:.0%} of the best"
+
+
+def reasons_of_lost(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: float, so: str = "") -> dict[str, str]:
+    """One sentence for each camera that no registration joins to another, by name.
+
+    Args:
+        cameras: all cameras.
+        graph: their registrations.
+        max_lag_s: largest difference of two clocks that was searched for.
+        so: what the camera lacks for it, to stand before "could not be registered".
+    """
+    inside = graph.groups[0]
+    alone = [group[0] for group in graph.groups if len(group) == 1]
+    return {cameras[c].name: _reason(c, cameras, graph, inside, max_lag_s, so) for c in alone if c not in inside}
+
+
+def _reason(
+    c: int, cameras: Sequence[PreparedCamera], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, so: str
+) -> str:
+    camera = cameras[c]
+    if (empty := sees_too_little(camera)) is not None:
+        return empty
+    edges = [edge for edge in graph.edges if c in (edge.a, edge.b) and edge.a + edge.b - c in inside]
+    best = max(edges, key=lambda edge: -1.0 if edge.guess is None else edge.guess.share, default=None)
+    told_best = "nobody walks in it and in another at one time" if best is None else told(best)
+    other = "" if best is None else f" to {cameras[best.a + best.b - c].name}"
+    partners = sorted(inside, key=lambda p: -_samples(cameras[p]))[:PARTNERS]
+    mend = next((hint for p in partners if (hint := what_would_fit(cameras[p], camera, max_lag_s)) is not None), None)
+    return f"camera {camera.name} {so}could not be registered{other}: {told_best}: {mend or VIEW_MEND}"
+
+
+def sees_too_little(camera: PreparedCamera) -> str | None:
+    """A sentence where a camera has no tracks at all."""
+    if not len(camera.bodies):
+        return f"camera {camera.name} saw nobody from head to feet: it cannot be calibrated"
+    if not _samples(camera):
+        return f"camera {camera.name} saw too few people who walk for a second or longer: {WALK_MEND}"
+    return None
+
+
+def _samples(camera: PreparedCamera) -> int:
+    return 0 if camera.tracks is None else len(camera.tracks)
+
+
+def nobody_walks(cameras: Sequence[PreparedCamera], poses: Sequence[Pose | None]) -> list[str]:
+    """A sentence where fewer than two registered cameras saw anybody walk: then neither clocks nor identities are sure."""
+    if sum(_someone_walks(camera) for camera, pose in zip(cameras, poses, strict=True) if pose is not None) > 1:
+        return []
+    return [f"the people stand still, so that neither who is who nor the clocks are sure: {WALK_MEND}"]
+
+
+def _someone_walks(camera: PreparedCamera) -> bool:
+    """Whether a tracklet ends elsewhere than it began, beyond what its ground positions are off by."""
+    tracks = camera.tracks
+    if tracks is None or not len(tracks):
+        return False
+    order = np.lexsort((tracks.step, tracks.tracklet))
+    place, off = tracks.position[order], tracks.sigma[0][order]
+    first = np.flatnonzero(np.diff(tracks.tracklet[order], prepend=-1))
+    last = np.append(first[1:], len(order)) - 1
+    apart = np.abs(place[last] - place[first])
+    return bool((apart > WALK_M + 2 * np.maximum(off[first], off[last])).any())
+
+
+def what_would_fit(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> str | None:
+    """What is wrong with camera b's frame rate, or with both clocks, if that is all that keeps the two apart.
+
+    Nothing is tried where the clocks are taken as in step.
+    """
+    if a.tracks is None or b.tracks is None or not len(a.tracks) or not len(b.tracks) or max_lag_s <= 0:
+        return None
+    found = [(ratio, guess) for ratio in _likely_ratios(a.tracks, b.tracks) if (guess := _at_rate(a, b, ratio, max_lag_s))]
+    if found:
+        ratio, guess = max(found, key=lambda entry: entry[1].merit)
+        return (
+            f"at {b.clock.fps / ratio:.4g} frames per second instead of {b.clock.fps:.4g} {guess.share:.0%} of the people of "
+            f"{b.name} are where {a.name} sees them: check its fps"
+        )
+    wide = _at_larger_lag(a, b, max_lag_s)
+    if wide is not None:
+        way = "ahead of" if wide.lag_s > 0 else "behind"
+        return (
+            f"the clock of {b.name} is {abs(wide.lag_s):.1f} s {way} that of {a.name}: search for larger clock offsets: "
+            f"under [association] set max_offset_s = {int(np.ceil(abs(wide.lag_s))) + 1}"
+        )
+    return None
+
+
+def _at_larger_lag(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> Registration | None:
+    """The registration at a lag that was not searched: in full up to a minute, then coarsely over all of the overlap."""
+    assert a.tracks is not None
+    assert b.tracks is not None
+    spans = [float(np.ptp(tracks.step)) * STEP_S for tracks in (a.tracks, b.tracks)]
+    longest = min(NEAR_LAG_S, 0.5 * min(spans))
+    near = _clear(a, b, b.tracks, longest) if max_lag_s < longest else None
+    if near is not None and abs(near.lag_s) > max_lag_s:
+        return near
+    far = far_registration(a.tracks, b.tracks, max(longest, max_lag_s), ALONE_RUNNER_UP)
+    return far if far is not None and far.share >= CLEAR_SHARE and far.score >= FAR_SCORE else None
+
+
+def _likely_ratios(a: GroundTracks, b: GroundTracks) -> list[float]:
+    """Mistaken rates at which the people of both cameras walk equally fast."""
+    pace_a, pace_b = (float(np.percentile(np.abs(tracks.velocity), 70.0)) for tracks in (a, b))
+    if min(pace_a, pace_b) <= 0:
+        return []
+    return [ratio for ratio in MISTAKEN_RATES if abs(np.log(ratio * pace_a / pace_b)) < np.log(PACE_RATIO)]
+
+
+def _at_rate(a: PreparedCamera, b: PreparedCamera, ratio: float, max_lag_s: float) -> Registration | None:
+    """The registration if camera b's seconds were `ratio` times as long."""
+    if b.level is None:
+        return None
+    return _clear(a, b, ground_tracks(replace(b.bodies, seconds=b.bodies.seconds * ratio), b.level), max_lag_s)
+
+
+def _clear(a: PreparedCamera, b: PreparedCamera, tracks_b: GroundTracks, max_lag_s: float) -> Registration | None:
+    """The registration of two cameras where it is beyond doubt: several tries find something by chance as well."""
+    assert a.tracks is not None
+    found = register_pair(0, 1, a.tracks, tracks_b, max_lag_s)
+    best = found.candidates[0] if found.candidates else None
+    if best is None or best.share < CLEAR_SHARE or best.score < CLEAR_SCORE or found.runner_up > ALONE_RUNNER_UP:
+        return None
+    return best

@@ -1,0 +1,4 @@
+"""Tracklets within one camera: linked, stitched and split.
+
+Imports `people` and below.
+"""

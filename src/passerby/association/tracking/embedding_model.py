@@ -1,0 +1,135 @@
+"""What the embeddings of a recording tell about who is who, measured in the recording itself.
+
+Networks, crops and clothes differ: a cosine of 0.8 is the same person in one recording and anybody in another. Tracklets made
+by motion alone show both how alike the boxes of one person are and, in any one frame, how alike different people are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.observations import UNKNOWN, Boxes, Vectors
+
+Mask = NDArray[np.bool_]
+
+FEWEST = 50
+"""Pairs of either kind below which nothing is concluded."""
+TELLING = 0.5
+"""Standard deviations that the two kinds must lie apart for the embeddings to be used at all."""
+STRONGEST = 8.0
+"""Largest cost or reward, -2 log likelihood: appearance may settle what motion leaves open, but not overrule clear motion."""
+
+STRONGEST_OF_TRACKLETS = 12.0
+"""The same between whole tracklets, whose means tell more than a box does. Simulated people whose looks differ, mended at
+7 fps: IDF1 0.89, 0.92, 0.86 (terrace, basketball, a crowded terrace); with 8 0.82, 0.90, 0.76, with 20 a little more."""
+FEWEST_HALVES = 20
+"""Pairs of halves of tracklets of either kind below which nothing is concluded."""
+HALF = 4
+"""Boxes in half a tracklet at least."""
+
+
+@dataclass(frozen=True)
+class Resemblance:
+    """Cosines between a box and the sum of a tracklet's earlier embeddings: mean and standard deviation of either kind."""
+
+    same: tuple[float, float]
+    """Of one person."""
+    other: tuple[float, float]
+    """Of different people."""
+
+    def cost(self, sums: Vectors, embeddings: Vectors) -> Floats:
+        """(T, D) -2 log of the likelihood ratio of one person to two, 0 where an embedding is unknown.
+
+        Args:
+            sums: (T, K) sums of the embeddings of T tracklets.
+            embeddings: (D, K) of D boxes.
+        """
+        length = np.linalg.norm(sums, axis=1)[:, None] * np.linalg.norm(embeddings, axis=1)
+        return self._bounded((sums @ embeddings.T).astype(np.float64), length, STRONGEST)
+
+    def cost_of_pairs(self, one: Vectors | Floats, two: Vectors | Floats) -> Floats:
+        """(N,) the same of pairs of tracklets, by the sums (N, K) of the embeddings of all their boxes."""
+        length = np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
+        return self._bounded(np.einsum("nk,nk->n", one, two).astype(np.float64), length, STRONGEST_OF_TRACKLETS)
+
+    def _bounded(self, product: Floats, length: Floats, strongest: float) -> Floats:
+        (same, same_sd), (other, other_sd) = self.same, self.other
+        # Outside of the two means the ratio of Gaussians of unequal width turns round, which means nothing.
+        cosine = np.clip(product / np.where(length > 0, length, 1.0), other, same)
+        ratio = ((cosine - same) / same_sd) ** 2 - ((cosine - other) / other_sd) ** 2 + 2 * np.log(same_sd / other_sd)
+        return np.asarray(np.where(length > 0, np.clip(ratio, -strongest, strongest), 0.0))
+
+
+def measure_resemblance(boxes: Boxes) -> Resemblance | None:
+    """Measure the cosines within tracklets and between tracklets seen at once; None where they tell too little.
+
+    Args:
+        boxes: with embeddings and tracklet numbers.
+    """
+    if boxes.embedding is None:
+        return None
+    known = boxes.take((boxes.identity != UNKNOWN) & (np.abs(boxes.embedding).max(axis=1, initial=0.0) > 0))
+    if known.embedding is None or len(known) == 0:
+        return None
+    earlier = _earlier_sums(known)
+    has_past = np.linalg.norm(earlier, axis=1) > 0
+    order = np.lexsort((known.identity, known.frame))
+    one, two = order[:-1], order[1:]
+    pairs = known.frame[one] == known.frame[two]
+    one, two = np.concatenate([one[pairs], two[pairs]]), np.concatenate([two[pairs], one[pairs]])
+    one, two = one[has_past[one]], two[has_past[one]]
+    same = _cosines(earlier[has_past], known.embedding[has_past])
+    other = _cosines(earlier[one], known.embedding[two])
+    return _resemblance(same, other, FEWEST)
+
+
+def resemblance_of_halves(early: Floats, late: Floats, long: Mask, one: Ints, two: Ints) -> Resemblance | None:
+    """The same of whole tracklets: either half of one is of one person, halves of two that are seen at once are of two.
+
+    Args:
+        early: (T, K) sum of the embeddings of the first half of each tracklet.
+        late: (T, K) of the second half.
+        long: (T,) tracklets of enough boxes to be halved.
+        one: (P,) tracklets that are seen at one time as
+        two: (P,) others.
+    """
+    known = long & early.any(axis=1) & late.any(axis=1)
+    pairs = known[one] & known[two]
+    one, two = one[pairs], two[pairs]
+    other = np.concatenate([_cosines(early[one], late[two]), _cosines(early[two], late[one])])
+    return _resemblance(_cosines(early[known], late[known]), other, FEWEST_HALVES)
+
+
+def _resemblance(same: Floats, other: Floats, fewest: int) -> Resemblance | None:
+    """Of cosines of either kind; None where they are too few or too alike."""
+    if min(len(same), len(other)) < fewest:
+        return None
+    found = Resemblance(_centre_and_spread(same), _centre_and_spread(other))
+    apart = (found.same[0] - found.other[0]) / np.hypot(found.same[1], found.other[1])
+    return found if apart > TELLING else None
+
+
+def _earlier_sums(boxes: Boxes) -> Vectors:
+    """(N, D) for every box the sum of the embeddings of its tracklet's boxes before it."""
+    assert boxes.embedding is not None
+    sums = np.zeros_like(boxes.embedding)
+    order = np.lexsort((boxes.frame, boxes.identity))
+    for rows in np.split(order, np.flatnonzero(np.diff(boxes.identity[order])) + 1):
+        sums[rows[1:]] = np.cumsum(boxes.embedding[rows[:-1]], axis=0)
+    return sums
+
+
+def _cosines(one: Vectors | Floats, two: Vectors | Floats) -> Floats:
+    """(N,) of rows (N, D)."""
+    product = np.einsum("nd,nd->n", one, two).astype(np.float64)
+    return np.asarray(product / (np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)))
+
+
+def _centre_and_spread(values: Floats) -> tuple[float, float]:
+    """Median and 1.48 median absolute deviations: some tracklets change person, some boxes are false."""
+    median = float(np.median(values))
+    return median, max(1.4826 * float(np.median(np.abs(values - median))), 0.01)

@@ -1,0 +1,220 @@
+"""From frame to frame: which box continues which tracklet, and whether that is beyond doubt.
+
+All lengths are in body heights (the height of the tracked box), so one set of constants serves people near and far and any
+lens. Costs are -2 log likelihood, so a difference of costs is a likelihood ratio whatever they are made of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from passerby.association.tracking.embedding_model import Resemblance
+from passerby.common.arrays import Floats, Ints
+from passerby.core.observations import Boxes, Vectors
+
+Mask = NDArray[np.bool_]
+
+POSITION_SD = 0.05
+"""Body heights, of a box's centre: detectors' edges are off by 2 to 4 % of the height, and arms and stride move the centre."""
+TURN_DENSITY = 0.3
+"""(Body heights / s)^2 / s, white acceleration: within a second the velocity changes by 0.55 body heights / s, 0.9 m/s."""
+START_SPEED_SD = 0.6
+"""Body heights / s on either axis, of somebody first seen: a walker does 1.4 m/s in an unknown direction."""
+SHAPE_SD = (0.15, 0.3)
+"""Of the logarithms of height and width from box to box: the width swings with arms and stride."""
+SHAPE_GAIN = 0.4
+"""Share of a new box in the tracklet's shape: people crouch and approach, so it has to follow within a few boxes."""
+SHAPE_STEP = 0.15
+"""Largest change of the shape's logarithm by one box: the box of a half-hidden person must not change the unit of length."""
+TAIL = 3.0
+"""Degrees of freedom of Student's t, in place of a Gaussian: boxes of half-hidden people are off by far more than noise."""
+FARTHEST = 16.0
+"""Squared standard deviations from the expected place beyond which a box is not considered."""
+SLACK = 0.3
+"""Body heights that a centre may jump beyond walking: a person hidden to the hips and seen whole in the next frame."""
+WEAK_COST = 4.0
+"""A box of low score is taken only where no strong one fits nearly as well."""
+
+
+@dataclass(frozen=True)
+class LinkCosts:
+    """What a link costs and when it stands; see `TrackingOptions`."""
+
+    max_gap_s: float = 1.0
+    max_speed: float = 3.5
+    margin: float = 6.0
+    unlinked: float = 16.0
+
+
+@dataclass(eq=False)
+class Tracks:
+    """The tracklets that may go on, T of them, as they were when last seen."""
+
+    row: Ints
+    """(T,) row of the last box; -1 where the person may have been in another box since."""
+    time: Floats
+    """(T,) seconds."""
+    centre: Floats
+    """(T, 2) pixels."""
+    velocity: Floats
+    """(T, 2) pixels per second."""
+    covariance: Floats
+    """(T, 3) position-position, position-velocity, velocity-velocity of either axis; body heights and seconds."""
+    shape: Floats
+    """(T, 2) logarithms of height and width in pixels."""
+    appearance: Vectors
+    """(T, D) sum of the embeddings so far; D = 0 without any."""
+
+    def take(self, rows: NDArray[np.generic]) -> Tracks:
+        """The tracks of the given rows."""
+        return Tracks(*(getattr(self, item.name)[rows] for item in fields(self)))
+
+    def put(self, rows: Ints, other: Tracks) -> None:
+        """Replace the tracks of the given rows."""
+        for item in fields(self):
+            getattr(self, item.name)[rows] = getattr(other, item.name)
+
+    def joined(self, other: Tracks) -> Tracks:
+        """These tracks followed by others."""
+        return Tracks(*(np.concatenate([getattr(self, item.name), getattr(other, item.name)]) for item in fields(self)))
+
+
+def agreed_links(
+    boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, resemblance: Resemblance | None
+) -> tuple[Ints, Ints]:
+    """(L,) and (L,) the rows of boxes and of those that continue them, found forwards and backwards in time alike.
+
+    Arguments as of `link`.
+    """
+    after = link(boxes, seconds, weak, costs, resemblance)
+    before = link(boxes, -seconds, weak, costs, resemblance)
+    here = np.flatnonzero(after >= 0)
+    here = here[before[after[here]] == here]
+    return here, after[here]
+
+
+def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, resemblance: Resemblance | None) -> Ints:
+    """(N,) for every box the row of the box that continues it, -1 where there is none or none beyond doubt.
+
+    Args:
+        boxes: N boxes in any order.
+        seconds: (N,) time of each box, equal within a frame; negated times track backwards.
+        weak: (N,) boxes that may continue a tracklet but not begin one.
+        costs: when a link stands.
+        resemblance: what the embeddings tell; None to leave them out.
+    """
+    following = np.full(len(boxes), -1, dtype=np.int64)
+    everything = first_seen(boxes, seconds, resemblance is not None)
+    tracks = everything.take(np.zeros(0, dtype=np.int64))
+    order = np.argsort(seconds, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(seconds[order])) + 1) if len(order) else ():
+        now, seen = seconds[rows[0]], everything.take(rows)
+        tracks = tracks.take(now - tracks.time <= costs.max_gap_s * (1 + 1e-9))
+        predicted = predict(tracks, now)
+        gain = _gains(tracks, predicted, seen, weak[rows], costs, resemblance)
+        of_track, of_box, clear = _decide(gain, costs.margin)
+        sure = clear & (tracks.row[of_track] >= 0)
+        following[tracks.row[of_track[sure]]] = rows[of_box[sure]]
+        tracks.row[_contested(gain, of_box[~clear])] = -1
+        waiting, fresh = np.ones(len(tracks.row), dtype=np.bool_), ~weak[rows]
+        waiting[of_track], fresh[of_box] = False, False
+        going_on = update(predicted.take(of_track), seen.take(of_box))
+        tracks = tracks.take(waiting).joined(going_on).joined(seen.take(fresh))
+    return following
+
+
+def first_seen(boxes: Boxes, seconds: Floats, with_embeddings: bool = False) -> Tracks:
+    """Every box as a track of its own: at rest, but for all that is known of its speed."""
+    centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
+    without = np.zeros((len(boxes), 0), np.float32)
+    return Tracks(
+        row=np.arange(len(boxes)),
+        time=seconds,
+        centre=centre,
+        velocity=np.zeros_like(centre),
+        covariance=np.tile([POSITION_SD**2, 0.0, START_SPEED_SD**2], (len(boxes), 1)),
+        shape=np.log(boxes.ltwh[:, [3, 2]]),
+        appearance=boxes.embedding if with_embeddings and boxes.embedding is not None else without,
+    )
+
+
+def predict(tracks: Tracks, now: float | Floats) -> Tracks:
+    """Where the tracklets are expected at a later time, after constant velocity with white acceleration.
+
+    Their time becomes the time gone by.
+    """
+    dt = now - tracks.time
+    pp, pv, vv = tracks.covariance.T
+    covariance = np.stack(
+        [
+            pp + 2 * dt * pv + dt**2 * vv + TURN_DENSITY * dt**3 / 3,
+            pv + dt * vv + TURN_DENSITY * dt**2 / 2,
+            vv + TURN_DENSITY * dt,
+        ],
+        axis=1,
+    )
+    ahead = tracks.centre + dt[:, None] * tracks.velocity
+    return Tracks(tracks.row, dt, ahead, tracks.velocity, covariance, tracks.shape, tracks.appearance)
+
+
+def _gains(
+    tracks: Tracks, predicted: Tracks, seen: Tracks, weak: Mask, costs: LinkCosts, resemblance: Resemblance | None
+) -> Floats:
+    """(T, D) how much likelier each link is than leaving both unlinked, as -2 log likelihood: negative, or 0 for no link."""
+    height = np.exp(tracks.shape[:, 0])[:, None]
+    variance = predicted.covariance[:, :1] + POSITION_SD**2
+    apart = np.sum((seen.centre - predicted.centre[:, None]) ** 2, axis=-1) / height**2 / variance
+    moved = np.sqrt(np.sum((seen.centre - tracks.centre[:, None]) ** 2, axis=-1)) / height
+    possible = (apart < FARTHEST) & (moved < costs.max_speed * predicted.time[:, None] + SLACK)
+    reshaped = ((seen.shape - tracks.shape[:, None]) / SHAPE_SD) ** 2
+    cost = (TAIL + 2) * np.log1p(apart / TAIL) + 2 * np.log(2 * np.pi * variance)
+    cost = cost + (TAIL + 1) * np.log1p(reshaped / TAIL).sum(axis=-1) + np.where(weak, WEAK_COST, 0.0)
+    if resemblance is not None:
+        cost = cost + resemblance.cost(tracks.appearance, seen.appearance)
+    return np.asarray(np.where(possible, np.minimum(cost - costs.unlinked, 0.0), 0.0))
+
+
+def _decide(gain: Floats, margin: float) -> tuple[Ints, Ints, Mask]:
+    """Tracks (L,) and boxes (L,) of the best assignment (Hungarian algorithm), and which of these links are beyond doubt (L,).
+
+    A link is beyond doubt if the best assignment without it is worse by the margin.
+    """
+    track, box = (index.astype(np.int64) for index in linear_sum_assignment(gain))
+    taken = gain[track, box] < 0
+    track, box = track[taken], box[taken]
+    best = gain[track, box].sum()
+    clear = -gain[track, box] >= margin
+    rivals = (gain < 0).sum(axis=1)[track] + (gain < 0).sum(axis=0)[box] - 2
+    for place in np.flatnonzero(clear & (rivals > 0)):
+        without = gain.copy()
+        without[track[place], box[place]] = 0.0
+        clear[place] = without[linear_sum_assignment(without)].sum() - best >= margin
+    return track, box, clear
+
+
+def _contested(gain: Floats, box: Ints) -> Ints:
+    """Tracks that may have gone on in one of the given boxes."""
+    return np.flatnonzero((gain[:, box] < 0).any(axis=1))
+
+
+def update(predicted: Tracks, seen: Tracks) -> Tracks:
+    """The Kalman filter's step, a box far from its expected place counting for less (Student's t)."""
+    pp, pv, vv = predicted.covariance.T
+    height = np.exp(predicted.shape[:, 0])
+    off = seen.centre - predicted.centre
+    apart = np.sum(off**2, axis=1) / height**2 / (pp + POSITION_SD**2)
+    noise = POSITION_SD**2 * np.maximum(1.0, (TAIL + apart) / (TAIL + 2))
+    gain_p, gain_v = pp / (pp + noise), pv / (pp + noise)
+    return Tracks(
+        row=seen.row,
+        time=seen.time,
+        centre=predicted.centre + gain_p[:, None] * off,
+        velocity=predicted.velocity + gain_v[:, None] * off,
+        covariance=np.stack([(1 - gain_p) * pp, (1 - gain_p) * pv, vv - gain_v * pv], axis=1),
+        shape=predicted.shape + np.clip(SHAPE_GAIN * (seen.shape - predicted.shape), -SHAPE_STEP, SHAPE_STEP),
+        appearance=predicted.appearance + seen.appearance,
+    )

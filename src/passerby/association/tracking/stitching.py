@@ -1,0 +1,211 @@
+"""Tracklets of one camera that go on as others: those mended that broke where somebody was hidden or crossed another's way.
+
+The tracker decides frame by frame, and ends a tracklet where it is in doubt. Whole tracklets tell more: how somebody walked
+before and after the gap, and how he looked in all his boxes. For every two tracklets of which one begins soon after the other
+has ended, the odds are taken of one person against two, and the set of links that is likeliest as a whole is found (as in
+Huang, Wu, Nevatia, *Robust Object Tracking by Hierarchical Association of Detection Responses*, ECCV 2008); of these stand the
+links without which the whole would be clearly less likely. Mended tracklets tell more again, so this is done in rounds.
+
+Costs are -2 log likelihood and lengths are in body heights, as in `linking`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from passerby.association.correlation_clustering import overlapping
+from passerby.association.tracking.embedding_model import HALF, resemblance_of_halves
+from passerby.association.tracking.linking import SHAPE_SD, START_SPEED_SD, TAIL, Tracks, first_seen, predict, update
+from passerby.association.tracking.matching import clear_matches
+from passerby.association.tracking.splitting import sample_interval_s
+from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN, Boxes
+
+MEMORY_S = 2.0
+"""How much of a tracklet tells place and velocity at its end: the filter forgets what is older."""
+HIDDEN_S = 2.0
+"""Mean time for which somebody is out of sight who comes back; half of it changes little."""
+GROWTH_SD_PER_S = 0.1
+"""Of the logarithms of height and width over a gap: a walker 14 m from the camera who comes straight towards it."""
+TAIL_OF_MOTION = 6.0
+"""Degrees of freedom of Student's t for place and velocity across a gap; 3 and 12 change little."""
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class MendingOptions:
+    """Options of `mend`. Raises `InputError` for a value out of range."""
+
+    max_gap_s: float = 4.0
+    """Longest time out of sight; by then a walker may be anywhere within two body heights, and looks must tell."""
+    margin: float = 2.0
+    """How much worse the best links without one must be for it to stand: odds of 2.7 to 1. The tracker asks for 20 to 1."""
+
+    def __post_init__(self) -> None:
+        for name in ("max_gap_s", "margin"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value <= 0:
+                raise InputError(f"mending of tracklets: {name} = {value} is out of range: give a number above 0")
+
+
+def mend(boxes: Boxes, fps: float, options: MendingOptions | None = None) -> Boxes:
+    """Join the tracklets of one camera that are most likely one person who was out of sight for a moment.
+
+    Args:
+        boxes: N boxes in any order, with tracklet numbers; -1 belongs to none.
+        fps: frames per second of the frame numbers.
+        options: the defaults where None.
+
+    Returns:
+        The same rows in the same order; a tracklet has the number of the one that it continues. Raises `InputError` for an fps
+        that is not above 0.
+    """
+    options = options or MendingOptions()
+    sample_interval_s(boxes.frame, fps)  # refuses a wrong fps
+    # Sorted by all that a box is, so that the order of the rows decides nothing.
+    order = np.lexsort((*boxes.ltwh.T, boxes.frame, boxes.identity))
+    order = order[boxes.identity[order] != UNKNOWN]
+    if not len(order):
+        return boxes
+    part = boxes.take(order)
+    number = np.unique(part.identity, return_inverse=True)[1]
+    for _ in range(ROUNDS):
+        before, after = _links(replace(part, identity=number), fps, options)
+        if not len(before):
+            break
+        n = int(number.max()) + 1
+        graph = coo_array((np.ones(len(before)), (before, after)), shape=(n, n))
+        number = connected_components(graph, directed=False)[1].astype(np.int64)[number]
+    by_time = np.lexsort((part.identity, part.frame))
+    groups, place = np.unique(number[by_time], return_index=True)
+    first = np.zeros(number.max() + 1, dtype=np.int64)
+    first[groups] = part.identity[by_time[place]]
+    identity = np.array(boxes.identity)
+    identity[order] = first[number]
+    return replace(boxes, identity=identity)
+
+
+def successions(boxes: Boxes, fps: float, options: MendingOptions | None = None) -> tuple[Ints, Ints]:
+    """The same as pairs of tracklets: (K,) tracklets and (K,) those that go on where they end."""
+    rows = np.flatnonzero(boxes.identity != UNKNOWN)
+    mended = mend(boxes, fps, options).identity[rows]
+    tracklets = np.unique(np.column_stack([boxes.identity[rows], mended]), axis=0)
+    begin = np.full(len(tracklets), np.iinfo(np.int64).max)
+    np.minimum.at(begin, np.searchsorted(tracklets[:, 0], boxes.identity[rows]), boxes.frame[rows])
+    order = np.lexsort((begin, tracklets[:, 1]))
+    same = np.diff(tracklets[order, 1]) == 0
+    return tracklets[order[:-1][same], 0], tracklets[order[1:][same], 0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """Where and when T tracklets begin and end."""
+
+    first: Tracks
+    """Velocities forwards in time here too."""
+    last: Tracks
+    begin_s: Floats
+    end_s: Floats
+
+    @classmethod
+    def of(cls, boxes: Boxes, seconds: Floats) -> _Ends:
+        """Of the tracklets 0 to T - 1."""
+        last, first = _last_states(boxes, seconds), _last_states(boxes, -seconds)
+        return cls(replace(first, velocity=-first.velocity), last, -first.time, last.time)
+
+
+def _links(boxes: Boxes, fps: float, options: MendingOptions) -> tuple[Ints, Ints]:
+    """Tracklets (K,) and those (K,) that continue them; all are numbered from 0 without a gap."""
+    ends = _Ends.of(boxes, boxes.frame / fps)
+    before, after = _candidates(ends.begin_s, ends.end_s, options.max_gap_s)
+    cost = _motion_cost(ends, before, after) + 2 * np.log(_newcomers(boxes, ends)) + _look_cost(boxes, ends, before, after)
+    likely = cost < 0
+    return clear_matches(len(ends.begin_s), before[likely], after[likely], cost[likely], options.margin)
+
+
+def _candidates(begin_s: Floats, end_s: Floats, max_gap_s: float) -> tuple[Ints, Ints]:
+    """Pairs (L,), (L,) of tracklets of which the second begins after the first has ended, but not too late."""
+    order = np.argsort(begin_s, kind="stable")
+    low = np.searchsorted(begin_s[order], end_s, side="right")
+    count = np.searchsorted(begin_s[order], end_s + max_gap_s * (1 + 1e-9), side="right") - low
+    before = np.repeat(np.arange(len(end_s)), count)
+    return before, order[np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(before))]
+
+
+def _last_states(boxes: Boxes, seconds: Floats) -> Tracks:
+    """The T tracklets as they were when last seen; negated times give the first."""
+    order = np.lexsort((seconds, boxes.identity))
+    seen = first_seen(boxes.take(order), seconds[order])
+    starts = np.flatnonzero(np.diff(boxes.identity[order], prepend=-1))
+    stops = np.append(starts[1:], len(order))
+    recent = seen.time >= np.repeat(seen.time[stops - 1], stops - starts) - MEMORY_S
+    begins = stops - np.add.reduceat(recent.astype(np.int64), starts)
+    state = seen.take(begins)
+    for step in range(1, int((stops - begins).max())):
+        rows = np.flatnonzero(begins + step < stops)
+        here = seen.take(begins[rows] + step)
+        state.put(rows, update(predict(state.take(rows), here.time), here))
+    return state
+
+
+def _motion_cost(ends: _Ends, before: Ints, after: Ints) -> Floats:
+    """(L,) of place, velocity, size and time of tracklets that go on as others, less those of somebody new.
+
+    A new person appears anywhere, once in a body height squared and second, with any velocity. The place and velocity at which
+    a tracklet begins, as its own boxes tell them, are compared with those expected of the one before it.
+    """
+    old, new = ends.last.take(before), ends.first.take(after)
+    gap = ends.begin_s[after] - ends.end_s[before]
+    expected = predict(old, ends.begin_s[after])
+    height = np.exp((old.shape[:, :1] + new.shape[:, :1]) / 2)
+    off, turned = (new.centre - expected.centre) / height, (new.velocity - expected.velocity) / height
+    pp, pv, vv = (expected.covariance + new.covariance * (1.0, -1.0, 1.0)).T
+    determinant = pp * vv - pv**2
+    squares = vv * (off**2).sum(axis=1) - 2 * pv * (off * turned).sum(axis=1) + pp * (turned**2).sum(axis=1)
+    cost = (TAIL_OF_MOTION + 4) * np.log1p(squares / determinant / TAIL_OF_MOTION) + 2 * np.log(determinant)
+    sd = np.hypot(np.array(SHAPE_SD) / 2, GROWTH_SD_PER_S * gap[:, None])
+    cost += (TAIL + 1) * np.log1p(((new.shape - old.shape) / sd) ** 2 / TAIL).sum(axis=1)
+    # Out of sight for a time that is exponentially distributed.
+    cost += 2 * gap / HIDDEN_S + 2 * np.log(HIDDEN_S) + 2 * np.log(2 * np.pi)
+    spread = START_SPEED_SD**2 + new.covariance[:, 2]
+    anybody = ((new.velocity / height) ** 2).sum(axis=1) / spread + 2 * np.log(spread)
+    return np.asarray(cost - anybody)
+
+
+def _newcomers(boxes: Boxes, ends: _Ends) -> float:
+    """Tracklets that begin in a body height squared and second: as many people are new at most.
+
+    People may appear a body height beyond where somebody was seen.
+    """
+    height = boxes.ltwh[:, 3]
+    centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
+    low, high = (centre - height[:, None]).min(axis=0), (centre + height[:, None]).max(axis=0)
+    area = float(np.prod(high - low) * np.mean(height**-2.0))
+    seconds = float(np.ptp(np.concatenate([ends.begin_s, ends.end_s])))
+    return len(ends.begin_s) / area / max(seconds, 1.0)
+
+
+def _look_cost(boxes: Boxes, ends: _Ends, before: Ints, after: Ints) -> Floats:
+    """(L,) what the embeddings of whole tracklets tell; zeros where they tell nothing."""
+    if boxes.embedding is None:
+        return np.zeros(len(before))
+    order = np.lexsort((boxes.frame, boxes.identity))
+    starts = np.flatnonzero(np.diff(boxes.identity[order], prepend=-1))
+    count = np.diff(np.append(starts, len(order)))
+    long = count >= 2 * HALF
+    middle = starts + np.where(long, count // 2, 0)
+    places = np.stack([starts, middle], axis=1)[np.stack([long, np.ones_like(long)], axis=1)]
+    sums = np.add.reduceat(boxes.embedding[order], places, axis=0, dtype=np.float64)
+    late = np.cumsum(1 + long) - 1
+    early = np.where(long[:, None], sums[np.maximum(late - 1, 0)], 0.0)
+    one, two = overlapping(ends.begin_s, ends.end_s, 0.0)
+    found = resemblance_of_halves(early, sums[late], long, one, two)
+    if found is None:
+        return np.zeros(len(before))
+    whole = early + sums[late]
+    return found.cost_of_pairs(whole[before], whole[after])

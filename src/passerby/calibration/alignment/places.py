@@ -1,0 +1,91 @@
+"""Points and camera positions with known coordinates, and what a rig tells of them: rays, places and their sigmas."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Rig
+from passerby.core.known_places import KnownPoint
+from passerby.geometry.geodesy import east_north_up, mean_place
+
+CLICK_SD_PX = 2.0
+"""How well a person clicks on a mark."""
+OWN_SHARE = 0.1
+"""Of a camera's sigma at least so much is its own: 2 to 50 per cent by the adjustment, mostly about 10 (PETS, WILDTRACK)."""
+UNKNOWN_ORIENTATION_DEG = 0.2
+"""Of a rig without sigmas."""
+
+
+def sightings(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[KnownPoint, Camera, Floats]], list[str]]:
+    """Each sighting with its camera and its ray in the rig's world; notes on those that cannot be used."""
+    rows, lost = [], dict[str, int]()
+    for point in points:
+        for name, (u, v) in point.pixels.items():
+            camera = camera_of(rig, name)
+            width, height = camera.lens.size
+            if not (-0.5 <= u <= width and -0.5 <= v <= height):
+                raise InputError(
+                    f"point {point.name} in camera {name}: ({u:g}, {v:g}) lies outside its {width} x {height} picture: give "
+                    "pixels of that picture"
+                )
+            if camera.pose is None:
+                lost[name] = lost.get(name, 0) + 1
+                continue
+            bearing = camera.lens.bearings(np.array([[u, v]]))[0]
+            if not np.isfinite(bearing).all():
+                raise InputError(
+                    f"point {point.name} in camera {name}: ({u:g}, {v:g}) is no pixel of its lens model: choose another"
+                )
+            rows.append((point, camera, np.asarray(bearing @ camera.pose.R_cw)))
+    return rows, [
+        f"camera {name} has no pose: its {count} point{'s are' if count > 1 else ' is'} left out"
+        for name, count in lost.items()
+    ]
+
+
+def local_places(place: Floats, cameras: Sequence[Camera]) -> tuple[Floats, Floats]:
+    """Geodetic places (N, 3) as metres, and their origin: amid them, and as high as the ground by their altitudes."""
+    origin = mean_place(np.where(np.isfinite(place), place, 0.0))
+    above = np.array([camera.centre[2] for camera in cameras])
+    known = np.isfinite(place[:, 2])
+    origin[2] = float((place[known, 2] - above[known]).mean()) if known.any() else 0.0
+    filled = np.column_stack([place[:, :2], np.where(known, place[:, 2], origin[2] + above)])
+    return east_north_up(filled, origin), origin
+
+
+def position_sds(rig: Rig, with_scale: bool) -> dict[str, float]:
+    """By camera, of one coordinate of its place in the rig, metres.
+
+    The largest part of a sigma is mostly the scale, which all cameras share and which moves each by its distance from the
+    middle. Where the scale is fitted it says nothing: as much of it as fits into everybody's sigma is taken off.
+    """
+    posed = rig.posed()
+    sigmas = {camera.name: 0.0 if camera.sigma is None else camera.sigma.position_m for camera in posed}
+    # An infinite one is that of the rig as a whole, and says nothing of the camera's own.
+    total = {name: sd if np.isfinite(sd) else 0.0 for name, sd in sigmas.items()}
+    if with_scale and len(posed):
+        middle = np.mean([camera.centre for camera in posed], axis=0)
+        distance = {camera.name: max(float(np.linalg.norm(camera.centre - middle)), 1e-9) for camera in posed}
+        common = min(total[name] / distance[name] for name in total)
+        total = {
+            name: np.sqrt(max(sd**2 - (common * distance[name]) ** 2, (OWN_SHARE * sd) ** 2)) for name, sd in total.items()
+        }
+    return {name: float(sd / np.sqrt(3)) for name, sd in total.items()}
+
+
+def angle_sd(camera: Camera) -> float:
+    """Of the camera's orientation about one axis, radians."""
+    if camera.sigma is None or not np.isfinite(camera.sigma.orientation_deg):
+        return float(np.radians(UNKNOWN_ORIENTATION_DEG))
+    return float(np.radians(camera.sigma.orientation_deg / np.sqrt(3)))
+
+
+def camera_of(rig: Rig, name: str) -> Camera:
+    """A camera by name. Raises `InputError` where there is none."""
+    if name not in rig.names:
+        raise InputError(f"the rig has no camera {name}: it has {', '.join(rig.names)}")
+    return rig[name]

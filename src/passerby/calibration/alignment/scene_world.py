@@ -1,0 +1,131 @@
+"""The frame that a scene's `[world]` wants, read beforehand and set at the end of a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
+from passerby.common.errors import EvidenceError, InputError
+from passerby.common.text import nearest
+from passerby.core.cameras import Rig
+from passerby.core.solution import Solution
+from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.world_files import read_known_points, read_known_positions
+from passerby.scene.scene import Scene
+from passerby.scene.tables import WorldTable
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A solution in the frame that the scene wants."""
+
+    rig: Rig
+    figures: dict[str, Any]
+    world: dict[str, Any] = field(default_factory=dict)
+    findings: tuple[str, ...] = ()
+
+
+def set_world(rig: Rig, wanted: WorldTable) -> Aligned:
+    """The rig in the wanted frame; paths as they can be opened.
+
+    Raises:
+        InputError: a file that cannot be read, or does not fit the rig.
+        EvidenceError: no camera has a pose, or the known places do not fix the frame.
+    """
+    if not len(rig.posed()):
+        raise EvidenceError(f"none of the {len(rig)} cameras has a pose: there is nothing to align")
+    if wanted.points is not None:
+        points = read_known_points(wanted.points)
+        how = f"points {wanted.points.name}"
+        return align_to_points(rig, points, with_scale=wanted.scale, tilt=wanted.tilt, source=how)
+    if wanted.positions is not None:
+        positions, geodetic = read_known_positions(wanted.positions)
+        how, free = f"positions {wanted.positions.name}", {"with_scale": wanted.scale, "tilt": wanted.tilt}
+        return align_to_positions(rig, positions, geodetic=geodetic, source=how, **free)
+    assert wanted.camera is not None
+    return align_to_camera(rig, wanted.camera, wanted.towards)
+
+
+def in_world(scene: Scene, solution: Solution) -> Placed:
+    """A solution in the frame that the scene wants; where that cannot be, in its own frame, with a finding that says so."""
+    table = scene.world
+    if table is None or not len(solution.rig.posed()):
+        return Placed(solution.rig, solution.figures)
+    paths = {key: None if path is None else scene.resolve(path) for key, path in _files(scene).items()}
+    wanted = table.model_copy(update=paths)
+    try:
+        aligned = set_world(solution.rig, wanted)
+    except (InputError, EvidenceError) as error:
+        told = f"{scene.place}: [world]: the rig stays in its own frame, since {error}"
+        return Placed(solution.rig, solution.figures, findings=(told,))
+    findings = tuple(f"{scene.place}: [world]: {note}" for note in aligned.notes)
+    return Placed(aligned.rig, scaled_figures(solution.figures, aligned.motion.scale), aligned.figures, findings)
+
+
+def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str]:
+    """What is wrong with the files that `[world]` names, one line each.
+
+    Args:
+        scene: names the files.
+        sizes: camera -> (width, height) of its picture, pixels.
+    """
+    files = _files(scene)
+    try:
+        if files["points"] is not None:
+            path = scene.resolve(files["points"])
+            points = read_known_points(path)
+            marks = [(point.name, name, pixel) for point in points for name, pixel in point.pixels.items()]
+            return [
+                f"{path}: point {point} in camera {name}: ({u:g}, {v:g}) lies outside its {sizes[name][0]} x {sizes[name][1]} "
+                "picture: give pixels of that picture"
+                for point, name, (u, v) in marks
+                if name in sizes and not (0 <= u <= sizes[name][0] and 0 <= v <= sizes[name][1])
+            ] + _unknown(scene, path, [name for _, name, _ in marks])
+        if files["positions"] is not None:
+            path = scene.resolve(files["positions"])
+            return _unknown(scene, path, [known.camera for known in read_known_positions(path)[0]])
+    except InputError as error:
+        return list(faults_of(error))
+    return []
+
+
+def _files(scene: Scene) -> dict[str, Path | None]:
+    """What `[world]` names, as it stands in the scene file."""
+    return {"points": scene.world.points if scene.world else None, "positions": scene.world.positions if scene.world else None}
+
+
+def _unknown(scene: Scene, path: Path, names: list[str]) -> list[str]:
+    """Cameras that the scene does not declare."""
+    return [
+        f"{path}: camera '{name}' is not declared in {scene.place}: {nearest(name, list(scene.cameras))}"
+        for name in dict.fromkeys(names)
+        if name not in scene.cameras
+    ]
+
+
+def scaled_figures(figures: Mapping[str, Any], scale: float) -> dict[str, Any]:
+    """A solver's figures with the lengths in the world multiplied; what the scale cues said stays as it was said."""
+    scaled = dict(figures)
+    if scale == 1.0:
+        return scaled
+    if isinstance(people := figures.get("people"), Mapping):
+        heights = people.get("heights_m")
+        grown = {} if not isinstance(heights, Mapping) else {"heights_m": {key: scale * h for key, h in heights.items()}}
+        scaled["people"] = {**people, **_times(people, ("foot_shift_m",), scale), **grown}
+    if isinstance(cameras := figures.get("cameras"), list):
+        scaled["cameras"] = [_scaled_camera(camera, scale) for camera in cameras]
+    return scaled
+
+
+def _scaled_camera(camera: Mapping[str, Any], scale: float) -> dict[str, Any]:
+    level = camera.get("own_level")
+    own = {"own_level": {**level, **_times(level, ("height_m",), scale)}} if isinstance(level, Mapping) else {}
+    return {**camera, **_times(camera, ("shape_position_sigma_mm",), scale), **own}
+
+
+def _times(table: Mapping[str, Any], keys: tuple[str, ...], scale: float) -> dict[str, float]:
+    """Those of the keys that hold a number, multiplied."""
+    return {key: scale * table[key] for key in keys if isinstance(table.get(key), int | float)}

@@ -1,0 +1,258 @@
+"""A rig in the world frame that its user wants: by a camera, by points or by positions of cameras with known coordinates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from passerby.calibration.alignment.places import CLICK_SD_PX, angle_sd, camera_of, local_places, position_sds, sightings
+from passerby.calibration.alignment.residuals import (
+    WEAK_SCALE,
+    doubts,
+    gross_points,
+    ground_note,
+    point_residuals,
+    position_residuals,
+)
+from passerby.common.arrays import Floats
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Pose, Rig
+from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.geometry.alignment import WorldFit, fit_world, fits_mirrored
+from passerby.geometry.anchors import KnownPositions, Places, SeenPoints
+from passerby.geometry.rotations import exp_rotation, log_rotation
+from passerby.geometry.similarity import Similarity
+
+STRAIGHT_DOWN = 0.1
+"""Sine of 6 degrees: a camera that looks down more steeply has no direction on the ground to speak of."""
+WEAK_TURN_DEG = 15.0
+"""A turn that is known no better than this is not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """A rig in its new frame."""
+
+    rig: Rig
+    motion: Similarity
+    """From the old world to the new one."""
+    figures: dict[str, Any]
+    """JSON-ready: how the frame was set, the motion, its sigmas, the residuals."""
+    notes: tuple[str, ...] = ()
+    """What is odd, one sentence each, with the mend."""
+
+    def __repr__(self) -> str:
+        left = f", {self.figures['left_out']} left out" if self.figures.get("left_out") else ""
+        return f"Aligned(by {self.figures['by']}, {len(self.rig)} cameras{left})"
+
+    @property
+    def residuals(self) -> list[dict[str, Any]]:
+        """One row a sighting of a point, or a camera with a known position; empty where a camera sets the frame."""
+        rows: list[dict[str, Any]] = self.figures.get("residuals", [])
+        return rows
+
+
+def align_to_camera(rig: Rig, name: str, towards: str | None = None) -> Aligned:
+    """The rig with its origin on the ground below a camera, and x along what it looks at, or towards another camera.
+
+    Raises:
+        InputError: a camera that the rig does not have.
+        EvidenceError: one without a pose, or without a direction on the ground.
+    """
+    pose = _posed(rig, name)
+    if towards is None:
+        along, mend = pose.R_cw[2, :2], "name another camera as `towards`"
+        if np.linalg.norm(along) < STRAIGHT_DOWN:
+            raise EvidenceError(f"camera {name} looks straight down, so that it points nowhere on the ground: {mend}")
+    else:
+        along = _posed(rig, towards).centre[:2] - pose.centre[:2]
+        if np.linalg.norm(along) < 0.01:
+            raise EvidenceError(f"camera {towards} is where camera {name} is: name one that stands elsewhere")
+    turn = exp_rotation(np.array([0.0, 0.0, -np.arctan2(along[1], along[0])]))
+    motion = Similarity(1.0, turn, -turn @ np.array([*pose.centre[:2], 0.0]))
+    how = f"camera {name}" + ("" if towards is None else f" towards {towards}")
+    return _aligned(rig, motion, how, {})
+
+
+def align_to_points(
+    rig: Rig, points: Sequence[KnownPoint], *, with_scale: bool = False, tilt: bool = False, source: str = "points"
+) -> Aligned:
+    """The rig laid upon points with known coordinates.
+
+    The ground stays at z = 0 and the vertical vertical, unless `tilt`; lengths are kept, unless `with_scale`. A point's z tells
+    where the ray to it ends. Sightings by cameras without a pose are left out and told.
+
+    Raises:
+        InputError: a camera that the rig does not have, a pixel outside its picture, left-handed coordinates.
+        EvidenceError: the points are too few, or too close together, for what is to be fitted.
+    """
+    rows, notes = sightings(rig, points)
+    names = [(point.name, camera.name) for point, camera, _ in rows]
+    known = list(dict.fromkeys(point.name for point, _, _ in rows))
+    _enough(len(known), [point.xyz for point, _, _ in rows], with_scale, tilt, "point", notes)
+    own = position_sds(rig, with_scale)
+    places = SeenPoints(
+        centre=np.array([camera.centre for _, camera, _ in rows]),
+        ray=np.array([ray for _, _, ray in rows]),
+        target=np.array([point.xyz for point, _, _ in rows]),
+        group=np.array([known.index(name) for name, _ in names], dtype=np.int64),
+        sd=np.array([np.hypot(point.sd_m, own[camera.name]) for point, camera, _ in rows]),
+        angle_sd=np.array([np.hypot(CLICK_SD_PX / camera.lens.focal, angle_sd(camera)) for _, camera, _ in rows]),
+    )
+    fit = _fitted(places, with_scale, tilt, "points")
+    aligned = _aligned(rig, fit.motion, source, _fit_figures(fit, with_scale, tilt), tilt=tilt)
+    residuals = point_residuals(aligned.rig, rows, places, fit)
+    notes += gross_points(residuals) + doubts(places, fit, with_scale, tilt, "points", len(known))
+    return _with(aligned, residuals, notes)
+
+
+def align_to_positions(
+    rig: Rig, positions: Sequence[KnownPosition], *, geodetic: bool = False, with_scale: bool = False, tilt: bool = False,
+    source: str = "positions",
+) -> Aligned:  # fmt: skip
+    """The rig laid upon known positions of its cameras.
+
+    Geodetic positions become metres east (x), north (y) and up (z) around their mean; the geodetic origin, with the altitude of
+    the ground, stands in the rig's metadata. Otherwise as `align_to_points`.
+    """
+    notes, rows = [], []
+    for known in positions:
+        camera_of(rig, known.camera)
+        if rig[known.camera].pose is None:
+            notes.append(f"camera {known.camera} has no pose: its position is left out")
+        else:
+            rows.append(known)
+    cameras = [rig[known.camera] for known in rows]
+    place = np.array([known.place for known in rows]).reshape(-1, 3)
+    if tilt and np.isnan(place[:, 2]).any():
+        lacking = rows[int(np.flatnonzero(np.isnan(place[:, 2]))[0])].camera
+        raise InputError(f"{source}: camera {lacking} has no height: `tilt` needs all of them; add it, or leave `tilt` out")
+    origin = None
+    target = np.where(np.isfinite(place), place, 0.0)
+    if geodetic and len(rows):
+        target, origin = local_places(place, cameras)
+    _enough(len(rows), list(target), with_scale, tilt, "camera with a known position", notes)
+    own = position_sds(rig, with_scale)
+    places = KnownPositions(
+        centre=np.array([camera.centre for camera in cameras]),
+        target=target,
+        sd=np.array([np.hypot(known.sd_m, own[known.camera]) for known in rows]),
+        heights=tilt,
+    )
+    fit = _fitted(places, with_scale, tilt, "positions")
+    metadata = {} if origin is None else {"geodetic_origin": f"{origin[0]:.9f} {origin[1]:.9f} {origin[2]:.3f}"}
+    told = _fit_figures(fit, with_scale, tilt) | ({} if origin is None else {"geodetic_origin": origin.tolist()})
+    aligned = _aligned(rig, fit.motion, source, told, metadata, tilt=tilt)
+    residuals = position_residuals(aligned.rig, rows, target, np.isfinite(place[:, 2]), fit)
+    notes += [
+        f"the position of camera {row['camera']} is off by {row['off_m']:.1f} m: check it; it was left out"
+        for row in residuals
+        if not row["used"]
+    ]
+    return _with(aligned, residuals, notes + doubts(places, fit, with_scale, tilt, "positions", len(rows)))
+
+
+def _posed(rig: Rig, name: str) -> Pose:
+    """A camera's pose. Raises `InputError` or `EvidenceError` where there is none."""
+    pose = camera_of(rig, name).pose
+    if pose is None:
+        others = ", ".join(rig.posed().names)
+        raise EvidenceError(f"camera {name} has no pose: " + (f"choose one of {others}" if others else "nor has any other"))
+    return pose
+
+
+def _enough(count: int, targets: Sequence[Floats], with_scale: bool, tilt: bool, what: str, notes: Sequence[str]) -> None:
+    """Raises `EvidenceError` for too few places, or places on one spot."""
+    least = 3 if tilt else 2
+    why = f" ({'; '.join(notes)})" if notes else ""
+    if count < least:
+        wanted = "the vertical" if tilt else "the heading and the scale" if with_scale else "the heading"
+        some = what.replace("camera ", "cameras ").replace("position", "positions") if what != "point" else "points"
+        raise EvidenceError(f"{count} {what if count == 1 else some} cannot fix {wanted}{why}: give {least} or more")
+    spread = float(np.ptp(np.array(targets)[:, : 3 if tilt else 2], axis=0).max())
+    if spread < 0.01:
+        raise EvidenceError(f"all known coordinates lie within {1000 * spread:.0f} mm: give places that are metres apart")
+
+
+def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit:
+    """The fit. Raises `InputError` for left-handed coordinates, `EvidenceError` for places that do not fix it."""
+    try:
+        fit = fit_world(places, with_scale=with_scale, tilt=tilt)
+    except EvidenceError:
+        if tilt:
+            raise EvidenceError(_on_a_line(what)) from None
+        raise EvidenceError(
+            f"no two of the {what} are apart in the rig as well: check that each belongs to its camera, and that points lie "
+            "below the horizon"
+        ) from None
+    if fits_mirrored(places, fit, with_scale=with_scale, tilt=tilt):
+        raise InputError(
+            f"the {what} fit only mirrored: the coordinates are left-handed (seen from above, y must be 90 degrees "
+            "counter-clockwise of x): exchange x and y, or change the sign of one"
+        )
+    turn = float(np.degrees(fit.turn_sigma))
+    if turn > WEAK_TURN_DEG and tilt:
+        raise EvidenceError(_on_a_line(what))
+    if turn > WEAK_TURN_DEG:
+        known = f"the heading to {turn:.0f} degrees only" if turn < 90 else "no heading"
+        raise EvidenceError(f"the {what} fix {known}: give {what} that are further apart, or better known")
+    if fit.scale_sigma > WEAK_SCALE:
+        known = f"the scale to {100 * fit.scale_sigma:.0f} % only" if fit.scale_sigma < 1 else "no scale"
+        mend = f"give {what} that are further apart" + (", in two cameras or more" if what == "points" else "")
+        raise EvidenceError(f"the {what} fix {known}: {mend}, or leave `scale` out")
+    return fit
+
+
+def _on_a_line(what: str) -> str:
+    """The error of places that leave the turn about a line free."""
+    return (
+        f"the {what} lie on one line, or nearly, for how well they are known: that leaves the tilt about this line open: give "
+        f"{what} off the line, or leave `tilt` out"
+    )
+
+
+def _fit_figures(fit: WorldFit, with_scale: bool, tilt: bool) -> dict[str, Any]:
+    """What there is to tell of a fit."""
+    return {
+        "scale_fitted": with_scale,
+        "tilt_fitted": tilt,
+        "used": int(np.count_nonzero(fit.used)),
+        "left_out": int(np.count_nonzero(~fit.used)),
+        "turn_sigma_deg": float(np.degrees(fit.turn_sigma)),
+        "place_sigma_mm": 1000 * fit.place_sigma,
+        "scale_sigma": fit.scale_sigma if with_scale else None,
+        "residuals_over_stated": fit.noise,
+    }
+
+
+def _aligned(
+    rig: Rig, motion: Similarity, how: str, figures: dict[str, Any], metadata: Mapping[str, str] | None = None, *,
+    tilt: bool = False,
+) -> Aligned:  # fmt: skip
+    """The moved rig, its metadata and the figures of the motion."""
+    kept = {key: value for key, value in rig.metadata.items() if key not in ("world", "geodetic_origin")}
+    moved = rig.moved(motion.rotation, motion.translation, motion.scale)
+    moved = replace(moved, metadata=kept | {"world": how} | dict(metadata or {}))
+    told = {
+        "by": how, "scale": motion.scale, "rotation": log_rotation(motion.rotation).tolist(),
+        "translation_m": motion.translation.tolist(), **figures,
+    }  # fmt: skip
+    notes = []
+    if tilt:
+        up = [-pose.R_cw[1, 2] for camera in moved if (pose := camera.pose) is not None]
+        if sum(up) < 0:
+            raise InputError(
+                "the known coordinates would turn the cameras upside down: they are left-handed, or their z points down: "
+                "exchange x and y, or change a sign"
+            )
+        notes += ground_note(rig, motion)
+    return Aligned(moved, motion, told, tuple(notes))
+
+
+def _with(aligned: Aligned, residuals: list[dict[str, Any]], notes: Sequence[str]) -> Aligned:
+    """With its residuals and further notes."""
+    everything = (*notes, *aligned.notes)
+    return replace(aligned, figures=aligned.figures | {"residuals": residuals, "notes": list(everything)}, notes=everything)

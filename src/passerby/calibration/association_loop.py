@@ -1,0 +1,287 @@
+"""Association and solver in turns: who is who makes a rig, the rig tells better who is who, until both settle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from passerby.association.appearance.affinity import Looks
+from passerby.association.associate import Tracklets, people_of_rig
+from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
+from passerby.association.cleaning import clean
+from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
+from passerby.association.clocks.frame_rate import assumed_rate
+from passerby.association.clocks.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
+from passerby.association.figures import association_figures
+from passerby.association.initial_association import Beginning, JointEvidence, begin_with_looks, begin_with_tracks
+from passerby.association.joints.joint_graph import joined_by_joints
+from passerby.association.joints.joint_tracks import unmirrored
+from passerby.association.registration_failures import nobody_walks, reasons_of_lost
+from passerby.association.result import Association
+from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import EvidenceError
+from passerby.common.progress import Progress, silent, tell_note
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.core.solution import Solution
+from passerby.core.synchronisation import common_time_steps
+from passerby.geometry.relative_pose import PairHypothesis
+
+
+class Solve(Protocol):
+    """Solves a rig."""
+
+    def __call__(
+        self, instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool, refine_time: bool
+    ) -> Solution:
+        """The rig from people at common instants, refused where the evidence does not do.
+
+        A passing one may rest on a part of the evidence; the clocks' errors are unknowns of it where they are refined.
+        """
+
+
+MAX_ROUNDS = 4
+SETTLED = 0.98
+"""Identities have settled when so many of the box pairs that are one person were so a round before, and the other way round."""
+
+
+@dataclass(frozen=True)
+class AssociationOptions:
+    """How identities are found."""
+
+    mode: str = "combined"
+    """combined | trajectory | appearance"""
+    search_s: float = 5.0
+    """Largest difference of two cameras' clocks that is searched for, seconds; 0 takes them as in step."""
+    body_m: float = 1.72
+    """Mean standing height, metres."""
+
+
+def solve_unidentified(
+    rig: Rig, observations: Observations, options: AssociationOptions, solve: Solve, rng: np.random.Generator,
+    *, tell: Progress = silent, executor: Executor | None = None,
+) -> tuple[Solution, Association]:  # fmt: skip
+    """Calibrate cameras from people whom nobody has identified.
+
+    Args:
+        rig: names and lenses.
+        observations: identities are tracklet numbers of each camera's own, or -1 for detections; without clocks the frame
+            numbers are counted alike.
+        options: see `AssociationOptions`.
+        solve: the solver.
+        rng: drives sampling.
+        tell: told each stage as it begins.
+        executor: prepares cameras and registers pairs of them in parallel.
+
+    Returns:
+        The solution, refused where the evidence does not do, and the association that it rests on.
+    """
+    search_s = options.search_s if observations.clocks else 0.0
+    clocks = _clocks(rig, observations, options.body_m, rng)
+    cameras = prepare_cameras(rig, observations, clocks, options.body_m, rng, executor, tell=tell)
+    tell("looks")
+    looks = Looks.of(cameras, rng) if options.mode != "trajectory" else None
+    tracklets = Tracklets.of(cameras)
+    run = _Run(rig, cameras, tracklets, looks, options)
+    try:
+        if options.mode == "appearance":
+            beginning = begin_with_looks(cameras, tracklets, looks)
+        else:
+            likeness = looks.likeness() if looks else {}
+            joints = JointEvidence([camera.lens for camera in rig], options.body_m, rng)
+            beginning = begin_with_tracks(cameras, tracklets, search_s, likeness, executor, tell, joints)
+            run = replace(run, cameras=_unmirrored(cameras, tracklets, beginning))
+            _tell_pairs(tell, beginning)
+    except EvidenceError as error:
+        nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
+        return Solution("association", rig, "refused", error.reasons), nobody
+    return _alternate(run, beginning, solve, refine=search_s > 0, tell=tell)
+
+
+def _tell_pairs(tell: Progress, beginning: Beginning) -> None:
+    """How many pairs of cameras could be registered."""
+    if beginning.graph is not None:
+        edges = beginning.graph.edges
+        tell_note(tell, f"{sum(edge.used for edge in edges)} pairs of cameras used, of {len(edges)} that might be registered")
+
+
+def _unmirrored(cameras: Sequence[PreparedCamera], tracklets: Tracklets, beginning: Beginning) -> Sequence[PreparedCamera]:
+    """The cameras, left and right set right in the joints."""
+    if beginning.mirrored is None or not beginning.mirrored.any():
+        return cameras
+    out = []
+    for c, camera in enumerate(cameras):
+        joints = unmirrored(camera.seen.keypoints, beginning.mirrored[tracklets.first[c] : tracklets.first[c + 1]])
+        out.append(replace(camera, seen=replace(camera.seen, keypoints=joints)))
+    return out
+
+
+def _clocks(rig: Rig, observations: Observations, body_m: float, rng: np.random.Generator) -> dict[str, Clock]:
+    """Every camera's clock; where no frame rate is known, one at which people walk as people do."""
+    known, fps = observations.clocks, observations.fps
+    if all(name in known for name in rig.names):
+        return dict(known)
+    common = Clock(fps if fps is not None else assumed_rate(rig, observations, body_m, rng))
+    return {name: known.get(name, common) for name in rig.names}
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What stays the same over the rounds."""
+
+    rig: Rig
+    cameras: Sequence[PreparedCamera]
+    tracklets: Tracklets
+    looks: Looks | None
+    options: AssociationOptions
+
+    def rows(self, person: Ints, offset_s: Floats, solution: Solution | None) -> list[tuple[Ints, Ints]]:
+        """The person of every box and of every set of joints, camera by camera; -1 for nobody."""
+        out = []
+        for c, camera in enumerate(self.cameras):
+            own = person[self.tracklets.first[c] : self.tracklets.first[c + 1]]
+            parts = []
+            for part in (camera.seen.boxes, camera.seen.keypoints):
+                known = part.identity > UNKNOWN
+                column = np.full(len(part), UNKNOWN)
+                column[known] = own[part.identity[known]]
+                parts.append(_once(column, part.frame, part.identity))
+            out.append((parts[0], parts[1]))
+        if solution is None:
+            return out
+        bodies = [camera.bodies for camera in self.cameras]
+        before = [
+            np.where(seen.from_joints, _at(joints, seen.row), _at(boxes, seen.row))
+            for seen, (boxes, joints) in zip(bodies, out, strict=True)
+        ]
+        clocks = clocks_with(self.cameras, offset_s)
+        grid = common_time_steps(Observations({camera.name: camera.seen for camera in self.cameras}), clocks).clock
+        for (boxes, joints), seen, after in zip(
+            out, bodies, clean(solution.rig, bodies, before, clocks, grid, self.options.body_m), strict=True
+        ):
+            boxes[seen.row[~seen.from_joints]] = after[~seen.from_joints]
+            joints[seen.row[seen.from_joints]] = after[seen.from_joints]
+        return [
+            (_once(boxes, camera.seen.boxes.frame, boxes), _once(joints, camera.seen.keypoints.frame, joints))
+            for camera, (boxes, joints) in zip(self.cameras, out, strict=True)
+        ]
+
+    def identified(self, rows: Sequence[tuple[Ints, Ints]]) -> Observations:
+        """The people who are somebody, in each camera's own frames."""
+        cameras = {}
+        for camera, (boxes, joints) in zip(self.cameras, rows, strict=True):
+            named = replace(camera.seen.boxes, identity=boxes + 1), replace(camera.seen.keypoints, identity=joints + 1)
+            cameras[camera.name] = CameraObservations(named[0].take(boxes > UNKNOWN), named[1].take(joints > UNKNOWN))
+        return Observations(cameras)
+
+    def instants(self, identified: Observations, offset_s: Floats) -> Observations:
+        """The same at instants that all cameras share."""
+        return at_common_instants(self.rig, self.cameras, identified, offset_s)
+
+    def association(
+        self, person: Ints, offset_s: Floats, solution: Solution | None, beginning: Beginning | None,
+        rounds: list[dict[str, Any]], sigma_s: Floats | None = None,
+    ) -> Association:  # fmt: skip
+        """The result; the first registered camera's clock is the rig's."""
+        offset_s = by_first_registered(offset_s, solution.rig if solution else None)
+        identified = self.identified(self.rows(person, offset_s, solution))
+        known = {} if sigma_s is None else dict(zip(self.rig.names, sigma_s.tolist(), strict=True))
+        figures = association_figures(self.cameras, self.tracklets, self.looks, beginning, person, offset_s)
+        graph = beginning.graph if beginning is not None else None
+        drifts = {} if solution is None else self._drifts(person, offset_s, solution)
+        return Association(
+            identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
+            {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, figures | {"rounds": rounds},
+            {} if graph is None else reasons_of_lost(self.cameras, graph, self.options.search_s),
+            *self._told(solution, beginning, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
+        )  # fmt: skip
+
+    def _drifts(self, person: Ints, offset_s: Floats, solution: Solution) -> dict[int, Drift]:
+        """How the clocks drift, by the rig."""
+        first, poses = self.tracklets.first, [camera.pose for camera in solution.rig]
+        own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
+        return clock_drifts(self.cameras, poses, own, offset_s)
+
+    def _told(
+        self, solution: Solution | None, beginning: Beginning | None, drifts: Mapping[int, Drift]
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What speaks against relying on the association, and what is odd about it."""
+        if solution is None:
+            return (), ()
+        poses = [camera.pose for camera in solution.rig]
+        doubts, findings = drift_findings(self.cameras, drifts)
+        graph = beginning.graph if beginning is not None else None
+        walked = graph is not None and any(edge.used for edge in graph.edges)
+        joined = joined_by_joints(self.cameras, beginning.by_joints) if beginning is not None else []
+        return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *findings)
+
+
+def _at(column: Ints, row: Ints) -> Ints:
+    """The column at the rows, -1 where it is too short (the rows are of another column there)."""
+    padded = np.append(column, UNKNOWN)
+    return np.asarray(padded[np.minimum(row, len(column))])
+
+
+def _once(person: Ints, frame: Ints, tracklet: Ints) -> Ints:
+    """Everybody once in a frame: of two boxes the one of the longer tracklet keeps the name."""
+    length = np.bincount(tracklet[tracklet > UNKNOWN], minlength=1)
+    long = np.where(tracklet > UNKNOWN, length[np.maximum(tracklet, 0)], 0)
+    order = np.lexsort((-long, person, frame))
+    again = np.zeros(len(person), dtype=bool)
+    again[order[1:]] = (np.diff(frame[order]) == 0) & (np.diff(person[order]) == 0)
+    return np.where(again, UNKNOWN, person)
+
+
+def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, tell: Progress) -> tuple[Solution, Association]:
+    """Solve and associate in turns."""
+    person, offset_s = beginning.person, beginning.offset_s
+    rounds: list[dict[str, Any]] = []
+    solution: Solution | None = None
+    for number in range(MAX_ROUNDS):
+        tell(f"round {number + 1}")
+        instants = run.instants(run.identified(run.rows(person, offset_s, solution)), offset_s)
+        solution = solve(instants, beginning.guesses, passing=True, refine_time=refine)
+        if solution.verdict == "refused":
+            return solution, run.association(person, offset_s, None, beginning, rounds)
+        offset_s = offset_s + corrections(solution)[0]
+        poses = [camera.pose for camera in solution.rig]
+        before = person
+        if beginning.graph is not None:
+            likeness = run.looks.likeness() if run.looks else None
+            body_m = run.options.body_m
+            person = people_of_rig(
+                run.tracklets, run.cameras, beginning.graph, poses, offset_s, body_m, likeness, beginning.known
+            )
+        same = _alike(before, person)
+        rounds.append({"registered": sum(pose is not None for pose in poses), "unchanged": same})
+        tell_note(tell, f"{rounds[-1]['registered']} of {len(poses)} cameras have poses")
+        if same > SETTLED:
+            break
+    tell("solving")
+    identified = run.identified(run.rows(person, offset_s, solution))
+    solution = solve(run.instants(identified, offset_s), beginning.guesses, passing=False, refine_time=refine)
+    if refine and solution.verdict != "refused":
+        correction_s, sigma_s = corrections(solution)
+        offset_s = offset_s + correction_s
+        in_step = whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in run.cameras]))
+        if in_step is not None:
+            offset_s = in_step
+            solution = solve(run.instants(identified, offset_s), beginning.guesses, passing=False, refine_time=False)
+        return solution, run.association(person, offset_s, solution, beginning, rounds, sigma_s)
+    return solution, run.association(person, offset_s, solution, beginning, rounds)
+
+
+def _alike(before: Ints, after: Ints) -> float:
+    """How alike two groupings of tracklets are: pairs together in both, as a share of those in either."""
+
+    def pairs(label: Ints) -> float:
+        count = np.bincount(label).astype(np.float64)
+        return float((count * (count - 1)).sum() / 2)
+
+    _, both = np.unique(np.column_stack([before, after]), axis=0, return_inverse=True)
+    common = pairs(both.ravel())
+    return common / max(pairs(before) + pairs(after) - common, 1.0)

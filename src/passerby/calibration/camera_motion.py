@@ -1,0 +1,258 @@
+"""Cameras that were moved while they filmed: found after the solve, what they saw from elsewhere left out, solved again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.association.result import Association
+from passerby.calibration.diagnostics.pose_change import Change, Matched, find_change, matched, resected
+from passerby.common.arrays import Bools, Ints
+from passerby.core.cameras import Pose, Rig
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.core.solution import Solution
+from passerby.core.synchronisation import clocks_of, common_instants
+from passerby.interchange.storage.toml_text import key
+from passerby.people.body_centres import Middles, identified_middles, middles_of, people_without
+from passerby.scene.inputs import SceneInputs
+
+Solve = Callable[[SceneInputs], tuple[Solution, Association]]
+
+MARGIN_S = 0.5
+"""So much is left out on both sides of a move: when it was is known to a few samples."""
+USUAL_FPS = 5.0
+"""Instants a second where nobody tells."""
+ON_A_FRAME = 1e-6
+"""So near to a whole frame is on it: what rounding leaves on the way through seconds."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A camera that stood elsewhere for a part of its recording."""
+
+    camera: str
+    first_frame: int
+    """Of the camera's own frames: the part that was left out begins here,"""
+    last_frame: int
+    """and ends here."""
+    fps: float | None
+    """Frames per second of them; None where it is not known."""
+    change: Change
+    either: str | None = None
+    """The other camera of a rig of two: it may have moved as well."""
+
+    def seconds(self, frame: int) -> float:
+        """Of the camera's own recording."""
+        return (frame - 1) / (self.fps or 1.0)
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """JSON-ready."""
+        change = self.change
+        return {
+            "camera": self.camera, "frames": [self.first_frame, self.last_frame],
+            "seconds": None if self.fps is None else [self.seconds(self.first_frame), self.seconds(self.last_frame)],
+            "left_out": "before" if change.at_start else "after" if change.at_end else "between",
+            "metres": change.metres, "degrees": change.degrees, "sigmas": change.sigmas, "shift": change.shift,
+        }  # fmt: skip
+
+    @property
+    def reason(self) -> str:
+        """What is told of it, with the mend."""
+        change, name = self.change, self.camera
+        far = f"by {change.metres:.2f} m and {change.degrees:.1f} degrees"
+        either = f" (or camera {self.either} did: two cameras do not tell which)" if self.either else ""
+        if not (change.at_start or change.at_end):
+            return (
+                f"camera {name} was moved {far} {self._when(self.first_frame)} and back {self._when(self.last_frame)}{either}: "
+                f"what it saw meanwhile was left out{self._mend(self.first_frame, self.last_frame, 'before', 'after')}"
+            )
+        at = self.last_frame + 1 if change.at_start else self.first_frame
+        kept, other = ("after", "before") if change.at_start else ("before", "after")
+        return (
+            f"camera {name} moved {self._when(at)} {far}{either}: its pose is that {kept}, what it saw {other} was left out"
+            f"{self._mend(at, at, kept, other)}"
+        )
+
+    def _when(self, frame: int) -> str:
+        """The time of a frame in words."""
+        return f"in frame {frame}" if self.fps is None else f"at {self.seconds(frame):.1f} s (frame {frame})"
+
+    def _mend(self, first: int, last: int, kept: str, other: str) -> str:
+        """How to have the one pose or the other."""
+        if self.fps is None:
+            return (
+                "; to choose, under [scene] set fps to the frame rate, and then from_s or until_s under "
+                f"[cameras.{key(self.camera)}]"
+            )
+        until = f"until_s = {max(0, math.floor(self.seconds(first) - MARGIN_S))}"
+        since = f"from_s = {math.ceil(self.seconds(last) + MARGIN_S)}"
+        one, two = (until, since) if kept == "before" else (since, until)
+        return f"; under [cameras.{key(self.camera)}] set {one} if that is right, or {two} for the pose {other}"
+
+
+@dataclass(frozen=True, eq=False)
+class Steadied:
+    """A solution without what cameras saw from elsewhere."""
+
+    solution: Solution
+    association: Association
+    moved: tuple[Moved, ...] = field(default=())
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What is told of the moves."""
+        return tuple(one.reason for one in self.moved)
+
+
+def steadied(inputs: SceneInputs, solve: Solve, *, given: bool, body_m: float) -> Steadied:
+    """Solve; while a camera is found to have moved, leave out what it saw from elsewhere, and solve again.
+
+    Args:
+        inputs: all that was seen.
+        solve: makes a rig of it.
+        given: whether the identities were given.
+        body_m: typical standing height, metres.
+    """
+    solution, association = solve(inputs)
+    used, moved = inputs, []
+    for _ in inputs.rig:
+        one = _most_certain(used, solution, association, given, body_m)
+        if one is None:
+            break
+        moved.append(one)
+        used = replace(used, observations=_without(used.observations, one))
+        solution, association = solve(used)
+    told = tuple(_measured_again(one, inputs, solution, association, given, body_m) for one in moved)
+    figures = solution.figures | {"moved": [one.figures for one in told]}
+    return Steadied(replace(solution, figures=figures), association, told)
+
+
+def _most_certain(
+    inputs: SceneInputs, solution: Solution, association: Association, given: bool, body_m: float
+) -> Moved | None:
+    """The camera whose move explains most of what does not fit; others may look moved because of it."""
+    rig = solution.rig
+    middles = identified_middles(rig, association.instants)
+    best: tuple[float, int, Change] | None = None
+    for c, camera in enumerate(rig):
+        if camera.pose is None:
+            continue
+        m = _matched(c, rig, middles, inputs.observations, association, given, body_m)
+        change = find_change(m, camera.pose, association.instants.fps or USUAL_FPS)
+        if change is not None and change.sure and (best is None or change.gain > best[0]):
+            best = change.gain, c, change
+    if best is None:
+        return None
+    _, c, change = best
+    name, posed = rig.names[c], rig.posed().names
+    either = next(other for other in posed if other != name) if len(posed) == 2 else None
+    own = _own_frames(name, np.array([change.first, change.last]), inputs.observations, association)
+    frames = _all_frames(inputs.observations[name])
+    clock = inputs.observations.clocks.get(name)
+    fps = clock.fps if clock is not None else inputs.observations.fps
+    first = int(frames[0]) if change.at_start else int(np.ceil(own[0]))
+    last = int(frames[-1]) if change.at_end else int(np.floor(own[1]))
+    return Moved(name, first, last, fps, change, either)
+
+
+def _matched(
+    c: int, rig: Rig, middles: list[Middles | None], observations: Observations, association: Association, given: bool,
+    body_m: float,
+) -> Matched:  # fmt: skip
+    """All that a camera saw, with where the others see the people.
+
+    Where identities were found, sightings from elsewhere lost theirs, or never had one: each may show anybody.
+    """
+    camera, own = rig.cameras[c], middles[c]
+    if not given or own is None:
+        own = middles_of(_at_instants(camera.name, observations, association, rig), camera)
+    return matched(own, people_without(c, rig, middles, body_m), body_m, given=given)
+
+
+def _at_instants(name: str, observations: Observations, association: Association, rig: Rig) -> CameraObservations:
+    """What a camera saw, known or not, at the common instants."""
+    seen, grid = observations[name], association.instants.clocks.get(name)
+    if grid is None:
+        return seen
+    clock = _clock(name, observations, association)
+    once = CameraObservations(
+        seen.boxes.take(_once(seen.boxes.frame, seen.boxes.identity)),
+        seen.keypoints.take(_once(seen.keypoints.frame, seen.keypoints.identity)),
+    )
+    return common_instants(Observations({name: once}), {name: clock}, sizes={name: rig[name].lens.size}, grid=grid)[name]
+
+
+def _once(frame: Ints, identity: Ints) -> Ints:
+    """Rows of which none has a frame and an identity that one before has."""
+    key = np.column_stack([frame, np.where(identity > UNKNOWN, identity, UNKNOWN - 1 - np.arange(len(frame)))])
+    return np.asarray(np.sort(np.unique(key, axis=0, return_index=True)[1]))
+
+
+def _clock(name: str, observations: Observations, association: Association) -> Clock:
+    """A camera's clock as it was found, or else as it was stated."""
+    return association.clocks.get(name) or clocks_of(observations, [name])[name]
+
+
+def _own_frames(name: str, instants: Ints, observations: Observations, association: Association) -> NDArray[np.float64]:
+    """A camera's own frames, fractional, at common instants."""
+    grid = association.instants.clocks.get(name)
+    if grid is None:
+        return instants.astype(np.float64)
+    own = _clock(name, observations, association).frames(grid.seconds(instants))
+    near = np.round(own)
+    return np.where(np.abs(own - near) < ON_A_FRAME, near, own)
+
+
+def _all_frames(seen: CameraObservations) -> Ints:
+    """The frames with somebody in them, in order."""
+    return np.unique(np.concatenate([seen.boxes.frame, seen.keypoints.frame]))
+
+
+def _without(observations: Observations, moved: Moved) -> Observations:
+    """The observations without what a camera saw from elsewhere, and for a moment before and after."""
+    margin = MARGIN_S * (moved.fps or USUAL_FPS)
+    seen = observations[moved.camera]
+
+    def kept(part: Boxes | Keypoints) -> Bools:
+        return np.asarray((part.frame < moved.first_frame - margin) | (part.frame > moved.last_frame + margin))
+
+    rest = CameraObservations(seen.boxes.take(kept(seen.boxes)), seen.keypoints.take(kept(seen.keypoints)))
+    return replace(observations, cameras={**observations.cameras, moved.camera: rest})
+
+
+def _measured_again(
+    moved: Moved, inputs: SceneInputs, solution: Solution, association: Association, given: bool, body_m: float
+) -> Moved:
+    """The size of a move by the rig that is right, in place of the one that the move has bent."""
+    c = solution.rig.names.index(moved.camera)
+    pose = solution.rig.cameras[c].pose
+    if pose is None:
+        return moved
+    if given:
+        # The instants at hand lack what was left out.
+        seen = inputs.observations
+        clocks = {name: _clock(name, seen, association) for name in seen.cameras}
+        grid = association.instants.clocks.get(moved.camera)
+        everything = common_instants(seen, clocks, grid=grid) if grid else seen
+    else:
+        everything = association.instants
+    middles = identified_middles(solution.rig, everything)
+    m = _matched(c, solution.rig, middles, inputs.observations, association, given, body_m)
+    own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
+    part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
+    if len(part) < 10:
+        return moved
+    start = moved.change.other
+    old = moved.change.main
+    # The old rig's frame of the world is not the new one's: the move itself carries over.
+    start = Pose.from_centre(
+        start.R_cw @ old.R_cw.T @ pose.R_cw, pose.centre + pose.R_cw.T @ old.R_cw @ (start.centre - old.centre)
+    )
+    other = resected(part, start)
+    return replace(moved, change=replace(moved.change, main=pose, other=other))

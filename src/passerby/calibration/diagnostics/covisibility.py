@@ -1,0 +1,204 @@
+"""Whom one camera sees, others should see too: of people who stand in several views, how many are found in each?
+
+What a rig rests on are the people whom cameras agree on. Those on whom they do not are nobody's evidence, and so a camera that
+films a screen, a mirror or another place, or that has moved, can fit on the strength of the few who agree by chance. Here all
+are counted: whoever stands upright on the ground by one camera's box and the rig, well inside another camera's picture, should
+have a box there. One that people nearer to the camera hide has none, nor has one whom the detector missed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import UNKNOWN, Boxes, Observations
+from passerby.core.synchronisation import sampling_distance
+
+MOST_BOXES = 400
+"""Of each camera, at even steps: shares are good to a few percent."""
+LATER = 0.37
+"""Where people are at another time, so much of the recording later, tells what is found by chance."""
+MIN_DUE, MIN_BEYOND_CHANCE = 100, 60
+"""So many people have to be due in the other view, and so many of them not to be expected there by chance."""
+LEAST_FOUND = 0.28
+"""Of what chance does not find. Right rigs of ordinary scenes have 0.59 to 0.96 in the worst of their pairs, 0.52 where people
+are 15 pixels high, 0.32 and 0.46 in videos whose background detector misses many; wrong ones that nothing else tells: a screen
+0.32, focal lengths 20 % too long in all cameras -0.1, stairs 0.13. Boxes that are off by 20 % of their height fall to 0.1,
+though their rig is right to 0.24 m and 1.8 degrees."""
+BODY_M, MIDDLE_M = 1.75, 0.88
+FOOT_SHARE = 0.04
+"""A foot's edge is off by this share of the box's height, which along the ground is far where the camera is low."""
+NEAR_SHARE = 0.35
+"""A box is the one looked for where its middle is so near, as a share of the height that is expected there."""
+UPRIGHT = (0.75, 1.25)
+"""By foot and head a body is as tall as usual, by this factor: others are bent or half hidden, and their feet elsewhere."""
+
+
+@dataclass(frozen=True)
+class Missed:
+    """People whom one camera sees and another one should see as well."""
+
+    sees: str
+    should: str
+    due: int
+    found: int
+    by_chance: int
+    """Those who have a box there at another time."""
+
+    @property
+    def share(self) -> float:
+        """What is found of what chance does not find; 1 where nothing can be said."""
+        beyond = self.due - self.by_chance
+        if self.due < MIN_DUE or beyond < MIN_BEYOND_CHANCE:
+            return 1.0
+        return (self.found - self.by_chance) / beyond
+
+
+def doubts_of_missed(rig: Rig, observations: Observations) -> list[str]:
+    """A sentence on the pair of cameras of which the second misses most of whom it should see, if it misses nearly all."""
+    worst = min(people_missed(rig, observations), key=lambda pair: pair.share, default=None)
+    if worst is None or worst.share >= LEAST_FOUND:
+        return []
+    found, by_chance = worst.found / worst.due, worst.by_chance / worst.due
+    return [
+        f"of the people whom {worst.sees} sees where {worst.should} should see them too, {found:.0%} are there, and "
+        f"{by_chance:.0%} would be by chance: see whether one of the two films a screen, a mirror or another place, "
+        "whether its intrinsics are right, and whether the ground is flat"
+    ]
+
+
+def people_missed(rig: Rig, observations: Observations) -> list[Missed]:
+    """Count whom each camera should see, and does.
+
+    Args:
+        rig: world z up, ground z = 0, metres; cameras without a pose are left out.
+        observations: at common instants; boxes of unknown identity count as found, but nobody is looked for by them.
+    """
+    posed = [camera for camera in rig if camera.pose is not None and len(observations[camera.name].boxes)]
+    out = []
+    for one in posed:
+        standing = _standing(one, observations[one.name].boxes)
+        for other in posed:
+            if other is one or not len(standing.frame):
+                continue
+            there = _InView.of(standing, other, observations[other.name].boxes)
+            found, chance = there.found(0.0), there.found(LATER)
+            out.append(Missed(one.name, other.name, len(there.frame), int(found.sum()), int(chance.sum())))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """People who stand upright on the ground by one camera's boxes: N of them."""
+
+    frame: Ints
+    nearest: Floats
+    """(N, 2) where they stand if the box's lower edge is too low, metres,"""
+    farthest: Floats
+    """(N, 2) and if it is too high."""
+
+
+def _standing(camera: Camera, boxes: Boxes) -> _Standing:
+    """Who stands upright on the ground, by one camera."""
+    rows = np.flatnonzero((boxes.identity > UNKNOWN) & _whole(camera, boxes))
+    rows = rows[:: max(1, len(rows) // MOST_BOXES)]
+    left, top, width, height = boxes.ltwh[rows].T
+    middle = left + width / 2
+    places = []
+    for lower in (top + height * (1 + FOOT_SHARE), top + height, top + height * (1 - FOOT_SHARE)):
+        places.append(_on_ground(camera, np.column_stack([middle, lower])))
+    tall = _height_at(camera, places[1], np.column_stack([middle, top]))
+    sound = np.isfinite(tall) & np.isfinite(places[0]).all(axis=1) & np.isfinite(places[2]).all(axis=1)
+    usual = float(np.median(tall[sound])) if sound.any() else BODY_M
+    sound &= (tall > UPRIGHT[0] * usual) & (tall < UPRIGHT[1] * usual)
+    return _Standing(boxes.frame[rows][sound], places[0][sound], places[2][sound])
+
+
+def _whole(camera: Camera, boxes: Boxes) -> Bools:
+    """(N,) boxes that the picture's border does not cut."""
+    left, top, width, height = boxes.ltwh.T
+    across, down = camera.lens.size
+    return np.asarray((left > 2) & (top > 2) & (left + width < across - 2) & (top + height < down - 2))
+
+
+def _on_ground(camera: Camera, pixels: Floats) -> Floats:
+    """(N, 2) where rays meet the ground, metres; NaN above the horizon."""
+    assert camera.pose is not None
+    ray = camera.lens.bearings(pixels) @ camera.pose.R_cw
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(ray[:, 2] < -0.02, camera.pose.centre[2] / -ray[:, 2], np.nan)
+    return np.asarray(camera.pose.centre[:2] + reach[:, None] * ray[:, :2])
+
+
+def _height_at(camera: Camera, place: Floats, pixels: Floats) -> Floats:
+    """(N,) how high rays pass over places (N, 2) on the ground, metres."""
+    assert camera.pose is not None
+    ray = camera.lens.bearings(pixels) @ camera.pose.R_cw
+    away = np.linalg.norm(place - camera.pose.centre[:2], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(camera.pose.centre[2] + away * ray[:, 2] / np.linalg.norm(ray[:, :2], axis=1))
+
+
+@dataclass(frozen=True, eq=False)
+class _InView:
+    """Those who should be seen whole by another camera: M of them, in the pixels of that camera."""
+
+    boxes: Boxes
+    """What it saw, by frame."""
+    frame: Ints
+    nearest: Floats
+    """(M, 2) the body's middle if the person stands nearest to the camera that sees it,"""
+    farthest: Floats
+    """(M, 2) and if farthest from it."""
+    tall: Floats
+    """(M,) height that is expected."""
+
+    @classmethod
+    def of(cls, standing: _Standing, camera: Camera, boxes: Boxes) -> _InView:
+        """Those whose feet and head are well inside the picture, and who are not smaller there than those who are found."""
+        place = 0.5 * (standing.nearest + standing.farthest)
+        feet, head = _pixels(camera, place, 0.0), _pixels(camera, place, BODY_M)
+        size = np.array(camera.lens.size, dtype=np.float64)
+        tall = np.linalg.norm(feet - head, axis=1)
+        margin = 0.25 * np.nan_to_num(tall)[:, None] + 3.0
+        ends = [_pixels(camera, at, MIDDLE_M) for at in (standing.nearest, standing.farthest)]
+        with np.errstate(invalid="ignore"):
+            should = (standing.frame >= boxes.frame.min()) & (standing.frame <= boxes.frame.max())
+            if sampling_distance(boxes.frame) > 1:  # a slower camera saw nobody in between
+                should &= np.isin(standing.frame, boxes.frame)
+            for end in (feet, head):
+                should &= ((end > margin) & (end < size - margin)).all(axis=1)
+            should &= tall > np.quantile(boxes.ltwh[:, 3], 0.05)
+        should &= np.isfinite(ends[0]).all(axis=1) & np.isfinite(ends[1]).all(axis=1)
+        by_frame = boxes.take(np.argsort(boxes.frame, kind="stable"))
+        return cls(by_frame, standing.frame[should], ends[0][should], ends[1][should], tall[should])
+
+    def found(self, later: float) -> Bools:
+        """(M,) who has a box about where it should be, a share of the recording later."""
+        begin, end = int(self.boxes.frame[0]), int(self.boxes.frame[-1])
+        length = end - begin + 1
+        frame = begin + (self.frame - begin + round(later * length)) % length
+        first, last = (np.searchsorted(self.boxes.frame, frame, side=side) for side in ("left", "right"))
+        middles = self.boxes.ltwh[:, :2] + self.boxes.ltwh[:, 2:] / 2
+        out = np.zeros(len(frame), dtype=bool)
+        for k in range(int((last - first).max(initial=0))):
+            who = np.flatnonzero(first + k < last)
+            away = _from_segment(middles[first[who] + k], self.nearest[who], self.farthest[who])
+            out[who] |= away < NEAR_SHARE * self.tall[who]
+        return out
+
+
+def _pixels(camera: Camera, place: Floats, height: float) -> Floats:
+    """(N, 2) where points over places (N, 2) on the ground are in the picture."""
+    return camera.project(np.column_stack([place, np.full(len(place), height)]))
+
+
+def _from_segment(point: Floats, start: Floats, end: Floats) -> Floats:
+    """(N,) distances of points from segments, all (N, 2)."""
+    along = end - start
+    length = np.maximum(np.einsum("nk,nk->n", along, along), 1e-9)
+    share = np.clip(np.einsum("nk,nk->n", point - start, along) / length, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(point - start - share[:, None] * along, axis=1))

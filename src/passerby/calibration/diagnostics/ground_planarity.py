@@ -1,0 +1,55 @@
+"""The people's ground, as far as it is no plane: what is told of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from passerby.calibration.camera_motion import USUAL_FPS
+from passerby.core.observations import Observations
+from passerby.core.solution import Solution
+from passerby.people.body_centres import identified_middles, people_without
+from passerby.people.ground_shape import GroundShape, ground_shape
+
+EVERYBODY = -1
+HARMFUL_M = 0.22
+"""A rise that is larger speaks against the rig. PETS2009's lawn and kerbs rise by 0.20 m, which costs the vertical 0.3 deg."""
+
+
+def shape_of(solution: Solution, instants: Observations, body_m: float) -> GroundShape | None:
+    """The shape of the ground by a rig and the people that it was made from; None where too few places tell."""
+    if len(solution.rig.posed()) < 2:
+        return None
+    middles = identified_middles(solution.rig, instants)
+    people = people_without(EVERYBODY, solution.rig, middles, body_m)
+    return ground_shape(people, instants.fps or USUAL_FPS)
+
+
+def ground_figures(shape: GroundShape | None) -> dict[str, Any] | None:
+    """JSON-ready."""
+    if shape is None:
+        return None
+    return {
+        "rise_m": shape.rise_m, "sigma_m": shape.sigma_m, "low": list(shape.low), "high": list(shape.high),
+        "chance_sigmas": shape.chance_sigmas,
+    }  # fmt: skip
+
+
+def told_of_ground(
+    shape: GroundShape | None, *, placed: bool = False, tilt_known: bool = False
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What speaks against the rig, and what does not: where known points tell what is up, the ground need not.
+
+    Args:
+        shape: from `shape_of`.
+        placed: whether the world is another than the solver's, in which places have other coordinates.
+        tilt_known: whether `[world]` sets the vertical.
+    """
+    if shape is None or not shape.sure:
+        return (), ()
+    low, high = (f"({x:.1f}, {y:.1f})" for x, y in (shape.low, shape.high))
+    where = "" if placed else f", at {low} and {high}"
+    text = f"the people's ground is not one plane: {shape.rise_m:.1f} m between its lowest and its highest part{where}"
+    if tilt_known or shape.rise_m < HARMFUL_M:
+        return (), (text,)
+    mend = 'give points with known heights: under [world] set points = "points.csv" and tilt = true; or people on one level'
+    return (f"{text}: how the cameras stand to each other holds, but the vertical and the heights do not: {mend}",), ()

@@ -1,0 +1,100 @@
+"""Were people found in pictures of another size than the lens is for? Then they fill only the upper left part of it.
+
+A second stream of half the width shows everybody at half the pixels, so that all lie in a quarter of the picture. That alone is
+no proof: people may keep to a corner. But only one of the two sizes lets all cameras agree on bodies of one shape, so the rig
+is solved with both, and the errors of the boxes' heights are compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.core.cameras import Lens, Rig
+from passerby.core.extents import extents_of
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.solution import Solution
+from passerby.scene.intrinsics_checks import FILLED_ROWS, STRIP, SUB_STREAMS
+
+LARGEST = 0.7
+"""Shares of the size above which nothing is tried: people who keep to so much of a picture are quite usual."""
+BETTER = 1.4
+"""The errors with the stated sizes over those with smaller ones: 1.6 to 5 where the smaller ones are right, and 0.05 to 0.5
+where people keep to a corner of the stated ones (16 simulated scenes, one camera or all)."""
+AS_GOOD = 1.1
+"""A camera whose own stated size makes no larger difference is not named."""
+
+
+def doubts_of_smaller_pictures(
+    rig: Rig, observations: Observations, solution: Solution, solve: Callable[[Rig], Solution]
+) -> list[str]:
+    """A sentence on the cameras whose people were found in smaller pictures than the lens is for.
+
+    Args:
+        rig: the lenses as stated.
+        observations: people in the cameras' own pixels.
+        solution: the rig by the stated lenses.
+        solve: solves the same people with other lenses.
+    """
+    shares = {
+        camera.name: share
+        for camera in rig
+        if (share := possible_share(observations[camera.name], camera.lens.size)) is not None
+    }
+    if not shares or solution.method != "people":
+        return []
+    error, without = misfit(solution), solve(with_shares(rig, shares))
+    if without.verdict != "accepted" or not np.isfinite(misfit(without)) or error < BETTER * misfit(without):
+        return []
+    for name in [name for name in shares if len(shares) > 1]:
+        fewer = {other: share for other, share in shares.items() if other != name}
+        if fewer and misfit(tried := solve(with_shares(rig, fewer))) < AS_GOOD * misfit(without):
+            shares, without = fewer, tried
+    out = []
+    for name, share in shares.items():
+        width, height = rig[name].lens.size
+        small = smaller(rig[name].lens, share).size
+        out.append(
+            f"camera {name}: its people seem to be found in pictures of {small[0]} x {small[1]}, not of the stated {width} x "
+            f"{height}: they lie within that part, and all cameras agree better so: give a lens for pictures of that size, or "
+            "scale its boxes and joints to the size of the lens"
+        )
+    return out
+
+
+def possible_share(seen: CameraObservations, size: tuple[int, int]) -> float | None:
+    """The smallest usual share of the picture's size within which all people lie; None where that is most of it."""
+    extent = extents_of(seen.boxes if len(seen.boxes) else seen.keypoints)
+    if len(extent) < FILLED_ROWS:
+        return None
+    filled = float((np.quantile(extent[:, 2:], 0.999, axis=0) / size).max())
+    return next((share for share in SUB_STREAMS if filled <= share * (1 + STRIP) and share <= LARGEST), None)
+
+
+def smaller(lens: Lens, share: float) -> Lens:
+    """The lens for pictures of that share of the size."""
+    matrix = np.array(lens.matrix)
+    matrix[:2] *= share
+    return replace(lens, size=(round(share * lens.size[0]), round(share * lens.size[1])), matrix=matrix)
+
+
+def with_shares(rig: Rig, shares: Mapping[str, float]) -> Rig:
+    """The rig with the lenses of some cameras for smaller pictures, without poses."""
+    return Rig(
+        tuple(
+            replace(camera, pose=None, sigma=None, lens=smaller(camera.lens, shares.get(camera.name, 1.0)))
+            if camera.name in shares
+            else replace(camera, pose=None, sigma=None)
+            for camera in rig
+        )
+    )
+
+
+def misfit(solution: Solution) -> float:
+    """Errors of the boxes' heights as a share of them, with the share of broken edges; infinite where a camera has no pose."""
+    noise = solution.figures.get("noise")
+    if not isinstance(noise, Mapping) or len(solution.rig.posed()) < len(solution.rig):
+        return float("inf")
+    return float(noise["height"]) + float(noise["broken_edges"])

@@ -1,0 +1,141 @@
+"""What no solver's answer may hide: cameras left out, and people who walked where they fix no rig."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.calibration.diagnostics.covisibility import doubts_of_missed
+from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_pace
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, Observations
+from passerby.core.overlap import missing_overlap, shared_people
+from passerby.core.solution import Solution
+from passerby.geometry.triangulation import triangulate
+
+LINE_WIDTH_M = 0.25
+"""Nine of ten people this close to one line walked on one line: half a body's breadth, and the noise of a box's centre."""
+LINE_SHARE = 0.02
+"""Over long lines the noise grows: so much of their length counts as on the line too."""
+MIN_POSITIONS = 10
+SPOT_MEND = "record people who walk all over the view that the cameras share"
+
+
+def judged(
+    solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, str] | None = None,
+    doubts: Sequence[str] = (), basis: ScaleBasis = "taken", grown: float = 1.0,
+) -> Solution:  # fmt: skip
+    """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
+    does not see whom it should by the rig.
+
+    The reasons name the camera, and what to record.
+
+    Args:
+        solution: of a solver.
+        observations: people at common instants.
+        given: whether their identities were given, not found.
+        why: by camera, why it could not be joined to another, where more is known than that nobody is shared.
+        doubts: what else speaks against relying on it.
+        basis: what the scale rests on.
+        grown: what the lengths of the rig are multiplied by afterwards, where known places set the scale.
+    """
+    doubts = [*doubts, *_against_people(solution, observations, basis, grown)]
+    reasons = [*solution.reasons, *doubts]
+    lost = [camera.name for camera in solution.rig if camera.pose is None]
+    if lost:
+        apart = _apart(observations, given, why or {}, nothing_known=not reasons)
+        # That nobody is shared says more than that too few are.
+        known = {_who(text) for text in apart}
+        reasons = [text for text in reasons if " could not be joined" not in text or _who(text) not in known]
+        reasons += [text for text in apart if text not in reasons]
+    if 0 < len(lost) < len(solution.rig):
+        named = " ".join(reasons)
+        reasons += [
+            f"camera {name} could not be registered: record more people in the view that it shares with the others"
+            for name in lost
+            if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", named)  # C1 is not named where C10 is
+        ]
+    # Joints have extent of their own: one person on the spot is enough.
+    with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
+    degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
+    if degenerate is not None and not any(" line" in reason or " spot" in reason for reason in reasons):
+        reasons.append(degenerate)
+    doubtful = bool(lost) or bool(doubts) or degenerate is not None
+    verdict = "doubtful" if doubtful and solution.verdict == "accepted" else solution.verdict
+    return replace(solution, verdict=verdict, reasons=tuple(reasons))
+
+
+def _against_people(solution: Solution, observations: Observations, basis: ScaleBasis, grown: float) -> list[str]:
+    """What the places of the people say against a rig that was computed from them."""
+    if solution.method != "people" or len(solution.rig.posed()) < 2:
+        return []
+    keys, places = _positions(solution.rig, observations)
+    return [*doubts_of_missed(solution.rig, observations), *doubts_of_pace(keys, grown * places, observations.fps, basis)]
+
+
+def _apart(observations: Observations, given: bool, why: Mapping[str, str], *, nothing_known: bool) -> list[str]:
+    """What keeps cameras apart, one sentence for each group of them."""
+    found = missing_overlap(shared_people(observations), given=given)
+    if not given and len(found) == 1 and found[0].startswith("no two cameras") and not nothing_known:
+        return []  # that identities were not found has been said, and why
+    return [why.get(text.split(" shares nobody")[0].removeprefix("camera "), text) for text in found]
+
+
+def _who(text: str) -> str:
+    """Which cameras a sentence on want of overlap is about."""
+    return re.split(r" could not be | shares? | saw ", text)[0]
+
+
+def people_positions(rig: Rig, observations: Observations) -> Floats:
+    """Where the people were whose boxes two cameras or more saw: (N, 3) triangulated box centres, world, metres."""
+    return _positions(rig, observations)[1]
+
+
+def _positions(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
+    """(N, 2) frame and identity of the people whom two cameras or more saw, and (N, 3) their boxes' triangulated centres."""
+    posed = [camera for camera in rig if camera.pose is not None]
+    columns, bearings = [], []
+    for index, camera in enumerate(posed):
+        boxes = observations[camera.name].boxes
+        columns.append(np.column_stack([np.full(len(boxes), index), boxes.frame, boxes.identity]))
+        bearings.append(camera.lens.bearings(boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2))
+    if not columns:
+        return np.zeros((0, 2)), np.zeros((0, 3))
+    rows, rays = np.concatenate(columns), np.concatenate(bearings)
+    sound = np.isfinite(rays).all(axis=1) & (rows[:, 2] > UNKNOWN)
+    rows, rays = rows[sound], rays[sound]
+    if not len(rows):
+        return np.zeros((0, 2)), np.zeros((0, 3))
+    instants, point = np.unique(rows[:, 1:], axis=0, return_inverse=True)
+    poses = [camera.pose for camera in posed if camera.pose is not None]
+    points = triangulate(
+        rows[:, 0],
+        point.reshape(-1),
+        rays,
+        np.array([pose.R_cw for pose in poses]),
+        np.array([pose.t_cw for pose in poses]),
+        len(instants),
+    )
+    placed = np.isfinite(points).all(axis=1)
+    return instants[placed], points[placed]
+
+
+def _one_line_or_spot(points: Floats) -> str | None:
+    """What is wrong with the places (N, 3) where boxes were seen, world, z up; None if nothing is, or nothing can be said."""
+    if len(points) < MIN_POSITIONS:
+        return None
+    ground = points[:, :2] - np.median(points[:, :2], axis=0)
+    near = ground[np.linalg.norm(ground, axis=1) <= np.percentile(np.linalg.norm(ground, axis=1), 90)]
+    _, _, axes = np.linalg.svd(near - near.mean(axis=0), full_matrices=False)
+    along, across = np.abs((near - near.mean(axis=0)) @ axes.T).T
+    length = 2 * float(along.max())
+    width = float(np.percentile(across, 90))
+    if length < 2 * LINE_WIDTH_M:
+        return f"all people stay on one spot of {length:.1f} m: {SPOT_MEND}"
+    if width < max(LINE_WIDTH_M, LINE_SHARE * length):
+        return f"all people walk on one straight line of {length:.1f} m: {SPOT_MEND}"
+    return None

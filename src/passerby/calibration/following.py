@@ -1,0 +1,77 @@
+"""People's ways over the ground, from the output folder of a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from passerby.calibration.results import CALIBRATION_FILE, TRACKS_FOLDER
+from passerby.common.errors import InputError, PasserbyError
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Rig
+from passerby.core.observations import CameraObservations, Clock, Observations
+from passerby.core.trajectories import Trajectories
+from passerby.interchange.output_folder import OutputFolder, read_output
+from passerby.people.trajectories.trajectories import METHODS, TrackOptions, trajectories
+
+
+def follow(folder: OutputFolder, *, fps: float | None = None, tell: Progress = silent) -> Trajectories:
+    """Everybody's way, as `passerby track` finds it without options.
+
+    Raises `InputError` where there are no boxes, or neither the calibration nor `fps` tells the frames' rate.
+    """
+    return ways_by(folder, folder.rig, folder_clocks(folder, fps), track_options(folder), tell)
+
+
+def people_of_folder(folder: OutputFolder | Path, tell: Progress = silent) -> tuple[Trajectories | None, str]:
+    """Everybody's trajectory in an output folder, for those who can do without.
+
+    Returns:
+        The trajectories, and why there are none: the frame rate is not known, there are no boxes, or nobody has an identity.
+        Neither for a folder that is no output folder: it only holds a rig file.
+    """
+    if isinstance(folder, Path) and not ((folder / CALIBRATION_FILE).is_file() and (folder / TRACKS_FOLDER).is_dir()):
+        return None, ""
+    try:
+        return follow(read_output(folder) if isinstance(folder, Path) else folder, tell=tell), ""
+    except PasserbyError as error:
+        return None, str(error)
+
+
+def track_options(folder: OutputFolder, method: str = "smoothed", max_gap: float = 2.0) -> TrackOptions:
+    """How to follow people: as tall as the calibration took them to be. Raises `InputError` for other than known values."""
+    chosen = next((one for one in METHODS if one == method), None)
+    if chosen is None:
+        raise InputError(f"--method {method!r}: choose one of {', '.join(METHODS)}")
+    if not 0 <= max_gap <= 60:
+        raise InputError(f"--max-gap {max_gap:g}: give seconds from 0 to 60")
+    height = folder.person_height_m
+    usual = TrackOptions(chosen, max_gap)
+    return usual if height is None else TrackOptions(chosen, max_gap, height)
+
+
+def folder_clocks(folder: OutputFolder, fps: float | None = None) -> dict[str, Clock]:
+    """Each camera's clock; `fps` counts where the calibration knows none. Raises `InputError` where nobody knows one."""
+    if fps is not None and not 0 < fps <= 1000:
+        raise InputError(f"--fps {fps:g}: give frames per second, above 0 and at most 1000")
+    if folder.clocks:
+        return dict(folder.clocks)
+    rate = fps or folder.fps
+    if rate is None:
+        raise InputError(
+            f"{folder.path}: the calibration does not know the frames' rate: give it with --fps, or under [scene] set fps to "
+            "it and calibrate again"
+        )
+    return {name: Clock(rate) for name in folder.rig.names}
+
+
+def ways_by(
+    folder: OutputFolder, rig: Rig, clocks: Mapping[str, Clock], options: TrackOptions, tell: Progress = silent
+) -> Trajectories:
+    """The ways by the folder's boxes and a rig. Raises `InputError` where the folder has no box."""
+    if not any(len(boxes) for boxes in folder.boxes.values()):
+        raise InputError(
+            f"{folder.path / 'tracks'}: holds no box: people are followed by boxes; calibrate with boxes, or with both"
+        )
+    seen = Observations({name: CameraObservations(boxes) for name, boxes in folder.boxes.items()})
+    return trajectories(rig, seen, clocks, options, tell=tell)

@@ -1,0 +1,110 @@
+"""Calibrating from arrays: lenses and what the cameras saw, without any file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import ValidationError
+
+from passerby.calibration.pipeline import Calibration, calibrate_inputs
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress
+from passerby.core.cameras import Lens, Rig
+from passerby.core.observations import Boxes, Keypoints
+from passerby.interchange.storage.faults import FileFaults
+from passerby.scene.camera_input import reading_in_memory
+from passerby.scene.errors import explained
+from passerby.scene.inputs import IN_MEMORY, inputs_of
+from passerby.scene.scene import TABLES, Scene
+
+BOX_COLUMNS = "frame, id (-1 where unknown), left, top, width, height[, score]"
+
+Lenses = Rig | Mapping[str, Lens]
+SeenBoxes = Mapping[str, Boxes | ArrayLike]
+
+
+def calibrate_observations(
+    lenses: Lenses, boxes: SeenBoxes | None = None, *, keypoints: Mapping[str, Keypoints] | None = None,
+    fps: float | Mapping[str, float] | None = None, name: str = "scene", seed: int = 0, progress: Progress | None = None,
+    executor: Executor | None = None, **tables: Mapping[str, Any],
+) -> Calibration:  # fmt: skip
+    """Calibrate from what is in memory: arrays of boxes, or joints, by camera.
+
+        lens = passerby.Lens((1280, 720), [[900, 0, 640], [0, 900, 360], [0, 0, 1]], [])
+        passerby.calibrate_observations(
+            {"C1": lens, "C2": lens}, {"C1": boxes_1, "C2": boxes_2}, fps=25, association={"mode": "given"}
+        )
+
+    Everything is checked as files are, and too little evidence is a verdict, as of `calibrate`.
+
+    Args:
+        lenses: of each camera; or a rig, whose poses are left alone.
+        boxes: of each camera, `Boxes` or an array of (N, 6 or 7): frame, id (-1 where unknown), left, top, width, height in
+            pixels, and score.
+        keypoints: joints, of cameras that have any; the ids are those of the boxes.
+        fps: frames per second of the frame numbers, of all cameras or of each.
+        name: what the scene is called.
+        seed: as of `calibrate`.
+        progress: as of `calibrate`.
+        executor: as of `calibrate`.
+        tables: tables of the scene file as mappings: `association`, `scale`, `solver`, `world`. Mode "given" says that an id
+            is the same person in all cameras; without it they are found.
+
+    Raises:
+        InputError: a camera without a lens, an array of another shape, a setting that does not exist.
+    """
+    known = {camera.name: camera.lens for camera in lenses} if isinstance(lenses, Rig) else dict(lenses)
+    seen = {camera: _boxes(camera, rows) for camera, rows in (boxes or {}).items()}
+    joints = dict(keypoints or {})
+    for camera in (*seen, *joints):
+        if camera not in known:
+            raise InputError(f"camera {camera} has people, but no lens: add it to the lenses ({', '.join(known) or 'none'})")
+    scene = _scene(name, list(known), fps, tables)
+    empty = Boxes.empty(), Keypoints.empty()
+    readings = [
+        reading_in_memory(scene, camera, lens, seen.get(camera, empty[0]), joints.get(camera, empty[1]))
+        for camera, lens in known.items()
+    ]
+    return calibrate_inputs(scene, inputs_of(scene, readings), seed=seed, progress=progress, executor=executor)
+
+
+def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | None, tables: Mapping[str, Any]) -> Scene:
+    """A scene that names no files. Raises `FileFaults` (an `InputError`) as for a scene file."""
+    rates = dict(fps) if isinstance(fps, Mapping) else {}
+    declared: dict[str, dict[str, Any]] = {camera: {"intrinsics": IN_MEMORY, "tracks": IN_MEMORY} for camera in cameras}
+    for camera, rate in rates.items():
+        if camera not in declared:
+            raise InputError(f"fps: camera {camera} has no lens: name one of {', '.join(cameras) or 'none'}")
+        declared[camera] = {**declared[camera], "fps": rate}
+    own = {"name": name} | ({} if fps is None or rates else {"fps": fps})
+    allowed = ("association", "scale", "solver", "world")
+    for table in tables:
+        if table not in allowed:
+            raise InputError(f"'{table}' is no table of the scene file that counts here: there are {', '.join(allowed)}")
+    try:
+        return Scene.model_validate({"scene": own, "cameras": declared, **tables})
+    except ValidationError as error:
+        raise FileFaults([f"scene {name}: {explained(dict(fault), TABLES)}" for fault in error.errors()]) from None
+
+
+def _boxes(camera: str, rows: Boxes | ArrayLike) -> Boxes:
+    """Boxes from an array (N, 6 or 7). Raises `InputError`, with the camera, for one that holds no boxes."""
+    if isinstance(rows, Boxes):
+        return rows
+    try:
+        table = np.asarray(rows, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"boxes of camera {camera} are no numbers ({error}): give {BOX_COLUMNS}") from None
+    if table.size == 0:
+        return Boxes.empty()
+    if table.ndim != 2 or table.shape[1] not in (6, 7):
+        raise InputError(f"boxes of camera {camera} have the shape {table.shape}: give rows of {BOX_COLUMNS}")
+    score = table[:, 6] if table.shape[1] == 7 else np.ones(len(table))
+    try:
+        return Boxes(table[:, 0], table[:, 1], table[:, 2:6], score)  # type: ignore[arg-type]
+    except InputError as error:
+        raise InputError(f"boxes of camera {camera}: {error}") from None

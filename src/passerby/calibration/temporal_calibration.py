@@ -1,0 +1,220 @@
+"""Identities are known, the clocks are not: offsets by the tracks of the same people, refined by the solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.association.associate import Tracklets
+from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
+from passerby.association.clocks.drift import clock_drifts, drift_findings
+from passerby.association.clocks.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
+from passerby.association.figures import association_figures
+from passerby.association.initial_association import Beginning, begin_with_tracks
+from passerby.association.registration_failures import reasons_of_lost
+from passerby.association.result import Association
+from passerby.calibration.association_loop import Solve
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.common.errors import EvidenceError
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
+from passerby.core.solution import Solution
+from passerby.people.upright_rays import bodies_of
+
+SOMEBODY_ELSE = -1e9
+"""Log-likelihood ratio of two known people being one: they neither vote nor match."""
+NEIGHBOURS, ASTRAY = 2, 0.5
+"""Boxes on either side, and body heights from their median beyond which a box shows somebody else: in two boxes' time nobody
+strays so far from an even walk."""
+UNTOLD = "the tracks of the same people do not tell its offset"
+MEND = "record more people who walk about in the view that it shares with the others, or start the cameras at one time"
+
+
+def solve_with_clocks(
+    rig: Rig, observations: Observations, max_offset_s: float, body_m: float, solve: Solve, rng: np.random.Generator,
+    *, tell: Progress = silent, executor: Executor | None = None,
+) -> tuple[Solution, Association]:  # fmt: skip
+    """Find the cameras' clocks by people whose identities are known, and solve the rig.
+
+    Args:
+        rig: names and lenses.
+        observations: identities hold over all cameras; every camera has a clock.
+        max_offset_s: largest difference of two cameras' clocks that is searched for.
+        body_m: mean standing height, metres.
+        solve: the solver; where its figures hold `clocks`, their corrections are taken.
+        rng: drives sampling.
+        tell: told each stage as it begins.
+        executor: works on cameras and on pairs of them side by side.
+
+    Returns:
+        The solution, refused where the evidence does not do, and the association, its identities those given. A camera whose
+        clock is not found has no pose, and a reason.
+    """
+    numbers = _numbers(observations)
+    seen = Observations({name: _renumbered(camera, numbers) for name, camera in observations.cameras.items()})
+    cameras = prepare_cameras(rig, seen, observations.clocks, body_m, rng, executor, given=True, tell=tell)
+    try:
+        beginning = _begin(cameras, max_offset_s, executor, tell)
+    except EvidenceError as error:
+        refused = Solution("association", rig, "refused", error.reasons)
+        return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
+    assert beginning.graph is not None
+    timed = [cameras[c].name for c in beginning.graph.groups[0]]
+    lost = {name: f"camera {name} has no clock: {UNTOLD}; {MEND}" for name in rig.names if name not in timed}
+    lost |= reasons_of_lost(cameras, beginning.graph, max_offset_s, "has no clock: it ")
+    return _refined(rig, observations, cameras, beginning, lost, solve, tell)
+
+
+def _refined(
+    rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], beginning: Beginning, lost: Mapping[str, str],
+    solve: Solve, tell: Progress,
+) -> tuple[Solution, Association]:  # fmt: skip
+    """Solve, set the clocks, and solve again: by the cameras whose clocks are known."""
+    offset_s, seen = beginning.offset_s, _without(observations, lost)
+    for passing in (True, False):
+        tell("solving")
+        solution = solve(at_common_instants(rig, cameras, seen, offset_s), beginning.guesses, passing=passing, refine_time=True)
+        if solution.verdict == "refused":
+            break
+        correction_s, sigma_s = corrections(solution)
+        offset_s = offset_s + correction_s
+    else:
+        in_step = whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in cameras]))
+        if in_step is not None:
+            figures, offset_s = solution.figures, in_step
+            solution = solve(
+                at_common_instants(rig, cameras, seen, offset_s), beginning.guesses, passing=False, refine_time=False
+            )
+            solution = replace(solution, figures=solution.figures | {"clocks": figures["clocks"]})
+    solution = _without_clocks(solution, lost)
+    return solution, _association(rig, observations, cameras, beginning, offset_s, solution)
+
+
+def _begin(cameras: Sequence[PreparedCamera], max_offset_s: float, executor: Executor | None, tell: Progress) -> Beginning:
+    """Register the pairs by people who are the same."""
+    people = np.arange(max((camera.n_tracklets for camera in cameras), default=0))
+    same = np.where(people[:, None] == people, 0.0, SOMEBODY_ELSE)
+    likeness = {
+        (a, b): same[: first.n_tracklets, : second.n_tracklets]
+        for a, first in enumerate(cameras)
+        for b, second in enumerate(cameras)
+        if a < b
+    }
+    return begin_with_tracks(cameras, Tracklets.of(cameras), max_offset_s, likeness, executor, tell)
+
+
+def _numbers(observations: Observations) -> Ints:
+    """The known identities of all cameras, sorted."""
+    seen = [part.identity for camera in observations.cameras.values() for part in (camera.boxes, camera.keypoints)]
+    known = np.unique(np.concatenate(seen))
+    return np.asarray(known[known > UNKNOWN])
+
+
+def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
+    """Identities as their places among the numbers: matrices by identity stay small."""
+
+    def renumbered(identity: Ints) -> Ints:
+        return np.where(identity > UNKNOWN, np.searchsorted(numbers, identity), UNKNOWN)
+
+    boxes = replace(seen.boxes, identity=renumbered(seen.boxes.identity))
+    return CameraObservations(
+        replace(boxes, identity=np.where(in_line(boxes), boxes.identity, UNKNOWN)),
+        replace(seen.keypoints, identity=renumbered(seen.keypoints.identity)),
+    )
+
+
+def in_line(boxes: Boxes) -> Bools:
+    """(N,) which boxes lie where the neighbouring ones of their identity lead one to expect.
+
+    One that shows somebody else for a moment would bend the track of its person over a second.
+    """
+    order = np.lexsort((boxes.frame, boxes.identity))
+    middle = boxes.ltwh[order, :2] + 0.5 * boxes.ltwh[order, 2:]
+    around = np.arange(len(order))[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)
+    inside = np.clip(around, 0, len(order) - 1)
+    own = (around == inside) & (boxes.identity[order][inside] == boxes.identity[order][:, None])
+    expected = np.nanmedian(np.where(own[..., None], middle[inside], np.nan), axis=1)
+    near = np.linalg.norm(middle - expected, axis=1) < ASTRAY * boxes.ltwh[order, 3]
+    out = np.zeros(len(order), dtype=bool)
+    out[order] = near
+    return out
+
+
+def _without(observations: Observations, lost: Mapping[str, str]) -> Observations:
+    """Boxes in line and joints, the lost cameras seeing nobody.
+
+    Who is interpolated between a box of his own and one of somebody else is nowhere near either.
+    """
+    seen = {
+        name: CameraObservations(camera.boxes.take(in_line(camera.boxes)), camera.keypoints)
+        if name not in lost
+        else CameraObservations()
+        for name, camera in observations.cameras.items()
+    }
+    return replace(observations, cameras=seen)
+
+
+def _without_clocks(solution: Solution, lost: Mapping[str, str]) -> Solution:
+    """The solution with the reason for each camera whose clock is not known, in place of the solver's."""
+    if not lost:
+        return solution
+    kept = tuple(
+        reason
+        for reason in solution.reasons
+        if not reason.startswith(tuple(f"camera {name} could not be joined" for name in lost))
+    )
+    verdict = "doubtful" if solution.verdict == "accepted" else solution.verdict
+    return replace(solution, verdict=verdict, reasons=(*lost.values(), *kept))
+
+
+def _association(
+    rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], beginning: Beginning | None, offset_s: Floats,
+    solution: Solution,
+) -> Association:  # fmt: skip
+    """The result; the first registered camera's clock is the rig's."""
+    offset_s = by_first_registered(offset_s, solution.rig)
+    people = [np.arange(camera.n_tracklets) for camera in cameras]
+    figures = association_figures(cameras, Tracklets.of(cameras), None, beginning, np.concatenate(people), offset_s)
+    poses = [camera.pose for camera in solution.rig]
+    drifts = clock_drifts(cameras, poses, people, offset_s) if any(poses) else {}
+    doubts, findings = drift_findings(cameras, drifts)
+    sigma_s = {name: clock["sigma_s"] for name, clock in solution.figures.get("clocks", {}).items()}
+    instants = at_common_instants(rig, cameras, observations, offset_s)
+    clocks = clocks_with(cameras, offset_s)
+    return Association(
+        observations, instants, clocks, sigma_s, figures, notes=tuple(doubts), findings=tuple(findings),
+        drifts={cameras[c].name: drift for c, drift in drifts.items()},
+    )  # fmt: skip
+
+
+def association_in_step(rig: Rig, observations: Observations, instants: Observations, solution: Solution) -> Association:
+    """The association where identities are given and no clock is searched for: whether the clocks keep step all the same.
+
+    Args:
+        rig: names and lenses.
+        observations: as they were read, with clocks where the rates differ.
+        instants: the same at common instants.
+        solution: the rig that was made of them.
+    """
+    clocks = observations.clocks or ({} if observations.fps is None else dict.fromkeys(rig.names, Clock(observations.fps)))
+    poses = [camera.pose for camera in solution.rig]
+    if not clocks or not any(poses):
+        return Association(observations, instants, observations.clocks)
+    numbers, none = _numbers(observations), np.zeros(0, np.int64)
+    seen = [_renumbered(observations[name], numbers) for name in rig.names]
+    cameras = [
+        PreparedCamera(camera.name, own, clock, bodies_of(own, camera.lens, clock), None, None, (none, none))
+        for camera, own in zip(rig, seen, strict=True)
+        for clock in (clocks[camera.name],)
+    ]
+    people = [np.arange(camera.n_tracklets) for camera in cameras]
+    drifts = clock_drifts(cameras, poses, people, np.zeros(len(cameras)))
+    doubts, findings = drift_findings(cameras, drifts)
+    return Association(
+        observations, instants, observations.clocks, notes=tuple(doubts), findings=tuple(findings),
+        drifts={cameras[c].name: drift for c, drift in drifts.items()},
+    )  # fmt: skip

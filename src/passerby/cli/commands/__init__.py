@@ -1,0 +1,4 @@
+"""One module for each command.
+
+May import everything.
+"""

@@ -1,0 +1,149 @@
+"""`passerby align`: a rig, or a whole calibration, in the world frame that its user wants."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from passerby.common.errors import EvidenceError, InputError
+
+if TYPE_CHECKING:
+    from passerby.calibration.alignment.world import Aligned
+    from passerby.scene.tables import WorldTable
+
+
+def align(
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML), or output folder of `passerby calibrate`.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Rig file to write (.toml), or folder for the whole calibration; may be RIG itself."),
+    ],
+    camera: Annotated[
+        str | None, typer.Option(help="Origin on the ground below this camera, x along what it looks at.")
+    ] = None,
+    towards: Annotated[str | None, typer.Option(help="With --camera: x towards this other camera.")] = None,
+    points: Annotated[
+        Path | None, typer.Option(help="Points with known coordinates: camera, u, v, x, y[, z][, point][, sd_m] (CSV or TOML).")
+    ] = None,
+    positions: Annotated[
+        Path | None,
+        typer.Option(help="Known positions of cameras: camera, x, y[, z][, sd_m], or camera, lat, lon[, alt] (CSV or TOML)."),
+    ] = None,
+    scale: Annotated[bool, typer.Option("--scale", help="Points or positions set the scale too.")] = False,
+    tilt: Annotated[bool, typer.Option("--tilt", help="Points or positions set the vertical and the height too.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+) -> None:
+    """Set origin and heading of the world: by a camera, by clicked points, or by known positions of cameras.
+
+    The ground stays at z = 0, the vertical vertical and lengths as they are, unless --tilt or --scale says otherwise. Sigmas
+    and verdict are kept. Residuals are told for each point and camera; one gross error among enough places is found, told and
+    left out.
+    """
+    from passerby.calibration.alignment.folder import write_aligned
+    from passerby.calibration.alignment.scene_world import set_world
+    from passerby.calibration.results import CALIBRATION_FILE, RIG_FILE
+    from passerby.cli.terminal import stages
+    from passerby.interchange.output_folder import read_folder_rig
+    from passerby.interchange.rig_toml import read_rig, write_rig
+    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.transaction import working_in
+
+    wanted = _wanted(camera, towards, points, positions, scale, tilt)
+    folder = rig if rig.is_dir() else rig.parent if (rig.parent / CALIBRATION_FILE).is_file() and rig.name == RIG_FILE else None
+    source = rig / RIG_FILE if rig.is_dir() else rig
+    to_file = out.suffix.lower() == ".toml" and not out.is_dir()
+    _check_target(source, out, folder, to_file)
+    in_place = not to_file and folder is not None and out.resolve() == folder.resolve()
+    with working_in(out, "passerby align") if in_place else nullcontext():
+        try:
+            aligned = set_world(read_rig(source) if folder is None else read_folder_rig(folder), wanted)
+        except EvidenceError as error:
+            raise EvidenceError(f"{points or positions or source}: {error}", error.reasons) from None
+        notes = list(aligned.notes)
+        if to_file:
+            write_rig(out, aligned.rig)
+        else:
+            assert folder is not None
+            with stages() as tell:
+                notes += write_aligned(folder, out, aligned, tell)
+    if json:
+        print(to_json({**aligned.figures, "notes": notes, "out": str(out)}), end="")
+    else:
+        _show(aligned)
+        print(f"written to {out}")
+    for note in notes:
+        print(f"note: {' '.join(note.split())}", file=sys.stderr)
+
+
+def _wanted(
+    camera: str | None, towards: str | None, points: Path | None, positions: Path | None, scale: bool, tilt: bool
+) -> WorldTable:
+    """What the options ask for. Raises `InputError` where they contradict each other."""
+    from passerby.scene.tables import WorldTable
+
+    given = [
+        name for name, value in (("--camera", camera), ("--points", points), ("--positions", positions)) if value is not None
+    ]
+    if len(given) != 1:
+        raise InputError(f"{' and '.join(given) or 'nothing'} given: give one of --camera, --points, --positions")
+    if towards is not None and camera is None:
+        raise InputError("--towards goes with --camera: name the camera that the world begins at")
+    if towards is not None and towards == camera:
+        raise InputError("--towards is the camera itself: name another one")
+    if camera is not None and (scale or tilt):
+        raise InputError("--scale and --tilt need --points or --positions: a camera tells neither")
+    return WorldTable(camera=camera, towards=towards, points=points, positions=positions, scale=scale, tilt=tilt)
+
+
+def _check_target(source: Path, out: Path, folder: Path | None, to_file: bool) -> None:
+    """Raises `InputError` where a folder would be left in two frames, or where there is no folder to write."""
+    from passerby.calibration.results import CALIBRATION_FILE, RIG_FILE
+
+    if to_file and folder is not None and out.resolve() == source.resolve():
+        raise InputError(
+            f"{out}: {CALIBRATION_FILE} beside it would stay in the old frame: give -o {folder} to align the whole folder, or "
+            "another file"
+        )
+    if not to_file and folder is None:
+        raise InputError(
+            f"{out}: is no .toml, and {source} is not the {RIG_FILE} of an output folder: give a file that ends in .toml"
+        )
+
+
+def _show(aligned: Aligned) -> None:
+    """The residuals, and the motion with its sigmas."""
+    import numpy as np
+
+    from passerby.cli.terminal import number, show_table
+
+    figures, motion = aligned.figures, aligned.motion
+    if aligned.residuals:
+        of_points = "point" in aligned.residuals[0]
+        rows = [_row(row, of_points) for row in aligned.residuals]
+        last = ("off px", "height off m", "used") if of_points else ("height off m", "used")
+        columns = ("point", "camera") if of_points else ("camera",)
+        show_table(f"aligned by {figures['by']}", (*columns, "off m", *last), rows)
+    turn = float(np.degrees(np.linalg.norm(figures["rotation"])))
+    shift = float(np.linalg.norm(motion.translation))
+    grown = f", lengths times {motion.scale:.4f}" if figures.get("scale_fitted") else ""
+    print(f"world turned by {turn:.2f} degrees and moved by {shift:.3f} m{grown}")
+    if aligned.residuals:
+        scale = f", scale to {100 * figures['scale_sigma']:.1f} %" if figures.get("scale_fitted") else ""
+        place = number(figures["place_sigma_mm"] / 1000, 3)
+        print(f"heading known to {number(figures['turn_sigma_deg'], 2)} degrees, place to {place} m{scale}")
+    if "geodetic_origin" in figures:
+        latitude, longitude, altitude = figures["geodetic_origin"]
+        print(f"origin: latitude {latitude:.7f}, longitude {longitude:.7f}, altitude {altitude:.2f} m; x east, y north")
+
+
+def _row(row: dict[str, Any], of_points: bool) -> list[str]:
+    """One line of the residuals."""
+    from passerby.cli.terminal import number
+
+    names = [row["point"], row["camera"]] if of_points else [row["camera"]]
+    pixels = [number(row["off_px"])] if of_points else []
+    return [*names, number(row["off_m"], 3), *pixels, number(row["height_off_m"], 3), "yes" if row["used"] else "no"]

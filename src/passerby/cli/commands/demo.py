@@ -1,0 +1,66 @@
+"""`passerby demo`: from nothing to a rig, with the truth to compare it with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+SECONDS, FPS = 60.0, 10.0
+"""A minute, as the documentation asks of a user: half the time leaves twice the error."""
+
+
+def demo(
+    context: typer.Context,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Keep the scene and its calibration in this folder.")] = None,
+    detector: Annotated[
+        str, typer.Option(help="What finds people: background, auto, a model's name or a path.")
+    ] = "background",
+    embedder: Annotated[
+        str, typer.Option(help="What describes how they look: stripes, none, auto, a name or a path.")
+    ] = "stripes",
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: wall times and figures of the stages.")] = False,
+) -> None:
+    """Film a simulated terrace with four cameras, calibrate them from the videos, and print the errors.
+
+    Needs no network and no model files unless they are asked for.
+    """
+    import tempfile
+
+    from passerby.calibration.pipeline import calibrate
+    from passerby.calibration.results import write_results
+    from passerby.cli.tables import show_calibration, show_comparison, tell_reasons
+    from passerby.cli.terminal import stages
+    from passerby.common.parallel import local_processes
+    from passerby.evaluation.metrics import compare
+    from passerby.interchange.rig_toml import read_rig
+    from passerby.interchange.storage.transaction import working_in
+    from passerby.scene.scene import Scene
+    from passerby.scene.tables import PerceptionTable
+    from passerby.simulation import SimulationOptions, simulate, write_scene
+    from passerby.simulation.rendering import RenderOptions
+
+    options = SimulationOptions(preset="terrace", seconds=SECONDS, fps=FPS, unrelated_ids=True)
+    with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages() as tell:
+        folder = out or Path(temporary)
+        processes = local_processes(0, options.n_cameras, options.n_cameras)
+        with working_in(folder / "out", "passerby demo"), processes as executor:
+            tell("simulating")
+            path = write_scene(simulate(options), folder / "scene", video=RenderOptions(), executor=executor, tell=tell)
+            scene = Scene.load(path).with_perception(PerceptionTable(detector=detector, embedder=embedder))
+            calibration = calibrate(scene, progress=tell, executor=executor, keep=folder / "out")
+            write_results(calibration, folder / "out", report=out is not None, progress=tell)
+        comparison = compare(read_rig(folder / "out" / "rig.toml"), read_rig(path.parent / "truth.toml"))
+    print(
+        f"A simulated terrace of 7 x 11 m, filmed by {options.n_cameras} cameras for {options.seconds:g} s: people walk about, "
+        f"found by {calibration.perception['detector']}.\n"
+    )
+    show_calibration(calibration, verbose or bool(context.obj))
+    print()
+    show_comparison(comparison)
+    if out is not None:
+        print(f"\nwritten to {out}: the videos and scene.toml in scene/, the rig and the tracks in out/")
+        print(f"a page to look at: {out / 'out' / 'report.html'}")
+    tell_reasons(calibration)
+    raise typer.Exit(calibration.exit_status)

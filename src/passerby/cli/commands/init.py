@@ -1,0 +1,65 @@
+"""`passerby init`: a scene file from a folder of videos."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from passerby.scene.start.start import Started
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the videos, one a camera.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The scene file to write; scene.toml in the folder.", show_default=False)
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier scene file; no other file is touched.")] = False,
+) -> None:
+    """Write a scene file, with comments, for a folder of videos.
+
+    A calibration of the lenses that lies there is used: a rig file (TOML of Anipose, Caliscope or Pose2Sim), or files of OpenCV
+    (YAML, XML, JSON), in the folder or in a folder in it that is called calibration or intrinsics.
+    """
+    from passerby.scene.start.start import start
+
+    _show(start(folder, out, force))
+
+
+def _show(started: Started) -> None:
+    """The cameras, what was noticed, and the next steps."""
+    import shlex
+
+    from passerby.cli.terminal import MISSING, number, show_table
+    from passerby.interchange.storage.toml_text import relative
+
+    rows = []
+    for camera in started.cameras:
+        found, info = camera.found, camera.found.info
+        source = found.video or next(iter(found.files.values()), None)
+        rows.append(
+            [
+                found.name,
+                MISSING if source is None else relative(source, started.scene),
+                MISSING if info is None else f"{info.size[0]} x {info.size[1]}",
+                MISSING if info is None else f"{info.average_fps:.4g}" + (" (varies)" if info.variable else ""),
+                MISSING if info is None else number(info.seconds, 1, " s"),
+                MISSING if info is None else info.codec,
+                camera.state,
+            ]
+        )
+    show_table(f"{len(rows)} cameras", ("camera", "video", "size", "frames/s", "length", "codec", "intrinsics"), rows)
+    for note in started.notes:
+        print(" ".join(note.split()))
+    print(f"written: {', '.join(map(str, started.written))}")
+    print("\nNext:")
+    steps = [*started.to_do]
+    scene = shlex.quote(str(started.scene))
+    steps += [
+        f"passerby check {scene}",
+        f"passerby calibrate {scene} -o {shlex.quote(str(started.scene.parent / 'out'))}",
+    ]
+    for index, step in enumerate(steps, start=1):
+        print(f"  {index}. {step}")

@@ -1,0 +1,133 @@
+"""`passerby models`: which networks there are, where they lie, fetching and checking them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from passerby.common.errors import InputError
+
+if TYPE_CHECKING:
+    from passerby.perception.catalogue import ModelEntry
+
+models_app = typer.Typer(
+    name="models",
+    help="The networks that detect, tell apart and measure people: list, fetch and verify them. Without a command: list.",
+    invoke_without_command=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+Folder = Annotated[Path | None, typer.Option("--models", metavar="FOLDER", help="A folder of models to look in first.")]
+
+ABSENT = "not here"
+
+
+@models_app.callback()
+def models_command(context: typer.Context) -> None:
+    """List the models where no command is given."""
+    if context.invoked_subcommand is None:
+        list_models()
+
+
+@models_app.command("list")
+def list_models(models: Folder = None, json: AsJson = False) -> None:
+    """What Passerby knows, and where on this computer it lies."""
+    from passerby.cli.terminal import show_table
+    from passerby.perception.catalogue import catalogue
+    from passerby.perception.model_files import model_folders
+
+    folders = model_folders(models)
+    places = [
+        next((folder / entry.file for folder in folders if (folder / entry.file).is_file()), None) for entry in catalogue()
+    ]
+    if json:
+        listed = [{**_facts(entry), "path": place} for entry, place in zip(catalogue(), places, strict=True)]
+        _print_json({"models": listed, "folders": folders})
+        return
+    rows = [
+        [entry.name, entry.role, _megabytes(entry), entry.licence, "auto" if entry.default else "", str(place or ABSENT)]
+        for entry, place in zip(catalogue(), places, strict=True)
+    ]
+    show_table("models", ["name", "role", "size", "licence", "default", "where"], rows)
+    print(f"looked for in {', '.join(map(str, folders))}")
+
+
+@models_app.command("fetch")
+def fetch_models(
+    context: typer.Context,
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="Which ones; those that `auto` means.")] = None,
+    all_models: Annotated[bool, typer.Option("--all", help="All that an address serves.")] = False,
+    models: Folder = None,
+    json: AsJson = False,
+) -> None:
+    """Fetch models into the cache; what lies on this computer already is only checked."""
+    from passerby.cli.terminal import stages
+    from passerby.perception.catalogue import catalogue
+    from passerby.perception.fetching import UnreachableError
+    from passerby.perception.model_files import copies_of, entry_of, fetch_model
+
+    if names and all_models:
+        raise InputError("names and --all contradict each other: give one of them")
+    if names:
+        entries = [entry_of(name) for name in names]
+    else:
+        entries = [entry for entry in catalogue() if entry.url is not None and (all_models or entry.default)]
+    done: list[dict[str, Any]] = []
+    with stages(verbose=not json) as tell:
+        for entry in entries:
+            copy = next(copies_of(entry, models), None)
+            if copy is not None:
+                copy.check()
+            try:
+                path = copy.path if copy is not None else fetch_model(entry, tell)
+            except UnreachableError as error:
+                raise InputError(f"{entry.name}: cannot be fetched: {error}") from error
+            done.append({"name": entry.name, "path": path, "fetched": copy is None})
+    if json:
+        _print_json({"models": done})
+        return
+    for item in done:
+        print(f"{item['name']}: {'fetched to' if item['fetched'] else 'already in'} {item['path']}")
+
+
+@models_app.command("verify")
+def verify_models(models: Folder = None, json: AsJson = False) -> None:
+    """Check the SHA-256 of every model on this computer. Exit status 2 if one is wrong; an absent one is none."""
+    from passerby.cli.terminal import show_table
+    from passerby.perception.catalogue import catalogue
+    from passerby.perception.model_files import copies_of
+
+    copies = {entry.name: list(copies_of(entry, models)) for entry in catalogue()}
+    absent = [name for name, found in copies.items() if not found]
+    all_copies = [copy for found in copies.values() for copy in found]
+    if json:
+        checked = [
+            {"name": copy.entry.name, "path": copy.path, "right": copy.right, "sha256": copy.sha256} for copy in all_copies
+        ]
+        _print_json({"checked": checked, "absent": absent})
+    else:
+        rows = [[copy.entry.name, "right" if copy.right else "WRONG", str(copy.path)] for copy in all_copies]
+        show_table("models", ["name", "checksum", "where"], [*rows, *([name, ABSENT, ""] for name in absent)])
+    for copy in all_copies:
+        copy.check()
+
+
+def _facts(entry: ModelEntry) -> dict[str, Any]:
+    """An entry of the manifest as JSON shows it."""
+    return entry.model_dump(exclude={"input"}, exclude_none=False)
+
+
+def _megabytes(entry: ModelEntry) -> str:
+    """3.7 MB."""
+    return f"{entry.bytes / 1e6:.1f} MB"
+
+
+def _print_json(value: object) -> None:
+    """One JSON object on standard output."""
+    from passerby.interchange.storage.json_text import to_json
+
+    print(to_json(value), end="")

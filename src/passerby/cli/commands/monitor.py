@@ -1,0 +1,93 @@
+"""`passerby monitor`: whether the cameras of a rig have moved since it was calibrated."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from passerby.common.errors import InputError
+
+if TYPE_CHECKING:
+    from passerby.monitoring.result import Monitored
+
+
+def monitor(
+    context: typer.Context,
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML), or output folder of `passerby calibrate`.")],
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file of new footage, cameras named as in RIG.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for rig.toml with the new poses, and monitor.json.")
+    ] = None,
+    every: Annotated[float, typer.Option(help="Seconds of footage that are judged at once.")] = 60.0,
+    in_step: Annotated[
+        bool, typer.Option("--in-step", help="The footage's clocks agree, whatever they did in the calibration.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: each window, and the stages.")] = False,
+) -> None:
+    """Tell whether a camera has moved: which, when, and by how much; it alone gets a new pose.
+
+    The people in the footage tell, as they did in the calibration; nobody needs to say who is who.
+
+    Exit status 3: a camera has moved, or there are too few people to tell of one.
+    """
+    from passerby.calibration.results import CALIBRATION_FILE
+    from passerby.cli.terminal import stages
+    from passerby.common.parallel import local_processes
+    from passerby.interchange.storage.json_text import to_json
+    from passerby.monitoring.given_rig import read_given, rig_text
+    from passerby.monitoring.monitor import monitor as run_monitor
+    from passerby.monitoring.watching import WatchOptions
+    from passerby.scene.scene import Scene
+
+    verbose = verbose or bool(context.obj)
+    if not 10 <= every <= 3600:
+        raise InputError(f"--every {every:g}: give 10 to 3600 seconds")
+    if out is not None and (out / CALIBRATION_FILE).exists():
+        raise InputError(f"{out}: holds a calibration, which would no longer fit its rig: give another folder")
+    given, loaded = read_given(rig), Scene.load(scene)
+    processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
+    with stages(verbose) as tell, processes as executor:
+        found = run_monitor(
+            given, loaded, WatchOptions(every_s=every), in_step=in_step, keep=out, progress=tell, executor=executor
+        )
+        if out is not None:
+            found.write(out, rig_text(given, found.rig, found.changed))
+    if json:
+        print(to_json({**found.to_dict(), "out": None if out is None else str(out)}), end="")
+    else:
+        _show(found, verbose)
+        if out is not None:
+            print(f"written to {out}")
+    for note in found.notes:
+        print(f"note: {' '.join(note.split())}", file=sys.stderr)
+    raise typer.Exit(found.exit_status)
+
+
+def _show(found: Monitored, verbose: bool) -> None:
+    """A line a camera, and what moved."""
+    from passerby.cli.terminal import MISSING, number, show_table
+    from passerby.monitoring.result import clock_time
+
+    watched, rows = found.watched, []
+    for name in found.names:
+        metres, degrees = found.smallest(name)
+        told = f"{len(found.told(name))} of {len(watched.windows)}"
+        rows.append([name, found.state(name), told, number(metres, 2), number(degrees, 1)])
+    span = f"{clock_time(watched.from_s)} to {clock_time(watched.until_s)}"
+    show_table(
+        f"watched from {span}", ["camera", "state", f"windows of {found.options.every_s:g} s", "seen from m", "from deg"], rows
+    )
+    for sentence in found.sentences():
+        print(sentence)
+    if verbose:
+        columns = ["until", *(f"{name} score" for name in found.names)]
+        scores = []
+        for window in watched.windows:
+            own = {test.camera: test for test in window.tests}
+            cells = [number(own[c].score) if c in own and window.clear(c) else MISSING for c in range(len(found.names))]
+            scores.append([clock_time(window.until_s), *cells])
+        show_table(f"windows (moved from {found.options.threshold:g})", columns, scores)

@@ -1,0 +1,37 @@
+"""`passerby report`: the page that tells whether a calibration is good, made again from its output folder."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    context: typer.Context,
+    calibrated: Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of `passerby calibrate`.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file to write; OUT/report.html.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Name the stages.")] = False,
+) -> None:
+    """Make report.html again: also of a calibration that was refused, or that an older Passerby wrote.
+
+    Pictures are taken from the videos that the scene file names, where they still lie there.
+    """
+    from passerby.calibration.results import REPORT_FILE
+    from passerby.cli.terminal import stages
+    from passerby.interchange.storage.atomic import forget_halves
+    from passerby.interchange.storage.transaction import working_in
+    from passerby.report.contents import contents_from
+    from passerby.report.page import write_report
+
+    path = calibrated / REPORT_FILE if out is None else out
+    alone = working_in(calibrated, "passerby report") if out is None and calibrated.is_dir() else nullcontext()
+    with stages(verbose or bool(context.obj)) as tell, alone:
+        tell("reading")
+        contents = contents_from(calibrated)
+        if out is None:
+            forget_halves(path)
+        write_report(contents, path, tell)
+    print(f"written to {path}")

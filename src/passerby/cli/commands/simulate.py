@@ -1,0 +1,112 @@
+"""`passerby simulate`: a scene whose truth is known, as boxes or as videos."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+
+from passerby.common.errors import InputError
+
+Number = TypeVar("Number", int, float)
+
+
+def simulate(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write; an earlier simulation in it is replaced.")],
+    preset: Annotated[str, typer.Option(help="terrace, basketball or construction.")] = "terrace",
+    seed: Annotated[int, typer.Option(help="The same options and seed give the same scene.")] = 0,
+    cameras: Annotated[int | None, typer.Option(help="Number of cameras; the preset's.")] = None,
+    people: Annotated[int | None, typer.Option(help="Number of people; the preset's.")] = None,
+    seconds: Annotated[float, typer.Option(help="Length of the recording.")] = 40.0,
+    fps: Annotated[float, typer.Option(help="Instants per second.")] = 5.0,
+    camera_height_m: Annotated[float | None, typer.Option(help="Height of the cameras; the preset's.")] = None,
+    person_height_mean_m: Annotated[float, typer.Option(help="Mean standing height, shoes on.")] = 1.72,
+    person_height_sd_m: Annotated[float, typer.Option(help="Its standard deviation.")] = 0.09,
+    occlusion: Annotated[bool, typer.Option(help="People hide each other.")] = True,
+    box_noise: Annotated[float, typer.Option(help="Sigma of each edge, as a fraction of the box height.")] = 0.0,
+    corner_noise_px: Annotated[float, typer.Option(help="Uniform noise of the corners, plus or minus pixels.")] = 0.0,
+    box_slack: Annotated[float, typer.Option(help="Fraction of its height by which a box is larger on each side.")] = 0.0,
+    missing: Annotated[float, typer.Option(help="Fraction of the boxes that are dropped.")] = 0.0,
+    false_boxes: Annotated[float, typer.Option(help="Boxes without a person, as a fraction of the true ones.")] = 0.0,
+    identity_swaps: Annotated[float, typer.Option(help="Fraction of each instant's people who exchange identities.")] = 0.0,
+    clock_offsets: Annotated[
+        str, typer.Option(help="Seconds: a largest offset drawn for each camera, or one for each, parted by commas.")
+    ] = "0",
+    joint_noise_px: Annotated[float, typer.Option(help="Sigma of the joints' pixels.")] = 0.0,
+    unrelated_ids: Annotated[bool, typer.Option(help="Tracklet numbers of each camera's own, not identities.")] = False,
+    tracklet_seconds: Annotated[
+        float, typer.Option(help="Mean length at which tracklets are cut at random; 0: never. Needs --unrelated-ids.")
+    ] = 0.0,
+    embeddings: Annotated[
+        str, typer.Option(help="Appearance of the boxes: none, distinct (tells people apart) or alike (tells nothing).")
+    ] = "none",
+    camera_fps: Annotated[str, typer.Option(help="Frames per second of each camera, parted by commas; all --fps.")] = "",
+    groups: Annotated[
+        str, typer.Option(help="Cameras in groups without common ground: their numbers, parted by commas, as 6,2.")
+    ] = "",
+    keypoints: Annotated[bool, typer.Option(help="Write joints (COCO) too.")] = False,
+    video: Annotated[bool, typer.Option(help="Render videos; the scene file names these instead of boxes.")] = False,
+    clothes: Annotated[
+        str, typer.Option(help="With --video: individual, or alike (vests and trousers of one kind).")
+    ] = "individual",
+    shadows: Annotated[bool, typer.Option(help="With --video: the sun casts shadows; else the sky is overcast.")] = True,
+    pixel_noise: Annotated[float, typer.Option(help="With --video: sigma of the sensor's noise, grey levels.")] = 2.5,
+) -> None:
+    """Simulate people in a scene: boxes or videos, true cameras, and a scene file ready to calibrate."""
+    from passerby.cli.terminal import stages
+    from passerby.common.parallel import local_processes
+    from passerby.simulation import SimulationOptions, write_scene
+    from passerby.simulation import simulate as run_simulation
+    from passerby.simulation.rendering import RenderOptions
+
+    chosen = SimulationOptions(
+        preset=preset,
+        seed=seed,
+        cameras=cameras,
+        people=people,
+        seconds=seconds,
+        fps=fps,
+        camera_height_m=camera_height_m,
+        person_height_mean_m=person_height_mean_m,
+        person_height_sd_m=person_height_sd_m,
+        occlusion=occlusion,
+        box_noise=box_noise,
+        corner_noise_px=corner_noise_px,
+        box_slack=box_slack,
+        missing=missing,
+        false_boxes=false_boxes,
+        identity_swaps=identity_swaps,
+        clock_offsets=_clock_offsets(clock_offsets),
+        joint_noise_px=joint_noise_px,
+        # A video tells nobody's identity, so neither do the boxes that it is compared with.
+        unrelated_ids=unrelated_ids or video,
+        tracklet_seconds=tracklet_seconds,
+        embeddings=embeddings,
+        camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
+        groups=_numbers(groups, int, "--groups", "the number of cameras of each group"),
+    )
+    rendering = RenderOptions(clothes=clothes, shadows=shadows, noise=pixel_noise) if video else None
+    processes = local_processes(0, chosen.n_cameras, chosen.n_cameras if video else 0)
+    with stages() as tell, processes as executor:
+        tell("simulating")
+        path = write_scene(run_simulation(chosen), out, keypoints=keypoints, video=rendering, executor=executor, tell=tell)
+    print(f"written to {out}: passerby calibrate {path} -o {out}-rig")
+
+
+def _clock_offsets(text: str) -> float | tuple[float, ...]:
+    try:
+        offsets = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"--clock-offsets {text!r}: give seconds, one number or one for each camera parted by commas"
+        ) from None
+    return offsets[0] if len(offsets) == 1 else offsets
+
+
+def _numbers(text: str, kind: type[Number], option: str, wanted: str) -> tuple[Number, ...]:
+    """Numbers parted by commas; none where the text is empty."""
+    try:
+        return tuple(kind(part) for part in text.split(",")) if text else ()
+    except ValueError:
+        raise InputError(f"{option} {text!r}: give {wanted}, parted by commas") from None

@@ -1,0 +1,154 @@
+"""`passerby track`: everybody's way over the ground, from the output folder of a calibration."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from passerby.common.errors import InputError
+
+if TYPE_CHECKING:
+    from passerby.common.progress import Progress
+    from passerby.core.cameras import Rig
+    from passerby.core.observations import Clock
+    from passerby.core.trajectories import Trajectories
+    from passerby.evaluation.trajectories import GroundTruth
+    from passerby.interchange.output_folder import OutputFolder
+    from passerby.people.trajectories.trajectories import TrackOptions
+
+FOLDER, CSV_FILE, HTML_FILE = "trajectories", "trajectories.csv", "trajectories.html"
+
+
+def track(
+    context: typer.Context,
+    calibrated: Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of `passerby calibrate`.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for trajectories.csv and trajectories.html; OUT/trajectories.")
+    ] = None,
+    method: Annotated[
+        str, typer.Option(help="smoothed: bodies on the ground, smoothed over time; pairwise: mean of pairwise triangulations.")
+    ] = "smoothed",
+    max_gap: Annotated[float, typer.Option("--max-gap", help="Seconds without sight of a person that are bridged.")] = 2.0,
+    fps: Annotated[float | None, typer.Option(help="Frames per second, where the calibration does not know them.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="True ground positions (CSV: frame, id, x_m, y_m) to compare with.")
+    ] = None,
+    true_rig: Annotated[
+        Path | None, typer.Option("--true-rig", help="Rig file with the true poses: places the world for --truth.")
+    ] = None,
+    truth_fps: Annotated[
+        float | None, typer.Option("--truth-fps", help="Frames per second of --truth; the first camera's.")
+    ] = None,
+    reference: Annotated[str | None, typer.Option(help="Camera that coincides in the metric placement; the first.")] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: each person, and the stages.")] = False,
+) -> None:
+    """Follow everybody over the ground: where each person was at each instant, with a sigma.
+
+    Places that no camera saw, between others, have 0 cameras. With the true positions and the true cameras: how far the ways
+    lie from the truth, by the estimated and by the true cameras.
+    """
+    from passerby.calibration.following import folder_clocks, track_options, ways_by
+    from passerby.cli.terminal import stages
+    from passerby.interchange.output_folder import read_output
+    from passerby.interchange.rig_toml import read_rig
+    from passerby.interchange.storage.atomic import write_text
+    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.transaction import together, working_in
+    from passerby.interchange.trajectories_csv import read_ground_positions, write_trajectories
+    from passerby.report.trajectories_page import trajectories_page
+
+    if truth is not None and true_rig is None:
+        raise InputError("--truth needs --true-rig: the true cameras tell how the estimated world lies in the true one")
+    verbose = verbose or bool(context.obj)
+    with stages(verbose) as tell:
+        tell("reading")
+        folder = read_output(calibrated)
+        options, clocks = track_options(folder, method, max_gap), folder_clocks(folder, fps)
+        rig = read_rig(true_rig) if true_rig is not None else None
+        places = read_ground_positions(truth) if truth is not None else None
+        found = ways_by(folder, folder.rig, clocks, options, tell)
+        figures: dict[str, Any] = {"verdict": folder.verdict, **found.figures}
+        if rig is not None and places is not None:
+            known = _ground_truth(places.identity, places.frame, places.xy, truth_fps or next(iter(clocks.values())).fps)
+            figures["truth"] = _judged(folder, clocks, options, found, rig, known, reference, tell)
+        tell("writing")
+        target = out or calibrated / FOLDER
+        name = str(folder.report.get("name") or calibrated.resolve().name)
+        page = trajectories_page(found, folder.rig, f"{name}: ways over the ground", _note(figures))
+        with working_in(target, "passerby track"), together(target) as new:
+            write_trajectories(new / CSV_FILE, found)
+            write_text(new / HTML_FILE, page)
+    if json:
+        print(to_json({**figures, "out": str(target)}), end="")
+    else:
+        _show(figures, verbose)
+        print(f"written to {target}")
+    for reason in folder.reasons:
+        print(f"note: the calibration is {folder.verdict}: {' '.join(reason.split())}", file=sys.stderr)
+
+
+def _ground_truth(identity: Any, frame: Any, xy: Any, fps: float) -> GroundTruth:
+    """The true places on the rig's time."""
+    from passerby.core.observations import Clock
+    from passerby.evaluation.trajectories import GroundTruth
+
+    return GroundTruth.of(identity, Clock(fps).seconds(frame), xy)
+
+
+def _judged(
+    folder: OutputFolder, clocks: dict[str, Clock], options: TrackOptions, found: Trajectories, true_rig: Rig,
+    truth: GroundTruth, reference: str | None, tell: Progress,
+) -> dict[str, Any]:  # fmt: skip
+    """The errors, by the estimated cameras in both placements, and by the true ones."""
+    from passerby.calibration.following import ways_by
+    from passerby.core.cameras import Rig
+    from passerby.evaluation.trajectories import between, judge, placements
+
+    tell("comparing")
+    same = folder.identities_given
+    motions = placements(folder.rig, true_rig, reference)
+    out: dict[str, Any] = {name: judge(found, truth, motion, same_ids=same).to_dict() for name, motion in motions.items()}
+    shared = Rig(tuple(camera for camera in true_rig.posed() if camera.name in folder.rig.names))
+    by_true = ways_by(folder, shared, clocks, options, tell)
+    out["true_cameras"] = judge(by_true, truth, same_ids=same).to_dict()
+    out["from_true_cameras"] = {name: between(found, by_true, motion).to_dict() for name, motion in motions.items()}
+    return out
+
+
+def _note(figures: dict[str, Any]) -> str:
+    """A sentence on what was found."""
+    from passerby.cli.terminal import number
+
+    return (
+        f"{figures['people']} people, {figures['places']} places in {number(figures['seconds'])} s; sigma "
+        f"{number(figures['median_sigma_m'], 2)} m (median); z is the middle of the body. Calibration: {figures['verdict']}."
+    )
+
+
+def _show(figures: dict[str, Any], verbose: bool) -> None:
+    """Tables."""
+    from passerby.cli.terminal import number, show_table
+
+    print(_note(figures))
+    rows = [[one["name"], str(one["boxes"]), str(one["used"]), number(one["disagreement_m"], 3)] for one in figures["cameras"]]
+    show_table("cameras", ["camera", "boxes", "used", "disagreement m"], rows)
+    if verbose:
+        people = [
+            [str(one["id"]), number(one["from_s"]), number(one["to_s"]), str(one["parts"]), number(one["length_m"]),
+             number(one["median_sigma_m"], 2)] for one in figures["ways"]
+        ]  # fmt: skip
+        show_table("people", ["person", "from s", "to s", "parts", "length m", "sigma m"], people)
+    if "truth" not in figures:
+        return
+    judged = figures["truth"]
+    names = {"metric": "placed by the reference camera", "similarity": "placed by a similarity", "true_cameras": "true cameras"}
+    errors = [
+        [title, str(judged[key]["places"]), *(number(judged[key][column], 3) for column in ("mean_m", "median_m", "p95_m"))]
+        for key, title in names.items()
+        if key in judged
+    ]
+    show_table("distance to the truth", ["cameras", "places", "mean m", "median m", "95 % m"], errors)

@@ -1,0 +1,257 @@
+"""The command line: parse, call, print. Imports stay inside the commands, so that `passerby --help` is quick.
+
+Exit status: 0 accepted, 1 a bug, 2 bad input, 3 too little evidence, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import threading
+import traceback
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from passerby._version import __version__
+from passerby.cli.commands.align import align
+from passerby.cli.commands.benchmark import benchmark
+from passerby.cli.commands.dataset import dataset
+from passerby.cli.commands.demo import demo
+from passerby.cli.commands.export import export
+from passerby.cli.commands.formats import formats
+from passerby.cli.commands.import_ import import_
+from passerby.cli.commands.init import init
+from passerby.cli.commands.models import models_app
+from passerby.cli.commands.monitor import monitor
+from passerby.cli.commands.reid import reid_app
+from passerby.cli.commands.report import report
+from passerby.cli.commands.simulate import simulate
+from passerby.cli.commands.track import track
+from passerby.common.addresses import without_credentials
+from passerby.common.errors import InputError, PasserbyError
+
+INTERRUPTED = 130
+BUG = 1
+UNREAD = 141
+"""Nobody reads standard output any more; as of a program that SIGPIPE ends."""
+FAILING = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO, errno.EMFILE, errno.ENFILE, errno.EPIPE)
+
+app = typer.Typer(
+    name="passerby",
+    help="Calibrate a network of cameras from the people who walk through its view.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: wall times and figures of the stages.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+
+
+def main() -> None:
+    """The program `passerby`."""
+    status = run(sys.argv[1:])
+    if status == INTERRUPTED and not _threads_end():
+        # The interpreter would wait for the threads of a pool that was left in the middle of its work. Every file is written
+        # whole or not at all.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    sys.exit(status)
+
+
+def _threads_end() -> bool:
+    """Whether all other threads end within a second."""
+    others = [thread for thread in threading.enumerate() if thread is not threading.current_thread()]
+    for thread in others:
+        thread.join(timeout=1.0)
+    return not any(thread.is_alive() for thread in others)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit status; errors become one line on standard error."""
+    try:
+        command = typer.main.get_command(app)
+        status = command.main(list(arguments) or ["--help"], prog_name="passerby", standalone_mode=False)
+        sys.stdout.flush()
+    except PasserbyError as error:
+        return _fail(str(error), error.exit_status)
+    except (typer.Abort, KeyboardInterrupt):
+        status = INTERRUPTED
+    except Exception as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            # A group of commands without one of them: its help, which has been printed, unless it is the message.
+            print(str(error), end="")
+            return 0
+        # Usage errors are click's or, in newer versions, typer's own: known by what they can do, not by where they live.
+        if hasattr(error, "format_message"):
+            return _fail(error.format_message(), InputError.exit_status)
+        if isinstance(error, OSError) and error.errno in FAILING:
+            return _machine_fails(error)
+        print(without_credentials(traceback.format_exc()), end="", file=sys.stderr)
+        return _fail(f"a bug in Passerby: {type(error).__name__}: {error}; please report it with the lines above", BUG)
+    if status == INTERRUPTED:
+        return _fail("interrupted", INTERRUPTED)
+    return status if isinstance(status, int) else 0
+
+
+def _fail(message: str, status: int) -> int:
+    print(f"error: {' '.join(without_credentials(message).split())}", file=sys.stderr)
+    return status
+
+
+def _machine_fails(error: OSError) -> int:
+    """What no part of the program is to blame for: a disk that is full or broken, a reader of the output that went away."""
+    _forget_output()
+    if error.errno == errno.EPIPE:
+        return UNREAD
+    what = error.filename or "standard output or a temporary file"
+    why = error.strerror or str(error)
+    return _fail(
+        f"{what}: cannot be written or read ({why}): see to the disk and run the same command again", InputError.exit_status
+    )
+
+
+def _forget_output() -> None:
+    """What standard output cannot take is not tried again at the end of the process."""
+    with suppress(OSError, ValueError, AttributeError):
+        sys.stdout.flush()
+        return
+    with suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"passerby {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    context: typer.Context,
+    verbose: Verbose = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """Options of all commands."""
+    context.obj = verbose
+
+
+@app.command()
+def calibrate(
+    context: typer.Context,
+    scene: SceneFile,
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Folder for rig.toml, report.html, calibration.json, tracks/, what videos showed."),
+    ] = Path("out"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files.")] = 0,
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")] = True,
+    json: AsJson = False,
+    verbose: Verbose = False,
+) -> None:
+    """Calibrate the cameras of a scene.
+
+    What was seen in videos is kept in the output folder: a run that was stopped goes on from there, and one with other options
+    makes again only what depends on them.
+
+    Exit status 3: doubtful or refused; what was found is written all the same, with the reasons.
+    """
+    from passerby.calibration.pipeline import calibrate as run_calibration
+    from passerby.calibration.results import REPORT_FILE, WORK, write_results
+    from passerby.cli.tables import show_calibration, tell_reasons
+    from passerby.cli.terminal import stages
+    from passerby.common.parallel import local_processes
+    from passerby.interchange.storage.transaction import working_in
+    from passerby.scene.scene import Scene
+
+    verbose = verbose or bool(context.obj)
+    loaded = Scene.load(scene)
+    processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
+    with stages(verbose) as tell, working_in(out, WORK), processes as executor:
+        calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
+        tell("writing")
+        write_results(calibration, out, report=report, progress=tell)
+    if json:
+        _print_json(
+            {
+                **calibration.to_dict(),
+                "seconds": calibration.seconds,
+                "out": str(out),
+                **({"report": str(out / REPORT_FILE)} if report else {}),
+            }
+        )
+    else:
+        show_calibration(calibration, verbose)
+        print(f"written to {out}" + (f"; a page to look at: {out / REPORT_FILE}" if report else ""))
+    tell_reasons(calibration)
+    raise typer.Exit(calibration.exit_status)
+
+
+@app.command()
+def evaluate(
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML) to judge, or an output folder.")],
+    truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Rig file (TOML) with the true poses, or an output folder.")],
+    reference: Annotated[str | None, typer.Option(help="Camera that coincides in the metric placement; the first.")] = None,
+    json: AsJson = False,
+) -> None:
+    """Compare a rig with the true one: errors of position and orientation, scale, vertical and ground."""
+    from passerby.cli.tables import show_comparison
+    from passerby.evaluation.metrics import compare
+    from passerby.interchange.output_folder import read_rig_at
+
+    comparison = compare(read_rig_at(rig), read_rig_at(truth), reference)
+    if json:
+        _print_json(comparison.to_dict())
+    else:
+        show_comparison(comparison)
+
+
+@app.command()
+def check(scene: SceneFile, json: AsJson = False) -> None:
+    """Read everything that a scene names and tell what it holds and all that is wrong.
+
+    Exit status 2: something cannot be used; 3: it can, but does not tie all cameras together.
+    """
+    from passerby.cli.tables import show_check
+    from passerby.scene.check import check_scene
+
+    report = check_scene(scene)
+    if json:
+        _print_json(report.to_dict())
+    else:
+        show_check(report)
+    for fault in (*report.faults, *report.lacks):
+        _fail(fault, report.exit_status)
+    raise typer.Exit(report.exit_status)
+
+
+def _print_json(value: object) -> None:
+    from passerby.interchange.storage.json_text import to_json
+
+    print(to_json(value), end="")
+
+
+app.command()(init)
+app.command()(benchmark)
+app.command()(simulate)
+app.command()(demo)
+app.command()(track)
+app.command()(report)
+app.command()(monitor)
+app.command()(align)
+app.command()(dataset)
+app.command()(export)
+app.command("import")(import_)
+app.command()(formats)
+app.add_typer(models_app, name="models")
+app.add_typer(reid_app, name="reid")

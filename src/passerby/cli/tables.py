@@ -1,0 +1,221 @@
+"""Results as tables on standard output."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from passerby.calibration.pipeline import Calibration
+from passerby.cli.terminal import MISSING, number, show_table, watched
+from passerby.core.cameras import Camera, Rig
+from passerby.evaluation.metrics import Comparison
+from passerby.evaluation.stated import Stated
+from passerby.interchange.storage.json_text import to_json
+from passerby.scene.check import CameraCheck, SceneCheck
+from passerby.solver.cues import cue_in_words
+
+
+def show_calibration(calibration: Calibration, verbose: bool) -> None:
+    """Where the cameras stand and how sure that is; with `verbose` the pairs, wall times and figures too."""
+    rows, timed = [], calibration.clocks_searched
+    for camera in calibration.rig:
+        seen, sigma = calibration.observations[camera.name], camera.sigma
+        place = [MISSING] * 3 if camera.pose is None else [number(value, 3) for value in camera.pose.centre]
+        position, orientation = (None, None) if sigma is None else (1000 * sigma.position_m, sigma.orientation_deg)
+        sure = [number(position), number(orientation, 2), *(_clock(calibration, camera) if timed else ())]
+        rows.append([camera.name, *place, *sure, str(len(seen.boxes)), str(len(seen.keypoints))])
+    clock = ("clock s", "sigma s") if timed else ()
+    columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", *clock, "boxes", "joints")
+    show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
+    show_scale(calibration.figures, calibration.rig)
+    for finding in calibration.findings if not watched() else ():
+        print(f"note: {finding}")
+    if verbose:
+        if calibration.association is not None:
+            show_pairs(calibration.association.figures.get("pairs", []))
+            for name, why in calibration.association.lost.items():
+                print(f"{name}: {' '.join(why.split())}")
+        for reason in calibration.reasons:
+            print(f"{calibration.verdict}: {' '.join(reason.split())}")
+        print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
+        print(to_json(calibration.figures), end="")
+
+
+def _clock(calibration: Calibration, camera: Camera) -> list[str]:
+    """The offset of a registered camera's clock, and its sigma."""
+    association = calibration.association
+    if association is None or camera.pose is None:
+        return [MISSING, MISSING]
+    return [number(association.clocks[camera.name].offset_s, 3), number(association.sigma_s.get(camera.name), 3)]
+
+
+def tell_reasons(calibration: Calibration) -> None:
+    """On standard error, why a calibration is not to be relied upon; nothing where it is."""
+    if not calibration.accepted:
+        reasons = "; ".join(calibration.reasons) or "no reason given"
+        print(f"{calibration.verdict}: {' '.join(reasons.split())}", file=sys.stderr)
+
+
+def show_pairs(pairs: Sequence[Mapping[str, Any]]) -> None:
+    """How each pair of cameras was registered; nothing where none was."""
+    if not pairs:
+        return
+    rows = [
+        [
+            " + ".join(pair["cameras"]),
+            pair["route"],
+            number(pair["score"]),
+            number(pair["share"], 2),
+            number(pair["runner_up"], 2),
+            MISSING if pair["matches"] is None else str(pair["matches"]),
+            number(pair["registered_offset_s"], 2),
+            "yes" if pair["used"] else "no",
+        ]
+        for pair in pairs
+    ]
+    columns = ("pair", "route", "score", "share", "runner-up", "matches", "offset s", "used")
+    show_table("pairs of cameras", columns, rows)
+
+
+MOSTLY_SCALE = 0.5
+"""Where the sigma within the rig is below this share of the whole, a measured length pays."""
+
+
+def show_scale(figures: Mapping[str, Any], rig: Rig) -> None:
+    """How sure the scale is, how much each cue pulls, and what a measured length would do; nothing where nobody knows."""
+    scale = figures.get("scale", {})
+    if "cues" not in scale:
+        return
+    if scale.get("relative_sigma") is None:
+        print("scale unknown: nothing that was seen or stated fixes it")
+        return
+    pulls = ", ".join(f"{cue_in_words(cue['cue'])} ({100 * cue['share']:.0f} %)" for cue in scale["cues"])
+    print(f"scale known to {100 * scale['relative_sigma']:.1f} %, from {pulls}")
+    whole = [1000 * camera.sigma.position_m for camera in rig if camera.sigma is not None]
+    within = [sigma for camera in figures.get("cameras", ()) if (sigma := camera.get("shape_position_sigma_mm")) is not None]
+    if whole and within and np.isfinite(whole).all() and max(within) < MOSTLY_SCALE * max(whole):
+        print(
+            f"the sigmas are mostly scale: but for it, positions are known to {number(max(within), 0)} mm; one measured length "
+            "under [scale] mends that"
+        )
+
+
+def show_comparison(comparison: Comparison) -> None:
+    """The errors of every camera, their means and medians, and those of the world."""
+    metric, similarity = comparison.metric, comparison.similarity
+    rows = [
+        [
+            name,
+            number(metric.position_mm.get(name)),
+            number(metric.orientation_deg.get(name), 2),
+            number(similarity.position_mm.get(name)),
+            number(similarity.orientation_deg.get(name), 2),
+        ]
+        for name in (*comparison.names, *comparison.missing)
+    ]
+    for label, values in (
+        (
+            "mean",
+            [
+                metric.mean_position_mm,
+                metric.mean_orientation_deg,
+                similarity.mean_position_mm,
+                similarity.mean_orientation_deg,
+            ],
+        ),
+        (
+            "median",
+            [
+                metric.median_position_mm,
+                metric.median_orientation_deg,
+                similarity.median_position_mm,
+                similarity.median_orientation_deg,
+            ],
+        ),
+    ):
+        rows.append([label, *(number(value, 1 + index % 2) for index, value in enumerate(values))])
+    columns = ("camera", "metric mm", "metric deg", "similarity mm", "similarity deg")
+    show_table(f"errors; metric: {comparison.reference} held", columns, rows)
+    print(
+        f"scale {number(comparison.scale_ratio, 4)} of the true one, vertical off by "
+        f"{number(comparison.gravity_error_deg, 2)} deg, ground by {number(comparison.ground_error_mm)} mm; "
+        f"{len(comparison.names)} of {len(comparison.names) + len(comparison.missing)} cameras registered"
+    )
+    if comparison.stated is not None and comparison.stated.position_sigmas:
+        print(_sigmas_in_words(comparison.stated))
+
+
+def _sigmas_in_words(stated: Stated) -> str:
+    """How many errors lie within the sigmas that the rig states."""
+
+    def within(errors: Mapping[str, float]) -> str:
+        return " and ".join(f"{sum(e <= n for e in errors.values())} of {len(errors)} within {n}" for n in (1, 2))
+
+    return (
+        f"stated sigmas, the rig placed along the ground: positions {within(stated.position_sigmas)}, orientations "
+        f"{within(stated.orientation_sigmas)}"
+    )
+
+
+def show_check(report: SceneCheck) -> None:
+    """What a scene holds, camera by camera; the faults are not among it."""
+    if report.cameras:
+        given, filmed = report.mode == "given", any(camera.video for camera in report.cameras)
+        last = ("people", "people shared with") if given else ("tracklets", "embeddings", "fps")
+        video = ("video", "length") if filmed else ()
+        columns = ("camera", "picture", *video, "span", "frames", "boxes", "joints", *last, "faults")
+        show_table(report.name, columns, [_check_row(camera, given, filmed) for camera in report.cameras])
+    if report.perception:
+        told = (f"{WATCHED_FOR[role]} by {_choice(choice)}" for role, choice in report.perception.items())
+        print("from the videos: " + ", ".join(told))
+    for finding in report.findings:
+        print(f"note: {finding}")
+    if report.exit_status == 0:
+        print("all well")
+
+
+WATCHED_FOR = {"detector": "people", "embedder": "looks", "keypoints": "joints"}
+
+
+def _choice(choice: Mapping[str, Any] | str) -> str:
+    """What does the work of a role, in words."""
+    return choice if isinstance(choice, str) else str(choice["network"])
+
+
+def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:
+    """One line of `show_check`; ids that are a camera's own are shared with nobody."""
+    tracklets = str(camera.identities) if camera.identities or not camera.frames else "detections"
+    # Nobody has looked into the video yet: that is not the same as nobody in it.
+    span, *counts = [MISSING] * 4 if camera.awaiting else _seen(camera)
+    if given:
+        last = [str(camera.identities), " ".join(f"{name}:{shared.people}" for name, shared in camera.shared.items())]
+    else:
+        tracklets = "video" if camera.awaiting else tracklets
+        last = [tracklets, str(camera.embedding_dimensions or MISSING), MISSING if camera.fps is None else f"{camera.fps:g}"]
+    return [
+        camera.name,
+        MISSING if camera.size is None else f"{camera.size[0]}x{camera.size[1]}",
+        *(_of_video(camera) if filmed else ()),
+        span,
+        *counts,
+        *last,
+        str(len(camera.faults)) if camera.faults else "ok",
+    ]
+
+
+def _seen(camera: CameraCheck) -> tuple[str, ...]:
+    """Frames, boxes and joints."""
+    span = MISSING if camera.first_frame is None else f"{camera.first_frame}..{camera.last_frame}"
+    return span, str(camera.frames), str(camera.boxes), str(camera.keypoints)
+
+
+def _of_video(camera: CameraCheck) -> tuple[str, str]:
+    """A video's codec and rate, and its length."""
+    video = camera.video
+    if video is None:
+        return MISSING, MISSING
+    rate = f"about {video.average_fps:.3g}" if video.variable else f"{video.average_fps:.4g}"
+    return f"{video.codec} {video.size[0]}x{video.size[1]} {rate} fps", number(video.seconds, 1, " s")

@@ -1,0 +1,217 @@
+"""What the command line shows: rich tables and a progress bar on a terminal, plain lines anywhere else."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+from rich.text import Text
+
+from passerby.common.progress import Progress as Told
+
+MISSING, UNKNOWN = "-", "unknown"
+
+
+def number(value: float | None, digits: int = 1, unit: str = "") -> str:
+    """A figure as text; a dash where it is undefined, the word where it is known to be unknown: infinite."""
+    if value is not None and math.isinf(value):
+        return UNKNOWN
+    # Adding zero turns -0.0 into 0.0.
+    return MISSING if value is None or math.isnan(value) else f"{round(value, digits) + 0.0:.{digits}f}{unit}"
+
+
+def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table on standard output; the first column is text, the others are figures."""
+    console = Console()
+    if not console.is_terminal:
+        widths = [max(len(row[index]) for row in (columns, *rows)) for index in range(len(columns))]
+        print(title)
+        for row in (columns, *rows):
+            cells = [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
+            print("  ".join([row[0].ljust(widths[0]), *cells]).rstrip())
+        return
+    table = Table(title=escape(title), title_justify="left")
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="right" if index else "left")
+    for row in rows:
+        table.add_row(*map(escape, row))
+    console.print(table)
+
+
+LOG_AFTER_S, LOG_EVERY_S = 30.0, 30.0
+"""Where there is no terminal: runs that are over sooner tell nothing on their way, longer ones a line so often."""
+
+PACE_SHARE = 0.02
+"""Of a stage, to be done before its pace says how long the rest will take."""
+
+
+@contextmanager
+def stages(verbose: bool = False) -> Iterator[Told]:
+    """On standard error: the stage at work with a bar, its parts and the time that is left, and what is found on the way.
+
+    Where standard error is no terminal: a plain log. With `verbose` it tells each stage as it begins, and every note; else a
+    run that takes long tells now and then how far it is.
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _Lines() if verbose else _Log()
+        return
+    columns = (
+        SpinnerColumn(), TextColumn("{task.description}"), _Counted(bar_width=24), _Count(), TimeElapsedColumn(), _Left(),
+    )  # fmt: skip
+    with Progress(*columns, console=console, transient=True) as bar:
+        shown = _Bar(bar)
+        yield shown
+        shown.end_stage()
+
+
+def watched() -> bool:
+    """Whether somebody sees standard output and standard error on one terminal, and so all that was told on the way."""
+    return sys.stdout.isatty() and sys.stderr.isatty()
+
+
+class _Lines:
+    """Tells each stage once, and each thing that it works on."""
+
+    def __init__(self) -> None:
+        self._told: tuple[str, set[str]] = "", set()
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
+        if stage != self._told[0]:
+            self._told = stage, set()
+        if part in self._told[1]:
+            return
+        self._told[1].add(part)
+        name = f"{stage} {part}".strip()
+        print(f"{name}: {total}" if total else name, file=sys.stderr)
+
+    def note(self, text: str) -> None:
+        """A line."""
+        print(f"  {' '.join(text.split())}", file=sys.stderr)
+
+    def failed(self, stage: str) -> None:
+        """A line: the stage is over, but not done."""
+        print(f"{stage}: failed", file=sys.stderr)
+
+
+class _Log:
+    """Tells now and then how far a run is that takes long."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._next = clock() + LOG_AFTER_S
+        self._stage = ""
+        self._parts: dict[str, tuple[int, int]] = {}
+        self._began: tuple[float, int] | None = None
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
+        now = self._clock()
+        if stage != self._stage:
+            self._stage, self._parts, self._began = stage, {}, None
+        self._parts[part] = done, total
+        counted = sum(part_done for part_done, _ in self._parts.values())
+        # What is prepared before anything can be counted tells nothing of the pace.
+        if counted and self._began is None:
+            self._began = now, counted
+        if now < self._next:
+            return
+        self._next = now + LOG_EVERY_S
+        print(self._line(now, counted), file=sys.stderr)
+
+    def warning(self, text: str) -> None:
+        """A line, however short the run is."""
+        print(f"note: {' '.join(text.split())}", file=sys.stderr)
+
+    def _line(self, now: float, done: int) -> str:
+        """How far the stage is, all its parts together, and how long it will take at this pace where that is known by now."""
+        total = sum(part_total for _, part_total in self._parts.values())
+        if not total or not all(part_total for _, part_total in self._parts.values()):
+            return self._stage
+        told = f"{self._stage}: {done} of {total} ({100 * done // total} %)"
+        since, before = self._began or (now, 0)
+        if done - before < PACE_SHARE * total or done >= total:
+            return told
+        return f"{told}, about {_duration((now - since) * (total - done) / (done - before))} left"
+
+
+def _duration(seconds: float) -> str:
+    """45 s, 3 min, 1 h 20 min."""
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+class _Counted(BarColumn):
+    """A bar where there is something to count."""
+
+    def render(self, task: Task) -> Any:
+        """The bar, or nothing where the total is unknown."""
+        return "" if task.total is None else super().render(task)
+
+
+class _Left(ProgressColumn):
+    """How long it will take at this pace."""
+
+    max_refresh = 0.5
+
+    def render(self, task: Task) -> Text:
+        """Nothing where that is unknown, or nothing is left."""
+        left = task.time_remaining
+        return Text("" if task.total is None or not left else f"about {_duration(left)} left", style="dim")
+
+
+class _Count(ProgressColumn):
+    """5 of 21."""
+
+    def render(self, task: Task) -> Text:
+        """Done and total, or nothing where the total is unknown."""
+        return Text("" if task.total is None else f"{int(task.completed)} of {int(task.total)}")
+
+
+class _Bar:
+    """Draws one stage at a time, a bar for each thing that it works on at once; stages that are over stay as lines."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar, self._stage, self._began = bar, "", 0.0
+        self._tasks: dict[str, TaskID] = {}
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
+        if stage != self._stage:
+            self.end_stage()
+            for task in self._tasks.values():
+                self._bar.remove_task(task)
+            self._stage, self._began, self._tasks = stage, time.monotonic(), {}
+        if part in self._tasks:
+            self._bar.update(self._tasks[part], completed=done, total=total or None)
+        else:
+            self._tasks[part] = self._bar.add_task(escape(f"{stage} {part}".strip()), total=total or None, completed=done)
+
+    def end_stage(self) -> None:
+        """Leave a line of the stage that is over, with the time that it took."""
+        self._leave("• ", "green", "")
+
+    def failed(self, stage: str) -> None:
+        """Leave a line of a stage that is over, but not done."""
+        if stage != self._stage:
+            self(stage)
+        self._leave("✗ ", "red", ": failed")
+
+    def _leave(self, sign: str, colour: str, how: str) -> None:
+        if self._stage:
+            took = Text(f"  {time.monotonic() - self._began:.1f} s", style="dim")
+            line = Text.assemble((sign, colour), self._stage, (how, colour), took)
+            self._bar.console.print(line, highlight=False)
+            self._stage = ""
+
+    def note(self, text: str) -> None:
+        """A line that stays."""
+        self._bar.console.print(Text(f"  {' '.join(text.split())}", style="yellow"), highlight=False)

@@ -1,0 +1,45 @@
+"""The exceptions of Passerby: each carries the exit status that a command line ends with.
+
+A message names the file, the camera, the value and the mend, in one line that a person can act on.
+"""
+
+from __future__ import annotations
+
+from passerby.common.addresses import without_credentials
+
+LONGEST = 2000
+"""Characters of a message: a file may hold a name of a million characters, and nobody's file is shown at length."""
+
+
+class PasserbyError(Exception):
+    """Base of every error that Passerby raises on purpose."""
+
+    exit_status = 1
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(cut(message))
+
+
+def cut(message: str) -> str:
+    """A message that is too long without its middle, and every one without the passwords of addresses in it."""
+    message = without_credentials(message)
+    return message if len(message) <= LONGEST else f"{message[: LONGEST - 400]} ... {message[-390:]}"
+
+
+class InputError(PasserbyError):
+    """Something that was handed in is missing, broken or contradicts itself (exit status 2)."""
+
+    exit_status = 2
+
+
+class EvidenceError(PasserbyError):
+    """The input is sound, but too little for a calibration (exit status 3).
+
+    `reasons` lists what was found wanting, one sentence each.
+    """
+
+    exit_status = 3
+
+    def __init__(self, message: str, reasons: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.reasons = tuple(map(without_credentials, reasons or (message,)))

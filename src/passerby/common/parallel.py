@@ -1,0 +1,121 @@
+"""Work that is done side by side."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+MAX_PROCESSES = 8
+STARTING_S = 1.0
+"""What processes take to start: most of it is the import of numpy and scipy, side by side."""
+BYTE_S, PAIR_S = 3e-6, 0.07
+"""What a byte of boxes takes to be made into tracklets, and a pair of cameras to be registered: measured on scenes of 4 to 8
+cameras, a minute long. Rough figures do: near the threshold nothing is gained or lost."""
+VIDEO_S = 5.0
+"""What a video takes at the least; mostly it is far more."""
+ORPHANED_EVERY_S = 1.0
+SETTLING_S = 0.3
+BROKEN = (
+    "a process that worked on a camera was killed from outside, as a rule for want of memory: close other programs and run the "
+    "same command again; what was seen in videos so far is kept"
+)
+
+
+def side_by_side(
+    function: Callable[[Job], Result], jobs: Sequence[Job], executor: Executor | None, tell: Progress, stage: str
+) -> list[Result]:
+    """The results of all jobs, in their order.
+
+    Args:
+        function: of one job; a function of a module, and picklable with its jobs and results.
+        jobs: what to do.
+        executor: does them side by side; one after the other where it is None.
+        tell: told the stage, and each job that is done.
+        stage: its name.
+    """
+    tell(stage, 0, len(jobs))
+    results = []
+    for result in map(function, jobs) if executor is None else executor.map(partial(_alone, function), jobs):
+        results.append(result)
+        tell(stage, len(results), len(jobs))
+    return results
+
+
+def _alone(function: Callable[[Job], Result], job: Job) -> Result:
+    """The result of a job, by one thread: more would wait for each other, and their number would change the last bits."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        return function(job)
+
+
+def _begin_process(parent: int) -> None:
+    """Prepare a process of a pool: an interruption is its parent's to deal with, and it ends when its parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent is no more: a pool's processes would wait for work for ever."""
+    while os.getppid() == parent:
+        time.sleep(ORPHANED_EVERY_S)
+    os._exit(1)
+
+
+def pays(n_bytes: int, n_cameras: int, n_processes: int, n_videos: int = 0) -> bool:
+    """Whether processes save more time than they take to start.
+
+    Args:
+        n_bytes: size of the files of boxes and joints, together.
+        n_cameras: number of cameras.
+        n_processes: processes that would share the work.
+        n_videos: number of videos in which people have to be found.
+    """
+    work_s = n_bytes * BYTE_S + n_cameras * (n_cameras - 1) / 2 * PAIR_S + n_videos * VIDEO_S
+    return n_processes > 1 and work_s * (1 - 1 / n_processes) > STARTING_S
+
+
+@contextmanager
+def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator[Executor | None]:
+    """A pool of local processes, one a core; None where it would not pay (see `pays`).
+
+    Any `concurrent.futures.Executor` can take its place, that of a cluster too. Results do not depend on it.
+    Raises `InputError` where one of its processes was killed from outside.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    n_processes = min(cores, MAX_PROCESSES)
+    if not pays(n_bytes, n_cameras, n_processes, n_videos):
+        yield None
+        return
+    # Threads of libraries do not survive a fork; a fresh process takes a moment longer and is safe everywhere.
+    before = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(n_processes, context, _begin_process, (os.getpid(),))
+    try:
+        yield pool
+    except BaseException as error:
+        # Interrupted: nobody waits for what is not wanted any more.
+        pool.shutdown(wait=False, cancel_futures=True)
+        # Python 3.11's pool reports work that was cancelled as an error of its own when its processes end before it has taken
+        # note: it takes note within milliseconds.
+        time.sleep(SETTLING_S)
+        for process in set(multiprocessing.active_children()) - before:
+            process.kill()
+        if isinstance(error, BrokenExecutor):
+            raise InputError(BROKEN) from error
+        raise
+    pool.shutdown()

@@ -1,0 +1,4 @@
+"""The nouns that every room speaks in: cameras and rigs, observations, clocks, trajectories, scale cues, solutions, findings.
+
+Values, and what all rooms above need of them (projection, synchronisation, overlap). Reads no files; imports `geometry`.
+"""

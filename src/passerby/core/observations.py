@@ -1,0 +1,221 @@
+"""What the cameras saw, in columns: one numpy array per property, one row per box or person.
+
+Frames are whole numbers. Without clocks they are counted alike in all cameras: the same number is the same instant. An identity
+is a whole number; -1 means unknown. The arrays are checked once, on entry, and read-only from then on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import InputError
+
+Vectors = NDArray[np.float32]
+
+UNKNOWN = -1
+
+BODY_17 = (
+    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
+    "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
+)  # fmt: skip
+"""COCO's 17 joints, in COCO's order."""
+
+
+def _column(values: object, dtype: type, shape_tail: tuple[int, ...], name: str) -> NDArray[Any]:
+    given = np.asarray(values)
+    if given.size == 0:
+        given = given.reshape(0, *shape_tail)
+    if given.shape[1:] != shape_tail or given.ndim != 1 + len(shape_tail):
+        raise InputError(f"{name} has the shape {given.shape}: (rows, {', '.join(map(str, shape_tail))}) is needed")
+    try:
+        numbers = given.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} does not hold numbers: {error}") from None
+    finite = np.isfinite(numbers).all(axis=tuple(range(1, numbers.ndim)))
+    if not finite.all():
+        row = int(np.flatnonzero(~finite)[0])
+        raise InputError(f"{name} of row {row + 1} is not a finite number: {given[row].tolist()}")
+    if np.issubdtype(dtype, np.integer) and (numbers != np.round(numbers)).any():
+        row = int(np.flatnonzero(numbers != np.round(numbers))[0])
+        raise InputError(f"{name} of row {row + 1} is {given[row]}: a whole number is needed")
+    array: NDArray[Any] = np.array(given, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+def _unit_vectors(values: object) -> Vectors:
+    """(N, D) rows of length one. A row of zeros stays as it is: nothing is known of that box."""
+    given = np.array(values, dtype=np.float32)
+    if given.ndim != 2:
+        raise InputError(f"boxes.embedding has the shape {given.shape}: (boxes, dimensions) is needed")
+    length = np.linalg.norm(given, axis=1)
+    if not np.isfinite(length).all():
+        raise InputError(f"boxes.embedding of row {int(np.flatnonzero(~np.isfinite(length))[0]) + 1} is not finite")
+    unit = given / np.where(length > 0, length, 1.0)[:, None]
+    unit.setflags(write=False)
+    return np.asarray(unit, dtype=np.float32)
+
+
+def _in_words(frame: Ints, identity: Ints) -> str:
+    """How many rows, who, and when."""
+    if not len(frame):
+        return "none"
+    known = len(np.unique(identity[identity != UNKNOWN]))
+    return f"{len(frame)} in frames {frame.min()} to {frame.max()}, {known} identit{'y' if known == 1 else 'ies'}"
+
+
+def sampling_step(frame: Ints) -> int:
+    """Frames between neighbouring samples: every frame may be there, or every tenth; 1 where there are fewer than two.
+
+    The tenth percentile of the steps, so that a camera that seldom sees anybody does not seem to be slow.
+
+    Args:
+        frame: (N,) frames with somebody in them, in any order, as often as you like.
+    """
+    steps = np.diff(np.unique(frame))
+    return int(np.percentile(steps, 10.0, method="lower")) if len(steps) else 1
+
+
+@dataclass(frozen=True)
+class Clock:
+    """From a camera's frame numbers to the rig's time."""
+
+    fps: float
+    """Frames per second of the camera's frame numbers."""
+    offset_s: float = 0.0
+    """The rig's time at frame 1: frame f shows the world at (f - 1) / fps + offset_s."""
+
+    def seconds(self, frame: Ints | Floats) -> Floats:
+        """(N,) the rig's time of frames, seconds."""
+        return np.asarray((frame - 1.0) / self.fps + self.offset_s)
+
+    def frames(self, seconds: Floats) -> Floats:
+        """(N,) fractional frame numbers at the rig's times."""
+        return np.asarray((seconds - self.offset_s) * self.fps + 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Bounding boxes of people in one camera."""
+
+    frame: Ints
+    """(N,) instants."""
+    identity: Ints
+    """(N,) identities (global), tracklet numbers (per camera), or -1."""
+    ltwh: Floats
+    """(N, 4): left, top, width, height in pixels; width and height above 0."""
+    score: Floats
+    """(N,) the detector's confidence."""
+    embedding: Vectors | None = None
+    """(N, D) appearance, one unit vector a box; None where nothing is known of it."""
+
+    def __post_init__(self) -> None:
+        for name, dtype, tail in (("frame", np.int64, ()), ("identity", np.int64, ()), ("ltwh", np.float64, (4,)),
+                                  ("score", np.float64, ())):  # fmt: skip
+            object.__setattr__(self, name, _column(getattr(self, name), dtype, tail, f"boxes.{name}"))
+        if self.embedding is not None:
+            object.__setattr__(self, "embedding", _unit_vectors(self.embedding))
+        lengths = {len(self.frame), len(self.identity), len(self.ltwh), len(self.score)}
+        if len(lengths | ({len(self.embedding)} if self.embedding is not None else set())) > 1:
+            raise InputError("the columns of the boxes differ in length")
+        flat = np.flatnonzero((self.ltwh[:, 2:] <= 0).any(axis=1))
+        if len(flat):
+            row = int(flat[0])
+            raise InputError(
+                f"box of frame {self.frame[row]}, identity {self.identity[row]} has width and height "
+                f"{self.ltwh[row, 2:].tolist()}: both must be above 0"
+            )
+
+    def __repr__(self) -> str:
+        looks = "" if self.embedding is None else f", embeddings of {self.embedding.shape[1]}"
+        return f"Boxes({_in_words(self.frame, self.identity)}{looks})"
+
+    @classmethod
+    def empty(cls) -> Boxes:
+        """No boxes."""
+        return cls(np.zeros(0), np.zeros(0), np.zeros((0, 4)), np.zeros(0))  # type: ignore[arg-type]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def take(self, rows: NDArray[np.generic]) -> Boxes:
+        """The boxes of the given rows (indices or a mask)."""
+        embedding = None if self.embedding is None else self.embedding[rows]
+        return Boxes(self.frame[rows], self.identity[rows], self.ltwh[rows], self.score[rows], embedding)
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """2D joints of people in one camera."""
+
+    frame: Ints
+    """(N,) instants."""
+    identity: Ints
+    """(N,) as in `Boxes`."""
+    xy: Floats
+    """(N, J, 2) pixels; meaningless where the score is 0."""
+    score: Floats
+    """(N, J) confidence, 0 for a joint that was not found."""
+    joints: tuple[str, ...] = BODY_17
+    """The J joints' names."""
+
+    def __post_init__(self) -> None:
+        n_joints = len(self.joints)
+        for name, dtype, tail in (("frame", np.int64, ()), ("identity", np.int64, ()), ("xy", np.float64, (n_joints, 2)),
+                                  ("score", np.float64, (n_joints,))):  # fmt: skip
+            object.__setattr__(self, name, _column(getattr(self, name), dtype, tail, f"keypoints.{name}"))
+        if not len(self.frame) == len(self.identity) == len(self.xy) == len(self.score):
+            raise InputError("the columns of the keypoints differ in length")
+
+    def __repr__(self) -> str:
+        return f"Keypoints({_in_words(self.frame, self.identity)}, {len(self.joints)} joints)"
+
+    @classmethod
+    def empty(cls, joints: tuple[str, ...] = BODY_17) -> Keypoints:
+        """No keypoints."""
+        n_joints = len(joints)
+        return cls(np.zeros(0), np.zeros(0), np.zeros((0, n_joints, 2)), np.zeros((0, n_joints)), joints)  # type: ignore[arg-type]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def take(self, rows: NDArray[np.generic]) -> Keypoints:
+        """The people of the given rows (indices or a mask)."""
+        return Keypoints(self.frame[rows], self.identity[rows], self.xy[rows], self.score[rows], self.joints)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraObservations:
+    """All that one camera saw; either part may be empty."""
+
+    boxes: Boxes = field(default_factory=Boxes.empty)
+    keypoints: Keypoints = field(default_factory=Keypoints.empty)
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """All that the cameras of a scene saw, by camera name."""
+
+    cameras: Mapping[str, CameraObservations]
+    fps: float | None = None
+    """Frames per second of the frame numbers, when known; of the first camera's where they differ."""
+    clocks: Mapping[str, Clock] = field(default_factory=dict)
+    """Each camera's clock. Empty: the same frame number is the same instant in all cameras."""
+
+    def __repr__(self) -> str:
+        boxes = sum(len(seen.boxes) for seen in self.cameras.values())
+        joints = sum(len(seen.keypoints) for seen in self.cameras.values())
+        bodies = f", {joints} bodies of joints" if joints else ""
+        return f"Observations({len(self.cameras)} cameras, {boxes} boxes{bodies})"
+
+    def __getitem__(self, name: str) -> CameraObservations:
+        return self.cameras[name]
+
+
+BORDER_PX = 2.0

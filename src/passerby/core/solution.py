@@ -1,0 +1,24 @@
+"""What a solver hands back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from passerby.core.cameras import Rig
+
+Verdict = Literal["accepted", "doubtful", "refused"]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A solved rig with the figures that speak for and against it."""
+
+    method: str
+    rig: Rig
+    """World z up, ground at z = 0, metres. A camera that could not be registered has no pose."""
+    verdict: Verdict
+    reasons: tuple[str, ...] = ()
+    """What speaks against trusting the rig, one sentence each, with the mend."""
+    figures: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready figures of every stage (counts, residuals, scale cues and their pull, sigmas)."""

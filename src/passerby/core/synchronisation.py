@@ -1,0 +1,264 @@
+"""Cameras with clocks of their own, brought to common instants: everybody interpolated between neighbouring samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.common.errors import InputError
+from passerby.core.observations import BORDER_PX, Boxes, CameraObservations, Clock, Keypoints, Observations, sampling_step
+
+MAX_GAP_SAMPLES, MAX_GAP_S = 2, 0.4
+"""Nobody is interpolated over more than this, whichever is longer: in 0.4 s a walker strays some centimetres from a straight
+line (half of 1 m/s^2 times 0.2 s squared is 2 cm), and a slow camera has nothing better than one missed sample."""
+ALIKE = 0.02
+"""Sampling rates that differ by less than this share are alike: 30 and 29.97 frames per second, or every sixth picture of 30
+and every fifth of a phone's 25.2."""
+_ON_THE_INSTANT = 1e-6
+"""A sample so near to an instant, in steps of the grid, lies on it: what rounding leaves of a whole number."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """Which rows K samples at common instants are made of: `(1 - share) * before + share * after`."""
+
+    instant: Ints
+    before: Ints
+    after: Ints
+    share: Floats
+
+
+EVEN = 0.5
+"""Samples are even where so many of their steps are as long as the shortest usual one; else they come at times of their own, as
+a phone's pictures do."""
+LONG_STEP, NO_GAP = 90.0, 2.0
+"""Uneven samples are taken to be as far apart as this percentile of their steps, so that there is one for nearly every time
+step: who is missing at a time step counts as not seen. Steps beyond so many times the median are gaps without people."""
+
+
+@dataclass(frozen=True)
+class TimeSteps:
+    """The common time steps: every `every`-th frame of a clock, frame `first` among them."""
+
+    reference: Clock
+    every: int = 1
+    first: int = 1
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that counts the time steps: 1 is frame `first`."""
+        if self.every == 1:
+            return self.reference
+        return Clock(self.reference.fps / self.every, float(self.reference.seconds(np.array(self.first))))
+
+    def frames(self, step: Ints) -> Ints:
+        """(N,) the frames of the reference clock at time steps."""
+        return self.first + (step - 1) * self.every
+
+
+def sampling_distance(frame: Ints) -> int:
+    """Frames between neighbouring samples where nothing is missing; of uneven samples the longer steps.
+
+    Args:
+        frame: (N,) frames with somebody in them, in any order, as often as you like.
+    """
+    least = sampling_step(frame)
+    steps = np.diff(np.unique(frame))
+    if len(steps) == 0 or np.mean(steps == least) >= EVEN:
+        return least
+    return int(np.percentile(steps[steps <= NO_GAP * np.median(steps)], LONG_STEP, method="higher"))
+
+
+def clocks_of(observations: Observations, names: Sequence[str]) -> dict[str, Clock]:
+    """The clock of each named camera; one for all, counted from the same frame, where the observations know none."""
+    one = Clock(observations.fps or 1.0)
+    return {name: observations.clocks.get(name, one) for name in names}
+
+
+def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -> TimeSteps:
+    """The samples of the camera with most people among those of the usual sampling rate.
+
+    Cameras are sampled at every frame, or at every n-th: between samples nobody is seen, and other cameras' samples there would
+    meet nobody. The usual rate of sampling is the one most cameras have (the slower one among equals): the slowest of all would
+    throw away what the others share, and the fastest would turn each sample of the rest into several that say nothing new. That
+    camera's own samples, and all that are whole samples apart from it, need no interpolation.
+
+    Args:
+        observations: frame numbers are each camera's own.
+        clocks: of every camera.
+
+    Raises:
+        InputError: a camera has no clock, or a frame rate that is not above 0.
+    """
+    seen, frames = {}, {}
+    for name, camera in observations.cameras.items():
+        if name not in clocks:
+            raise InputError(f"camera {name} has no clock: give its frame rate and its offset")
+        clock = clocks[name]
+        if not (np.isfinite(clock.fps) and clock.fps > 0 and np.isfinite(clock.offset_s)):
+            raise InputError(
+                f"camera {name} has the clock fps = {clock.fps}, offset = {clock.offset_s} s: fps above 0 is needed"
+            )
+        seen[name] = len(camera.boxes) + len(camera.keypoints)
+        frames[name] = np.concatenate([camera.boxes.frame, camera.keypoints.frame])
+    if not seen:
+        raise InputError("there is no camera to bring to common instants")
+    used = [name for name in seen if seen[name]] or list(seen)
+    every = {name: sampling_distance(frames[name]) for name in used}
+    rates = {name: clocks[name].fps / every[name] for name in used}
+    alike = {fps: sum(abs(other - fps) < ALIKE * fps for other in rates.values()) for fps in rates.values()}
+    usual = min(alike, key=lambda fps: (-alike[fps], fps))
+    busiest = max((name for name in used if abs(rates[name] - usual) < ALIKE * usual), key=lambda name: seen[name])
+    return TimeSteps(clocks[busiest], every[busiest], _first_of_most(frames[busiest], every[busiest]))
+
+
+def _first_of_most(frame: Ints, step: int) -> int:
+    """The first frame from 1 on that lies whole steps from most of the frames (N,)."""
+    return int(np.argmax(np.bincount((frame - 1) % step, minlength=1))) + 1
+
+
+def common_instants(
+    observations: Observations,
+    clocks: Mapping[str, Clock],
+    *,
+    sizes: Mapping[str, tuple[int, int]] | None = None,
+    max_gap_samples: float = MAX_GAP_SAMPLES,
+    max_gap_s: float = MAX_GAP_S,
+    grid: Clock | None = None,
+) -> Observations:
+    """Observations whose frame numbers are the same instants in all cameras.
+
+    A camera whose frames fall on the instants keeps its rows bit for bit, under new frame numbers. In the others everybody is
+    interpolated linearly between two neighbouring samples of the same identity, at the instants that are the nearest to one
+    of these samples: so no sample counts twice, however slow the camera. Rows of unknown identity cannot be interpolated and
+    are left out there.
+
+    Args:
+        observations: people with identities that hold over time, at most one box and one set of joints for each identity in
+            a camera's frame; frame numbers are each camera's own.
+        clocks: of every camera.
+        sizes: width and height of the pictures, pixels; where given, a box is not interpolated with one that the picture's
+            border cuts off, since what is between them is cut off and does not look it.
+        max_gap_samples: the neighbours may be so many of the camera's samples apart,
+        max_gap_s: or so many seconds, whichever is longer.
+        grid: the clock whose frames are the common time steps; that of `common_time_steps` when None.
+
+    Returns:
+        Boxes, joints (a joint's score is the lower of the two, 0 where either was not found; embeddings are those of the
+        nearer sample) at instants counted like the frames of that clock, which is every camera's in the result.
+
+    Raises:
+        InputError: a camera without a clock, or a person who is twice in one frame of a camera.
+    """
+    grid = grid or common_time_steps(observations, clocks).clock
+    cameras = {}
+    for name, seen in observations.cameras.items():
+        for kind, rows in (("boxes", seen.boxes), ("sets of joints", seen.keypoints)):
+            _refuse_doubles(name, kind, rows.frame, rows.identity)
+        clock = clocks[name]
+        step = sampling_distance(np.concatenate([seen.boxes.frame, seen.keypoints.frame]))
+        gap = max(max_gap_samples * step, max_gap_s * clock.fps) + _ON_THE_INSTANT
+        size = None if sizes is None else sizes.get(name)
+        cameras[name] = CameraObservations(
+            _boxes_at(seen.boxes, clock, grid, gap, size), _keypoints_at(seen.keypoints, clock, grid, gap)
+        )
+    return Observations(cameras, grid.fps, dict.fromkeys(cameras, grid))
+
+
+def _refuse_doubles(camera: str, kind: str, frame: Ints, identity: Ints) -> None:
+    known = identity >= 0
+    frame, identity = frame[known], identity[known]
+    order = np.lexsort((frame, identity))
+    frame, identity = frame[order], identity[order]
+    double = np.flatnonzero((np.diff(frame) == 0) & (np.diff(identity) == 0))
+    if len(double):
+        raise InputError(
+            f"camera {camera}: identity {identity[double[0]]} has two {kind} in frame {frame[double[0]]}: "
+            "a person is once in a picture; keep one of them"
+        )
+
+
+def _at_grid(frame: Ints, clock: Clock, grid: Clock) -> Floats:
+    """(N,) where frames lie, in fractional frames of the grid."""
+    shift = (clock.offset_s - grid.offset_s) * grid.fps
+    # Rates that are alike leave frame numbers whole; a long recording would lose digits on the way through seconds.
+    at = frame + shift if clock.fps == grid.fps else 1.0 + (frame - 1.0) * (grid.fps / clock.fps) + shift
+    near = np.round(at)
+    return np.where(np.abs(at - near) < _ON_THE_INSTANT, near, at)
+
+
+def _all_on_the_grid(at: Floats) -> bool:
+    """Whether all samples lie on time steps, so that none need be interpolated."""
+    return bool((at == np.round(at)).all())
+
+
+def _samples(frame: Ints, identity: Ints, at: Floats, gap: float, apart: Bools | None) -> _Samples:
+    """What to interpolate.
+
+    Args:
+        frame: (N,) the camera's frames.
+        identity: (N,) identities or -1.
+        at: (N,) the frames on the grid.
+        gap: most frames between neighbours.
+        apart: (N,) rows that must not be interpolated with another.
+    """
+    rows = np.flatnonzero(identity >= 0)
+    rows = rows[np.lexsort((frame[rows], identity[rows]))]
+    before, after = rows, np.append(rows[1:], rows[-1:])
+    joined = (identity[before] == identity[after]) & (frame[after] > frame[before]) & (frame[after] - frame[before] <= gap)
+    if apart is not None:
+        joined &= ~apart[before] & ~apart[after]
+    # Row i answers for the instants from its own place to before the next row's, or for its own place alone.
+    first = np.ceil(at[before]).astype(np.int64)
+    last = np.where(joined, np.ceil(at[after]).astype(np.int64) - 1, np.floor(at[before]).astype(np.int64))
+    # Of the instants between two samples only the nearest to either is filled.
+    nearest = np.floor(at + 0.5).astype(np.int64)
+    low, high = np.minimum(last, nearest[before]), nearest[after]
+    from_before = np.flatnonzero(first <= low)
+    from_after = np.flatnonzero(joined & (high <= last) & (high > np.maximum(low, first - 1)))
+    pair = np.concatenate([from_before, from_after])
+    instant = np.concatenate([low[from_before], high[from_after]])
+    before, after = before[pair], np.where(joined[pair], after[pair], before[pair])
+    step = at[after] - at[before]
+    share = np.divide(instant - at[before], step, out=np.zeros(len(pair)), where=step > 0)
+    order = np.lexsort((identity[before], instant))
+    return _Samples(instant[order], before[order], after[order], share[order])
+
+
+def _boxes_at(boxes: Boxes, clock: Clock, grid: Clock, gap: float, size: tuple[int, int] | None) -> Boxes:
+    at = _at_grid(boxes.frame, clock, grid)
+    if _all_on_the_grid(at):
+        return Boxes(at.astype(np.int64), boxes.identity, boxes.ltwh, boxes.score, boxes.embedding)
+    cut = None
+    if size is not None:
+        x, y, w, h = boxes.ltwh.T
+        cut = (x <= BORDER_PX) | (y <= BORDER_PX) | (x + w >= size[0] - BORDER_PX) | (y + h >= size[1] - BORDER_PX)
+    s = _samples(boxes.frame, boxes.identity, at, gap, cut)
+    nearer = np.where(s.share < 0.5, s.before, s.after)
+    embedding = None if boxes.embedding is None else boxes.embedding[nearer]
+    return Boxes(s.instant, boxes.identity[s.before], _between(boxes.ltwh, s), _lower(boxes.score, s), embedding)
+
+
+def _keypoints_at(keypoints: Keypoints, clock: Clock, grid: Clock, gap: float) -> Keypoints:
+    at = _at_grid(keypoints.frame, clock, grid)
+    if _all_on_the_grid(at):
+        return Keypoints(at.astype(np.int64), keypoints.identity, keypoints.xy, keypoints.score, keypoints.joints)
+    s = _samples(keypoints.frame, keypoints.identity, at, gap, None)
+    return Keypoints(
+        s.instant, keypoints.identity[s.before], _between(keypoints.xy, s), _lower(keypoints.score, s), keypoints.joints
+    )
+
+
+def _between(values: Floats, s: _Samples) -> Floats:
+    share = s.share.reshape(-1, *[1] * (values.ndim - 1))
+    # Not before + share * (after - before): a share of 0 is to give back the sample to the last bit.
+    return np.asarray((1.0 - share) * values[s.before] + share * values[s.after])
+
+
+def _lower(score: Floats, s: _Samples) -> Floats:
+    """The lower score of the two samples; on an instant the sample's own."""
+    after = np.where(s.share > 0, s.after, s.before)
+    return np.asarray(np.minimum(score[s.before], score[after]))

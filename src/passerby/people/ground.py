@@ -1,0 +1,69 @@
+"""The ground that people walk on, as a calibrated rig sees it: not always z = 0 (`passerby align --tilt`, geodetic heights)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from passerby.core.cameras import Rig
+from passerby.core.observations import Clock, Observations
+from passerby.people.held_cameras import BODY_M, GROUND_SD, Ground, solve_people
+from passerby.people.rig_observations import Sightings, poses_of
+from passerby.people.upright_rays import bodies_of
+
+LOOSE_M = 1.0
+FEWEST = 60
+"""People-instants that two cameras saw, below which the ground's slope is not asked."""
+MOST = 3000
+FAR_SLOPE = 0.3
+"""Steeper ground is a mistake: people are taken to be upright along z."""
+MAX_SD = 0.4
+
+
+def rough_height(rig: Rig, observations: Observations) -> float:
+    """Metres: where feet are by the size that people have in the pictures, whoever they are."""
+    heights = []
+    for camera in rig.posed():
+        if camera.pose is None or camera.name not in observations.cameras:
+            continue
+        seen = bodies_of(observations[camera.name], camera.lens, Clock(1.0))
+        if len(seen) > MOST:
+            seen = seen.take(np.linspace(0, len(seen) - 1, MOST).astype(np.int64))
+        middle = (seen.top + seen.bottom) @ camera.pose.R_cw
+        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+        size = np.linalg.norm(seen.top - seen.bottom, axis=1)
+        reach = (
+            BODY_M * (seen.top_fraction - seen.bottom_fraction) * np.hypot(middle[:, 0], middle[:, 1]) / np.maximum(size, 1e-4)
+        )
+        heights.append(camera.pose.centre[2] + reach * middle[:, 2] - BODY_M / 2)
+    joined = np.concatenate([np.zeros(0), *heights])
+    return float(np.median(joined)) if len(joined) else 0.0
+
+
+def fit_ground(rig: Rig, seen: Sightings, height_m: float) -> Ground:
+    """The plane of the feet of people whom two cameras or more see.
+
+    Args:
+        rig: poses.
+        seen: with identities over all cameras.
+        height_m: about how high the ground is.
+    """
+    several = np.flatnonzero(np.bincount(seen.group, minlength=seen.n_groups) > 1)
+    if len(several) < FEWEST:
+        return Ground(height_m, sd=max(GROUND_SD, 0.2))
+    wanted = np.zeros(seen.n_groups, dtype=bool)
+    wanted[several[np.linspace(0, len(several) - 1, min(MOST, len(several))).astype(np.int64)]] = True
+    rotation, centre = poses_of(rig, seen.names)
+    body = solve_people(seen.of_groups(wanted), rotation, centre, ground=Ground(height_m, sd=LOOSE_M)).body
+    middle = np.median(body[:, :2], axis=0)
+    design = np.column_stack([np.ones(len(body)), body[:, :2] - middle])
+    plane, scale = np.array([np.median(body[:, 2]), 0.0, 0.0]), 0.3
+    for _ in range(20):
+        miss = body[:, 2] - design @ plane
+        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.02)
+        weight = 1 / (1 + (miss / (2 * scale)) ** 2)
+        # Where people stay in one place the slope is taken to be none.
+        normal = design.T @ (weight[:, None] * design) + np.diag([0.0, 10.0, 10.0])
+        plane = np.linalg.solve(normal, design.T @ (weight * body[:, 2]))
+    slope = np.clip(plane[1:], -FAR_SLOPE, FAR_SLOPE)
+    height = float(plane[0] - slope @ middle)
+    return Ground(height, (float(slope[0]), float(slope[1])), float(np.clip(scale, GROUND_SD, MAX_SD)))

@@ -1,0 +1,141 @@
+"""Is the people's ground one plane? How high their middles are, over the places where they walk.
+
+The world's z is the normal of the people's ground, and its zero lies on it. A slope that is even changes nothing but what is
+called up. A ground that is not one plane, with stairs, a ramp or a stage, tilts the whole of it: people on either level pull.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.people.body_centres import People
+
+DEGREE = 3
+"""Of the polynomial that the ground is compared with: of what a step or a ramp is beside a plane, it takes up the most."""
+STRETCH_S = 1.5
+"""Heights of one person within so many seconds are one."""
+LEAST_STRETCHES = 40
+WALKING, WALK_S = 0.5, 1.0
+"""Metres per second, over so many seconds."""
+UNSURE_M = 0.3
+"""Places whose height is less sure than this tell nothing."""
+ROUNDS, LOSS = 10, 2.0
+LEAST_M, LEAST_SIGMAS, LEAST_CHANCE = 0.12, 1.8, 8.0
+"""A ground is told to be no plane where its rise is so large and so many sigmas, and its bending so far from chance. On flat
+ground the last is 5 at most, mostly below 1; a step of half a metre across a terrace or a building site makes it 10 to 17 in
+half a minute."""
+LARGE_M, LARGE_CHANCE = 0.3, 4.5
+"""The same of a rise so large that it must not be missed: the largest of 21 scenes of flat ground is 0.17."""
+EXTENT = 0.05
+"""The lowest and the highest part are those below and above which so much of the people's ways lies."""
+MOST_PLACES = 6000
+"""Places at most: of more, even steps of instants are taken."""
+EXCESS = 4.0
+"""Factor on the variance for what neighbouring stretches of one person have in common."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroundShape:
+    """How the people's ground differs from the plane that fits it best."""
+
+    rise_m: float
+    """From its lowest to its highest part, both against the plane."""
+    sigma_m: float
+    """One sigma of it."""
+    low: tuple[float, float]
+    """Where the lowest is, world, metres,"""
+    high: tuple[float, float]
+    """and the highest."""
+    chance_sigmas: float
+    """How far it is from one plane altogether, in sigmas of what chance makes."""
+
+    @property
+    def sure(self) -> bool:
+        """Whether the ground is beyond doubt no plane, by so much that it matters."""
+        least = LARGE_CHANCE if self.rise_m > LARGE_M else LEAST_CHANCE
+        return self.rise_m > max(LEAST_M, LEAST_SIGMAS * self.sigma_m) and self.chance_sigmas > least
+
+
+def ground_shape(people: People, per_second: float) -> GroundShape | None:
+    """The shape of the ground by the middles of people; None where too few places tell.
+
+    Args:
+        people: places of middles by all cameras, world z up.
+        per_second: instants a second.
+    """
+    sure = np.sqrt(people.covariance[:, 2, 2]) < UNSURE_M
+    if np.count_nonzero(sure) > MOST_PLACES:
+        instants = np.unique(people.instant[sure])
+        sure &= np.isin(people.instant, instants[:: int(np.ceil(np.count_nonzero(sure) / MOST_PLACES))])
+    sure &= _walking(people, per_second)
+    xy, z = people.place[sure, :2], people.place[sure, 2]
+    length = max(1, round(STRETCH_S * per_second))
+    stretch = np.column_stack([people.identity[sure], people.instant[sure] // length])
+    key, group = np.unique(stretch, axis=0, return_inverse=True)
+    if len(key) < LEAST_STRETCHES:
+        return None
+    count = np.bincount(group.ravel())
+    place = np.column_stack([np.bincount(group.ravel(), column) / count for column in xy.T])
+    # People differ in height: what counts is how high one and the same person is at different places.
+    _, person = np.unique(key[:, 0], return_inverse=True)
+    return _shape(person.ravel(), place, np.bincount(group.ravel(), z) / count)
+
+
+def _walking(people: People, per_second: float) -> NDArray[np.bool_]:
+    """(N,) who walks: he is upright. Whoever works near the ground does so in one place, and would make a hole of it."""
+    step = max(1, round(WALK_S * per_second))
+    order = np.lexsort((people.instant, people.identity))
+    who, when, where = people.identity[order], people.instant[order], people.place[order, :2]
+    out = np.zeros(len(order), dtype=bool)
+    if len(order) <= step:
+        return out
+    same = who[step:] == who[:-step]
+    seconds = (when[step:] - when[:-step]) / per_second
+    far = np.linalg.norm(where[step:] - where[:-step], axis=1)
+    walks = same & (seconds < 2 * WALK_S + 1 / per_second) & (far > WALKING * seconds)
+    middle = np.flatnonzero(walks) + step // 2
+    out[order[middle]] = True
+    return out
+
+
+def _shape(person: Ints, place: Floats, height: Floats) -> GroundShape:
+    """The bending of a polynomial in the places, each person with a height of his own: reweighted least squares.
+
+    Args:
+        person: (S,) of each stretch, 0 to P - 1.
+        place: (S, 2) metres.
+        height: (S,) of the middle, metres.
+    """
+    x, y = ((place - place.mean(axis=0)) / np.maximum(2.0 * place.std(axis=0), 0.25)).T
+    plane = np.column_stack([np.ones(len(x)), x, y])
+    bent = np.column_stack([x**a * y ** (d - a) for d in range(2, DEGREE + 1) for a in range(d + 1)])
+    bent = bent - plane @ np.linalg.lstsq(plane, bent, rcond=None)[0]
+    n = bent.shape[1]
+    own = (person[:, None] == np.arange(int(person.max()) + 1)).astype(np.float64)
+    design = np.column_stack([bent, plane[:, 1:], own])
+    # A little holds the bending where few places tell of it.
+    ridge = np.diag(np.where(np.arange(design.shape[1]) < n, 1e-2, 1e-6))
+    weight = np.ones(len(x))
+    for _ in range(ROUNDS):
+        inverse = np.linalg.inv((design * weight[:, None]).T @ design + ridge)
+        solved = inverse @ (design.T @ (weight * height))
+        miss = height - design @ solved
+        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.01)
+        weight = 1.0 / (1.0 + (miss / (LOSS * scale)) ** 2)
+    # Robust variance of the residuals, by the weights that they got (Huber 1981).
+    variance = float((weight**2 * miss**2).sum() / max(weight.sum() - design.shape[1], 1.0))
+    covariance = inverse[:n, :n] * variance * EXCESS
+    surface = bent @ solved[:n]
+    order = np.argsort(surface, kind="stable")
+    low, high = (int(order[int(share * (len(order) - 1))]) for share in (EXTENT, 1.0 - EXTENT))
+    between = bent[high] - bent[low]
+    square = float(solved[:n] @ np.linalg.solve(covariance, solved[:n]))
+    return GroundShape(
+        float(surface[high] - surface[low]), float(np.sqrt(between @ covariance @ between)),
+        (float(place[low, 0]), float(place[low, 1])), (float(place[high, 0]), float(place[high, 1])),
+        (square - n) / float(np.sqrt(2.0 * n)),
+    )  # fmt: skip

@@ -1,0 +1,268 @@
+"""From a calibrated rig and boxes with identities to everybody's way over the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import EvidenceError, InputError
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import UNKNOWN, Boxes, Clock, Observations
+from passerby.core.synchronisation import common_instants, common_time_steps
+from passerby.core.trajectories import Trajectories
+from passerby.people.bodies import Rays, rays_of
+from passerby.people.trajectories.identity_trajectory import Seen, follow
+from passerby.people.trajectories.pairwise import pairwise_points
+
+Method = Literal["smoothed", "pairwise"]
+_Own = Sequence[tuple[Ints, Floats]]
+"""One identity's frames (K,) and boxes (K, 4) in each camera."""
+
+METHODS: tuple[Method, ...] = ("smoothed", "pairwise")
+STAGE = "following people"
+BOXES_AT_ONCE = 50_000
+"""Of people who are worked on together: smoothing many at once is quicker, and memory stays at some 100 MB."""
+
+
+@dataclass(frozen=True)
+class TrackOptions:
+    """How people are followed. Raises `InputError` for a value that cannot be."""
+
+    method: Method = "smoothed"
+    """smoothed: bodies of upright people from all cameras that agree, one camera too, smoothed over time; pairwise: the paper's
+    mean of the pairwise triangulations of box centres, instant by instant."""
+    max_gap_s: float = 2.0
+    """So long an instant without an agreeing box is bridged and marked; after longer ones a new part begins. A person who walks
+    steadily strays 0.7 m from a straight line in the middle of it."""
+    person_height_m: float = 1.72
+    """Typical standing height, in the rig's metres."""
+    foot_shift: float = 0.08
+    """How much nearer to the camera the lowest visible point of a body is than its axis, as a share of its height."""
+    min_instants: int = 3
+    """Instants with a box below which a part is left out: so few tell of no way."""
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"method {self.method!r} does not exist: choose one of {', '.join(METHODS)}")
+        for name, value, low, high in (
+            ("max_gap_s", self.max_gap_s, 0.0, 60.0), ("person_height_m", self.person_height_m, 0.5, 2.5),
+            ("foot_shift", self.foot_shift, 0.0, 0.3), ("min_instants", self.min_instants, 1, 10**6),
+        ):  # fmt: skip
+            if not low <= value <= high:
+                raise InputError(f"{name} = {value:g} is out of range: give a number from {low:g} to {high:g}")
+
+
+COLUMNS = ("identity", "frame", "time_s", "xyz", "sigma_m", "cameras", "part")
+
+
+def trajectories(
+    rig: Rig, observations: Observations, clocks: Mapping[str, Clock], options: TrackOptions | None = None, *,
+    tell: Progress = silent,
+) -> Trajectories:  # fmt: skip
+    """Everybody's way over the ground.
+
+    Cameras whose clocks differ are brought to common instants first (`common_instants`). Then each identity by itself: the
+    boxes of an instant and of its neighbours vote where the person is, those that disagree (another person's, a half hidden
+    one's) are left out; the rest is solved for a body on the ground, and the places are smoothed.
+
+    Args:
+        rig: cameras without a pose are left out.
+        observations: boxes with identities that hold across cameras; those of nobody (-1) are left out.
+        clocks: of every camera of the rig that has a pose.
+        options: see `TrackOptions`.
+        tell: told of each person that is done.
+
+    Raises:
+        EvidenceError: no camera has a pose, or no box in a posed camera has an identity.
+        InputError: a camera without a clock, an identity twice in one frame.
+    """
+    options = options or TrackOptions()
+    posed = rig.posed()
+    names = [name for name in posed.names if name in observations.cameras]
+    if not names:
+        raise EvidenceError("no camera with a pose has boxes: there is nothing to follow people by")
+    sizes = {name: posed[name].lens.size for name in names}
+    watched = Observations({name: observations[name] for name in names}, observations.fps)
+    steps = common_time_steps(watched, clocks)
+    clock = steps.clock
+    common = common_instants(watched, clocks, sizes=sizes, grid=clock)
+    boxes = [_identified(common[name].boxes) for name in names]
+    frames = np.unique(np.concatenate([seen.frame for seen in boxes]))
+    if not len(frames):
+        raise EvidenceError("no box in a camera with a pose has an identity: nobody can be followed")
+    cameras = [posed[name] for name in names]
+    people = np.unique(np.concatenate([seen.identity for seen in boxes]))
+    order = [np.lexsort((seen.frame, seen.identity)) for seen in boxes]
+    boxes = [seen.take(rows) for seen, rows in zip(boxes, order, strict=True)]
+    found: list[_Person] = []
+    tell(STAGE, 0, len(people))
+    one = _followed if options.method == "smoothed" else _paired
+    for group in _groups(people, boxes):
+        own = [[_of_person(seen, int(identity)) for seen in boxes] for identity in group]
+        found += one(group, cameras, own, frames, clock, options)
+        tell(STAGE, len(found), len(people))
+    columns: dict[str, Any] = {name: np.concatenate([person.columns[name] for person in found]) for name in COLUMNS}
+    columns["frame"] = steps.frames(columns["frame"])
+    joined = Trajectories(**columns, clock=steps.reference)
+    return replace(joined, figures=_figures(joined, names, found, options))
+
+
+def _identified(boxes: Boxes) -> Boxes:
+    """The boxes with an identity, without embeddings."""
+    rows = np.flatnonzero(boxes.identity != UNKNOWN)
+    return Boxes(boxes.frame[rows], boxes.identity[rows], boxes.ltwh[rows], boxes.score[rows])
+
+
+def _of_person(boxes: Boxes, identity: int) -> tuple[Ints, Floats]:
+    """Frames (K,) and boxes (K, 4) of one identity; `boxes` are sorted by identity, then by frame."""
+    low, high = np.searchsorted(boxes.identity, [identity, identity + 1])
+    return boxes.frame[low:high], boxes.ltwh[low:high]
+
+
+@dataclass(frozen=True, eq=False)
+class _Person:
+    """One identity's part of the result."""
+
+    columns: dict[str, NDArray[Any]]
+    boxes: Ints
+    """(C,) its boxes in each camera,"""
+    used: Ints
+    """(C,) and those that it rests on."""
+    misses: list[Floats]
+    """Of each camera: distances of the rays of used boxes from the body's middle, metres, where two cameras or more agree."""
+    fleeting: int
+    """Parts left out for want of instants."""
+
+
+def _groups(people: Ints, boxes: Sequence[Boxes]) -> list[Ints]:
+    """People who are worked on together: so many that they have about `BOXES_AT_ONCE` boxes, one at least."""
+    count = np.sum([np.diff(np.searchsorted(seen.identity, np.append(people, people[-1] + 1))) for seen in boxes], axis=0)
+    number = np.cumsum(count) // BOXES_AT_ONCE
+    return np.split(people, np.flatnonzero(np.diff(number)) + 1)
+
+
+def _followed(
+    people: Ints, cameras: Sequence[Camera], own: Sequence[_Own], frames: Ints, clock: Clock, options: TrackOptions
+) -> list[_Person]:
+    """Some identities by the smoothed method."""
+    seen = [_seen(cameras, boxes, clock) for boxes in own]
+    ways = follow(seen, clock.seconds(frames), options.max_gap_s, options.person_height_m, options.foot_shift)
+    found = []
+    for identity, boxes, one, way in zip(people.tolist(), own, seen, ways, strict=True):
+        xyz = np.column_stack([way.xy, way.middle])
+        columns = _columns(identity, frames[way.row], clock, xyz, way.sigma, way.cameras, way.part)
+        columns, fleeting = _without_fleeting(columns, options.min_instants)
+        agreeing = np.bincount(one.instant[way.accepted], minlength=len(one.seconds))[one.instant]
+        several = way.accepted & (agreeing > 1)
+        misses = [way.miss_m[several & (one.camera == c)] for c in range(len(cameras))]
+        used = np.bincount(one.camera[way.accepted], minlength=len(cameras))
+        found.append(_Person(columns, np.array([len(frame) for frame, _ in boxes]), used, misses, fleeting))
+    return found
+
+
+def _seen(cameras: Sequence[Camera], own: _Own, clock: Clock) -> Seen:
+    """One identity's boxes as rays; those of which the lens cannot tell the rays are left out."""
+    rays = Rays.joined([rays_of(camera, ltwh) for camera, (_, ltwh) in zip(cameras, own, strict=True)])
+    number = np.repeat(np.arange(len(cameras)), [len(frame) for frame, _ in own])
+    frame = np.concatenate([frame for frame, _ in own])
+    rows = np.lexsort((number, frame))
+    rows = rows[rays.known[rows]]
+    present, instant = np.unique(frame[rows], return_inverse=True)
+    return Seen(instant.ravel(), number[rows], rays.take(rows), clock.seconds(present))
+
+
+def _paired(
+    people: Ints, cameras: Sequence[Camera], own: Sequence[_Own], frames: Ints, clock: Clock, options: TrackOptions
+) -> list[_Person]:
+    """Some identities by the pairwise method."""
+    found = []
+    for identity, boxes in zip(people.tolist(), own, strict=True):
+        present = np.unique(np.concatenate([frame for frame, _ in boxes]))
+        ltwh = np.full((len(present), len(cameras), 4), np.nan)
+        for c, (frame, of_camera) in enumerate(boxes):
+            ltwh[np.searchsorted(present, frame), c] = of_camera
+        point, spread = pairwise_points(cameras, ltwh)
+        rows = np.flatnonzero(np.isfinite(point[:, 0]))
+        seconds = clock.seconds(present[rows])
+        part = np.cumsum(np.diff(seconds, prepend=seconds[:1]) > options.max_gap_s + 1e-9).astype(np.int64)
+        seen = np.isfinite(ltwh[:, :, 0]).astype(np.int64)
+        number = np.asarray(seen[rows].sum(axis=1), dtype=np.int64)
+        columns = _columns(identity, present[rows], clock, point[rows], spread[rows], number, part)
+        columns, fleeting = _without_fleeting(columns, options.min_instants)
+        nothing: list[Floats] = [np.zeros(0) for _ in cameras]
+        found.append(_Person(columns, seen.sum(axis=0), seen[rows].sum(axis=0), nothing, fleeting))
+    return found
+
+
+def _columns(
+    identity: int, frame: Ints, clock: Clock, xyz: Floats, sigma: Floats, cameras: Ints, part: Ints
+) -> dict[str, NDArray[Any]]:
+    """The columns of one identity."""
+    return {
+        "identity": np.full(len(frame), identity, dtype=np.int64), "frame": frame, "time_s": clock.seconds(frame), "xyz": xyz,
+        "sigma_m": sigma, "cameras": cameras, "part": part,
+    }  # fmt: skip
+
+
+def _without_fleeting(columns: dict[str, NDArray[Any]], least: int) -> tuple[dict[str, NDArray[Any]], int]:
+    """The columns without parts that were seen at too few instants, the others numbered from 1, and how many were left out."""
+    part = columns["part"]
+    seen = np.bincount(part, columns["cameras"] > 0, minlength=int(part.max(initial=-1)) + 1)
+    long = seen >= least
+    kept = {name: values[long[part]] for name, values in columns.items()}
+    kept["part"] = np.cumsum(long)[kept["part"]] if len(long) else kept["part"]
+    return kept, int(np.count_nonzero(~long))
+
+
+def _figures(found: Trajectories, names: Sequence[str], people: Sequence[_Person], options: TrackOptions) -> dict[str, Any]:
+    """What there is to tell without a truth."""
+    boxes = np.sum([person.boxes for person in people], axis=0)
+    used = np.sum([person.used for person in people], axis=0)
+    misses = [np.concatenate([person.misses[c] for person in people]) for c in range(len(names))]
+    return {
+        "options": asdict(options),
+        "people": len(found.people),
+        "places": len(found),
+        "filled": int(np.count_nonzero(found.cameras == 0)),
+        "by_one_camera": int(np.count_nonzero(found.cameras == 1)),
+        "fleeting_parts_left_out": sum(person.fleeting for person in people),
+        "seconds": float(np.ptp(found.time_s)) if len(found) else 0.0,
+        "median_sigma_m": _median(found.sigma_m[np.isfinite(found.sigma_m)]),
+        "disagreement_m": _median(np.concatenate(misses)),
+        "cameras": [
+            {"name": name, "boxes": int(boxes[c]), "used": int(used[c]), "disagreement_m": _median(misses[c])}
+            for c, name in enumerate(names)
+        ],
+        "ways": ways(found),
+    }
+
+
+def ways(found: Trajectories) -> list[dict[str, Any]]:
+    """Of each person: when, how long and how far; a way is as long as its places a second apart are from each other."""
+    out = []
+    for identity in found.people:
+        rows = np.flatnonzero(found.identity == identity)
+        seconds, part = found.time_s[rows], found.part[rows]
+        # Steps of less than a second would add up the trembling of the places.
+        kept = np.flatnonzero(np.diff(np.floor(seconds) + 1e6 * part, prepend=-1.0, append=np.inf)[:-1] != 0)
+        kept = np.unique(np.append(kept, len(rows) - 1))
+        step = np.linalg.norm(np.diff(found.xyz[rows[kept], :2], axis=0), axis=1)
+        together = np.diff(part[kept]) == 0
+        out.append({
+            "id": int(identity), "from_s": float(seconds[0]), "to_s": float(seconds[-1]), "parts": int(part[-1]),
+            "places": len(rows), "filled": int(np.count_nonzero(found.cameras[rows] == 0)),
+            "length_m": float(step[together].sum()), "median_sigma_m": _median(found.sigma_m[rows]),
+        })  # fmt: skip
+    return out
+
+
+def _median(values: Floats) -> float | None:
+    """The median of what is finite; None where there is nothing."""
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else None

@@ -1,0 +1,87 @@
+"""The people of one camera as upright segments in its picture, with their times: what both kinds of input have in common."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Lens
+from passerby.core.observations import CameraObservations, Clock
+from passerby.geometry.single_view import Level, level_camera
+from passerby.people.segments import segments_of_boxes, segments_of_keypoints, segments_without
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """N people in one camera, in the order of `frame`: boxes first where the same person is in both."""
+
+    frame: Ints
+    """(N,) the camera's own frame numbers."""
+    seconds: Floats
+    """(N,) time by the camera's clock."""
+    tracklet: Ints
+    """(N,) tracklet numbers of this camera, -1 where the person is in none."""
+    top: Floats
+    """(N, 3) unit rays to the highest points, camera frame."""
+    bottom: Floats
+    """(N, 3) unit rays to the lowest points."""
+    top_tangent: Floats
+    """(N, 2, 3) from `Lens.tangents`."""
+    extent_px: Floats
+    """(N,) extent in the picture."""
+    top_fraction: Floats
+    """(N,) height of the highest point as a share of the body's."""
+    bottom_fraction: Floats
+    """(N,) the same of the lowest point."""
+    row: Ints
+    """(N,) the row of the boxes that each is,"""
+    from_joints: NDArray[np.bool_]
+    """(N,) or, where this holds, of the joints."""
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def take(self, rows: NDArray[np.generic]) -> Bodies:
+        """The people of the given rows (indices or a mask)."""
+        return Bodies(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+
+def bodies_of(seen: CameraObservations, lens: Lens, clock: Clock) -> Bodies:
+    """People whose top and bottom are both in the picture.
+
+    Args:
+        seen: boxes and joints; identities are tracklet numbers of this camera or -1.
+        lens: the camera's lens.
+        clock: from frames to seconds.
+    """
+    boxes = segments_of_boxes(seen.boxes, lens, unknown=True)
+    joints = segments_without(segments_of_keypoints(seen.keypoints, named=True, unknown=True), boxes)
+    parts = [part for part in (boxes, joints) if len(part.frame)] or [boxes]
+
+    def column(name: str) -> Floats:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    top, bottom = column("top").reshape(-1, 2), column("bottom").reshape(-1, 2)
+    top_ray, bottom_ray = lens.bearings(top), lens.bearings(bottom)
+    frame = column("frame").astype(np.int64)
+    found = Bodies(
+        frame, clock.seconds(frame), column("identity").astype(np.int64), top_ray, bottom_ray, lens.tangents(top_ray),
+        np.linalg.norm(bottom - top, axis=1), column("top_fraction"), column("bottom_fraction"),
+        column("row").astype(np.int64), np.concatenate([np.full(len(p.frame), p is joints) for p in parts]),
+    )  # fmt: skip
+    found = found.take(np.isfinite(np.concatenate([top_ray, bottom_ray], axis=1)).all(axis=1))
+    return found.take(np.argsort(found.frame, kind="stable"))
+
+
+def level_of_bodies(bodies: Bodies, body_m: float, rng: np.random.Generator) -> Level | None:
+    """The camera's vertical and height from its own people, as tall as `body_m` metres; None where there are too few.
+
+    Those in a tracklet are taken where there are enough: single detections are more often false.
+    """
+    tracked = bodies.tracklet >= 0
+    use = bodies.take(tracked) if np.count_nonzero(tracked) >= 50 else bodies
+    span, foot = body_m * (use.top_fraction - use.bottom_fraction), body_m * use.bottom_fraction
+    return level_camera(use.top, use.bottom, use.top_tangent, use.extent_px, span, foot, rng)

@@ -1,0 +1,337 @@
+"""From a scene file to observations: everything that it names is read, and the cameras are checked against each other.
+
+*Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from passerby.calibration.alignment.scene_world import world_faults
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import Clock, Observations
+from passerby.interchange.storage.faults import FileFaults
+from passerby.scene.camera_input import CameraReading, read_camera, wants_video
+from passerby.scene.same_content import doubts_of_same_content
+from passerby.scene.scene import Scene
+from passerby.scene.upside_down import doubt_of_upside_down
+
+IN_MEMORY = Path("(in memory)")
+"""What stands for the name of a file where people come from arrays."""
+SPAN_RATIO = 1.5
+"""Recordings whose lengths in seconds differ by more are told: a frame rate is mostly mistaken for half or twice itself (25 and
+50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
+
+SHORT_VIDEO = 0.2
+"""A video of less than this share of the longest one's time is cut short, mostly by a copy that broke off or a full disk. Where
+the difference is smaller it is told, and what was seen together is used."""
+
+
+@dataclass(frozen=True, eq=False)
+class SceneInputs:
+    """All that a calibration starts from."""
+
+    rig: Rig
+    """The cameras, without poses."""
+    observations: Observations
+    """In mode "given": people with a known identity only. Else all rows, with tracklet numbers of each camera's own or -1."""
+    findings: tuple[str, ...]
+    """What is odd, one sentence each."""
+    doubts: tuple[str, ...] = ()
+    """What speaks against any rig from this input, one sentence each."""
+
+
+class Watch(Protocol):
+    """Completes the readings of cameras by what is seen in their videos."""
+
+    def __call__(self, scene: Scene, readings: Sequence[CameraReading]) -> None:
+        """Faults and findings are added to the readings."""
+
+
+def read_inputs(scene: Scene, watch: Watch | None = None) -> SceneInputs:
+    """Read what a scene names, and watch the videos of the cameras that need it; without `watch` no video is watched.
+
+    Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and mend.
+    """
+    readings = read_cameras(scene)
+    # What is wrong with a file is told before hours are spent on videos.
+    _raise_faults(scene, readings)
+    if watch is not None and any(wants_video(scene, reading) for reading in readings):
+        watch(scene, readings)
+        _raise_faults(scene, readings)
+    return inputs_of(scene, readings)
+
+
+def inputs_of(scene: Scene, readings: list[CameraReading]) -> SceneInputs:
+    """What readings of all cameras hold. Raises `FileFaults` (an `InputError`) with everything that is wrong with them."""
+    _raise_faults(scene, readings)
+    rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
+    findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
+    return SceneInputs(rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)))
+
+
+def _raise_faults(scene: Scene, readings: list[CameraReading]) -> None:
+    faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
+    if faults:
+        raise FileFaults(list(dict.fromkeys(faults)))
+
+
+def read_cameras(scene: Scene) -> list[CameraReading]:
+    """The files of all cameras, as far as they can be read; videos are looked into, but not watched."""
+    readings = [read_camera(scene, name) for name in scene.cameras]
+    if any(reading.fps is None for reading in readings):
+        # Frame numbers are counted alike in all cameras: the rate of one camera's video says nothing of the others.
+        for reading in readings:
+            reading.fps = scene.fps_of(reading.name)
+    return readings
+
+
+def observations_of(scene: Scene, readings: list[CameraReading]) -> Observations:
+    """What the cameras saw, with their clocks."""
+    fps = readings[0].fps if readings else None
+    return Observations({reading.name: reading.seen for reading in readings}, fps, clocks_of(scene, readings))
+
+
+def clocks_of(scene: Scene, readings: list[CameraReading]) -> dict[str, Clock]:
+    """Each camera's clock, its offset 0. Empty where the same frame number is the same instant in all cameras.
+
+    That is so where no frame rate is known, and, with nothing to search for, where identities are given and all rates alike.
+    """
+    rates = {reading.name: reading.fps for reading in readings if reading.fps is not None}
+    association = scene.association
+    if association.given and len(set(rates.values())) == 1 and association.search_s == 0:
+        return {}
+    return {name: Clock(rate) for name, rate in rates.items()}
+
+
+def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Faults between cameras, and of what the scene file says about them."""
+    return [
+        *_length_faults(scene, readings),
+        *_lens_faults(scene, readings),
+        *_joint_faults(scene, readings),
+        *_embedding_faults(scene, readings),
+        *_same_video_faults(scene, readings),
+        *_same_file_faults(scene),
+        *_short_video_faults(scene, readings),
+        *_emptiness_faults(scene, readings),
+        *world_faults(scene, {reading.name: reading.lens.size for reading in readings if reading.lens is not None}),
+    ]
+
+
+def scene_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Oddities between cameras."""
+    known = {
+        int(who) for reading in readings for part in (reading.boxes, reading.keypoints) for who in np.unique(part.identity)
+    }
+    found = [
+        f"{scene.place}: [[scale.people]]: identity {cue.identity} is seen by no camera; its height says nothing"
+        for cue in scene.scale.people
+        if cue.identity not in known
+    ]
+    return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
+
+
+def _guessed_lenses(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Focal lengths that are stated to be guesses, those that are as good in one sentence."""
+    guessed: dict[float, list[str]] = {}
+    for reading in readings:
+        if reading.lens is not None and reading.lens.focal_sd is not None:
+            guessed.setdefault(reading.lens.focal_sd, []).append(reading.name)
+    refined = "focal" in scene.solver.refine
+    remedy = (
+        "it is the prior of their refinement"
+        if refined
+        else "it is in every sigma: calibrate the lens with a pattern and delete focal_sd_percent, or write refine = "
+        '["focal"] under [solver]'
+    )
+    return [
+        f"{scene.place}: the focal length of {'cameras' if len(names) > 1 else 'camera'} {', '.join(names)} is a guess with "
+        f"one sigma of {100 * sd:g} %: {remedy}"
+        for sd, names in guessed.items()
+    ]
+
+
+def _lens_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Guessed focal lengths for a method that does not know of them."""
+    guessed = [reading.name for reading in readings if reading.lens is not None and reading.lens.focal_sd is not None]
+    if scene.solver.method != "geopose" or not guessed:
+        return []
+    return [
+        f'{scene.place}: [cameras.{guessed[0]}] states focal_sd_percent, but method "geopose" takes focal lengths to be right: '
+        'delete it there and in the intrinsics, or take method "people"'
+    ]
+
+
+def scene_doubts(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """What lets no rig from these files be accepted: pictures of another size, people on their heads, one camera twice."""
+    known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
+    upside_down = [
+        doubt_of_upside_down(reading.name, lens, reading.seen, scene.scale.person_height_m) for reading, lens in known
+    ]
+    rig = Rig(tuple(Camera(reading.name, lens) for reading, lens in known))
+    return [
+        *(doubt for reading in readings for doubt in reading.doubts),
+        *(doubt for doubt in upside_down if doubt is not None),
+        *doubts_of_same_content(rig, observations_of(scene, readings)),
+    ]
+
+
+def _length_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    lenses = {reading.name: reading.lens for reading in readings}
+    faults = []
+    for number, length in enumerate(scene.scale.lengths, start=1):
+        for name, ends in length.points.items():
+            lens = lenses[name]
+            if lens is not None and not all(0 <= u <= lens.size[0] and 0 <= v <= lens.size[1] for u, v in ends):
+                faults.append(
+                    f"{scene.place}: [[scale.lengths]] {number} points: {[list(end) for end in ends]} lies outside the "
+                    f"{lens.size[0]} x {lens.size[1]} picture of camera {name}: give pixels of that picture"
+                )
+    return faults
+
+
+def _joint_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    faults = []
+    with_joints = [reading for reading in readings if len(reading.keypoints)]
+    for reading in with_joints[1:]:
+        if not set(reading.keypoints.joints) & set(with_joints[0].keypoints.joints):
+            first = ", ".join(reading.keypoints.joints[:3])
+            faults.append(
+                f"{scene.place}: [cameras.{reading.name}] keypoints: none of its joints ({first}, ...) is one of camera "
+                f"{with_joints[0].name}'s: use the same names for the same joints"
+            )
+    return faults
+
+
+def _embedding_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Embeddings of different kinds, and mode "appearance" without embeddings."""
+    with_looks = [reading for reading in readings if reading.dimensions is not None]
+    faults = [
+        f"{scene.place}: [cameras.{reading.name}] embeddings have {reading.dimensions} dimensions, those of camera "
+        f"{with_looks[0].name} {with_looks[0].dimensions}: take them from the same network"
+        for reading in with_looks[1:]
+        if reading.dimensions != with_looks[0].dimensions
+    ]
+    if scene.association.mode != "appearance":
+        return faults
+    mend = 'give each camera embeddings or a video, or do without: under [association] set mode = "combined"'
+    without = [reading for reading in readings if scene.cameras[reading.name].embeddings is None and reading.dimensions is None]
+    without = [reading for reading in without if not wants_video(scene, reading)]
+    wanting = [reading.name for reading in without if reading.people]
+    if len(without) == len(readings):
+        return [*faults, f'{scene.place}: mode "appearance" needs embeddings, and no camera has any: {mend}']
+    return faults + [f'{scene.place}: [cameras.{name}] mode "appearance" needs embeddings: {mend}' for name in wanting]
+
+
+def _short_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Videos of which most must be missing, by the length of the others."""
+    seconds = {
+        reading.name: reading.video.seconds * reading.video.clock_fps / reading.fps
+        for reading in readings
+        if reading.video is not None and reading.video.seconds is not None and reading.fps is not None
+    }
+    if len(seconds) < 2:
+        return []
+    longest = max(seconds, key=lambda name: seconds[name])
+    return [
+        f"{reading.video.path}: camera {reading.name}: the video is {seconds[reading.name]:.1f} s long, that of camera "
+        f"{longest} {seconds[longest]:.1f} s: was it cut short? Give all of it, cut the others to the same time, or delete "
+        f"[cameras.{reading.name}] from {scene.place}"
+        for reading in readings
+        if reading.video is not None and seconds.get(reading.name, np.inf) < SHORT_VIDEO * seconds[longest]
+    ]
+
+
+def _same_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Cameras that name one and the same file: a slip of the pen, as a rule."""
+    first: dict[Path, str] = {}
+    faults = []
+    for reading in readings:
+        if reading.video is None:
+            continue
+        other = first.setdefault(reading.video.path.resolve(), reading.name)
+        if other != reading.name:
+            faults.append(
+                f"{scene.place}: [cameras.{reading.name}] video {reading.video.path.name} is camera {other}'s too: give each "
+                "camera its own"
+            )
+    return faults
+
+
+def _same_file_faults(scene: Scene) -> list[str]:
+    """Cameras that name one and the same file of boxes or joints."""
+    first: dict[tuple[str, Path], str] = {}
+    faults = []
+    for name, table in scene.cameras.items():
+        for key in ("tracks", "detections", "keypoints"):
+            path = getattr(table, key)
+            if path is None or path == IN_MEMORY:
+                continue
+            # Unlike `Path.resolve` it bears links that lead in a circle, which reading has told of.
+            other = first.setdefault((key, Path(os.path.realpath(scene.resolve(path)))), name)
+            if other != name:
+                faults.append(
+                    f"{scene.place}: [cameras.{name}] {key} {path.name} is camera {other}'s too: give each camera its own"
+                )
+    return faults
+
+
+def _emptiness_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Where identities are not given, a camera that saw nobody is left out; two others must be left."""
+    awake = [reading.name for reading in readings if reading.people]
+    if scene.association.given or len(awake) > 1 or any(reading.faults or reading.awaiting for reading in readings):
+        return []
+    none = "no camera saw anybody: " + (
+        "nobody was found in their videos"
+        if any(table.watched for table in scene.cameras.values())
+        else "their files have no rows"
+    )
+    who = f"only camera {awake[0]} saw anybody" if awake else none
+    return [f"{scene.place}: {who}: a calibration needs people in two cameras or more"]
+
+
+def _clock_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Rates that are missing or contradict the length of the recordings."""
+    if all(reading.fps is None for reading in readings):
+        if scene.association.search_s == 0:
+            return []
+        return [
+            f"{scene.place}: no frame rate is given: frame numbers are taken to be counted alike in all cameras, and no "
+            "difference of their clocks is searched for: under [scene] set fps to the frame rate, or under [association] set "
+            "max_offset_s = 0"
+        ]
+    spans = {
+        reading.name: (seen[0], seen[-1], reading.fps)
+        for reading in readings
+        if reading.fps is not None and len(seen := reading.frames) > 1
+    }
+    seconds = {name: float((last - first) / fps) for name, (first, last, fps) in spans.items()}
+    if not seconds or max(seconds.values()) <= SPAN_RATIO * min(seconds.values()):
+        return []
+    usual = float(np.exp(np.median(np.log(list(seconds.values())))))
+    odd = [name for name in seconds if max(seconds[name] / usual, usual / seconds[name]) >= SPAN_RATIO**0.5]
+    told = ", ".join(f"{name} {seconds[name]:.1f} s (frames {first} to {last} at {fps:g} fps)"
+                     for name, (first, last, fps) in spans.items() if name in odd)  # fmt: skip
+    others = f"; the other cameras about {usual:.1f} s" if len(odd) < len(seconds) else ""
+    return [
+        f"{scene.place}: by their frame rates the recordings differ in length: {told}{others}: check fps, unless people were "
+        "there for a part of the time only"
+    ]
+
+
+def _embedding_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+    """Mode "combined" where some cameras have embeddings and some have none."""
+    without = [reading.name for reading in readings if reading.people and reading.dimensions is None]
+    if scene.association.mode != "combined" or not without or all(reading.dimensions is None for reading in readings):
+        return []
+    return [
+        f"{scene.place}: camera{'s' if len(without) > 1 else ''} {', '.join(without)} ha{'ve' if len(without) > 1 else 's'} no "
+        "embeddings: people there are known by how they move alone"
+    ]

@@ -1,0 +1,224 @@
+"""The scene file: what a user declares about the cameras, the people and the lengths that are known.
+
+TOML, checked in full: an unknown key, a wrong value or a camera that does not exist is an error that names its place and its
+mend. Paths are relative to the scene file, or absolute.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
+
+from passerby.common.errors import InputError
+from passerby.common.text import nearest, shortened
+from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, PopulationHeight, ScaleCues
+from passerby.interchange.storage.faults import FileFaults, read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, toml_of, unopenable
+from passerby.scene.errors import explained, stated_twice
+from passerby.scene.tables import (
+    AssociationTable,
+    CameraHeightTable,
+    CameraTable,
+    DistanceTable,
+    LengthTable,
+    PerceptionTable,
+    PersonTable,
+    ScaleTable,
+    SceneTable,
+    SolverTable,
+    Table,
+    WorldTable,
+)
+
+CAMERA_NAME = re.compile(r"[\w+@-][\w .+@-]*")
+"""Names become TOML tables and file names."""
+LONGEST_NAME = 100
+RESERVED = frozenset(["con", "prn", "aux", "nul", *(f"{port}{number}" for port in ("com", "lpt") for number in range(1, 10))])
+"""No file can be called so on Windows, whatever its ending."""
+
+
+class Scene(Table):
+    """A whole scene file. `Scene.load(path)` reads one; paths are taken from its folder."""
+
+    scene: SceneTable = Field(default_factory=SceneTable)
+    cameras: dict[str, CameraTable]
+    perception: PerceptionTable = Field(default_factory=PerceptionTable)
+    association: AssociationTable = Field(default_factory=AssociationTable)
+    solver: SolverTable = Field(default_factory=SolverTable)
+    scale: ScaleTable = Field(default_factory=ScaleTable)
+    world: WorldTable | None = None
+    _path: Path | None = PrivateAttr(default=None)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scene:
+        """Read a scene file. Raises `FileFaults` (an `InputError`) that names file, key, value and mend."""
+        path = Path(path)
+        text = read_text(path, "a scene file (TOML)")
+        try:
+            content = toml_of(text)
+        except NotParsed as error:
+            raise InputError(f"{path}: {stated_twice(text) or f'is not TOML: {error}'}") from None
+        try:
+            scene = cls.model_validate(content)
+        except ValidationError as error:
+            # A misspelt key is told before the key that is missing for it.
+            faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
+            raise FileFaults([f"{path}: {explained(dict(fault), TABLES)}" for fault in faults]) from None
+        scene._path = path
+        scene._check_paths()
+        return scene
+
+    def _check_paths(self) -> None:
+        """Raises `FileFaults` for paths that no system can open, so that nobody has to think of them later."""
+        faults = []
+        for name, table in self.cameras.items():
+            for key, value in table:
+                if isinstance(value, Path) and (why := unopenable(self.resolve(value))):
+                    faults.append(f"{self.place}: [cameras.{name}] {key} is {shortened(str(value))}: {why}")
+        for where, value in (("[perception] models", self.perception.models), *self._world_paths()):
+            if value is not None and (why := unopenable(self.resolve(value))):
+                faults.append(f"{self.place}: {where} is {shortened(str(value))}: {why}")
+        if faults:
+            raise FileFaults(faults)
+
+    def _world_paths(self) -> list[tuple[str, Path | None]]:
+        """The files of known places."""
+        return [] if self.world is None else [(f"[world] {key}", getattr(self.world, key)) for key in ("points", "positions")]
+
+    @property
+    def path(self) -> Path | None:
+        """The file that the scene was read from."""
+        return self._path
+
+    @property
+    def name(self) -> str:
+        """The scene's name."""
+        return self.scene.name or (self._path.stem if self._path else "scene")
+
+    @property
+    def place(self) -> str:
+        """What an error message calls the scene."""
+        return str(self._path) if self._path else f"scene {self.name}"
+
+    def resolve(self, path: Path) -> Path:
+        """A path of the scene file as one that can be opened."""
+        return self._path.parent / path if self._path else path
+
+    def with_perception(self, perception: PerceptionTable) -> Scene:
+        """The same scene with another `[perception]`."""
+        changed = self.model_copy(update={"perception": perception})
+        changed._path = self._path
+        return changed
+
+    @property
+    def size_bytes(self) -> int:
+        """Size of the files of boxes and joints, together; those that do not exist count nothing."""
+        named = (
+            path for table in self.cameras.values() for path in (table.tracks or table.detections, table.keypoints) if path
+        )
+        return sum(path.stat().st_size for path in map(self.resolve, named) if path.is_file())
+
+    @property
+    def n_videos(self) -> int:
+        """How many cameras have a video."""
+        return sum(table.video is not None for table in self.cameras.values())
+
+    def fps_of(self, camera: str) -> float | None:
+        """Frames per second of a camera's frame numbers as the scene file has them; None where it says nothing."""
+        return self.cameras[camera].fps or self.scene.fps
+
+    def scale_cues(self) -> ScaleCues:
+        """The scale table as the solvers take it."""
+        scale = self.scale
+        return ScaleCues(
+            population=PopulationHeight(scale.person_height_m, scale.person_height_sd_m, scale.person_height_mean_sd_m),
+            people=tuple(PersonHeight(cue.identity, cue.height_m, cue.sd_m) for cue in scale.people),
+            lengths=tuple(
+                KnownLength(cue.metres, cue.sd_m, {name: np.array(ends) for name, ends in cue.points.items()})
+                for cue in scale.lengths
+            ),
+            distances=tuple(CameraDistance(cue.between, cue.metres, cue.sd_m) for cue in scale.distances),
+            camera_heights=tuple(CameraHeight(cue.camera, cue.metres, cue.sd_m) for cue in scale.camera_heights),
+        )
+
+    @model_validator(mode="after")
+    def _cameras_fit(self) -> Self:
+        if len(self.cameras) < 2:
+            raise ValueError(f"[cameras]: {len(self.cameras)} camera is declared: a calibration needs two or more")
+        for name in self.cameras:
+            if not CAMERA_NAME.fullmatch(name) or name == "metadata":
+                raise ValueError(
+                    f"[cameras.{name[:40]}]: '{name[:40]}' cannot be a camera's name: use letters, digits, spaces and "
+                    "_ . + @ -, not 'metadata'"
+                )
+            if len(name) > LONGEST_NAME or name.split(".")[0].casefold() in RESERVED:
+                raise ValueError(
+                    f"[cameras.{name[:40]}]: '{name[:40]}' cannot be a file's name everywhere: give another one, of up to "
+                    f"{LONGEST_NAME} characters"
+                )
+        for place, name in self._mentions():
+            if name not in self.cameras:
+                told = nearest(name[:LONGEST_NAME], list(self.cameras))
+                raise ValueError(f"{place}: camera {shortened(name)} is not declared: {told}")
+        for number, length in enumerate(self.scale.lengths, start=1):
+            if len(length.points) < 2:
+                raise ValueError(f"[[scale.lengths]] {number}: points are marked in one camera: mark both ends in two or more")
+        for number, distance in enumerate(self.scale.distances, start=1):
+            if distance.between[0] == distance.between[1]:
+                raise ValueError(f"[[scale.distances]] {number}: between names one camera twice: name two")
+        return self
+
+    @model_validator(mode="after")
+    def _tables_agree(self) -> Self:
+        timed = [name for name, table in self.cameras.items() if self.fps_of(name) is not None or table.watched]
+        for name, table in self.cameras.items():
+            if timed and name not in timed and table.video is None:
+                raise ValueError(
+                    f"[cameras.{name}]: has no fps, but camera {timed[0]} has: set fps there, or under [scene] set fps to the "
+                    "rate of all"
+                )
+            if table.watched and self.association.given:
+                raise ValueError(
+                    f'[cameras.{name}]: has only a video, which does not tell who is who: mode "given" needs `tracks` or '
+                    '`keypoints` with identities; to have them found, under [association] set mode = "combined"'
+                )
+        if self.scale.people and not self.association.given:
+            raise ValueError(
+                f"[[scale.people]]: names identities, but mode '{self.association.mode}' does not know them beforehand: delete "
+                'the table, or give global identities and under [association] set mode = "given"'
+            )
+        return self
+
+    def _mentions(self) -> list[tuple[str, str]]:
+        """(place, camera) wherever another table names a camera."""
+        found = [("[solver] reference", self.solver.reference)] if self.solver.reference is not None else []
+        for number, length in enumerate(self.scale.lengths, start=1):
+            found += [(f"[[scale.lengths]] {number} points", name) for name in length.points]
+        for number, distance in enumerate(self.scale.distances, start=1):
+            found += [(f"[[scale.distances]] {number} between", name) for name in distance.between]
+        for number, height in enumerate(self.scale.camera_heights, start=1):
+            found.append((f"[[scale.camera_heights]] {number} camera", height.camera))
+        if self.world is not None:
+            named = ("camera", self.world.camera), ("towards", self.world.towards)
+            found += [(f"[world] {key}", name) for key, name in named if name is not None]
+        return found
+
+
+TABLES: dict[tuple[str, ...], type[Table]] = {
+    (): Scene,
+    ("scene",): SceneTable,
+    ("cameras", "*"): CameraTable,
+    ("perception",): PerceptionTable,
+    ("association",): AssociationTable,
+    ("solver",): SolverTable,
+    ("scale",): ScaleTable,
+    ("scale", "people", "*"): PersonTable,
+    ("scale", "lengths", "*"): LengthTable,
+    ("scale", "distances", "*"): DistanceTable,
+    ("scale", "camera_heights", "*"): CameraHeightTable,
+    ("world",): WorldTable,
+}

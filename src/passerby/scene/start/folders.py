@@ -1,0 +1,215 @@
+"""What lies in a user's folder: the videos, one a camera, and files of boxes and joints that belong to them.
+
+Where the videos are looked for, the first that holds two or more: the folder itself; its subfolder called `video` or `videos`;
+its subfolders, of which each that holds videos is a camera, called as the folder, unless only one of them holds any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from passerby.common.errors import InputError
+from passerby.common.text import natural_key
+from passerby.perception.pieces import JOIN_PICTURES, JOIN_PIECES, PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
+from passerby.perception.video_probe import VideoInfo
+from passerby.scene.start.names import camera_names
+from passerby.scene.start.recordings import Length, numbered, pieces_among
+
+VIDEO_FOLDERS = ("video", "videos")
+
+SOURCES = {
+    "tracks": (("tracks", "tracklets"), ".txt"),
+    "detections": (("detections",), ".txt"),
+    "keypoints": (("keypoints",), ".json"),
+    "embeddings": (("embeddings",), ".npz"),
+}
+"""Key of the scene file -> the subfolders that are looked in, and how the files end."""
+
+Probe = Callable[[Path], VideoInfo]
+
+
+@dataclass(eq=False)
+class FoundCamera:
+    """One camera as the folder shows it."""
+
+    name: str
+    video: Path | None = None
+    info: VideoInfo | None = None
+    """What the video says of itself."""
+    files: dict[str, Path] = field(default_factory=dict)
+    """Key of the scene file (`tracks`, ...) -> file."""
+
+
+@dataclass(eq=False)
+class Survey:
+    """What was found, and what is to be told about it, one line each."""
+
+    cameras: list[FoundCamera]
+    notes: list[str]
+
+
+def survey(folder: Path, probe: Probe) -> Survey:
+    """The cameras in a folder.
+
+    Raises `InputError` where there are fewer than two, and where the videos are pieces of longer recordings.
+    """
+    notes: list[str] = []
+    _entries(folder)  # raises where there is nothing to look into
+
+    def length(path: Path) -> float | None:
+        try:
+            return probe(path).seconds
+        except InputError:
+            return None
+
+    clips = _clips(folder, notes, length)
+    readable: list[tuple[str, Path, VideoInfo]] = []
+    for text, path in clips:
+        try:
+            readable.append((text, path, probe(path)))
+        except InputError as error:
+            notes.append(f"left out: {error}")
+    names = camera_names([text for text, _, _ in readable])
+    cameras = [FoundCamera(name, path, info) for name, (_, path, info) in zip(names, readable, strict=True)]
+    _add_files(folder, cameras, notes)
+    if not cameras:
+        _refuse_deeper(folder)
+    if len(cameras) < 2:
+        raise InputError(_too_few(folder, cameras, notes))
+    return Survey(cameras, notes)
+
+
+def visible_folders(folder: Path) -> list[Path]:
+    """The subfolders, but for hidden ones, cam2 before cam10."""
+    return [path for path in _entries(folder) if path.is_dir()]
+
+
+def visible_files(folder: Path, endings: tuple[str, ...]) -> list[Path]:
+    """The files with one of these endings (capitals or not), but for hidden ones, cam2 before cam10."""
+    return [path for path in _entries(folder) if path.suffix.lower() in endings and path.is_file()]
+
+
+def _entries(folder: Path) -> list[Path]:
+    """What is in a folder and not hidden. Raises `InputError` where it cannot be listed."""
+    try:
+        found = [path for path in folder.iterdir() if not path.name.startswith(".")]
+    except FileNotFoundError:
+        raise InputError(f"{folder}: no such folder: give the folder that holds the videos") from None
+    except NotADirectoryError:
+        raise InputError(f"{folder}: is a file: give the folder that holds the videos") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror or error}): give a folder that you may read") from None
+    return sorted(found, key=lambda path: (natural_key(path.name), path.name))
+
+
+def _refuse_pieces(folder: Path, pieces: list[Path]) -> None:
+    """Raise `InputError` for pieces of a recording, if there are any."""
+    if pieces:
+        told = ", ".join(str(path.relative_to(folder)) for path in pieces[:2])
+        raise InputError(
+            f"{folder}: holds pieces of longer recordings ({told}, ..., {len(pieces)} in a row): {JOIN_PIECES}, and give the "
+            "folder with one file a camera; where each is another camera, take the times out of their names"
+        )
+
+
+def _refuse_deeper(folder: Path) -> None:
+    """Raise `InputError` for a folder without videos that has pieces of recordings further down, or still pictures."""
+    videos = files_below(folder, VIDEO_ENDINGS)
+    if numbered(videos):
+        _refuse_pieces(folder, videos)
+    pictures = files_below(folder, PICTURE_ENDINGS)
+    if len(pictures) > 1 and not videos:
+        raise InputError(
+            f"{folder}: holds {len(pictures)} pictures ({pictures[0].relative_to(folder)}, ...) and no video: {JOIN_PICTURES}, "
+            "and give the folder of these videos"
+        )
+
+
+def _clips(folder: Path, notes: list[str], length: Length) -> list[tuple[str, Path]]:
+    """The videos, each with the text that its camera is named after. Raises `InputError` for pieces of recordings."""
+    own = _videos(folder, notes)
+    held = {inner: found for inner in visible_folders(folder) if (found := _videos(inner, notes))}
+    named = next((inner for inner in held if inner.name.lower() in VIDEO_FOLDERS and len(held[inner]) > 1), None)
+    inside = [named] if named is not None else list(held)
+    if len(own) > 1 or not held:
+        chosen, others = own, list(held)
+    elif len(inside) == 1:
+        chosen, others = held[inside[0]], [inner for inner in held if inner != inside[0]]
+        if len(chosen) + len(own) == 2:
+            chosen, own = own + chosen, []
+        notes += [f"left out: {path}: the videos are taken from {inside[0]}" for path in own]
+    else:
+        notes += [f"left out: {path}: the cameras are taken to be the subfolders" for path in own]
+        for inner, (first, *more) in held.items():
+            _refuse_pieces(folder, held[inner] if numbered(held[inner]) else pieces_among(held[inner], length))
+            if more:
+                notes.append(
+                    f"left out: {', '.join(path.name for path in more)} in {inner}: a camera has one video, and "
+                    f"{first.name} is the first; if the cameras' videos lie together in one folder, give that folder"
+                )
+        return [(inner.name, found[0]) for inner, found in held.items()]
+    _refuse_pieces(folder, pieces_among(chosen, length))
+    notes += [f"left out: the videos in {inner}: those in {chosen[0].parent} are taken" for inner in others]
+    return [(path.stem, path) for path in _without_copies(chosen, notes)]
+
+
+def _videos(folder: Path, notes: list[str]) -> list[Path]:
+    """The videos in a folder; those whose name cannot be written into a scene file are told and left out."""
+    try:
+        found = [path for path in folder.iterdir() if path.suffix.lower() in VIDEO_ENDINGS and path.is_file()]
+    except OSError as error:
+        notes.append(f"left out: {folder}: cannot be read ({error.strerror or error})")
+        return []
+    hidden = sum(path.name.startswith(".") for path in found)
+    if hidden:
+        notes.append(f"left out: {hidden} hidden video{'s' * (hidden > 1)} in {folder}")
+    usable = []
+    for path in visible_files(folder, VIDEO_ENDINGS):
+        try:
+            str(path).encode()
+            usable.append(path)
+        except UnicodeEncodeError:
+            notes.append(f"left out: {path.name!a} in {folder}: its name is not UTF-8 text: rename it")
+    return usable
+
+
+def _without_copies(paths: list[Path], notes: list[str]) -> list[Path]:
+    """The videos but for those that bear another's name with another ending: the same camera twice would be worse than once."""
+    kept: dict[tuple[Path, str], Path] = {}
+    for path in paths:
+        first = kept.setdefault((path.parent, path.stem), path)
+        if first != path:
+            notes.append(f"left out: {path}: taken to be a copy of {first.name}; rename it if it is another camera")
+    return list(kept.values())
+
+
+def _add_files(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> None:
+    """Add the files of boxes and joints to the cameras; where there are fewer than two videos they make cameras themselves."""
+    by_name = {camera.name.casefold(): camera for camera in cameras}
+    make = len(cameras) < 2
+    for key, (places, ending) in SOURCES.items():
+        for inner in visible_folders(folder):
+            if inner.name.lower() not in places:
+                continue
+            for path in visible_files(inner, (ending,)):
+                camera = by_name.get(path.stem.casefold())
+                if camera is None and make and key != "embeddings":
+                    camera = FoundCamera(camera_names([path.stem])[0])
+                    cameras.append(camera)
+                    by_name[path.stem.casefold()] = camera
+                if camera is not None:
+                    camera.files.setdefault(key, path)
+    cameras.sort(key=lambda camera: natural_key(camera.name))
+    if not make and any(camera.files for camera in cameras):
+        notes.append("boxes or joints were found beside the videos: their lines in the scene file are switched off")
+
+
+def _too_few(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> str:
+    endings = ", ".join(ending[1:] for ending in VIDEO_ENDINGS)
+    more = f" ({'; '.join(notes)})" if notes else ""
+    if not cameras:
+        return f"{folder}: neither it nor a folder in it holds a video that can be read ({endings}): give another{more}"
+    only = cameras[0].video or next(iter(cameras[0].files.values()))
+    return f"{folder}: holds one camera only ({only}): a calibration needs two or more that saw the same people{more}"

@@ -1,0 +1,194 @@
+"""Which lens belongs to which camera, from the rig files and OpenCV's files that lie in a user's folder.
+
+Rig files (TOML) and files of OpenCV are looked for in the folder itself and in its subfolders whose name begins with `calib`
+or `intrinsic`; rig files called `intrinsics` also beside the scene file; files of OpenCV also in the folders in calibration
+folders and in the folder of a camera's video.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from passerby.common.errors import InputError
+from passerby.common.text import natural_key
+from passerby.core.cameras import Lens
+from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, StoredLens, read_opencv_lens
+from passerby.interchange.rig_toml import METADATA, read_lens
+from passerby.interchange.storage.faults import read_toml
+from passerby.scene.scene import CAMERA_NAME
+from passerby.scene.start.folders import FoundCamera, visible_files, visible_folders
+from passerby.scene.start.names import camera_names, matched
+
+FOLDERS = ("calib", "intrinsic")
+FIRST_NAMES = ("intrinsic", "calib", "rig")
+"""Of rig files that serve equally many cameras, one whose name begins so comes first, in this order."""
+
+_GENERAL_WORDS = {"intrinsics", "intrinsic", "intri", "intr", "calibration", "calib", "params", "parameters", "opencv", "lens"}
+"""Words of a calibration file's name that do not name the camera."""
+
+CENTRED = 0.1
+"""Where a file does not say for which size of picture it holds, its principal point must lie within this share of the video's
+size of the middle. Lenses are centred within some per cent; a calibration of 1280 x 720 is off by 0.17 in 1920 x 1080."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraLens:
+    """What was found for one camera."""
+
+    source: Path
+    table: str | None
+    """The table of the rig file `source`; None: a file of OpenCV, or a table with a name that no camera can have."""
+    lens: Lens | None
+    """None: the table is there, but is not a lens yet, see `fault`."""
+    fault: str | None = None
+    assumed_size: bool = False
+    """Whether the file does not say the picture's size, and the video's is taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """A camera's table in a rig file, or a file of OpenCV."""
+
+    source: Path
+    names: tuple[str, ...]
+    rig: bool
+    lens: Lens | StoredLens | None
+    fault: str | None = None
+
+
+def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], besides: Path) -> dict[str, CameraLens]:
+    """The lenses of the cameras, by name; those without any are not in it.
+
+    Args:
+        folder: Where to look.
+        cameras: The cameras.
+        notes: What is to be told is added.
+        besides: The scene file, which is no rig file.
+    """
+    groups = [*_rig_files(folder, notes, besides), _opencv_files(folder, cameras, notes)]
+    groups = sorted((group for group in groups if group), key=lambda group: _worth(group, cameras), reverse=True)
+    found: dict[str, CameraLens] = {}
+    for group in groups:
+        left = [camera for camera in cameras if camera.name not in found or found[camera.name].lens is None]
+        pairs = matched([camera.name for camera in left], [table.names for table in group])
+        used = False
+        for index, other in pairs.items():
+            lens = _camera_lens(group[other], left[index], notes)
+            if lens is not None and (lens.lens is not None or left[index].name not in found):
+                found[left[index].name], used = lens, True
+        if not used and left:
+            sources = sorted({str(table.source) for table in group}, key=natural_key)
+            told = ", ".join(sources[:3]) + (f" and {len(sources) - 3} more" if len(sources) > 3 else "")
+            notes.append(
+                f"not used: {told}: {_listed([table.names[-1] for table in group])} cannot be matched with the cameras "
+                f"{_listed([camera.name for camera in left])}: give them the same names"
+            )
+    return found
+
+
+def _worth(group: list[_Table], cameras: Sequence[FoundCamera]) -> tuple[int, bool, int]:
+    """For how many cameras a group has a lens; then rig files first, then the order of `FIRST_NAMES`."""
+    pairs = matched([camera.name for camera in cameras], [table.names for table in group])
+    name = group[0].source.name.lower()
+    rank = next((index for index, start in enumerate(FIRST_NAMES) if name.startswith(start)), len(FIRST_NAMES))
+    return sum(group[other].lens is not None for other in pairs.values()), group[0].rig, -rank
+
+
+def _camera_lens(table: _Table, camera: FoundCamera, notes: list[str]) -> CameraLens | None:
+    """A table as the lens of a camera; None, and told, where it cannot be one."""
+    if isinstance(table.lens, StoredLens):
+        size = table.lens.size or (camera.info.size if camera.info else None)
+        if size is None:
+            notes.append(f"not used: {table.source}: does not say the picture's size: add image_width and image_height")
+            return None
+        off = max(abs(table.lens.matrix[axis, 2] / size[axis] - 0.5) for axis in (0, 1))
+        if table.lens.size is None and off >= CENTRED:
+            notes.append(
+                f"not used: {table.source}: does not say the picture's size, and its principal point "
+                f"{table.lens.matrix[:2, 2].round(1).tolist()} is not that of the {size[0]} x {size[1]} video of "
+                f"{camera.name}: add image_width and image_height"
+            )
+            return None
+        return CameraLens(table.source, None, table.lens.lens(size), assumed_size=table.lens.size is None)
+    usable = (name for name in sorted(table.names, key=lambda name: name != camera.name) if _can_be_a_camera(name))
+    return CameraLens(table.source, next(usable, None), table.lens, table.fault)
+
+
+def _can_be_a_camera(name: str) -> bool:
+    return bool(CAMERA_NAME.fullmatch(name)) and name != METADATA
+
+
+def _places(folder: Path) -> list[Path]:
+    return [folder, *(inner for inner in visible_folders(folder) if inner.name.lower().startswith(FOLDERS))]
+
+
+def _rig_files(folder: Path, notes: list[str], besides: Path) -> list[list[_Table]]:
+    """The tables of each rig file."""
+    paths = [path for place in _places(folder) for path in visible_files(place, (".toml",))]
+    if besides.parent.is_dir():  # a template that was written there before, and filled in
+        paths += [path for path in visible_files(besides.parent, (".toml",)) if path.name.startswith("intrinsics")]
+    different = {path.resolve(): path for path in reversed(paths)}
+    return [_tables(path, notes) for path in reversed(different.values()) if path.resolve() != besides.resolve()]
+
+
+def _tables(path: Path, notes: list[str]) -> list[_Table]:
+    """The cameras' tables of a TOML file; none where it is no rig file."""
+    try:
+        content = read_toml(path, "a rig file (TOML)")
+    except InputError as error:
+        notes.append(f"not used: {error}")
+        return []
+    found: list[_Table] = []
+    for key, table in content.items():
+        if key == METADATA or not isinstance(table, dict) or not {"matrix", "distortions"} & table.keys():
+            continue
+        names = tuple(dict.fromkeys((key, str(table.get("name", key)))))
+        try:
+            found.append(_Table(path, names, True, read_lens(path, key)))
+        except InputError as error:
+            found.append(_Table(path, names, True, None, str(error)))
+    return found
+
+
+def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]) -> list[_Table]:
+    """The files of OpenCV, each with the name of its camera.
+
+    Files that lie together are told apart by their names without words such as "intrinsics"; a file that is alone in its folder
+    is called as the folder, except in the user's folder and in a calibration folder.
+    """
+    calibrations = _places(folder)
+    inner = [place for calibration in calibrations[1:] for place in visible_folders(calibration)]
+    own = [camera.video.parent for camera in cameras if camera.video is not None]
+    found: list[_Table] = []
+    for place in dict.fromkeys([*calibrations, *inner, *own]):
+        lenses: list[tuple[Path, StoredLens]] = []
+        for path in visible_files(place, ENDINGS):
+            try:
+                stored = read_opencv_lens(path) if path.stat().st_size <= LARGEST_BYTES else None
+            except InputError as error:
+                notes.append(f"not used: {error}")
+                continue
+            if stored is not None:
+                lenses.append((path, stored))
+        if len(lenses) == 1 and place not in calibrations:
+            names = [place.name]
+        else:
+            names = camera_names([_specific(path.stem) for path, _ in lenses])
+        found += [_Table(path, (name,), False, stored) for name, (path, stored) in zip(names, lenses, strict=True)]
+    return found
+
+
+def _specific(stem: str) -> str:
+    """A file's name without the words that all calibration files share; the whole name where nothing else is left."""
+    for separator in ("_", "-", ".", " "):
+        words = stem.split(separator)
+        left = [word for word in words if word.lower() not in _GENERAL_WORDS]
+        if len(left) < len(words) and left:
+            stem = separator.join(left)
+    return stem
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")

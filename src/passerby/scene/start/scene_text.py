@@ -1,0 +1,198 @@
+"""The scene file that a user goes on with: every table in plain words, the settings at their defaults and switched off.
+
+Prose stands behind `# `, a setting that is switched off behind `#` alone: without these the file is a scene file all the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from passerby.interchange.storage import toml_text
+from passerby.interchange.storage.toml_text import comment, key, value
+from passerby.scene.start.folders import SOURCES, FoundCamera
+from passerby.scene.tables import SEARCHED_S, WATCHED_FPS, AssociationTable, PerceptionTable, ScaleTable, SolverTable
+
+
+@dataclass(frozen=True, eq=False)
+class SceneCamera:
+    """One camera as it is written."""
+
+    found: FoundCamera
+    intrinsics: Path
+    remarks: tuple[str, ...] = ()
+    """What is to be known about its lens, one line each."""
+    fps: float | None = None
+    """Written where it cannot be left out."""
+
+    @property
+    def name(self) -> str:
+        """Its name in the scene."""
+        return self.found.name
+
+
+def scene_text(name: str, cameras: Sequence[SceneCamera], path: Path) -> str:
+    """The text of a scene file at `path`. The names of all cameras are different and can be cameras' names."""
+    parts = [_head(path), _scene(name, cameras), *(_camera(camera, path) for camera in cameras)]
+    return "\n".join([*parts, _perception(cameras), _association(), _solver(cameras[0].name), _scale(cameras)])
+
+
+def _head(path: Path) -> str:
+    return comment(
+        "A scene: the cameras, what they saw, and what is known of lengths. Paths are relative to this file.\n"
+        "A line that begins with # and no space is a setting that is switched off: take the # away, and change its value.\n"
+        f"Then: passerby check {path.name}, and passerby calibrate {path.name} -o out"
+    )
+
+
+def _scene(name: str, cameras: Sequence[SceneCamera]) -> str:
+    rate = next((camera.found.info.average_fps for camera in cameras if camera.found.info is not None), None)
+    if rate is None:
+        told = "fps: frames per second of the frame numbers. Without it, clocks and speeds are not used."
+    else:
+        told = "fps: frames per second. Without it, those that each video tells; for videos that tell them wrongly."
+    return f"[scene]\nname = {value(name)}   # what reports call it\n{comment(told)}#fps = {value(round(rate or 25.0, 3))}\n"
+
+
+def _camera(camera: SceneCamera, path: Path) -> str:
+    """One camera's table."""
+    lines = [f"[cameras.{key(camera.name)}]\n", *(comment(remark) for remark in camera.remarks)]
+    lines.append(f"intrinsics = {value(toml_text.relative(camera.intrinsics, path))}   # its table [{key(camera.name)}]\n")
+    if camera.found.video is not None:
+        info = camera.found.info
+        told = f"   # {_video(camera.found)}" if info else ""
+        lines.append(f"video = {value(toml_text.relative(camera.found.video, path))}{told}\n")
+    switched = "#" if camera.found.video is not None else ""
+    files = [(source, camera.found.files[source]) for source in SOURCES if source in camera.found.files]
+    if switched and files:
+        lines.append(comment("Found beside the video, and used instead of looking for people in it once the # is gone:"))
+    lines += [f"{switched}{source} = {value(toml_text.relative(file, path))}\n" for source, file in files]
+    if camera.fps is not None:
+        lines.append(f"fps = {value(camera.fps)}   # ASSUMED, as a video's: correct it if its frame numbers count otherwise\n")
+    else:
+        lines.append(f"#fps = {value(_rate(camera))}   # of this camera alone\n")
+    lines.append("#from_s = 0.0   # what it saw earlier is left out, and what it saw after until_s\n")
+    return "".join(lines)
+
+
+def _rate(camera: SceneCamera) -> float:
+    """An example of its frame rate."""
+    info = camera.found.info
+    return round(info.average_fps if info is not None else 25.0, 3)
+
+
+def _video(found: FoundCamera) -> str:
+    """What a video is like, in a few words."""
+    info = found.info
+    if info is None:
+        return ""
+    rate = f"{info.average_fps:.4g} frames per second" + (", not constant" if info.variable else "")
+    length = "" if info.seconds is None else f", {info.seconds:.1f} s"
+    return f"{info.size[0]} x {info.size[1]}, {rate}{length}"
+
+
+def _perception(cameras: Sequence[SceneCamera]) -> str:
+    """How people are found."""
+    defaults = PerceptionTable()
+    videos = any(camera.found.video is not None for camera in cameras)
+    return (
+        comment("How people are found in the videos." if videos else "How people are found in videos; there are none so far.")
+        + "[perception]\n"
+        + _setting(
+            "detector",
+            defaults.detector,
+            'finds people. auto: a network, or "background" where none can be had; background: all that differs from\n'
+            "the empty scene, needs no network. Or a name that `passerby models list` tells, or the path of an .onnx file.",
+        )
+        + _setting(
+            "embedder",
+            defaults.embedder,
+            'describes how people look. auto: a network, or "stripes" where none can be had; stripes: the colours of\n'
+            "their clothes, needs no network; none. Or a name, or a path.",
+        )
+        + _setting("keypoints", defaults.keypoints, "finds people's joints. none. Or a name, or a path.")
+        + _setting("min_score", defaults.min_score, "a network's detections of a lower score are dropped.")
+        + _setting("tiles", defaults.tiles, "overlapping tiles in which small people are looked for: auto, none, or [3, 2].")
+        + _setting(
+            "fps", WATCHED_FPS, "pictures looked at in a second of video. Without it, more in videos of less than a minute."
+        )
+        + _setting("models", "models", "a folder with networks' files, for a computer without a connection.")
+    )
+
+
+def _association() -> str:
+    """Who is who."""
+    return (
+        comment("How it is found who is who in all cameras, and how much the cameras' clocks differ.")
+        + "[association]\n"
+        + _setting(
+            "mode",
+            AssociationTable().mode,
+            "combined: by how people move and look; trajectory: by how they move; appearance: by how they look, needs\n"
+            "clocks that agree; given: the ids in files of boxes or joints are the same people in all cameras.",
+        )
+        + _setting(
+            "max_offset_s",
+            SEARCHED_S,
+            "seconds, the largest difference of two cameras' clocks that is searched for. More where recordings were\n"
+            "started by hand at different times; 0 where the cameras are synchronised.",
+        )
+    )
+
+
+def _solver(first: str) -> str:
+    """How the rig is computed."""
+    return (
+        comment("How the cameras' places are computed.")
+        + "[solver]\n"
+        + _setting("method", SolverTable().method, "people: the more accurate; geopose: the method of Xu et al., CVPR 2021.")
+        + _setting("reference", first, "the reference camera, which geopose needs.")
+        + _setting(
+            "refine",
+            SolverTable().refine,
+            'what is computed beside the places: "focal", each camera\'s focal length; "principal_point"; "clock_rate", its\n'
+            'frames per second. As ["focal"].',
+        )
+        + "\n"
+        + comment("Options of the method, for experiments:")
+        + "#[solver.options]\n#max_iterations = 60\n\n"
+        + comment("The frame that the rig is wanted in: below this camera, x along what it looks at. Others: see the manual.")
+        + f"#[world]\n#camera = {value(first)}\n"
+    )
+
+
+def _scale(cameras: Sequence[SceneCamera]) -> str:
+    """What is known about lengths, with examples that fit the cameras."""
+    scale = ScaleTable()
+    first, second = cameras[0], cameras[1]
+    between = value([first.name, second.name])
+    points = ", ".join(f"{key(camera.name)} = {_example_ends(camera)}" for camera in (first, second))
+    return (
+        comment(
+            "What is known about lengths, in metres. People's height alone gives the rig's size to about 4 %; one length\n"
+            "measured with a tape mends that. sd_m, people's spread or a tape's error, may be left out below."
+        )
+        + "[scale]\n"
+        + _setting("person_height_m", scale.person_height_m, "the people's mean standing height, shoes on.")
+        + _setting("person_height_sd_m", scale.person_height_sd_m, "how much they differ (standard deviation).")
+        + _setting("person_height_mean_sd_m", 0.07, "how well the mean is known: 4 % of it unless given.")
+        + "\n"
+        + comment("A distance between two cameras (delete the # of all lines of an example, and put in your own values):")
+        + f"#[[scale.distances]]\n#between = {between}\n#metres = 10.0\n#sd_m = 0.05\n\n"
+        + comment("A camera's height above the ground that people walk on:")
+        + f"#[[scale.camera_heights]]\n#camera = {value(first.name)}\n#metres = 3.0\n#sd_m = 0.05\n\n"
+        + comment("A length between two points that two or more cameras see: the pixels of its two ends, in the same order:")
+        + f"#[[scale.lengths]]\n#metres = 2.0\n#sd_m = 0.02\n#points = {{ {points} }}\n"
+    )
+
+
+def _example_ends(camera: SceneCamera) -> str:
+    """Two points in the lower half of a camera's picture."""
+    width, height = camera.found.info.size if camera.found.info else (640, 480)
+    return value([[float(width // 3), float(2 * height // 3)], [float(2 * width // 3), float(2 * height // 3)]])
+
+
+def _setting(name: str, default: object, meaning: str) -> str:
+    """A setting that is switched off, with its meaning before it."""
+    return comment(f"{name}: {meaning}") + f"#{name} = {value(default)}\n"

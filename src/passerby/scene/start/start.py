@@ -1,0 +1,196 @@
+"""`passerby init`: from a folder to a scene file, and what is left to do before a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from passerby.common.addresses import not_a_file
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
+from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.toml_text import relative
+from passerby.perception.video_probe import fit_of_size, probe
+from passerby.scene.start.folders import FoundCamera, Probe, survey
+from passerby.scene.start.lenses import CameraLens, find_lenses
+from passerby.scene.start.scene_text import SceneCamera, scene_text
+from passerby.scene.start.template import template_text
+
+SCENE_FILE = "scene.toml"
+INTRINSICS = "intrinsics"
+
+
+@dataclass(frozen=True, eq=False)
+class StartedCamera:
+    """One camera, and where its lens stands."""
+
+    found: FoundCamera
+    lens: CameraLens | None
+    state: str
+    """A few words about the lens, for a table."""
+
+
+@dataclass(frozen=True, eq=False)
+class Started:
+    """What was written, and what is to be told."""
+
+    scene: Path
+    cameras: tuple[StartedCamera, ...]
+    written: tuple[Path, ...]
+    notes: tuple[str, ...]
+    """What was left out, assumed or is odd, one line each."""
+    to_do: tuple[str, ...]
+    """What the user must do before a calibration, one line each."""
+
+
+def start(folder: Path, scene: Path | None = None, force: bool = False, probe: Probe = probe) -> Started:
+    """Write a scene file for a folder of videos, and a rig file beside it where one is needed.
+
+    Args:
+        folder: Where the videos are, see `passerby.scene.start.folders`; calibrations are looked for as
+            `passerby.scene.start.lenses` tells.
+        scene: The scene file; `scene.toml` in the folder, unless given.
+        force: An earlier scene file is replaced. No other file ever is.
+        probe: Looks into a video.
+
+    Raises:
+        InputError: no such folder, fewer than two cameras in it, a scene file that is there already, or nowhere to write.
+    """
+    why = not_a_file(str(folder))
+    if why is not None:
+        raise InputError(f"what is given for a folder {why}: init needs the folder that these files lie in")
+    path = folder / SCENE_FILE if scene is None else scene
+    _check_free(path, force)
+    found = survey(folder, probe)
+    notes = list(found.notes)
+    lenses = find_lenses(folder, found.cameras, notes, besides=path)
+    lenses = _called_as_in_rig(found.cameras, lenses, notes)
+    places, written = _write_intrinsics(found.cameras, lenses, path)
+    cameras, texts, to_do = [], [], _missing(found.cameras, lenses, places)
+    for camera in found.cameras:
+        lens = lenses.get(camera.name)
+        state, remarks, must = _state(camera, lens, places[camera.name])
+        cameras.append(StartedCamera(camera, lens, state))
+        texts.append(SceneCamera(camera, places[camera.name], remarks, _assumed_fps(camera, found.cameras)))
+        to_do += [must] if must else []
+    assumed = [text for text in texts if text.fps is not None]
+    if assumed:
+        notes.append(
+            f"assumed: {assumed[0].fps:g} frames per second, as the video's, for {', '.join(text.name for text in assumed)}, "
+            f"which have none: correct it in {path}"
+        )
+    write_text(path, scene_text(folder.resolve().name or "scene", texts, path))
+    return Started(path, tuple(cameras), (path, *written), tuple(notes), tuple(to_do))
+
+
+def _assumed_fps(camera: FoundCamera, cameras: Sequence[FoundCamera]) -> float | None:
+    """Frames per second of a camera without a video among cameras with one: a scene with some rates needs all."""
+    if camera.video is not None:
+        return None
+    return next((other.info.average_fps for other in cameras if other.info is not None), None)
+
+
+def _missing(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], places: dict[str, Path]) -> list[str]:
+    """What to do about cameras whose lens was not found, in a line; none where all were."""
+    names = [camera.name for camera in cameras if camera.name not in lenses]
+    if not names:
+        return []
+    return [
+        f"fill in FX and FY, the focal length in pixels, of {', '.join(names)} in {places[names[0]]} "
+        "(it says where to take them from)"
+    ]
+
+
+def _check_free(path: Path, force: bool) -> None:
+    """Raise `InputError` unless a scene file may be written."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder: name the scene file with -o, as {path / SCENE_FILE}")
+    if not path.exists():
+        return
+    if not force:
+        raise InputError(f"{path}: is there already: choose another name with -o, or replace it with --force")
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError):
+        text = ""
+    if "[cameras." not in text:
+        raise InputError(f"{path}: is not a scene file, and is not replaced: choose another name with -o")
+
+
+def _called_as_in_rig(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], notes: list[str]) -> dict[str, CameraLens]:
+    """Give the cameras the names of their tables, so that the rig file serves as it is; the lenses by these names."""
+    names = {camera.name for camera in cameras}
+    renamed: dict[str, CameraLens] = {}
+    for camera in cameras:
+        lens = lenses.get(camera.name)
+        if lens is None:
+            continue
+        table = lens.table
+        if table is not None and table != camera.name:
+            if table in names:
+                notes.append(f"not used: {lens.source}: table [{table}] fits {camera.name}, but another camera is called so")
+                continue
+            notes.append(f"camera {camera.name} is called {table}, as in {lens.source}")
+            names = names - {camera.name} | {table}
+            camera.name = table
+        renamed[camera.name] = lens
+    return renamed
+
+
+def _write_intrinsics(
+    cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], scene: Path
+) -> tuple[dict[str, Path], list[Path]]:
+    """The rig file of each camera; and those that were written: lenses from other formats, a template for unknown ones."""
+    places = {name: lens.source for name, lens in lenses.items() if lens.table is not None}
+    written: list[Path] = []
+    copied = [camera for camera in cameras if camera.name not in places and _lens_of(camera, lenses) is not None]
+    if copied:
+        sources = sorted({relative(lenses[camera.name].source, scene) for camera in copied})
+        rig = Rig(tuple(Camera(camera.name, lens) for camera in copied if (lens := _lens_of(camera, lenses)) is not None))
+        written.append(_free(scene))
+        write_rig(written[-1], Rig(rig.cameras, metadata={"source": ", ".join(sources)}))
+        places |= {camera.name: written[-1] for camera in copied}
+    missing = [camera for camera in cameras if camera.name not in places]
+    if missing:
+        written.append(_free(scene))
+        write_text(written[-1], template_text(missing))
+        places |= {camera.name: written[-1] for camera in missing}
+    return places, written
+
+
+def _lens_of(camera: FoundCamera, lenses: dict[str, CameraLens]) -> Lens | None:
+    """A camera's lens, if it has one."""
+    found = lenses.get(camera.name)
+    return None if found is None else found.lens
+
+
+def _free(scene: Path) -> Path:
+    """The first of intrinsics.toml, intrinsics-2.toml, ... beside the scene file that is not there."""
+    number = 1
+    while True:
+        path = scene.parent / (f"{INTRINSICS}.toml" if number == 1 else f"{INTRINSICS}-{number}.toml")
+        if not path.exists() and path.name != scene.name:
+            return path
+        number += 1
+
+
+def _state(camera: FoundCamera, lens: CameraLens | None, place: Path) -> tuple[str, tuple[str, ...], str]:
+    """A camera's lens for the table, in remarks for the scene file, and what must be done about it."""
+    if lens is None:
+        return "MISSING", (f"TO DO: fill in this camera's lens in {place.name}.",), ""
+    if lens.lens is None:
+        return "INCOMPLETE", (f"TO DO: {lens.fault}",), f"camera {camera.name}: {lens.fault}"
+    remarks: tuple[str, ...] = () if lens.table is not None else (f"Its lens is from {lens.source}.",)
+    if lens.assumed_size:
+        remarks += ("ASSUMED: that file does not say for which size of picture it holds; the video's is written.",)
+    if camera.info is not None:
+        try:
+            fit = fit_of_size(camera.info.size, lens.lens.size)
+        except InputError as error:
+            return "WRONG SIZE", (*remarks, f"TO DO: {error}"), f"camera {camera.name}: {error} (lens in {place})"
+        if fit == "cropped":
+            size = "{} x {}".format(*lens.lens.size)
+            remarks += (f"The lens is for {size}: the video shows that picture without its last columns or rows.",)
+    return ("size assumed" if lens.assumed_size else "found"), remarks, ""

@@ -1,0 +1,60 @@
+"""A rig file to be filled in: the picture sizes are known, the lenses are not, and no number is invented for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from passerby.interchange.storage import toml_text
+from passerby.scene.start.folders import FoundCamera
+
+FIELDS_OF_VIEW = (50, 60, 70, 80, 90, 110)
+"""Degrees along the longer side: from a camcorder to a wide angle lens. Wider ones need a calibration with a pattern."""
+
+GUESS_SD = 15.0
+"""Per cent: what a focal length from a data sheet's field of view is off by, one sigma. A field of view that is told for the
+diagonal of 16:9 makes it 13 % too small, and what cameras crop when they film 5 to 20 %."""
+
+HEAD = f"""The cameras' lenses, to be filled in: `passerby check` refuses this file until numbers stand in place of FX and FY.
+
+FX, FY   focal length in pixels. Best from a calibration of the lens with a pattern (OpenCV, Caliscope, Pose2Sim, ...).
+         Otherwise from the field of view along the longer side: FX = longer side / 2 / tan(field of view / 2), and FY = FX;
+         or from a focal length of f mm as for 35 mm film: FX = longer side * f / 36, and FY = FX.
+         What the video shows counts: many cameras crop when they film, and zoom must stay as it was.
+CX, CY   the principal point, the third column of the matrix. The picture's middle is written: right within a few per cent.
+distortions   k1, k2, p1, p2, k3 as OpenCV has them. Zeros: straight lines are straight in the picture.
+fisheye  true for OpenCV's fisheye model, with four distortions.
+
+focal_sd_percent   how far FX and FY may be off: one sigma, in per cent of them. It is carried into every sigma of the result.
+         {GUESS_SD:g} suits a field of view from a data sheet: one told for the diagonal of 16:9 makes FX 13 % too small, what
+         video crops 5 to 20 %. For a lens that was calibrated with a pattern delete the line.
+
+An error of 1 % in the focal length makes about as large an error in the distances between the cameras.
+"""
+
+
+def template_text(cameras: Sequence[FoundCamera]) -> str:
+    """The text of a rig file that `read_lens` refuses until the focal lengths are filled in.
+
+    Args:
+        cameras: Those without a lens. Where one has no video, its picture's size is to be filled in too.
+    """
+    return toml_text.comment(HEAD) + "".join(_table(camera) for camera in cameras)
+
+
+def _table(camera: FoundCamera) -> str:
+    """One camera's table."""
+    head = f"\n[{toml_text.key(camera.name)}]\nname = {toml_text.value(camera.name)}\n"
+    if camera.info is None:
+        size = 'size = ["WIDTH", "HEIGHT"]   # pixels\n'
+        matrix, hint = '[["FX", 0.0, "CX"], [0.0, "FY", "CY"], [0.0, 0.0, 1.0]]', ""
+    else:
+        width, height = camera.info.size
+        size = f"size = [{width}, {height}]   # of the video\n"
+        matrix = f'[["FX", 0.0, {width / 2:.1f}], [0.0, "FY", {height / 2:.1f}], [0.0, 0.0, 1.0]]'
+        views = ", ".join(
+            f"{angle}: {max(width, height) / 2 / math.tan(math.radians(angle / 2)):.0f}" for angle in FIELDS_OF_VIEW
+        )
+        hint = f"# FX by degrees of the field of view along the longer side: {views}\n"
+    guess = f"focal_sd_percent = {GUESS_SD:g}   # of a guess; delete it for a lens that was calibrated\n"
+    return f"{head}{size}{hint}matrix = {matrix}\n{guess}distortions = [0.0, 0.0, 0.0, 0.0, 0.0]\nfisheye = false\n"

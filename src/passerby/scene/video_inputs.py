@@ -1,0 +1,213 @@
+"""The videos of a scene, watched side by side, each camera with a progress of its own."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from passerby.common.errors import InputError
+from passerby.common.progress import Forward, Progress
+from passerby.interchange.storage.faults import faults_of
+from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
+from passerby.perception.video import VideoInfo
+from passerby.perception.watching import CameraJob, Tell, Watched, watch_camera, work_of
+from passerby.scene.camera_input import CameraReading, fill, of_video, wants_joints, wants_looks, wants_video
+from passerby.scene.scene import Scene
+from passerby.scene.tables import WATCHED_FPS
+
+KEPT_FOLDER = "perception"
+ENOUGH_PICTURES = 300
+"""Short videos are looked at more often than `WATCHED_FPS`, until there are so many pictures: a minute's worth."""
+TOLD_EVERY_S = 0.25
+
+
+@dataclass(eq=False)
+class Videos:
+    """Watches the videos of a scene, and remembers what is to be told of it."""
+
+    keep: Path | None
+    """Folder in which results are kept; None: nothing is kept."""
+    executor: Executor | None
+    tell: Progress
+    notes: list[str] = field(default_factory=list)
+    """What could not be had, one sentence each."""
+    figures: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready: what was used, and what each camera's video gave."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Time of each stage, summed over the cameras."""
+
+    def __call__(self, scene: Scene, readings: Sequence[CameraReading]) -> None:
+        """Complete the readings; faults and findings are added to them. Raises `InputError` where a model cannot be used."""
+        plan = plan_of(scene, self.tell)
+        self.notes += plan.notes
+        wanting = [reading for reading in readings if wants_video(scene, reading)]
+        with _shelves(self.keep) as shelf:
+            jobs = [_job(scene, reading, plan, shelf) for reading in wanting]
+            results = self._watched(jobs)
+        for reading, job, result in zip(wanting, jobs, results, strict=True):
+            if isinstance(result, InputError):
+                reading.faults += faults_of(result)
+                continue
+            table = scene.cameras[reading.name]
+            used = table.from_s or 0.0, math.inf if table.until_s is None else table.until_s
+            reading.faults += result.faults(reading.name, job.info, *used)
+            reading.findings += result.findings(reading.name, job.info)
+            fill(scene, reading, result.boxes, result.keypoints)
+            for stage, seconds in result.seconds.items():
+                self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self.figures = plan.figures | {
+            "cameras": {
+                reading.name: {"pictures": result.pictures, "boxes": len(result.boxes), **result.summary}
+                for reading, result in zip(wanting, results, strict=True)
+                if isinstance(result, Watched)
+            }
+        }
+
+    def _watched(self, jobs: Sequence[CameraJob]) -> list[Watched | InputError]:
+        """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
+        forward = Forward(self.tell, "watching")
+        for job in jobs:
+            forward(job.name, 0, work_of(job))
+        if self.executor is not None:
+            return _watched_apart(jobs, self.executor, forward)
+        results = []
+        for job in jobs:
+            results.append(_result(job, partial(forward, job.name)))
+            forward.finish(job.name)
+        return results
+
+
+def plan_of(scene: Scene, tell: Progress) -> Plan:
+    """What a scene's videos are watched with. Raises `InputError` where a model that it names cannot be used."""
+    wanted = scene.perception
+    models = None if wanted.models is None else scene.resolve(wanted.models)
+    base = scene.resolve(Path())
+    try:
+        plan = make_plan(wanted.detector, wanted.embedder, wanted.keypoints, models=models, base=base, tell=tell)
+    except InputError as error:
+        raise InputError(f"{scene.place}: {error}") from None
+    return replace(plan, min_score=wanted.min_score, tiles=wanted.tiles)
+
+
+def keypoints_for(scene: Scene) -> str | None:
+    """The network that would find joints in a scene's videos, where none is asked for: one that is on this computer or can be
+    fetched. None where there is none, or fewer than two videos.
+    """
+    filmed = [table for table in scene.cameras.values() if table.video is not None and table.keypoints is None]
+    if scene.perception.keypoints != "none" or len(filmed) < 2:
+        return None
+    return keypoints_to_be_had(None if scene.perception.models is None else scene.resolve(scene.perception.models))
+
+
+def joints_remedy(scene: Scene) -> str | None:
+    """What joints would do for a scene whose cameras could not all be registered; None where none can be had."""
+    name = keypoints_for(scene)
+    if name is None:
+        return None
+    return (
+        "the joints of people were not looked for, which tell more than boxes where people stand or the recording is short: "
+        f'under [perception] set keypoints = "{name}"'
+    )
+
+
+def picture_rate(scene: Scene, reading: CameraReading, info: VideoInfo) -> float:
+    """Pictures to look at in a second of the video's own clock: a whole fraction of its rate, for even steps."""
+    pace = (reading.fps or info.clock_fps) / info.clock_fps
+    wanted = scene.perception.fps
+    if wanted is None:
+        seconds = info.seconds / pace if info.seconds else None
+        wanted = max(WATCHED_FPS, ENOUGH_PICTURES / seconds) if seconds else WATCHED_FPS
+    return info.average_fps / max(1, round(info.average_fps * pace / wanted))
+
+
+def _job(scene: Scene, reading: CameraReading, plan: Plan, shelf: Path) -> CameraJob:
+    assert reading.video is not None
+    looks = wants_looks(scene, reading)
+    joints = plan.keypoints if wants_joints(scene, reading) else None
+    return CameraJob(
+        name=reading.name,
+        info=reading.video,
+        rate=picture_rate(scene, reading, reading.video),
+        plan=replace(plan, embedder=plan.embedder if looks else None, keypoints=joints),
+        shelf=shelf / reading.name,
+        boxes=None if reading.awaiting else reading.boxes,
+    )
+
+
+@contextmanager
+def _shelves(keep: Path | None) -> Iterator[Path]:
+    """The folder of kept results; a passing one where nothing is kept."""
+    if keep is not None:
+        yield keep / KEPT_FOLDER
+        return
+    with tempfile.TemporaryDirectory(prefix="passerby-") as folder:
+        yield Path(folder)
+
+
+def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forward) -> list[Watched | InputError]:
+    """The results of all jobs in their order, each made in a process of its own.
+
+    Each process writes how far it is to a file that belongs to this run alone: nothing of an earlier run is taken for it, and
+    it stays until all are done.
+    """
+    # Processes of a run that is interrupted may write for a moment longer.
+    with tempfile.TemporaryDirectory(prefix="passerby-", ignore_cleanup_errors=True) as folder:
+        counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
+        futures = [executor.submit(_result, job, own) for job, own in zip(jobs, counts, strict=True)]
+        waiting: set[Future[Watched | InputError]] = set(futures)
+        while waiting:
+            _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)
+            for job, own, future in zip(jobs, counts, futures, strict=True):
+                if future.done() and not future.cancelled() and future.exception() is None:
+                    forward.finish(job.name)
+                elif (read := own.read()) is not None:
+                    forward(job.name, *read)
+        return [future.result() for future in futures]
+
+
+@dataclass(eq=False)
+class _Counts:
+    """How far one camera is, in a file: written by one process, read by another."""
+
+    path: Path
+    last: float = 0.0
+
+    def __call__(self, done: int, total: int) -> None:
+        now = time.monotonic()
+        if now - self.last < TOLD_EVERY_S and done < total:
+            return
+        self.last = now
+        written = self.path.with_suffix(".new")
+        # A full disk is told of by those who keep results on it.
+        with suppress(OSError):
+            written.write_text(f"{done} {total}", encoding="ascii")
+            # In one step: half a number is never read.
+            written.replace(self.path)
+
+    def read(self) -> tuple[int, int] | None:
+        """What was written last; None where nothing was so far."""
+        try:
+            done, total = self.path.read_text(encoding="ascii").split()
+            return int(done), int(total)
+        except (OSError, ValueError):
+            return None
+
+
+def _result(job: CameraJob, tell: Tell) -> Watched | InputError:
+    """What was seen, or what is wrong with this camera."""
+    try:
+        # One thread each: more would wait for each other, and their number would change the last bits.
+        with threadpool_limits(limits=1, user_api="blas"):
+            return watch_camera(job, tell)
+    except InputError as error:
+        return of_video(error, job.name) if str(error).startswith(f"{job.info.path}:") else InputError(str(error))

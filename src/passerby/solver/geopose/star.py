@@ -1,0 +1,276 @@
+"""GeoPose around one reference camera, wherever the points come from and whatever gives the scale.
+
+Xu, Li, Weng, Kitani, CVPR 2021, section 3.3: every other camera is registered with the reference, each pair gets its scale,
+points seen in several pairs are merged, and a global bundle adjustment refines all cameras and points. `geopose` brings the
+points of people and their height to it, `geopose_points` points of any origin and known lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Camera, PoseSigma, Rig
+from passerby.core.scale_cues import KnownLength
+from passerby.core.solution import Solution, Verdict
+from passerby.geometry.similarity import Similarity
+from passerby.solver.geopose.correspondences import ImagePoints, point_observations
+from passerby.solver.geopose.known_lengths import measured_lengths
+from passerby.solver.geopose.pairs import IDENTITY, GeoPoseOptions, PairGeometry, solve_pair
+from passerby.solver.optimizer.bundle import PointAdjustment, adjust_points
+
+Scale = tuple[float, dict[str, Any]]
+"""What to multiply all lengths by to get metres, and what it rests on, JSON-ready; `relative_sd` is among it."""
+
+# Pairs that see the same point at places that differ by more than this share of its distance contradict each other.
+MAX_DISAGREEMENT = 0.15
+MIN_INLIER_SHARE = 0.5
+MIN_PARALLAX_DEG = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Star:
+    """The reference and the cameras that could be registered with it, after the global adjustment."""
+
+    reference: int
+    """Index in the rig."""
+    pairs: list[PairGeometry]
+    """Adjusted; the scale is what the pairs' own scales agreed on."""
+    adjusted: PointAdjustment
+    """Of the reference and the pairs' cameras, in their order."""
+    merged: int
+    """How many points any pair has."""
+    disagreement: float
+    """See `merge_points`."""
+    reasons: tuple[str, ...]
+    """Why other cameras could not be registered."""
+
+
+def solve_star(
+    rig: Rig,
+    points: ImagePoints,
+    options: GeoPoseOptions,
+    scale_of_pair: Callable[[PairGeometry], float],
+    rng: np.random.Generator,
+    notes: Sequence[str] = (),
+) -> Star:
+    """Register every camera with the reference, merge the points, adjust all together.
+
+    Args:
+        rig: names and lenses; poses in it are not read.
+        points: sightings of all cameras; the same point is seen where identity, frame and part are the same.
+        options: see `GeoPoseOptions`.
+        scale_of_pair: what to multiply a pair's lengths by to get metres; `EvidenceError` where the pair has none, or is wrong.
+        rng: drives RANSAC and the choice among too many correspondences.
+        notes: what else there is to say where nothing can be solved.
+
+    Raises:
+        InputError: the reference is not a camera of the rig.
+        EvidenceError: no camera could be registered with the reference.
+    """
+    reference = reference_of(rig, options)
+    label, key = points.labels()
+    # One draw for all pairs: where points are too many, all pairs keep the same ones, which can then be merged.
+    priority = rng.permutation(len(key))
+    pairs: list[PairGeometry] = []
+    reasons = list(notes)
+    for camera in range(len(rig)):
+        if camera == reference:
+            continue
+        try:
+            pair = solve_pair(rig, points, label, priority, reference, camera, options, rng)
+            pairs.append(pair.scaled(scale_of_pair(pair)))
+        except EvidenceError as error:
+            reasons.append(f"camera {rig.names[camera]} could not be registered with {options.reference}: {error}")
+    if not pairs:
+        raise EvidenceError(
+            f"no camera could be registered with the reference {options.reference}: " + "; ".join(reasons), tuple(reasons)
+        )
+    merged, disagreement = merge_points(pairs, len(key))
+    adjusted = global_bundle_adjustment(rig, points, label, pairs, merged, reference, options)
+    final = [replace(pair, pose=pose) for pair, pose in zip(pairs, adjusted.poses[1:], strict=True)]
+    count = int(np.isfinite(merged).all(axis=1).sum())
+    return Star(reference, final, adjusted, count, disagreement, tuple(reasons))
+
+
+def reference_of(rig: Rig, options: GeoPoseOptions) -> int:
+    """Index of the reference camera. Raises `InputError` where the rig has no such camera."""
+    if options.reference not in rig.names:
+        raise InputError(f"the reference camera {options.reference} is not in the rig: choose one of {', '.join(rig.names)}")
+    return rig.names.index(options.reference)
+
+
+def scale_from_lengths(rig: Rig, lengths: Sequence[KnownLength], reference: int, pairs: Sequence[PairGeometry]) -> Scale | None:
+    """The scale that known lengths give, each weighted by its standard deviation; None where two cameras see none of them."""
+    seen = measured_lengths(rig, lengths, *posed_cameras(reference, pairs))
+    if not seen:
+        return None
+    weight = np.array([(cue.metres / cue.sd_m) ** 2 for cue, _ in seen])
+    ratio = np.array([np.log(cue.metres / measured) for cue, measured in seen])
+    factor = float(np.exp(weight @ ratio / weight.sum()))
+    sd = float(1 / np.sqrt(weight.sum()))
+    return factor, {"from": "known lengths", "lengths": len(seen), "factor": factor, "relative_sd": sd}
+
+
+def star_solution(
+    method: str,
+    rig: Rig,
+    star: Star,
+    scale: Scale,
+    world: Similarity,
+    sigma_factor: float,
+    reasons: Sequence[str],
+    figures: dict[str, Any],
+) -> Solution:
+    """The star in metres, in its world, with sigmas, verdict and figures.
+
+    Args:
+        method: name of the solver.
+        rig: names and lenses.
+        star: of `solve_star`.
+        scale: of all cameras together.
+        world: from the reference camera's frame, metres, to the world's.
+        sigma_factor: by how much the adjustment's formal sigmas are too small.
+        reasons: what speaks against the result; it is doubtful where there are any.
+        figures: the caller's own, told first.
+    """
+    factor, prior = scale
+    final = [pair.scaled(factor) for pair in star.pairs]
+    covariance = _covariances(final, star.adjusted, factor, sigma_factor, prior["relative_sd"])
+    solved = _placed_rig(rig, star.reference, final, covariance, world)
+    verdict: Verdict = "doubtful" if reasons else "accepted"
+    told = figures | {
+        "reference": rig.names[star.reference], "scale": prior,
+        "pairs": [_pair_figures(rig, pair) for pair in final],
+        "merged_points": star.merged,
+        "pair_disagreement": star.disagreement, "rms_px": star.adjusted.rms_px, "iterations": star.adjusted.iterations,
+        "converged": star.adjusted.converged,
+    }  # fmt: skip
+    return Solution(method, replace(solved, verdict=verdict), verdict, tuple(reasons), told)
+
+
+def doubts(rig: Rig, star: Star, what: str, other: str) -> list[str]:
+    """What speaks against the result, one sentence each.
+
+    Args:
+        rig: the cameras' names.
+        star: the result.
+        what: what the points are of.
+        other: what else to try.
+    """
+    found = []
+    for pair in star.pairs:
+        name, share = rig.names[pair.camera], len(pair.rows) / pair.correspondences
+        if share < MIN_INLIER_SHARE:
+            found.append(f"only {share:.0%} of the points that camera {name} shares with the reference agree with its pose")
+        if pair.parallax_deg < MIN_PARALLAX_DEG:
+            found.append(
+                f"camera {name} looks from almost where the reference stands (rays meet at {pair.parallax_deg:.1f} degrees): "
+                "its distance is not known; choose another reference"
+            )
+    if star.disagreement > MAX_DISAGREEMENT:
+        found.append(
+            f"the pairs place the same {what} {star.disagreement:.0%} of their distance apart: at least one pair is wrong; "
+            f"try another reference camera or {other}"
+        )
+    if not star.adjusted.converged:
+        found.append(f"the global adjustment did not converge in {star.adjusted.iterations} iterations")
+    return found
+
+
+def merge_points(pairs: list[PairGeometry], count: int) -> tuple[Floats, float]:
+    """A point seen in several pairs becomes the mean of its coordinates in the reference camera's frame.
+
+    Returns:
+        (count, 3) points, NaN for those that no pair has; and by how much the pairs disagree: the median distance of a point
+        in one pair from its mean, as a share of its distance from the reference camera (0 where no point is in two pairs).
+    """
+    label = np.concatenate([pair.label for pair in pairs])
+    points = np.concatenate([pair.points for pair in pairs])
+    times = np.bincount(label, minlength=count)
+    with np.errstate(invalid="ignore"):
+        merged = np.stack([np.bincount(label, points[:, k], count) for k in range(3)], axis=1) / times[:, None]
+    several = times[label] > 1
+    if not several.any():
+        return merged, 0.0
+    mean = merged[label[several]]
+    distance = np.linalg.norm(points[several] - mean, axis=1) / np.linalg.norm(mean, axis=1)
+    return merged, float(np.median(distance))
+
+
+def global_bundle_adjustment(
+    rig: Rig,
+    points: ImagePoints,
+    label: Ints,
+    pairs: list[PairGeometry],
+    merged: Floats,
+    reference: int,
+    options: GeoPoseOptions,
+) -> PointAdjustment:
+    """Refine the poses of all pairs' cameras and the merged points on reprojection error, the reference held.
+
+    The adjustment's cameras are the reference and then the pairs' in their order; a pair's inliers take part.
+    """
+    rows = np.unique(np.concatenate([pair.rows.ravel() for pair in pairs]))
+    number = np.full(len(merged), -1)
+    used = np.unique(label[rows])
+    number[used] = np.arange(len(used))
+    position = np.zeros(len(rig), dtype=np.int64)
+    position[[reference, *(pair.camera for pair in pairs)]] = np.arange(1 + len(pairs))
+    sightings = points.take(rows)
+    seen = point_observations(rig, sightings, number[label[rows]])
+    seen = replace(seen, camera=position[sightings.camera])
+    poses = [IDENTITY, *(pair.pose for pair in pairs)]
+    return adjust_points(poses, merged[used], seen, max_iterations=options.max_iterations)
+
+
+def posed_cameras(reference: int, pairs: Sequence[PairGeometry]) -> tuple[Ints, Floats, Floats]:
+    """Indices (C,), rotations (C, 3, 3) and translations (C, 3) of the reference and the pairs' cameras."""
+    return (
+        np.array([reference, *(pair.camera for pair in pairs)]),
+        np.stack([np.eye(3), *(pair.pose.R_cw for pair in pairs)]),
+        np.stack([np.zeros(3), *(pair.pose.t_cw for pair in pairs)]),
+    )
+
+
+def _covariances(
+    pairs: list[PairGeometry], adjusted: PointAdjustment, factor: float, sigma_factor: float, scale_sd: float
+) -> Floats:
+    """(1 + pairs, 6, 6) covariances of the reference and the pairs' cameras in the reference's frame, metres and radians.
+
+    Those of the adjustment, whose scale is held, and what a wrong scale would do to the distance from the reference.
+    """
+    unit = np.diag([factor] * 3 + [1.0] * 3) * sigma_factor
+    covariance = unit @ adjusted.pose_covariance @ unit
+    for index, pair in enumerate(pairs, start=1):
+        covariance[index, :3, :3] += scale_sd**2 * np.outer(pair.pose.centre, pair.pose.centre)
+    return np.asarray(covariance)
+
+
+def _placed_rig(rig: Rig, reference: int, pairs: list[PairGeometry], covariances: Floats, world: Similarity) -> Rig:
+    """The rig in the world, with sigmas; cameras without a pair have no pose."""
+    turn = np.eye(6)
+    turn[:3, :3] = world.rotation
+    solved: dict[int, Camera] = {}
+    for index, (camera, pose) in enumerate([(reference, IDENTITY), *((pair.camera, pair.pose) for pair in pairs)]):
+        covariance = turn @ covariances[index] @ turn.T
+        position = float(np.sqrt(np.trace(covariance[:3, :3])))
+        orientation = float(np.degrees(np.sqrt(np.trace(covariance[3:, 3:]))))
+        solved[camera] = replace(
+            rig.cameras[camera],
+            pose=pose.moved(world.rotation, world.translation),
+            sigma=PoseSigma(position, orientation, covariance),
+        )
+    return Rig(tuple(solved.get(i, replace(camera, pose=None, sigma=None)) for i, camera in enumerate(rig)))
+
+
+def _pair_figures(rig: Rig, pair: PairGeometry) -> dict[str, Any]:
+    return {
+        "camera": rig.names[pair.camera], "correspondences": pair.correspondences, "inliers": len(pair.rows),
+        "rms_px": pair.rms_px, "parallax_deg": pair.parallax_deg,
+    }  # fmt: skip

@@ -1,0 +1,308 @@
+"""The stages of the person-model solver, each a function from what is known to what is known after it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
+from passerby.core.scale_cues import ScaleCues
+from passerby.geometry.relative_pose import PairHypothesis
+from passerby.geometry.rotations import angle_between
+from passerby.geometry.similarity import chordal_mean_rotation
+from passerby.geometry.single_view import Level, level_camera
+from passerby.people.model import Noise, Priors
+from passerby.people.standing import standing_instants
+from passerby.solver.cues import cue_rows, expected_heights, first_scale, triangulate_marks
+from passerby.solver.evidence import Evidence, gather_evidence
+from passerby.solver.lens_sigmas import lens_evidence
+from passerby.solver.lens_unknowns import LensPart, LensUnknowns
+from passerby.solver.optimizer.least_squares import Result, Stopping
+from passerby.solver.pairs import judged_guesses, pair_hypotheses
+from passerby.solver.people_state import PeopleState
+from passerby.solver.pose_graph import candidate_trees, levelled, poses_of_tree
+from passerby.solver.refinement import (
+    AGREE_SIGMAS,
+    Knowledge,
+    Model,
+    RigState,
+    adjust,
+    build_model,
+    learn_noise,
+    rig_of,
+    wholeness,
+)
+from passerby.solver.uncertainty import correlation_inflation
+
+# Descents from different trees that end with at least this share of the best one's agreeing sightings are rivals of it, and
+# rivals are the same rig when no two cameras stand to each other by more than this angle differently.
+_RIVAL_SHARE = 0.97
+_RIVAL_ANGLE = np.deg2rad(4.0)
+# Noise that is learnt from what agrees within a tolerance is too small where that is narrow: rounds go on, by so many at most,
+# while it grows by more than this factor.
+_GROWTH, _MORE_ROUNDS = 1.15, 4
+# Rounds more at most until the rays are those of the lenses found, where lenses are refined: the change in a round is about the
+# square of that in the one before.
+_LENS_ROUNDS = 6
+# A first guess that was made with lenses farther off than this is made anew.
+_MISLEADING_FOCAL, _MISLEADING_PX = 0.05, 30.0
+# What boxes are off by alike makes priors of the lenses count more by this at most.
+_MOST_EXCESS = 30.0
+# A coarse descent stops here; the optimum needs more evidence anyhow.
+_COARSE = Stopping(15, 1e-4)
+
+
+@dataclass(frozen=True)
+class PeopleOptions:
+    """Options of the person-model solver."""
+
+    max_sightings: int = 30_000
+    """Most sightings of people that enter the adjustment; above, person-instants are drawn at random."""
+    max_joints: int = 24_000
+    """Most sightings of joints, likewise."""
+    coarse_people: int = 400
+    """Person-instants of the descents that choose among the first guesses."""
+    coarse_joints: int = 1500
+    """Joints of the same."""
+    learning_people: int = 1500
+    """Person-instants of the first round, which learns how noisy the sightings are."""
+    learning_joints: int = 6000
+    """Joints of the same."""
+    rounds: int = 3
+    """Rounds of agreement, adjustment and learnt noise on all of the evidence; some more while the noise learnt still grows."""
+    max_iterations: int = 60
+    """Iterations of the adjustment in each round."""
+    tolerance: float = 1e-6
+    """Relative decrease of the cost at which a round has converged."""
+    refine_time: bool = False
+    """Whether each camera's clock has an unknown error; takes observations whose frame rate is known."""
+    refine_lens: tuple[LensPart, ...] = ()
+    """What of each camera's lens is unknown, about what is stated: "focal", "principal_point"."""
+
+    def __post_init__(self) -> None:
+        for name in (
+            "max_sightings",
+            "max_joints",
+            "coarse_people",
+            "coarse_joints",
+            "learning_people",
+            "learning_joints",
+            "rounds",
+            "max_iterations",
+        ):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} is {getattr(self, name)}: it must be 1 or more")
+        if not 0 < self.tolerance < 1:
+            raise InputError(f"tolerance is {self.tolerance}: it must lie between 0 and 1")
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """All that is known before the first descent."""
+
+    rig: Rig
+    """The cameras with the lenses that the rays were made with."""
+    evidence: Evidence
+    levels: list[Level | None]
+    hypotheses: list[PairHypothesis]
+    knowledge: Knowledge
+    stated: Rig
+    """The cameras with the lenses as stated."""
+    unknowns: LensUnknowns
+    lens: Floats
+    """(C, L) by how much the lenses of `rig` differ from the stated ones."""
+
+    @classmethod
+    def prepare(
+        cls, stated: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator,
+        guesses: Sequence[PairHypothesis] = (), lens: Floats | None = None,
+    ) -> Start:  # fmt: skip
+        """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same. `lens` (C, L) is how
+        the lenses differ from the stated ones, as far as that is known; nothing when None.
+        """
+        unknowns = LensUnknowns(options.refine_lens)
+        lens = np.zeros((len(stated), unknowns.size)) if lens is None else lens
+        rig = unknowns.rig(stated, lens)
+        evidence = gather_evidence(
+            rig, observations, rng, max_sightings=options.max_sightings, max_joints=options.max_joints,
+            moving=options.refine_time,
+        )  # fmt: skip
+        mean, sd = expected_heights(cues, evidence.identities)
+        body_m = float(np.median(mean)) if len(mean) else cues.population.mean_m
+        levels = [level_of(evidence, c, body_m, rng) for c in range(len(rig))]
+        focal = np.array([camera.lens.focal for camera in rig])
+        hypotheses = pair_hypotheses(evidence, levels, focal, body_m, rng)
+        hypotheses += judged_guesses(guesses, evidence, focal, body_m)
+        lens_core = unknowns.first_core(stated) if unknowns.parts else None
+        knowledge = Knowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_core)
+        return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
+
+    def weighed(self, model: Model, result: Result[PeopleState]) -> Start:
+        """The same with priors of the lenses that count as much more as the sightings of an optimum follow one another."""
+        if not self.unknowns.parts:
+            return self
+        problem, state = model.problem, result.state
+        inflation = correlation_inflation(model, self.evidence, problem.terms(state, jacobians=False))
+        weight = inflation * np.clip(lens_evidence(problem, state, inflation).excess, 1.0, _MOST_EXCESS)
+        core = self.unknowns.core(self.stated)
+        return replace(self, knowledge=replace(self.knowledge, lens_core=core, lens_weight=weight))
+
+    def near(self, other: Start) -> bool:
+        """Whether the lenses differ too little from those of `other` to mislead a first guess."""
+        change = other.lens - self.lens
+        focal, point = change[:, self.unknowns.columns_of("focal")], change[:, self.unknowns.columns_of("principal_point")]
+        return bool((np.abs(focal) < _MISLEADING_FOCAL).all() and (np.abs(point) < _MISLEADING_PX).all())
+
+    def with_lenses(self, lens: Floats) -> Start:
+        """The same with rays of the lenses that differ from the stated ones by `lens` (C, L)."""
+        if not self.unknowns.parts:
+            return self
+        unknowns, stated, cues = self.unknowns, self.stated, self.knowledge.cues
+        if cues is not None and cues.marks is not None:
+            cues = replace(cues, marks=unknowns.points(cues.marks, stated, lens))
+        evidence = replace(
+            self.evidence, sightings=unknowns.sightings(self.evidence.sightings, stated, lens),
+            joints=unknowns.points(self.evidence.joints, stated, lens),
+        )  # fmt: skip
+        knowledge = replace(self.knowledge, cues=cues)
+        return replace(self, rig=unknowns.rig(stated, lens), evidence=evidence, knowledge=knowledge, lens=lens)
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The rough rig that most sightings agree with, and what competes with it."""
+
+    state: RigState
+    tree: str
+    agreeing: int
+    candidates: list[dict[str, Any]]
+    doubts: list[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The optimum."""
+
+    model: Model
+    result: Result[PeopleState]
+    noise: Noise
+    stance: Floats
+    start: Start
+    """What it was computed from, with the lenses found."""
+    rounds: list[dict[str, Any]] = field(default_factory=list)
+
+
+def level_of(evidence: Evidence, camera: int, body_m: float, rng: np.random.Generator) -> Level | None:
+    """The vertical and the height of one camera from its own people, as tall as `body_m`; None where there are too few."""
+    s = evidence.sightings.take(evidence.sightings.camera == camera)
+    span, foot = body_m * (s.top_fraction - s.bottom_fraction), body_m * s.bottom_fraction
+    return level_camera(s.top, s.bottom, s.top_tangent, s.extent_px, span, foot, rng)
+
+
+def choose(start: Start, options: PeopleOptions, rng: np.random.Generator) -> Choice:
+    """Descend from every tree on a part of the evidence, and keep the rig that most sightings agree with."""
+    n = len(start.rig)
+    blocks = np.sort(rng.permutation(len(start.evidence.person))[: options.coarse_people])
+    joints = np.sort(rng.permutation(start.evidence.n_joints)[: options.coarse_joints])
+    found = []
+    for name, tree in candidate_trees(start.hypotheses, range(n), n):
+        poses = levelled(poses_of_tree(tree, 0), start.levels)
+        R, centre = np.array([poses[c].R_cw for c in range(n)]), np.array([poses[c].centre for c in range(n)])
+        state, here = _rescaled(start, R, centre), start
+        for noise, share in ((Noise(loss=30.0), 0.4), (Noise(), 0.2)):
+            model = build_model(here.evidence, state, noise, here.knowledge, share=share, blocks=blocks, joints=joints)
+            if not (len(model.rows) or len(model.joint_rows)):
+                break
+            state = rig_of(adjust(model, _COARSE).state)
+            here = here.with_lenses(state.lens)
+        model = build_model(here.evidence, state, Noise(), here.knowledge, share=0.1, blocks=blocks, joints=joints)
+        found.append((len(model.rows) + len(model.joint_rows), name, state))
+    if not found or max(count for count, _, _ in found) == 0:
+        raise EvidenceError("no arrangement of the cameras agrees with the people: check their identities and the intrinsics")
+    best = max(found, key=lambda item: item[0])
+    rivals = [name for count, name, state in found if count > _RIVAL_SHARE * best[0] and _differ(state, best[2]) > _RIVAL_ANGLE]
+    doubts = [
+        "two arrangements of the cameras fit the people almost equally well: record people who walk in more directions"
+    ] if rivals else []  # fmt: skip
+    return Choice(best[2], best[1], best[0], [{"tree": name, "agreeing": count} for count, name, _ in found], doubts)
+
+
+def _rescaled(start: Start, R: Floats, centre: Floats) -> RigState:
+    """A first state with the scale that people and cues agree on."""
+    knowledge = start.knowledge
+    marks = triangulate_marks(knowledge.cues, R, centre)
+    sd = float(np.mean(knowledge.height_sd / knowledge.height_mean)) if len(knowledge.height_sd) else 0.05
+    factor = first_scale(knowledge.cues, centre, marks, len(knowledge.height_sd), sd)
+    state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, marks * factor, start.lens)
+    return state
+
+
+def _differ(a: RigState, b: RigState) -> float:
+    """The largest angle between two rigs' relative rotations after the best common turn."""
+    turn = chordal_mean_rotation(np.einsum("cji,cjk->cik", a.R, b.R))
+    return float(np.max(angle_between(a.R @ turn, b.R)))
+
+
+def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.random.Generator) -> Fit:
+    """Rounds on all of the evidence: who agrees, where is the optimum, how noisy is it, who stands."""
+    start = start.with_lenses(state.lens)
+    evidence = start.evidence
+    noise, stance, share = Noise(), np.ones(len(evidence.person)), 0.15
+    whole: Floats | None = None
+    rounds: list[dict[str, Any]] = []
+    growing, number, for_lenses = False, 0, 0
+    while True:
+        last = number >= options.rounds - 1 and not (growing and number < options.rounds - 1 + _MORE_ROUNDS)
+        part = number == 0 and not last
+        blocks = np.sort(rng.permutation(len(evidence.person))[: options.learning_people]) if part else None
+        joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
+        model = build_model(
+            start.evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance,
+            whole=whole, rename=number > 0,
+        )  # fmt: skip
+        stopping = Stopping(options.max_iterations, options.tolerance) if last else Stopping(12, 1e-4)
+        result = adjust(model, stopping)
+        state = rig_of(result.state)
+        rounds.append(
+            {
+                "sightings": len(model.rows), "renamed": model.renamed, "joints": len(model.joint_rows),
+                "iterations": result.iterations,
+                "converged": result.converged, "cost": result.cost,
+            }
+        )  # fmt: skip
+        settled = start.unknowns.settled(state.lens - start.lens)
+        start = start.with_lenses(state.lens).weighed(model, result)
+        if last and (settled or for_lenses == _LENS_ROUNDS):
+            break
+        if last:
+            for_lenses += 1
+            continue
+        judged = wholeness(model, result.state, len(evidence.sightings))
+        whole = judged.weight
+        before, noise = noise, learn_noise(model, result, judged.broken)
+        growing = len(model.rows) > 0 and _typical(noise, model) > _GROWTH * _typical(before, model)
+        stance = _stance(model, result.state, len(evidence.person))
+        share = AGREE_SIGMAS * max(noise.centre if len(model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
+        number += 1
+    return Fit(model, result, noise, stance, start, rounds)
+
+
+def _typical(noise: Noise, model: Model) -> float:
+    """What a box of middling size is off by, pixels."""
+    return float(np.hypot(noise.box_px, noise.centre * np.median(model.problem.scale_px)))
+
+
+def _stance(model: Model, state: PeopleState, n_blocks: int) -> Floats:
+    """(N,) who may be standing, over all person-instants of the evidence."""
+    out = np.ones(n_blocks)
+    person = model.problem.person
+    if len(person):
+        extent = state.people[:, 3] - state.people[:, 2]
+        out[model.blocks] = standing_instants(extent, state.heights[person], person)
+    return out

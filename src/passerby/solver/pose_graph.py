@@ -1,0 +1,143 @@
+"""From pairwise guesses to a rig: cycles through third cameras tell which guesses agree, spanning trees join them.
+
+Nothing is chosen greedily: every tree that the routes offer is handed on, and the adjustment's own cost picks among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from passerby.common.arrays import Floats
+from passerby.core.cameras import Pose
+from passerby.geometry.relative_pose import PairHypothesis
+from passerby.geometry.rotations import angle_between, rotation_between
+from passerby.geometry.single_view import Level
+
+# Two ways to the same camera agree when they differ by about this much: a few times the error of a good guess.
+_CYCLE_ANGLE = np.deg2rad(6.0)
+_CYCLE_SHARE = 0.25
+# What a guess is worth that no third camera speaks for.
+_ALONE = 0.02
+
+
+def components(n_cameras: int, hypotheses: Sequence[PairHypothesis], min_inliers: int) -> list[list[int]]:
+    """Groups of cameras joined by hypotheses with enough inliers, the largest first (the smaller numbers first among
+    equals).
+    """
+    label = list(range(n_cameras))
+    for h in hypotheses:
+        if h.inliers >= min_inliers:
+            old, new = max(label[h.a], label[h.b]), min(label[h.a], label[h.b])
+            label = [new if value == old else value for value in label]
+    groups = [[c for c in range(n_cameras) if label[c] == value] for value in sorted(set(label))]
+    return sorted(groups, key=lambda group: (-len(group), group[0]))
+
+
+def cycle_support(hypotheses: Sequence[PairHypothesis], n_cameras: int) -> Floats:
+    """How well each hypothesis agrees with the ways through third cameras: the mean over these of the best agreement, 0 to
+    1.
+    """
+    by_pair: dict[tuple[int, int], list[PairHypothesis]] = {}
+    for h in hypotheses:
+        by_pair.setdefault((h.a, h.b), []).append(h)
+        by_pair.setdefault((h.b, h.a), []).append(h.inverse)
+    support = np.zeros(len(hypotheses))
+    for index, h in enumerate(hypotheses):
+        votes = []
+        for c in range(n_cameras):
+            ways = [(first, second) for first in by_pair.get((h.a, c), ()) for second in by_pair.get((c, h.b), ())]
+            if ways:
+                votes.append(max(_agreement(h, first, second) for first, second in ways))
+        support[index] = float(np.mean(votes)) if votes else 0.0
+    return support
+
+
+def _agreement(h: PairHypothesis, first: PairHypothesis, second: PairHypothesis) -> float:
+    R = second.R_ba @ first.R_ba
+    t = second.R_ba @ first.t_ba + second.t_ba
+    turn = float(angle_between(R, h.R_ba)) / _CYCLE_ANGLE
+    reach = np.linalg.norm(first.t_ba) + np.linalg.norm(second.t_ba) + np.linalg.norm(h.t_ba)
+    shift = float(np.linalg.norm(t - h.t_ba) / (_CYCLE_SHARE * 0.5 * reach))
+    return float(np.exp(-0.5 * (turn**2 + shift**2)))
+
+
+def candidate_trees(
+    hypotheses: Sequence[PairHypothesis], group: Sequence[int], n_cameras: int
+) -> list[tuple[str, list[PairHypothesis]]]:
+    """Spanning trees of a group: of all routes by agreement, and of each route alone; duplicates left out."""
+    support = cycle_support(hypotheses, n_cameras)
+    inliers = np.array([h.inliers for h in hypotheses], dtype=np.float64)
+    share = inliers / np.array([max(h.matches, 1) for h in hypotheses])
+    by_agreement = share * np.sqrt(inliers) * (_ALONE + support)
+    routes = sorted({h.route for h in hypotheses})
+    weights = [("all", by_agreement)]
+    weights += [(route, np.where([h.route == route for h in hypotheses], by_agreement, 0.0)) for route in routes]
+    trees: list[tuple[str, list[PairHypothesis]]] = []
+    seen = set()
+    for name, weight in weights:
+        tree = _spanning_tree(hypotheses, weight, group)
+        key = tuple(sorted(tree))
+        if len(tree) == len(group) - 1 and key not in seen:
+            seen.add(key)
+            trees.append((name, [hypotheses[i] for i in tree]))
+    return trees
+
+
+def _spanning_tree(hypotheses: Sequence[PairHypothesis], weight: Floats, group: Sequence[int]) -> list[int]:
+    """Indices of the hypotheses of a maximum spanning tree (Kruskal)."""
+    label = {camera: camera for camera in group}
+    tree = []
+    for index in np.argsort(-weight, kind="stable"):
+        h = hypotheses[index]
+        if weight[index] <= 0 or h.a not in label or h.b not in label or label[h.a] == label[h.b]:
+            continue
+        old, new = label[h.a], label[h.b]
+        label = {camera: new if value == old else value for camera, value in label.items()}
+        tree.append(int(index))
+    return tree
+
+
+def poses_of_tree(tree: Sequence[PairHypothesis], root: int) -> dict[int, Pose]:
+    """Poses in the root camera's frame, along the tree's edges."""
+    poses = {root: Pose(np.eye(3), np.zeros(3))}
+    edges = [edge for h in tree for edge in (h, h.inverse)]
+    while len(poses) < len(tree) + 1:
+        for edge in edges:
+            if edge.a in poses and edge.b not in poses:
+                at = poses[edge.a]
+                poses[edge.b] = Pose(edge.R_ba @ at.R_cw, edge.R_ba @ at.t_cw + edge.t_ba)
+    return poses
+
+
+def levelled(poses: dict[int, Pose], levels: Sequence[Level | None]) -> dict[int, Pose]:
+    """The poses in a world with z up and the ground at z = 0, as the cameras' own levels agree on it (medians)."""
+    ups = {c: poses[c].R_cw.T @ level.up for c, level in enumerate(levels) if level is not None and c in poses}
+    if not ups:
+        return poses
+    turn = rotation_between(_median_direction(np.array(list(ups.values()))), np.array([0.0, 0.0, 1.0]))
+    turned = {c: pose.moved(turn, np.zeros(3)) for c, pose in poses.items()}
+    drop = float(
+        np.median([turned[c].centre[2] - level.height for c, level in enumerate(levels) if level is not None and c in ups])
+    )
+    return {c: pose.moved(np.eye(3), np.array([0.0, 0.0, -drop])) for c, pose in turned.items()}
+
+
+def _median_direction(directions: Floats) -> Floats:
+    """The direction with the smallest sum of angles to the others (Weiszfeld's algorithm on the sphere)."""
+    mean = directions.sum(axis=0)
+    mean /= np.linalg.norm(mean)
+    for _ in range(20):
+        angle = np.arccos(np.clip(directions @ mean, -1, 1))
+        mean = (directions / np.maximum(angle, 1e-3)[:, None]).sum(axis=0)
+        mean /= np.linalg.norm(mean)
+    return np.asarray(mean)
+
+
+def heading_rotation(R_cw: Floats) -> Floats:
+    """(3, 3) turn about z that brings a camera's horizontal viewing direction onto +y."""
+    forward = R_cw[2]
+    angle = float(np.arctan2(forward[0], forward[1])) if np.hypot(forward[0], forward[1]) > 1e-6 else 0.0
+    return np.asarray(Rotation.from_euler("z", angle).as_matrix())

@@ -1,1 +1,0 @@
-"""Everybody's way over the ground, from a calibrated rig and boxes with identities."""

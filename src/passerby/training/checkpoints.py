@@ -1,0 +1,157 @@
+"""A training's state on disk: written whole or not at all, and all that is needed to go on, to evaluate, or to export."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from pydantic import TypeAdapter, ValidationError
+from torch import Tensor, nn
+from torch.optim import Optimizer
+
+from passerby.common.errors import InputError
+from passerby.interchange.storage.atomic import write_bytes
+from passerby.training.backbones import kept_backbone
+from passerby.training.network import ReidNetwork
+from passerby.training.options import TrainOptions
+
+CHECKPOINT = "checkpoint.pt"
+FORMAT = "passerby-reid-1"
+PARTS = ("epoch", "options", "architecture", "people", "data", "origin", "network", "optimizer")
+"""Of what is kept beside the format."""
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """What was kept of a training."""
+
+    path: Path
+    epoch: int
+    """Epochs that are done."""
+    options: TrainOptions
+    architecture: Mapping[str, Any]
+    """The backbone's configuration, in the words of `transformers`."""
+    people: int
+    """Number of training people."""
+    data: str
+    """A digest of what it was trained on."""
+    origin: Mapping[str, str]
+    """Where it comes from: names of the data sets, what it began with."""
+    network: Mapping[str, Tensor] = field(repr=False)
+    optimizer: Mapping[str, Any] = field(repr=False)
+
+    def restored(self) -> ReidNetwork:
+        """The network with its weights, on the processor."""
+        options = self.options
+        size = options.height, options.width
+        backbone = kept_backbone(options.backbone, dict(self.architecture), size, options.last_stride)
+        network = ReidNetwork(backbone, self.people, options)
+        try:
+            network.load_state_dict(dict(self.network))
+        except RuntimeError as error:
+            raise InputError(
+                f"{self.path}: its weights do not fit its own description of the network "
+                f"({' '.join(str(error).split())[:160]}): is it damaged? Train again"
+            ) from None
+        return network
+
+    def load_into(self, network: ReidNetwork, backbone: str) -> None:
+        """Begin a network with these weights; only the classifier, which is of other people, stays as it is.
+
+        Raises `InputError` where they are of another backbone, or of other options of the architecture.
+        """
+        if self.options.backbone != backbone:
+            raise InputError(
+                f"{self.path}: is of the backbone {self.options.backbone}, not {backbone}: give backbone = "
+                f'"{self.options.backbone}", or other weights'
+            )
+        own = network.state_dict()
+        given = {name: value for name, value in self.network.items() if not name.startswith("classifier.")}
+        odd = sorted(
+            {name for name in own if not name.startswith("classifier.")} ^ set(given)
+            | {name for name in given if name in own and own[name].shape != given[name].shape}
+        )
+        if odd:
+            raise InputError(f"{self.path}: does not fit the options neck and pooling, or the backbone {backbone}: {odd[0]}")
+        network.load_state_dict({**own, **given})
+
+
+def save_checkpoint(
+    path: Path,
+    network: ReidNetwork,
+    optimizer: Optimizer,
+    epoch: int,
+    options: TrainOptions,
+    data: str,
+    origin: Mapping[str, str],
+) -> None:
+    """Keep the state after an epoch. Raises `InputError` where the folder cannot be written."""
+    state = {
+        "format": FORMAT,
+        "epoch": epoch,
+        "options": options.to_dict(),
+        "architecture": architecture_of(network.backbone),
+        "people": network.classifier.out_features,
+        "data": data,
+        "origin": dict(origin),
+        "network": network.state_dict(),
+        "optimizer": optimizer.state_dict(),
+    }
+    content = io.BytesIO()
+    torch.save(state, content)
+    write_bytes(path, content.getvalue())
+
+
+def architecture_of(backbone: nn.Module) -> dict[str, Any]:
+    """The configuration of a model of `transformers`, as plain values: what differs from its defaults."""
+    config: Any = backbone.config
+    plain: dict[str, Any] = config.to_diff_dict()
+    return {"model_type": config.model_type, **{key: value for key, value in plain.items() if _is_plain(value)}}
+
+
+def _is_plain(value: Any) -> bool:
+    if isinstance(value, (list, tuple)):
+        return all(map(_is_plain, value))
+    return isinstance(value, (str, int, float, bool)) or value is None
+
+
+def load_checkpoint(path: Path) -> Checkpoint:
+    """Read a checkpoint; `path` is the file, or the folder of a training.
+
+    Raises `InputError` where there is none, it is damaged, or it is something else.
+    """
+    file = path / CHECKPOINT if path.is_dir() else path
+    if not file.is_file():
+        raise InputError(f"{file}: no such file: the folder of a training, or its {CHECKPOINT}, is needed here")
+    state = _read(file)
+    if not isinstance(state, dict) or state.get("format") != FORMAT:
+        raise InputError(f"{file}: is not a checkpoint of passerby reid train ({FORMAT}): give one that is")
+    lacking = [part for part in PARTS if part not in state]
+    if lacking:
+        raise InputError(f"{file}: lacks {', '.join(lacking)}: is it damaged? Train again, or give another")
+    try:
+        options = TypeAdapter(TrainOptions).validate_python(state["options"])
+    except (ValidationError, InputError) as error:
+        raise InputError(
+            f"{file}: its options are not understood ({' '.join(str(error).split())[:120]}): train again"
+        ) from None
+    return Checkpoint(file, **{**{part: state[part] for part in PARTS}, "options": options})
+
+
+def _read(file: Path) -> Any:
+    """What torch kept in a file. Raises `InputError` where it is damaged, or torch kept nothing there."""
+    try:
+        with zipfile.ZipFile(file) as archive:
+            damaged = archive.testzip()  # torch writes the sums of what it keeps, but does not look at them when it reads
+        if damaged is not None:
+            raise zipfile.BadZipFile(f"{damaged} is damaged")
+        return torch.load(file, map_location="cpu", weights_only=True)
+    except Exception as error:  # what unpickling raises for bytes that mean something else has no end
+        raise InputError(
+            f"{file}: is no checkpoint that can be read ({' '.join(str(error).split())[:120]}): train again, or give another"
+        ) from None

@@ -1,0 +1,8 @@
+"""Crops of people for training: from folders, published data sets, and scenes.
+
+Imports what `training` may.
+"""
+
+from passerby.training.data.reading import read_all, read_data
+
+__all__ = ["read_all", "read_data"]

@@ -1,0 +1,287 @@
+"""Crops of people cut out of videos once, kept as PNG files; `choosing` tells which boxes are worth it.
+
+The files lie in CACHE/NAME/CAMERA/KEY/PERSON_FRAME.png; KEY is a digest of the video and of all that was asked for, so that
+what was cut before is found again. A camera's crops appear as a whole or not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import InputError
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress, silent
+from passerby.interchange.storage.atomic import PART, cannot_write, write_text
+from passerby.perception.kept import alone, fingerprint, hash_of_arrays, key_of
+from passerby.perception.pictures import Frame, Picture
+from passerby.perception.video import VideoReader, probe
+from passerby.training.crops import CropSet
+from passerby.training.data.pictures import decoded, picture_files
+
+REVISION = 1
+"""Counted up whenever other crops are cut than before, so that an older version's are not taken for them."""
+INDEX = "crops.json"
+STAGE = "cutting crops"
+TOLD_EVERY = 50
+"""Pictures."""
+
+
+@dataclass(frozen=True, eq=False)
+class WantedCrops:
+    """N boxes of one camera, all of which are to be cut."""
+
+    camera: str
+    source: Path
+    """The video; or a folder of pictures whose names are their frame numbers (MOTChallenge's img1/000001.jpg)."""
+    frame: Ints
+    """(N,) as the video reader counts: from 1, see `VideoInfo.clock_fps`."""
+    ltwh: Floats
+    """(N, 4) left, top, width, height, pixels; (0, 0) is the middle of the first one."""
+    person: Ints
+    """(N,) rows of the people; each at most once in a frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class CutCrops:
+    """What was cut."""
+
+    crops: CropSet
+    """In the order of the cameras, then of the rows asked for; `apart` is None."""
+    notes: tuple[str, ...] = ()
+    """What could not be cut, a line each."""
+
+
+def cut_crops(
+    wanted: Sequence[WantedCrops],
+    people: Sequence[str],
+    cache: Path,
+    *,
+    name: str,
+    executor: Executor | None = None,
+    tell: Progress = silent,
+) -> CutCrops:
+    """Cut boxes out of videos, at the videos' own resolution; each video is read once, one picture at a time in memory.
+
+    A crop holds the visible part of its box to whole pixels, the very pixels that `perception.crops.stretched` takes. Boxes of
+    pictures that a video does not have are left out, with a note.
+
+    Args:
+        wanted: the boxes of each camera; see `choosing.clear_boxes` and `choosing.spread` for which.
+        people: the people's names; `CropSet.people` become NAME/PERSON, and `CropSet.cameras` NAME/CAMERA.
+        cache: the crops are kept in a folder `name` in it.
+        name: of the data set.
+        executor: cuts the cameras side by side; one after the other where it is None. The result does not depend on it.
+        tell: told of each camera and, without executor, of the pictures.
+
+    Raises `InputError` for a video that cannot be read, a person twice in one frame, and a cache that cannot be written.
+    """
+    jobs = [_Job(one, tuple(people), cache / name / _safe(one.camera)) for one in wanted]
+    for one in wanted:
+        _check(one, people)
+    if executor is None:
+        cut = [_cut(job, partial(tell, STAGE, part=job.wanted.camera)) for job in jobs]
+    else:
+        cut = side_by_side(_cut, jobs, executor, tell, STAGE)
+    rows = [np.flatnonzero([path is not None for path in paths]) for paths, _ in cut]
+    crops = CropSet(
+        tuple(path for paths, _ in cut for path in paths if path is not None),
+        _joined([one.person[kept] for one, kept in zip(wanted, rows, strict=True)]),
+        _joined([np.full(len(kept), number) for number, kept in enumerate(rows)]),
+        tuple(f"{name}/{person}" for person in people),
+        tuple(f"{name}/{one.camera}" for one in wanted),
+    )
+    return CutCrops(crops, tuple(note for _, notes in cut for note in notes))
+
+
+def source_size(source: Path) -> tuple[int, int]:
+    """Width and height of the pictures of a video or a folder of pictures. Raises `InputError` where there is none."""
+    if not source.is_dir():
+        return probe(source).size
+    for path in picture_files(source):
+        picture = decoded(path)
+        if picture is not None:
+            return picture.shape[1], picture.shape[0]
+    raise InputError(f"{source}: holds no picture that can be read: the video's pictures are needed there")
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """One camera's work; picklable."""
+
+    wanted: WantedCrops
+    people: tuple[str, ...]
+    shelf: Path
+
+    @property
+    def key(self) -> str:
+        """What decides the crops, as a digest."""
+        wanted = self.wanted
+        rows = hash_of_arrays(np.asarray(wanted.frame), np.asarray(wanted.ltwh), np.asarray(wanted.person))
+        versions = {"av": av.__version__, "opencv": cv2.__version__}
+        names = list(self.names)
+        return key_of({"source": _content(wanted), "rows": rows, "names": names, "revision": REVISION, "versions": versions})
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The crops' file names."""
+        pairs = zip(self.wanted.person.tolist(), self.wanted.frame.tolist(), strict=True)
+        names = tuple(f"{_safe(self.people[person])}_{frame:06d}.png" for person, frame in pairs)
+        if len({name.casefold() for name in names}) == len(names):
+            return names
+        return tuple(f"{row:06d}.png" for row in range(len(names)))  # two people whose names look the same in file names
+
+
+def _cut(job: _Job, tell: Callable[[int, int], None] | None = None) -> tuple[list[Path | None], list[str]]:
+    """The files of a camera's crops, None where there is no such picture; and notes."""
+    if not len(job.wanted.frame):
+        return [], []
+    folder = job.shelf / job.key
+    with alone(job.shelf):
+        index = _kept(folder)
+        if index is None:
+            index = _made(job, folder, tell)
+    missing = len(job.names) - len(index)
+    notes = []
+    if missing:
+        lost = np.unique(job.wanted.frame[[name not in index for name in job.names]])
+        notes.append(
+            f"{job.wanted.source}: camera {job.wanted.camera}: {missing} of {len(job.names)} boxes are of pictures that it "
+            f"does not have or that cannot be decoded (frames {lost[0]} to {lost[-1]}; its first picture is number 1): left out"
+        )
+    return [folder / name if name in index else None for name in job.names], notes
+
+
+def _kept(folder: Path) -> dict[str, int] | None:
+    """The files that were cut before and their sizes, bytes; None where anything of it is missing or damaged."""
+    try:
+        index: dict[str, int] = json.loads((folder / INDEX).read_text(encoding="utf-8"))
+        whole = all((folder / name).stat().st_size == size for name, size in index.items())
+    except (OSError, ValueError):
+        return None
+    return index if whole else None
+
+
+def _made(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> dict[str, int]:
+    """Cut a camera's crops into a folder of this name: the files and their sizes, bytes."""
+    for half in job.shelf.glob(f".*{PART}"):  # left by a run that was killed
+        shutil.rmtree(half, ignore_errors=True)
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # cameras are cut side by side
+    try:
+        new = Path(tempfile.mkdtemp(dir=job.shelf, prefix=".", suffix=PART))
+        try:
+            index = _write(job, new, tell)
+            write_text(new / INDEX, json.dumps(index))
+            new.chmod(0o755)
+            shutil.rmtree(folder, ignore_errors=True)
+            new.rename(folder)
+        finally:
+            shutil.rmtree(new, ignore_errors=True)
+    except OSError as error:
+        raise cannot_write(job.shelf, error) from error
+    finally:
+        cv2.setNumThreads(threads)
+    return index
+
+
+def _write(job: _Job, folder: Path, tell: Callable[[int, int], None] | None) -> dict[str, int]:
+    """Write the crops of all pictures as these come."""
+    wanted, names, index = job.wanted, job.names, {}
+    order = np.argsort(wanted.frame, kind="stable")
+    frames = wanted.frame[order]
+    total = int(frames[-1])
+    for count, frame in enumerate(_pictures(wanted), start=1):
+        if tell is not None and count % TOLD_EVERY == 0:
+            tell(frame.number, total)
+        low, high = np.searchsorted(frames, (frame.number, frame.number + 1))
+        for row in order[low:high].tolist():
+            # The lowest compression is twice as fast as the usual one, for files a tenth larger.
+            _, png = cv2.imencode(".png", _cropped(frame.picture, wanted.ltwh[row]), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            (folder / names[row]).write_bytes(png.tobytes())
+            index[names[row]] = len(png)
+    if tell is not None:
+        tell(total, total)
+    return index
+
+
+def _pictures(wanted: WantedCrops) -> Iterator[Frame]:
+    """The pictures from the first to the last that is wanted, of a folder only the wanted ones that can be read."""
+    first, last = int(wanted.frame.min()), int(wanted.frame.max())
+    if wanted.source.is_dir():
+        for number, path in _numbered(wanted).items():
+            picture = decoded(path)
+            if picture is not None:
+                yield Frame(number, 0.0, picture)
+        return
+    for frame in VideoReader(wanted.source, after=max(first - 1, 0)):
+        if frame.number > last:
+            return
+        yield frame
+
+
+def _numbered(wanted: WantedCrops) -> dict[int, Path]:
+    """Frame number -> file of the wanted pictures of a folder, ascending."""
+    numbers = {int(path.stem): path for path in picture_files(wanted.source) if re.fullmatch("[0-9]+", path.stem)}
+    return {number: numbers[number] for number in np.unique(wanted.frame).tolist() if number in numbers}
+
+
+def _content(wanted: WantedCrops) -> Mapping[str, Any]:
+    """What tells the pictures of a source from another's."""
+    if not wanted.source.is_dir():
+        if not wanted.source.is_file():
+            raise InputError(f"{wanted.source}: no such file: the video of camera {wanted.camera} is needed here")
+        return fingerprint(wanted.source)
+    # Not by their times: one that is replaced by another of the same size and time is another one.
+    return {"pictures": [(path.name, _digest(path)) for path in _numbered(wanted).values()]}
+
+
+def _digest(path: Path) -> str:
+    """Of a picture's content."""
+    return hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()
+
+
+def _cropped(picture: Picture, box: Floats) -> Picture:
+    """The visible part of a box (4,), to whole pixels: the very ones that `perception.crops.stretched` stretches."""
+    height, width = picture.shape[:2]
+    left, top, right, bottom = box[0], box[1], box[0] + box[2], box[1] + box[3]
+    x0, y0 = min(max(round(left), 0), width - 1), min(max(round(top), 0), height - 1)
+    x1, y1 = max(min(round(right), width), x0 + 1), max(min(round(bottom), height), y0 + 1)
+    return picture[y0:y1, x0:x1]
+
+
+def _check(wanted: WantedCrops, people: Sequence[str]) -> None:
+    """Raise `InputError` where the columns do not fit, or a person is in a frame twice."""
+    n, place = len(wanted.frame), f"camera {wanted.camera}"
+    if np.shape(wanted.ltwh) != (n, 4) or len(wanted.person) != n:
+        raise InputError(f"{place}: {n} frames, boxes {np.shape(wanted.ltwh)}, {len(wanted.person)} people: a row each")
+    if n and not (wanted.person.min() >= 0 and wanted.person.max() < len(people)):
+        raise InputError(f"{place}: rows {wanted.person.min()} to {wanted.person.max()} are not of {len(people)} people")
+    pairs, count = np.unique(np.stack([wanted.frame, wanted.person], axis=1), axis=0, return_counts=True)
+    if (count > 1).any():
+        frame, person = pairs[count.argmax()].tolist()
+        raise InputError(f"{place}: {people[person]} is in frame {frame} twice: give one box for a person in a frame")
+
+
+def _safe(text: str) -> str:
+    """The text as part of a file's name."""
+    return re.sub(r"[^\w.+@-]", "-", text).lstrip(".") or "-"
+
+
+def _joined(parts: Sequence[NDArray[np.int64]]) -> Ints:
+    return np.concatenate([np.zeros(0, np.int64), *parts])

@@ -1,0 +1,252 @@
+"""People cut out of videos by their tracks: scene files, folders of videos and text, and MOTChallenge's sequences."""
+
+from __future__ import annotations
+
+import configparser
+import io
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from passerby.common.arrays import Ints
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent
+from passerby.core.observations import UNKNOWN, Boxes
+from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
+from passerby.interchange.storage.faults import read_text
+from passerby.perception.pieces import VIDEO_ENDINGS
+from passerby.scene.doubled_rows import without_doubles
+from passerby.scene.scene import Scene
+from passerby.scene.start.folders import VIDEO_FOLDERS, visible_files, visible_folders
+from passerby.training.crops import DataSet
+from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
+from passerby.training.data.cutting import WantedCrops, cut_crops, source_size
+from passerby.training.data.pictures import told
+
+TEXT_FOLDERS = ("truth", "identities", "tracks")
+"""Where the text of videos is looked for, unless it lies beside them."""
+SEQUENCE = "seqinfo.ini"
+MOT_PEDESTRIAN = 1
+MOT_COLUMNS = 6
+MOT_VISIBLE = 0.5
+"""Boxes of which less is visible, by MOTChallenge's annotators, are not cut; half of a person is what `tellable` asks for."""
+MOT_DETECTORS = ("-DPM", "-FRCNN", "-SDP")
+"""MOT17 has every sequence three times, with the same pictures and the same truth."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedCamera:
+    """A camera with its boxes."""
+
+    name: str
+    source: Path
+    """A video, or a folder of pictures; see `WantedCrops`."""
+    boxes: Boxes
+    hidden: NDArray[np.bool_] | None = None
+    """(N,) boxes known to be hidden for the most part; None: nothing is known."""
+
+
+def tracked_people(
+    name: str,
+    cameras: Sequence[TrackedCamera],
+    cache: Path,
+    *,
+    given: bool,
+    notes: Sequence[str] = (),
+    per_person: int = PER_PERSON,
+    executor: Executor | None = None,
+    tell: Progress = silent,
+) -> DataSet:
+    """The people of tracks as a data set to learn from, without query and gallery.
+
+    Args:
+        name: of the data set.
+        cameras: with their boxes; identity -1 is nobody known.
+        cache: where crops are kept; see `cut_crops`.
+        given: the identities are the same in all cameras, and two of them are two people. Else they are each camera's own, and
+            only those seen in one frame are surely two: see `CropSet.apart`.
+        notes: what is to be told already.
+        per_person: at most so many crops of a person by a camera.
+        executor: cuts the cameras side by side.
+        tell: told of the cutting.
+
+    Raises `InputError` where a video cannot be read, or nobody is shown twice.
+    """
+    own = [np.unique(camera.boxes.identity[camera.boxes.identity > UNKNOWN]) for camera in cameras]
+    if given:
+        every = np.unique(np.concatenate([np.zeros(0, np.int64), *own]))
+        people = [str(identity) for identity in every.tolist()]
+        firsts, tables = [0] * len(cameras), [every] * len(cameras)
+    else:
+        people = [f"{camera.name}-{one}" for camera, table in zip(cameras, own, strict=True) for one in table.tolist()]
+        firsts, tables = np.cumsum([0, *map(len, own)])[:-1].tolist(), own
+    persons = [_rows(camera.boxes.identity, *at) for camera, at in zip(cameras, zip(tables, firsts, strict=True), strict=True)]
+    wanted = [_wanted(camera, person, per_person) for camera, person in zip(cameras, persons, strict=True)]
+    cut = cut_crops(wanted, people, cache, name=name, executor=executor, tell=tell)
+    crops = cut.crops
+    if not given:
+        crops = replace(crops, apart=_seen_together(cameras, persons, len(people)))
+    count = np.bincount(crops.person, minlength=len(people))
+    few = [person for person, n in zip(crops.people, count.tolist(), strict=True) if n < 2]
+    told_of = [*notes, *cut.notes, *told(few, f"{len(few)} people without two clear pictures, kept out of the training")]
+    if not (count >= 2).any():
+        places = ", ".join(str(camera.source) for camera in cameras)
+        raise InputError(
+            f"{places}: {'; '.join(told_of) or 'their tracks hold no people'}: nobody is left to learn from: give tracks whose "
+            "frame numbers and pixels are the video's"
+        )
+    return DataSet(name, train=crops.of_people(count >= 2), notes=tuple(told_of))
+
+
+def _rows(identity: Ints, table: Ints, first: int) -> Ints:
+    """(N,) rows of the people by their identity; -1 for nobody known."""
+    if not len(table):
+        return np.full(len(identity), -1)
+    return np.where(identity > UNKNOWN, first + np.searchsorted(table, identity), -1)
+
+
+def _wanted(camera: TrackedCamera, person: Ints, per_person: int) -> WantedCrops:
+    """The boxes of a camera that are worth cutting."""
+    boxes = camera.boxes
+    rows: Ints = np.zeros(0, dtype=np.int64)
+    if len(boxes):
+        clear = clear_boxes(boxes.frame, boxes.ltwh, source_size(camera.source))
+        rows = spread(boxes.frame, person, clear if camera.hidden is None else clear & ~camera.hidden, per_person)
+    return WantedCrops(camera.name, camera.source, boxes.frame[rows], boxes.ltwh[rows], person[rows])
+
+
+def _seen_together(cameras: Sequence[TrackedCamera], persons: Sequence[Ints], n_people: int) -> NDArray[np.bool_]:
+    """(P, P) which people one camera saw in one frame."""
+    apart = np.zeros((n_people, n_people), dtype=np.bool_)
+    for camera, person in zip(cameras, persons, strict=True):
+        known = person >= 0
+        frames, frame = np.unique(camera.boxes.frame[known], return_inverse=True)
+        ones = np.ones(int(known.sum()), dtype=np.int32)
+        seen = csr_array((ones, (person[known], frame)), shape=(n_people, len(frames)))
+        together = (seen @ seen.T).tocoo()
+        apart[together.row, together.col] = True
+    np.fill_diagonal(apart, False)
+    return apart
+
+
+def cameras_of_scene(path: Path) -> tuple[list[TrackedCamera], bool, list[str]]:
+    """The cameras of a scene file that have a video and tracks; whether the identities are global; notes.
+
+    Raises `InputError` for a scene file that cannot be read, and where no camera has both.
+    """
+    scene = Scene.load(path)
+    cameras, notes = [], []
+    for name, table in scene.cameras.items():
+        if table.video is None or table.tracks is None:
+            missing = "video" if table.video is None else "tracks"
+            notes.append(f"{path}: camera {name} has no {missing}: left out")
+            continue
+        cameras.append(TrackedCamera(name, scene.resolve(table.video), _boxes_of(scene.resolve(table.tracks), notes)))
+    if not cameras:
+        raise InputError(f"{path}: no camera has both `video` and `tracks`: crops are cut out of a video by its tracks")
+    return cameras, scene.association.given, notes
+
+
+def videos_of(path: Path) -> list[Path]:
+    """The videos of a folder: in it, or else in its folder called `video` or `videos`."""
+    places = [path, *(inner for inner in visible_folders(path) if inner.name.lower() in VIDEO_FOLDERS)]
+    return next((found for place in places if (found := visible_files(place, VIDEO_ENDINGS))), [])
+
+
+def cameras_of_folder(path: Path) -> tuple[list[TrackedCamera], list[str]]:
+    """The videos of a folder that have MOTChallenge text of the same stem beside them, or in one of `TEXT_FOLDERS`; notes.
+
+    All text is taken from the first of these places that has any, since identities of two places may differ. Raises
+    `InputError` where none has.
+    """
+    videos = videos_of(path)
+    texts: dict[Path, Path] = {}
+    for place in (None, *(path / name for name in TEXT_FOLDERS)):
+        beside = {video: (video.parent if place is None else place) / f"{video.stem}.txt" for video in videos}
+        texts = {video: text for video, text in beside.items() if text.is_file()}
+        if texts:
+            break
+    if not texts:
+        raise InputError(
+            f"{path}: holds videos, but no tracks of people: put MOTChallenge text beside them ({videos[0].stem}.txt beside "
+            f"{videos[0].name}), or into {path / 'tracks'}"
+        )
+    without = [video for video in videos if video not in texts]
+    notes = [*told(without, f"{len(without)} videos without tracks, left out")]
+    return [TrackedCamera(video.stem, video, _boxes_of(text, notes)) for video, text in texts.items()], notes
+
+
+def _boxes_of(path: Path, notes: list[str]) -> Boxes:
+    """The boxes of a file, each person once in a frame; what was left out is added to the notes.
+
+    Raises `InputError` for a file that cannot be read, or in which people stand twice too often.
+    """
+    boxes, doubled = without_doubles(read_boxes(path, doubles=True))
+    if doubled is not None and doubled.is_rule:
+        raise InputError(doubled.sentence(str(path)))
+    notes += [] if doubled is None else [doubled.sentence(str(path))]
+    return boxes
+
+
+def sequences_of(path: Path) -> list[Path]:
+    """The MOTChallenge sequences at a place: the folder itself, or those in it, each once."""
+    if (path / SEQUENCE).is_file():
+        return [path]
+    found: dict[str, Path] = {}
+    for inner in visible_folders(path):
+        if (inner / SEQUENCE).is_file():
+            stem = next((inner.name.removesuffix(end) for end in MOT_DETECTORS if inner.name.endswith(end)), inner.name)
+            found.setdefault(stem, inner)
+    return list(found.values())
+
+
+def camera_of_sequence(folder: Path) -> TrackedCamera:
+    """A MOTChallenge sequence: seqinfo.ini, a folder of pictures and gt/gt.txt. Raises `InputError` where one is missing.
+
+    Rows that the evaluation of MOTChallenge ignores (confidence 0, classes other than pedestrian) are left out.
+    """
+    parser = configparser.ConfigParser(interpolation=None)
+    try:
+        parser.read_string(read_text(folder / SEQUENCE, "the description of a MOTChallenge sequence"))
+    except configparser.Error as error:
+        raise InputError(f"{folder / SEQUENCE}: is not a description of a sequence: {str(error).splitlines()[0]}") from None
+    pictures = folder / parser.get("Sequence", "imDir", fallback="img1")
+    if not pictures.is_dir():
+        raise InputError(f"{pictures}: no such folder: the pictures of the sequence are needed there")
+    boxes, hidden = _read_truth(folder / "gt" / "gt.txt")
+    return TrackedCamera(parser.get("Sequence", "name", fallback=folder.name), pictures, boxes, hidden)
+
+
+def _read_truth(path: Path) -> tuple[Boxes, NDArray[np.bool_]]:
+    """The pedestrians of a gt.txt, whose rows may be in any order, and which of the boxes are mostly hidden."""
+    text = read_text(path, "the true tracks (gt.txt) of a MOTChallenge sequence")
+    try:
+        rows = np.loadtxt(io.StringIO(text), delimiter=",", comments=None, ndmin=2) if text.strip() else np.zeros((0, 9))
+    except ValueError as error:
+        raise InputError(f"{path}: is not MOTChallenge text: {error}") from None
+    if rows.shape[1] < MOT_COLUMNS or not (np.abs(rows) <= LARGEST_WHOLE).all():
+        raise InputError(
+            f"{path}: {rows.shape[1]} columns: frame, id, left, top, width, height as numbers are needed in each row"
+        )
+    keep = (rows[:, 1] >= 0) & (rows[:, 4:6] > 0).all(axis=1)
+    if rows.shape[1] > 6:
+        keep &= rows[:, 6] != 0
+    if rows.shape[1] > 7:
+        keep &= (rows[:, 7] == MOT_PEDESTRIAN) | (rows[:, 7] < 0)
+    rows = rows[keep]
+    rows = rows[np.lexsort((rows[:, 1], rows[:, 0]))]
+    pairs = rows[:, :2]
+    twice = np.flatnonzero((pairs[1:] == pairs[:-1]).all(axis=1))
+    if len(twice):
+        frame, identity = pairs[twice[0]]
+        raise InputError(f"{path}: identity {identity:.0f} is in frame {frame:.0f} twice: one box a person and frame")
+    visible = rows[:, 8] if rows.shape[1] > 8 else np.full(len(rows), -1.0)
+    # MOTChallenge counts the first pixel as 1.
+    ltwh = rows[:, 2:6] - [1.0, 1.0, 0.0, 0.0]
+    boxes = Boxes(rows[:, 0].astype(np.int64), rows[:, 1].astype(np.int64), ltwh, np.ones(len(rows)))
+    return boxes, (visible >= 0) & (visible < MOT_VISIBLE)

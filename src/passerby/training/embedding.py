@@ -1,0 +1,181 @@
+"""How well an embedder tells people apart in a set of pictures; needs no PyTorch.
+
+Anything that follows perception's `Embedder` will do: an ONNX file, or the stripes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent
+from passerby.core.observations import Vectors
+from passerby.evaluation.retrieval import RANKS, RetrievalScore, retrieval_score
+from passerby.perception.pictures import Embedder, Picture
+from passerby.training.crops import CropSet, DataSet
+from passerby.training.data.listing import UNKNOWN_CAMERA
+from passerby.training.data.pictures import read_picture
+
+Embed = Callable[[CropSet], Vectors]
+"""(N, D) vectors of a set's pictures."""
+
+STAGE = "embedding"
+TOLD_EVERY = 64
+"""Pictures."""
+NOTHING = 1e-6
+"""A vector shorter than this has no direction."""
+
+
+def whole_box(picture: Picture) -> Floats:
+    """(1, 4) the box that holds a picture exactly as `perception.crops.stretched` rounds.
+
+    By the house's coordinates a picture begins half a pixel before (0, 0); but half a pixel rounds to the even number beside
+    it, so that box would lose the last column of every picture whose width is odd.
+    """
+    height, width = picture.shape[:2]
+    return np.array([[0.0, 0.0, width, height]])
+
+
+def embed_crops(crops: CropSet, embedder: Embedder, tell: Progress = silent) -> Vectors:
+    """(N, D) unit vectors of a set's pictures, each taken whole; zeros where nothing can be told of one.
+
+    Raises `InputError` for a picture that cannot be read.
+    """
+    vectors = np.zeros((len(crops), embedder.dimensions), dtype=np.float32)
+    for row, path in enumerate(crops.paths):
+        if row % TOLD_EVERY == 0:
+            tell(STAGE, row, len(crops))
+        picture = read_picture(path)
+        vectors[row] = embedder(picture, whole_box(picture))[0]
+    tell(STAGE, len(crops), len(crops))
+    return vectors
+
+
+def score_crops(
+    query: CropSet,
+    gallery: CropSet,
+    query_vectors: Vectors,
+    gallery_vectors: Vectors,
+    centred: bool = False,
+    ranks: Sequence[int] = RANKS,
+) -> RetrievalScore:
+    """CMC and mAP by the Market-1501 protocol (see `evaluation.retrieval`) and the cosine distance.
+
+    Args:
+        query: whom to search for, Q pictures.
+        gallery: among whom, G pictures; people and cameras are matched by name. Where a set's cameras are unknown, no two
+            pictures count as of the same one.
+        query_vectors: (Q, D).
+        gallery_vectors: (G, D).
+        centred: each camera's mean, over its pictures in both, is taken off first, as association does with the tracklets of
+            a camera (`association.appearance.without_camera_bias`).
+        ranks: the k of rank-k.
+
+    Raises `InputError` as `retrieval_score`, and for vectors that do not fit the pictures.
+    """
+    person, camera, known = _common(query, gallery)
+    n = len(query)
+    vectors = _directions(query, gallery, query_vectors, gallery_vectors, camera, centred)
+    return retrieval_score(
+        _cosine(vectors[:n], vectors[n:]),
+        person[:n],
+        np.where(known[:n], camera[:n], -1),
+        person[n:],
+        np.where(known[n:], camera[n:], -2),
+        ranks,
+        apart=_apart(query, gallery),
+    )
+
+
+def leave_one_out(crops: CropSet, vectors: Vectors, centred: bool = False, ranks: Sequence[int] = RANKS) -> RetrievalScore:
+    """CMC and mAP where every picture of a person searches all pictures of the other cameras.
+
+    With one camera, or where the cameras are unknown, it searches all pictures but itself.
+
+    Args:
+        crops: N pictures; whoever may be the same person (`CropSet.apart`) counts neither as right nor as wrong.
+        vectors: (N, D).
+        centred: as in `score_crops`.
+        ranks: the k of rank-k.
+
+    Raises `InputError` as `score_crops`.
+    """
+    person, camera, known = _common(crops, CropSet())
+    unit = _directions(crops, CropSet(), vectors, vectors[:0], camera, centred)
+    if not known.all() or len(np.unique(camera)) < 2:
+        camera = np.arange(len(crops))  # each as if by a camera of its own, so that only itself is passed over
+    rows = np.flatnonzero(person >= 0)
+    return retrieval_score(
+        _cosine(unit[rows], unit), person[rows], camera[rows], person, camera, ranks, across=True, apart=crops.apart
+    )
+
+
+def score_data(data: DataSet, embed: Embed, centred: bool = False, ranks: Sequence[int] = RANKS) -> RetrievalScore:
+    """The score of a data set: of its query in its gallery, or of its people to learn from by `leave_one_out`.
+
+    Raises `InputError` as these do.
+    """
+    if len(data.query):
+        return score_crops(data.query, data.gallery, embed(data.query), embed(data.gallery), centred, ranks)
+    return leave_one_out(data.train, embed(data.train), centred, ranks)
+
+
+def _common(query: CropSet, gallery: CropSet) -> tuple[Ints, Ints, NDArray[np.bool_]]:
+    """Of query and then gallery (Q + G,): people and cameras, numbered alike, and whether the camera is known."""
+    people = {name: row for row, name in enumerate(dict.fromkeys((*query.people, *gallery.people)))}
+    cameras = {name: row for row, name in enumerate(dict.fromkeys((*query.cameras, *gallery.cameras)))}
+    person, camera = [], []
+    for crops in (query, gallery):
+        rows = np.array([*(people[name] for name in crops.people), -2, -1], dtype=np.int64)
+        person.append(rows[crops.person])  # -1 and -2 stay what they are
+        camera.append(np.array([cameras[name] for name in crops.cameras], dtype=np.int64)[crops.camera])
+    known = np.array([not name.endswith(f"/{UNKNOWN_CAMERA}") for name in cameras], dtype=np.bool_)
+    every = np.concatenate(camera)
+    return np.concatenate(person), every, known[every]
+
+
+def _apart(query: CropSet, gallery: CropSet) -> NDArray[np.bool_] | None:
+    """(P, P) who are surely two, numbered as by `_common`; None where all are."""
+    if query.apart is None and gallery.apart is None:
+        return None
+    people = {name: row for row, name in enumerate(dict.fromkeys((*query.people, *gallery.people)))}
+    apart = ~np.eye(len(people), dtype=np.bool_)
+    for crops in (query, gallery):
+        if crops.apart is not None:
+            rows = np.array([people[name] for name in crops.people], dtype=np.int64)
+            apart[np.ix_(rows, rows)] &= crops.apart
+    return apart
+
+
+def _directions(
+    query: CropSet, gallery: CropSet, query_vectors: Vectors, gallery_vectors: Vectors, camera: Ints, centred: bool
+) -> Vectors:
+    """(Q + G, D) unit vectors, zeros where nothing is known; on request less their camera's mean."""
+    for crops, vectors in ((query, query_vectors), (gallery, gallery_vectors)):
+        if np.ndim(vectors) != 2 or len(vectors) != len(crops) or vectors.shape[1] != query_vectors.shape[1]:
+            shapes = f"{np.shape(query_vectors)} and {np.shape(gallery_vectors)}"
+            raise InputError(f"vectors of the shapes {shapes} for {len(query)} and {len(gallery)} pictures: one each is needed")
+    unit = _unit(np.concatenate([query_vectors, gallery_vectors]))
+    if not centred:
+        return unit
+    for number in np.unique(camera):
+        rows = (camera == number) & (unit != 0).any(axis=1)
+        if rows.any():
+            unit[rows] -= unit[rows].mean(axis=0, dtype=np.float64)
+    return _unit(unit)
+
+
+def _unit(vectors: Vectors) -> Vectors:
+    """(N, D) float32 of length one; what is next to nothing becomes zero."""
+    given = np.asarray(vectors, dtype=np.float64)
+    length = np.linalg.norm(given, axis=1, keepdims=True)
+    return np.where(length > NOTHING, given / np.maximum(length, NOTHING), 0.0).astype(np.float32)
+
+
+def _cosine(query: Vectors, gallery: Vectors) -> Callable[[int, int], Vectors]:
+    """Gives rows of the cosine distances (Q, G), so that all of them need not be in memory."""
+    return lambda low, high: np.asarray(1.0 - query[low:high] @ gallery.T, dtype=np.float32)

@@ -1,0 +1,315 @@
+"""A trained network as one ONNX file that the perception stage opens as any other, compared with PyTorch before it is kept."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import logging
+import re
+import tempfile
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from onnx import GraphProto, ModelProto
+from torch import Tensor, nn
+
+from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
+from passerby.core.observations import Vectors
+from passerby.interchange.storage.atomic import write_bytes
+from passerby.perception.crops import stretched, tellable
+from passerby.perception.own_networks import IMAGENET, PREFIX, own_network
+from passerby.perception.pictures import Picture
+from passerby.perception.reid import BATCH, ReidEmbedder
+from passerby.training.network import ReidNetwork
+from passerby.training.options import TrainOptions
+from passerby.training.pictures import as_batch, normalised
+
+ORIGIN = "trained."
+"""How the metadata begin that tell where a network comes from; nothing reads them but people."""
+
+# Sums of float32 in another order: 8e-7 measured on a trained `small`. More than this is a network exported wrongly.
+MAX_DIFFERENCE = 1e-3
+# Cosine distances that are nearer to each other than this are a tie: rounding alone decides which comes first.
+TIE = 1e-5
+# What protobuf, and so one ONNX file, can hold.
+LARGEST_FILE = 2**31 - 1
+# A batch that is full and one that is not.
+RANDOM_PICTURES = BATCH + 3
+SEED = 0
+
+View = tuple[Picture, Floats]
+"""A picture and (N, 4) boxes in it."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far two runs of a network on the same N pictures are apart, in unit vectors."""
+
+    pictures: int
+    largest_difference: float
+    """Of any number of any vector."""
+    worst_cosine: float
+    """Of a picture's two vectors."""
+    largest_swap: float
+    """The most by which the cosine distances, in PyTorch, of two pictures to a third differ that ONNX Runtime ranks the other
+    way round; 0 where all rankings are the same."""
+
+    @property
+    def same_ranking(self) -> bool:
+        """Whether each picture finds the others in the same order, ties (`TIE`) aside."""
+        return self.largest_swap <= TIE
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values."""
+        return {**asdict(self), "same_ranking": self.same_ranking}
+
+
+@dataclass(frozen=True)
+class ExportReport:
+    """What was written, and how well it agrees with PyTorch."""
+
+    path: Path
+    bytes: int
+    sha256: str
+    """Of the file, in hex."""
+    opset: int
+    """Of ONNX."""
+    dimensions: int
+    """Length of a vector."""
+    random: Agreement
+    """On pictures of noise."""
+    real: Agreement | None
+    """On the given pictures; None where there were none."""
+    too_small: int = 0
+    """Given pictures that are too small for any embedder to tell something from them; they were left out."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "path": str(self.path),
+            "bytes": self.bytes,
+            "sha256": self.sha256,
+            "opset": self.opset,
+            "dimensions": self.dimensions,
+            "random": self.random.to_dict(),
+            "real": None if self.real is None else self.real.to_dict(),
+            "too_small": self.too_small,
+        }
+
+
+class _Embedding(nn.Module):
+    """What is exported: pictures in, embeddings out, the classifier left behind."""
+
+    def __init__(self, network: ReidNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """(N, C) from (N, 3, H, W)."""
+        return self.network.embed(pictures)
+
+
+def export_network(
+    network: ReidNetwork,
+    options: TrainOptions,
+    path: Path,
+    *,
+    pictures: Sequence[Picture] | None = None,
+    origin: Mapping[str, str] | None = None,
+) -> ExportReport:
+    """Write a network to one ONNX file: (N, 3, height, width) of float32, RGB as ImageNet's, to embeddings (N, C), for any N.
+
+    The same network gives the same bytes. Its preprocessing stands in the metadata. Before the file is kept, it is opened and
+    run as the perception stage does it, and compared with PyTorch.
+
+    Args:
+        network: as trained; it is not changed.
+        options: of its training.
+        path: of the ONNX file; written as a whole or not at all.
+        pictures: real crops of people, BGR, of any sizes, to compare on; else only noise.
+        origin: what else to note in the file, as `trained.KEY`.
+
+    Raises `InputError` where the backbone cannot be exported, the network gives numbers that are not finite, the two runs
+    differ by more than `MAX_DIFFERENCE`, or the file cannot be written; nothing is written then.
+    """
+    exported = copy.deepcopy(network).to("cpu", torch.float32).eval()
+    given = [(picture, _whole(picture)) for picture in pictures or ()]
+    large = [view for view in given if tellable(*view).all()]
+    noise = _noise(options)
+    size = (options.width, options.height)
+    expected = [torch_vectors(exported, size, views) for views in (noise, large) if views]
+    model = _converted(exported, options)
+    _describe(model, {} if origin is None else origin)
+    data: bytes = model.SerializeToString(deterministic=True)
+    sha256 = hashlib.sha256(data).hexdigest()
+    with tempfile.TemporaryDirectory(prefix="passerby-") as folder:
+        trial = Path(folder) / path.name
+        write_bytes(trial, data)
+        embedder = ReidEmbedder(own_network(trial, "embedder", sha256))
+        random = _compared(expected[0], embedder, noise, f"backbone {options.backbone}: on random pictures")
+        real = _compared(expected[1], embedder, large, f"backbone {options.backbone}: on the given pictures") if large else None
+    write_bytes(path, data)
+    opset = max(entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx"))
+    return ExportReport(path, len(data), sha256, opset, embedder.dimensions, random, real, len(given) - len(large))
+
+
+def torch_vectors(network: ReidNetwork, size: tuple[int, int], views: Sequence[View]) -> Vectors:
+    """(N, C) unit vectors of all boxes, by PyTorch, as `ReidEmbedder` has them; `size` is width and height of the input.
+
+    The network must be in evaluation mode. Raises `InputError` where it gives numbers that are not finite.
+    """
+    device = next(network.parameters()).device
+    crops = [stretched(picture, box, size) for picture, boxes in views for box in boxes]
+    parts = []
+    with torch.inference_mode():
+        for start in range(0, len(crops), BATCH):
+            parts.append(network.embed(normalised(as_batch(crops[start : start + BATCH]).to(device))).double().cpu().numpy())
+    raw = np.concatenate(parts)
+    if not np.isfinite(raw).all():
+        raise InputError("the network gives numbers that are not finite: its training has failed; export an earlier checkpoint")
+    length = np.linalg.norm(raw, axis=1, keepdims=True)
+    return np.asarray(np.where(length > 0, raw / np.where(length > 0, length, 1.0), 0.0), dtype=np.float32)
+
+
+def agreement(reference: Vectors, found: Vectors) -> Agreement:
+    """How far unit vectors (N, D) are from the reference ones (N, D) of the same N pictures; N at least 1."""
+    a, b = reference.astype(np.float64), found.astype(np.float64)
+    largest_swap = 0.0
+    for row in range(len(a)):
+        distance, order = 1.0 - a @ a[row], np.argsort(1.0 - b @ b[row], kind="stable")
+        # In the order found, a distance may lie below one before it: by so much the two stand the wrong way round.
+        ranked = distance[order]
+        largest_swap = max(largest_swap, float((np.maximum.accumulate(ranked) - ranked).max()))
+    cosine = float((a * b).sum(axis=1).min())
+    return Agreement(len(a), float(np.abs(a - b).max()), min(cosine, 1.0), largest_swap)
+
+
+def _compared(expected: Vectors, embedder: ReidEmbedder, views: Sequence[View], place: str) -> Agreement:
+    """The agreement of what PyTorch gave with what the file gives; raises `InputError` where there is none.
+
+    `place` begins the error: which network, on what.
+    """
+    result = agreement(expected, np.concatenate([embedder(picture, boxes) for picture, boxes in views]))
+    if result.largest_difference > MAX_DIFFERENCE:
+        raise InputError(
+            f"{place}, the ONNX file gives other vectors than PyTorch: they differ by {result.largest_difference:.2g}, more "
+            f"than {MAX_DIFFERENCE:g}: nothing was written; train with another backbone"
+        )
+    return result
+
+
+def _whole(picture: Picture) -> Floats:
+    """(1, 4) the box that is all of a picture."""
+    height, width = picture.shape[:2]
+    return np.array([[0.0, 0.0, width, height]])
+
+
+def _noise(options: TrainOptions) -> list[View]:
+    """One picture with `RANDOM_PICTURES` boxes side by side, each of a few coloured patches and grain, at the input's size."""
+    rng = np.random.default_rng(SEED)
+    width, height = max(options.width, 8), max(options.height, 16)
+    crops = []
+    for _ in range(RANDOM_PICTURES):
+        patches = cv2.resize(rng.uniform(0, 255, (6, 3, 3)), (width, height), interpolation=cv2.INTER_LINEAR)
+        crops.append(np.clip(patches + rng.normal(0, 20, patches.shape), 0, 255).astype(np.uint8))
+    boxes = np.array([[row * width, 0.0, width, height] for row in range(RANDOM_PICTURES)], dtype=np.float64)
+    return [(np.concatenate(crops, axis=1), boxes)]
+
+
+def _converted(network: ReidNetwork, options: TrainOptions) -> ModelProto:
+    """The network in ONNX, without a word of the machine it was made on. Raises `InputError` where it cannot be had."""
+    size = 4 * sum(weights.numel() for weights in network.backbone.parameters())
+    if size > LARGEST_FILE:
+        raise InputError(
+            f"backbone {options.backbone}: its weights take {size / 1e9:.1f} GB, one ONNX file holds "
+            f"{LARGEST_FILE / 1e9:.1f} GB: train with a smaller backbone"
+        )
+    example = torch.zeros(2, 3, options.height, options.width)  # a batch of 1 would be taken for a constant
+    try:
+        with _hushed():
+            program = torch.onnx.export(
+                _Embedding(network).eval(),
+                (example,),
+                dynamo=True,
+                dynamic_shapes=({0: torch.export.Dim("batch")},),
+                input_names=["pictures"],
+                output_names=["embedding"],
+                verbose=False,
+            )
+            assert program is not None
+            model: ModelProto = program.model_proto
+    except Exception as error:  # of many libraries, without a common base
+        raise InputError(
+            f"backbone {options.backbone}: cannot be exported to ONNX ({_reason(error)}): train with another backbone"
+        ) from error
+    _forget_machine(model.graph)
+    for function in model.functions:
+        del function.metadata_props[:]
+        for node in function.node:
+            node.ClearField("metadata_props")
+            node.ClearField("doc_string")
+    del model.metadata_props[:]
+    return model
+
+
+def _forget_machine(graph: GraphProto) -> None:
+    """Drop from a graph the notes that PyTorch leaves: stack traces with the paths of this machine, names of modules."""
+    graph.name = "passerby"
+    for things in (graph.node, graph.input, graph.output, graph.value_info, graph.initializer):
+        for thing in things:
+            thing.ClearField("metadata_props")
+            thing.ClearField("doc_string")
+    graph.ClearField("metadata_props")
+    graph.ClearField("doc_string")
+    for node in graph.node:
+        for attribute in node.attribute:
+            for inner in (attribute.g, *attribute.graphs) if attribute.HasField("g") else attribute.graphs:
+                _forget_machine(inner)
+
+
+def _describe(model: ModelProto, origin: Mapping[str, str]) -> None:
+    """Write into the file how it wants to be fed, and where it comes from; `repr` of a float is read back as the same float."""
+    told = {
+        "role": "embedder",
+        "output": "embedding",
+        "colour": IMAGENET.colour,
+        "scale": repr(IMAGENET.scale),
+        "mean": " ".join(map(repr, IMAGENET.mean)),
+        "std": " ".join(map(repr, IMAGENET.std)),
+        "fit": IMAGENET.fit,
+    }
+    for key, value in told.items():
+        model.metadata_props.add(key=f"{PREFIX}{key}", value=value)
+    for key, value in sorted(origin.items()):
+        model.metadata_props.add(key=f"{ORIGIN}{key}", value=value)
+
+
+def _reason(error: BaseException) -> str:
+    """The heart of what PyTorch says, in one line: its last part, without colours, advice and stack traces."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    summary = text.rsplit("## Exception summary", 1)[-1].split("(Refer to the full stack trace", 1)[0]
+    return " ".join(summary.split())[:200] or type(error).__name__
+
+
+@contextmanager
+def _hushed() -> Iterator[None]:
+    """Without the exporter's advice to its own developers, such as that torchvision is missing; its errors still come."""
+    loggers = [logging.getLogger(name) for name in ("torch.onnx", "torch.onnx._internal.exporter._registration", "onnxscript")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,188 @@
+"""People of a calibrated scene, cut out of its videos, of whom the geometry is sure: labels that nobody had to give.
+
+A calibration finds out who is who. What it found is checked here once more, by the rig itself and without looks: see
+`agreement` and `sure_spans`. What remains is right nearly always, which matters more than how much it is: training with the
+hardest pairs makes most of every wrong label.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from passerby.common.arrays import Ints
+from passerby.common.errors import EvidenceError
+from passerby.common.progress import Progress, silent
+from passerby.people.ground_positions import Places, places_of
+from passerby.scene.scene import Scene
+from passerby.training.agreement import ALONE, AMBIGUOUS, BEHIND, MISFIT, NEAR, REASONS, SURE, Agreement, agreement
+from passerby.training.calibrated import CalibratedScene, read_calibrated
+from passerby.training.crops import CropSet
+from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
+from passerby.training.data.cutting import WantedCrops, cut_crops
+from passerby.training.sure_spans import SureSpans, sure_spans
+
+FEWEST_PEOPLE, FEWEST_CROPS = 4, 100
+"""Less does not tell a network how people differ."""
+MENDS = {
+    ALONE: "let the cameras' views overlap more",
+    MISFIT: "look into the calibration: its poses or clocks may be off",
+    AMBIGUOUS: "record with fewer people at a time, or with more cameras",
+    BEHIND: "record with fewer people at a time, or hang the cameras higher",
+    NEAR: "record with fewer people at a time",
+}
+"""What helps where most boxes are left out for a reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePeople:
+    """Pictures of people whose labels are sure."""
+
+    scene: Scene
+    """That was calibrated."""
+    crops: CropSet
+    """People are spans of identities, named SCENE/IDENTITY@SPAN; `apart` tells which of them are surely two."""
+    figures: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready."""
+    notes: tuple[str, ...] = ()
+    """What is to be told, one sentence each."""
+
+
+def scene_people(
+    out: Path, cache: Path, scene: Path | None = None, tell: Progress = silent, executor: Executor | None = None
+) -> ScenePeople:
+    """Cut the people of a calibrated scene out of its videos, as far as the geometry is sure of them.
+
+    Args:
+        out: the output folder of `passerby calibrate`.
+        cache: folder in which crops are kept.
+        scene: the scene file; None: where the output folder says that it lies.
+        tell: told of the stages.
+        executor: cuts the cameras side by side.
+
+    Raises:
+        InputError: as `read_calibrated` and `cut_crops`.
+        EvidenceError: the calibration was refused, or fewer than `FEWEST_PEOPLE` people or `FEWEST_CROPS` crops are left.
+    """
+    tell("reading")
+    calibrated = read_calibrated(out, scene)
+    tell("checking who is who")
+    body_m = calibrated.scene.scale.person_height_m
+    places = places_of(calibrated.rig, calibrated.boxes, calibrated.clocks, body_m)
+    agreed = agreement(places)
+    spans = sure_spans(places, agreed)
+    wanted = [
+        _wanted(calibrated, number, name, places, spans)
+        for number, name in enumerate(calibrated.rig.names)
+        if name in calibrated.videos
+    ]
+    figures = _figures(calibrated, places, agreed, spans)
+    planned = sum(len(one.frame) for one in wanted)
+    _check_enough(out, figures, len(spans.identity), planned)
+    people = [f"{who}@{number}" for who, number in zip(spans.identity.tolist(), spans.number.tolist(), strict=True)]
+    name = calibrated.scene.name
+    cut = cut_crops(wanted, people, cache, name=name, executor=executor, tell=tell)
+    crops = replace(cut.crops, apart=spans.apart)
+    # One camera alone, or one that has no video, teaches nothing of how cameras differ.
+    crops = crops.of_people(_cameras_of_people(crops) > 1)
+    _check_enough(out, figures, len(crops.people), len(crops))
+    figures |= {
+        "people": len(crops.people),
+        "identities": len(np.unique(spans.identity)),
+        "crops": len(crops),
+        "crops_by_camera": dict(
+            zip(
+                (one.camera for one in wanted),
+                np.bincount(crops.camera, minlength=len(wanted)).tolist(),
+                strict=True,
+            )
+        ),
+        "surely_two": float(_share_apart(crops)),
+    }
+    return ScenePeople(calibrated.scene, crops, figures, (*_notes(out, calibrated), *cut.notes))
+
+
+def _wanted(calibrated: CalibratedScene, number: int, name: str, places: Places, spans: SureSpans) -> WantedCrops:
+    """The boxes of a camera to be cut: sure, clear, and spread over the time of each span."""
+    boxes = calibrated.boxes[name]
+    span = np.full(len(boxes), -1)
+    mine = (places.camera == number) & (spans.span >= 0)
+    span[places.row[mine]] = spans.span[mine]
+    rows: Ints = np.zeros(0, dtype=np.int64)
+    if len(boxes):
+        clear = clear_boxes(boxes.frame, boxes.ltwh, calibrated.rig[name].lens.size)
+        rows = spread(boxes.frame, span, clear, PER_PERSON)
+    return WantedCrops(name, calibrated.videos[name], boxes.frame[rows], boxes.ltwh[rows], span[rows])
+
+
+def _cameras_of_people(crops: CropSet) -> Ints:
+    """(P,) by how many cameras each person is shown."""
+    pairs = np.unique(np.column_stack([crops.person, crops.camera]), axis=0)
+    return np.asarray(np.bincount(pairs[:, 0], minlength=len(crops.people)), dtype=np.int64)
+
+
+def _share_apart(crops: CropSet) -> float:
+    """Share of the pairs of people who are surely two."""
+    n = len(crops.people)
+    return float(crops.apart.sum() / (n * (n - 1))) if crops.apart is not None and n > 1 else 0.0
+
+
+def _figures(calibrated: CalibratedScene, places: Places, agreed: Agreement, spans: SureSpans) -> dict[str, Any]:
+    """What became of the boxes at the instants that were looked at."""
+    identified = places.identity >= 0
+    kept = spans.span >= 0
+    count = np.bincount(agreed.reason[identified & ~kept], minlength=len(REASONS))
+    left_out = {REASONS[why]: int(n) for why, n in enumerate(count) if n and why != SURE}
+    left_out |= {"too short, or beside a doubt": int(count[SURE])} if count[SURE] else {}
+    seconds = spans.seconds[:, 1] - spans.seconds[:, 0]
+    return {
+        "boxes": len(places),
+        "identified": int(identified.sum()),
+        "sure": int(kept.sum()),
+        "sure_share": float(kept.sum() / max(identified.sum(), 1)),
+        "left_out": left_out,
+        "spans": len(spans.identity),
+        "span_seconds_median": float(np.median(seconds)) if len(seconds) else None,
+        "spread": agreed.spread,
+        "cameras": {
+            name: {"identified": int(identified[places.camera == c].sum()), "sure": int(kept[places.camera == c].sum())}
+            for c, name in enumerate(calibrated.rig.names)
+        },
+    }
+
+
+def _check_enough(out: Path, figures: dict[str, Any], people: int, crops: int) -> None:
+    """Raise `EvidenceError` where too little is sure, with what most was left out for."""
+    if people >= FEWEST_PEOPLE and crops >= FEWEST_CROPS:
+        return
+    left_out: dict[str, int] = figures["left_out"]
+    causes = sorted(left_out.items(), key=lambda item: -item[1])
+    told = [f"{why}: {count}" for why, count in causes]
+    worst = next((number for why, _ in causes for number in MENDS if REASONS[number] == why), None)
+    mend = MENDS[worst] if worst is not None else "record for longer"
+    reasons = (
+        f"{people} people and {crops} crops are sure, {FEWEST_PEOPLE} and {FEWEST_CROPS} are needed",
+        f"{figures['sure']} of {figures['identified']} identified boxes are sure",
+        *(f"left out, {line}" for line in told),
+    )
+    raise EvidenceError(
+        f"{out}: the calibration is sure of too few people: {reasons[0]}; {reasons[1]} "
+        f"(left out: {', '.join(told) or 'none'}): {mend}",
+        reasons,
+    )
+
+
+def _notes(out: Path, calibrated: CalibratedScene) -> list[str]:
+    """What is odd about the calibration."""
+    notes = []
+    if calibrated.verdict != "accepted":
+        notes.append(f"{out}: the calibration is {calibrated.verdict}: its labels may be wrong more often than usual")
+    without = [name for name in calibrated.rig.names if name not in calibrated.videos]
+    if without:
+        notes.append(f"{calibrated.scene.place}: no video of camera{'s' if len(without) > 1 else ''} {', '.join(without)}: "
+                     "no crops of it, but it helps to tell who is who")  # fmt: skip
+    return notes
