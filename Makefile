@@ -31,6 +31,7 @@ test-slow: $(TRAINING_INSTALLED)
 lint: $(INSTALLED)
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/lint-imports
 
 format: $(INSTALLED)
 	$(VENV)/bin/ruff check --fix .
@@ -45,11 +46,11 @@ docs: $(INSTALLED)
 # Writes docs/results anew, but for the pages of videos and of training (bench-perception, bench-reid), and the README's tables.
 bench: $(BENCH_INSTALLED) peers
 	$(BENCH_VENV)/bin/python benchmarks/run.py --only speed peers association accuracy swaps-real
-	$(ONE_THREAD) $(BENCH_VENV)/bin/passerby benchmark $(WITH_DATA) --scenes build/scenes -o docs/results
+	$(ONE_THREAD) $(BENCH_VENV)/bin/python benchmarks/run_paper.py $(WITH_DATA) --scenes build/scenes -o docs/results
 	$(BENCH_VENV)/bin/python benchmarks/headline.py
 
 bench-quick: $(BENCH_INSTALLED)
-	$(ONE_THREAD) $(BENCH_VENV)/bin/passerby benchmark --quick --scenes build/scenes -o build/quick
+	$(ONE_THREAD) $(BENCH_VENV)/bin/python benchmarks/run_paper.py --quick --scenes build/scenes -o build/quick
 	$(BENCH_VENV)/bin/python benchmarks/run.py --quick --only speed peers accuracy swaps-real -o build/quick
 
 bench-peers: $(BENCH_INSTALLED) peers

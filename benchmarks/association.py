@@ -35,10 +35,10 @@ from association_tables import (
     real_rows,
 )
 from command import DOUBTFUL, run_program
+from paper.page import Page, load, number, table, yes
 from simulations import PRESETS, WORKERS
 
 from datasets import data_set, folder_of
-from passerby.benchmark.page import Page, load, number, table, yes
 
 Result = TypeVar("Result")
 Simulated = dict[str, dict[str, list[Found]]]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from association_runs import Found, RealCase
 from command import Calibrated
+from paper.page import errors, number, reached, table
 from simulations import complete, figures
 
-from passerby.benchmark.page import errors, number, reached, table
 from passerby.common.arrays import Floats
 
 Bounds = tuple[float, float]

@@ -16,9 +16,9 @@ from pathlib import Path
 from types import ModuleType
 
 from format_tools.rigs import cases_of, read_back
+from paper.page import Page
 
 from datasets import ROOT
-from passerby.benchmark.page import Page
 from passerby.interchange.formats import all_formats
 
 HERE = Path(__file__).resolve().parent / "format_tools"

@@ -16,6 +16,7 @@ from typing import TypeVar
 
 from accuracy import NOT_HERE
 from command import Calibrated
+from paper.page import Page, load, table
 from perception_runs import (
     BOXES,
     METHODS,
@@ -53,7 +54,6 @@ from perception_tables import (
 from simulations import PRESETS, WORKERS
 
 from datasets import data_set, folder_of, models_folder
-from passerby.benchmark.page import Page, load, table
 from passerby.scene.tables import WATCHED_FPS
 
 Result = TypeVar("Result")

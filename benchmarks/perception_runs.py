@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import tomli_w
 from command import ONE_THREAD, Calibrated, Run, calibrate, judge, passerby, run_program
+from metrics.detections import BoxScore, score_boxes
+from metrics.tracklets import TrackletScore, score_tracklets
 
 from datasets import models_folder
 from passerby.association.tracking.stitching import mend
@@ -20,8 +22,6 @@ from passerby.association.tracking.tracking import track
 from passerby.common.errors import InputError
 from passerby.common.progress import silent
 from passerby.core.observations import UNKNOWN, Boxes
-from passerby.evaluation.detections import BoxScore, score_boxes
-from passerby.evaluation.tracklets import TrackletScore, score_tracklets
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.inputs import read_inputs

@@ -7,12 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from association_tables import KEYS
 from command import Calibrated, Run
+from metrics.detections import BoxScore
+from metrics.tracklets import TrackletScore
+from paper.page import errors, number, reached, table, yes
 from perception_runs import CRASHED, PETS_CAMERA, Demo, Watched
 from simulations import complete, figures
-
-from passerby.benchmark.page import errors, number, reached, table, yes
-from passerby.evaluation.detections import BoxScore
-from passerby.evaluation.tracklets import TrackletScore
 
 Bounds = tuple[float, float]
 

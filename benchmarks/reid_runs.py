@@ -12,12 +12,12 @@ from typing import Any
 
 import tomli_w
 from command import ONE_THREAD, Calibrated, judge, passerby, run_program
+from metrics.identities import IdentityAgreement
 from perception_runs import absolute, calibrated, write
 from reid_scenes import HALVES, team
 from reid_scores import LooksScore, identities, looks, true_boxes
 
 from datasets import ROOT, models_folder
-from passerby.evaluation.identities import IdentityAgreement
 from passerby.interchange.rig_toml import read_rig
 
 RETAIL = "person-reid-retail-0248"

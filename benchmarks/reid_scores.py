@@ -8,6 +8,8 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from metrics.detections import paired
+from metrics.identities import IdentityAgreement, identity_agreement
 from numpy.typing import NDArray
 from perception_runs import used_boxes
 
@@ -16,8 +18,6 @@ from passerby.association.appearance.embeddings import match_boxes
 from passerby.association.camera_tracklets import prepare_cameras
 from passerby.common.progress import silent
 from passerby.core.observations import UNKNOWN, Boxes
-from passerby.evaluation.detections import paired
-from passerby.evaluation.identities import IdentityAgreement, identity_agreement
 from passerby.interchange.motchallenge import read_boxes
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene

@@ -7,11 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from command import Calibrated
+from paper.page import errors, number, table, yes
 from perception_tables import in_rig
 from reid_runs import Half, Team, Trained
 from reid_scenes import HALVES
-
-from passerby.benchmark.page import errors, number, table, yes
 
 Scores = Mapping[str, Mapping[str, float]]
 """plain and centred -> `rank_1` and so on."""

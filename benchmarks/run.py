@@ -1,8 +1,7 @@
 """What needs peers, real data, training or rendering: `python benchmarks/run.py [--quick] [--only NAME ...] [-o FOLDER]`.
 
-The rest is `passerby benchmark`. Prints the tables and writes them as Markdown, one file a section. A quick run is printed
-only, unless a folder is given.
-A section that takes long is written as it grows.
+The rest is `python benchmarks/run_paper.py`. Prints the tables and writes them as Markdown, one file a section. A quick run is
+printed only, unless a folder is given. A section that takes long is written as it grows.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ from pathlib import Path
 import accuracy
 import speed
 import swaps
+from paper.page import Page, signed, write_page
 
 import association
 import perception
 import reid
 from datasets import ROOT
-from passerby.benchmark.page import Page, signed, write_page
 
 
 def _peers(scratch: Path, quick: bool) -> Iterable[Page]:

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 from command import Calibrated
-
-from passerby.benchmark.goals import PRESETS
+from paper.goals import PRESETS
 
 __all__ = ["PRESETS", "WORKERS", "complete", "figures", "mean"]
 

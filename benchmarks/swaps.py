@@ -1,6 +1,6 @@
 """Swapped identities on the real sets: what becomes of the result when 30 % of the people of each instant carry a wrong one.
 
-The simulated scenes are `passerby benchmark swaps`.
+The simulated scenes are `python benchmarks/run_paper.py swaps`.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from accuracy import NOT_HERE
 from command import ONE_THREAD, Calibrated, calibrate
+from paper.page import Page, errors, table, yes
 from simulations import WORKERS, figures
 
 from datasets import DataSet, data_set, folder_of, swap_identities, write_scene
-from passerby.benchmark.page import Page, errors, table, yes
 
 SHARE = 0.3
 LARGEST_RATIO = 1.3

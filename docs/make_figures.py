@@ -23,7 +23,8 @@ from matplotlib.patches import Ellipse, Rectangle
 
 from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
 from passerby.association.ground.registration import Registration, register_pair
-from passerby.calibration.pipeline import Calibration, calibrate
+from passerby.calibration.pipeline import calibrate
+from passerby.calibration.calibration import Calibration
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock

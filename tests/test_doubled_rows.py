@@ -13,8 +13,8 @@ import passerby
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, Keypoints
-from passerby.scene.camera_input import read_camera
 from passerby.scene.doubled_rows import MOST_DOUBLED, without_doubles
+from passerby.scene.reading import read_camera
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate
 from scenes import rows, write_scene

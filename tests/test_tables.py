@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.association.result import Association
-from passerby.calibration.pipeline import Calibration
+from passerby.calibration.calibration import Calibration
 from passerby.cli.tables import show_calibration
 from passerby.cli.terminal import _Log, stages
 from passerby.common.progress import tell_note

@@ -14,14 +14,14 @@ import pytest
 
 import passerby
 from passerby.calibration.alignment.places import angle_sd, position_sds
-from passerby.calibration.pipeline import Calibration
+from passerby.calibration.calibration import Calibration, contents_of
 from passerby.cli.main import run
 from passerby.cli.terminal import number
 from passerby.core.cameras import PoseSigma, Rig
 from passerby.evaluation.stated import stated_errors
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.monitoring.evidence import stated
-from passerby.report.contents import contents_from, contents_of
+from passerby.report.contents import contents_from
 from passerby.report.page import report_page
 from passerby.simulation import write_scene
 from person_scenes import ring, simulated

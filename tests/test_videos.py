@@ -29,8 +29,8 @@ from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.storage.json_text import to_json
 from passerby.perception.video import probe
-from passerby.scene.camera_input import read_camera
 from passerby.scene.inputs import read_inputs
+from passerby.scene.reading import read_camera
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import Videos, picture_rate, plan_of
 

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from passerby.benchmark.page import Page
+from paper.page import Page
+
 from peers.cases import (
     BOX_NOISE,
     CONDITIONS,

@@ -7,7 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from passerby.benchmark.page import errors, number, table, yes
+from paper.page import errors, number, table, yes
+
 from peers.judging import Result
 
 PASSERBY, CALISCOPE = "Passerby", "caliscope"

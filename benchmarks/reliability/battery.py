@@ -7,7 +7,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from passerby.benchmark.page import table
+from paper.page import table
+
 from reliability import hostile, ordinary
 from reliability.hostile import HOSTILE
 from reliability.judging import MOST_DEG, MOST_M, MOST_SIGMAS

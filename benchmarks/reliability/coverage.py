@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from paper.page import table
 
 from datasets import DATA_SETS, write_scene
-from passerby.benchmark.page import table
+from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
-from passerby.calibration.pipeline import Calibration, calibrate
+from passerby.calibration.pipeline import calibrate
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.write import MEAN_SD

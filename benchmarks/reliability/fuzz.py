@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from passerby.benchmark.page import table
+from paper.page import table
+
 from reliability.page import Line, Part
 from reliability.runs import ROOT, Wanted
 

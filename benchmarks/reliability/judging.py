@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
-from passerby.calibration.pipeline import Calibration
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose, Rig
 from passerby.evaluation.metrics import compare

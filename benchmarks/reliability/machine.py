@@ -25,9 +25,16 @@ WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 SEGMENT = 16
 """Pictures kept at once in these runs, so that short videos have several segments."""
 PRELOADED = [
-    "passerby.cli.main", "passerby.calibration.pipeline", "passerby.cli.tables", "passerby.simulation", "passerby.calibration.alignment.folder",
-    "passerby.report.trajectories_page", "passerby.report.page", "passerby.perception.background", "passerby.scene.start.start",
-]  # fmt: skip
+    "passerby.cli.main",
+    "passerby.calibration.pipeline",
+    "passerby.cli.tables",
+    "passerby.simulation",
+    "passerby.calibration.alignment.folder",
+    "passerby.report.trajectories_page",
+    "passerby.report.page",
+    "passerby.perception.background",
+    "passerby.scene.start.start",
+]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from passerby.benchmark.page import Page, table, write_page
+from paper.page import Page, table, write_page
+
 from passerby.interchange.storage.atomic import write_text
 from reliability.runs import code_digest
 

@@ -13,12 +13,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from passerby._version import __version__ as __version__
+from passerby.common.display import set_drawing
 
 if TYPE_CHECKING:
     from passerby.api import align, evaluate, export_rig, import_rig, monitor, read_calibration, trajectories
     from passerby.calibration.alignment.world import Aligned
+    from passerby.calibration.calibration import Calibration
     from passerby.calibration.in_memory import calibrate_observations
-    from passerby.calibration.pipeline import Calibration, calibrate
+    from passerby.calibration.pipeline import calibrate
     from passerby.common.errors import EvidenceError, InputError, PasserbyError
     from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
     from passerby.core.known_places import KnownPoint, KnownPosition
@@ -108,6 +110,16 @@ def __getattr__(name: str) -> Any:
     if home is None:
         raise AttributeError(f"module 'passerby' has no attribute '{name}'")
     return getattr(import_module(f"passerby.{home}"), name)
+
+
+def _draw(value: object) -> str:
+    """What a notebook shows of a rig or an output folder."""
+    drawings = import_module("passerby.report.notebook")
+    draw = drawings.rig_html if type(value).__name__ == "Rig" else drawings.output_folder_html
+    return str(draw(value))
+
+
+set_drawing(_draw)
 
 
 def __dir__() -> list[str]:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
+from passerby.calibration.calibration import Calibration
 from passerby.calibration.following import folder_clocks, people_of_folder, track_options, ways_by
-from passerby.calibration.pipeline import Calibration
 from passerby.common.errors import EvidenceError, InputError, PasserbyError
 from passerby.common.progress import Progress
 from passerby.core.cameras import Rig

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from metrics.identities import IdentityAgreement, identity_agreement
 
 from ground_walkers import bodies_at
 from passerby.association.associate import OVERLAP_S, Tracklets, people_of_pairs, people_of_rig
@@ -17,7 +18,6 @@ from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.association.ground.registration import register_pair
 from passerby.core.cameras import Pose
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
-from passerby.evaluation.identities import IdentityAgreement, identity_agreement
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.scene import SimulatedScene
 

@@ -8,8 +8,8 @@ import pytest
 
 import passerby
 from passerby.association.clocks.drift import Drift
+from passerby.calibration.calibration import Calibration
 from passerby.calibration.clock_skew import against_one
-from passerby.calibration.pipeline import Calibration
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 

@@ -9,9 +9,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from baselines.disk_lightglue import TORCHVISION, stand_in
 
-from passerby.baselines import MATCHERS, Unavailable, available, open_matcher
-from passerby.baselines.disk_lightglue import TORCHVISION, stand_in
+from baselines import MATCHERS, Unavailable, available, open_matcher
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from textured_planes import looking, pictures
@@ -49,7 +49,7 @@ def test_a_missing_package_is_named(name: str, module: str, monkeypatch: pytest.
 @pytest.mark.parametrize("name", ["superpoint", "superpoint-lightglue"])
 def test_missing_weights_say_where_they_are_looked_for(name: str, offline: None, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("transformers")
-    from passerby.baselines import superpoint, superpoint_lightglue
+    from baselines import superpoint, superpoint_lightglue
 
     for module in (superpoint, superpoint_lightglue):
         monkeypatch.setattr(module, "SOURCE", "nobody/has-published-this")

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from baselines.matching import Features, Remembered, nearest_matches
+from baselines.pooling import pooled_points
+from baselines.wxbs import describe_views, single, tilted, verified
+from metrics.epipolar import epipolar_distances
+from paper.geopose_points import solve_correspondences
 
-from passerby import baselines
-from passerby.baselines import Matches, Picture, open_matcher
-from passerby.baselines.matching import Features, Remembered, nearest_matches
-from passerby.baselines.pooling import pooled_points
-from passerby.baselines.wxbs import describe_views, single, tilted, verified
+import baselines
+from baselines import Matches, Picture, open_matcher
 from passerby.core.cameras import Rig
 from passerby.core.scale_cues import KnownLength
-from passerby.evaluation.epipolar import epipolar_distances
 from passerby.evaluation.metrics import compare
-from passerby.solver.geopose.geopose_points import solve_correspondences
 from passerby.solver.geopose.pairs import GeoPoseOptions
 from textured_planes import looking, pictures
 

@@ -7,12 +7,12 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+from paper import conditions
+from paper import kept as kept_module
+from paper.conditions import Condition, run_conditions
+from paper.kept import Kept
+from paper.thinning import thinned
 
-from passerby.benchmark import conditions
-from passerby.benchmark import kept as kept_module
-from passerby.benchmark.conditions import Condition, run_conditions
-from passerby.benchmark.kept import Kept
-from passerby.benchmark.thinning import thinned
 from passerby.common.errors import InputError
 from passerby.common.progress import silent
 from passerby.core.overlap import person_instants, shared_people

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from paper import pixels
+from paper.page import Page, Wanted
+from paper.paper_figures import POSES, REPROJECTIONS, SCENES
+from paper.pixel_jobs import Done, Job, jobs, run_job
+from paper.pixel_real import panoptic, wildtrack
+from paper.pixel_rows import NOT_RUN, ROWS, PixelOutcome, run_row
+from paper.pixel_stage import Stage
 
-from passerby.benchmark import pixels
-from passerby.benchmark.page import Page, Wanted
-from passerby.benchmark.paper_figures import POSES, REPROJECTIONS, SCENES
-from passerby.benchmark.pixel_jobs import Done, Job, jobs, run_job
-from passerby.benchmark.pixel_real import panoptic, wildtrack
-from passerby.benchmark.pixel_rows import NOT_RUN, ROWS, PixelOutcome, run_row
-from passerby.benchmark.pixel_stage import Stage
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
 
@@ -107,7 +107,7 @@ def test_jobs_are_done_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         asked.append(job.name)
         return made_up(job)
 
-    monkeypatch.setattr("passerby.benchmark.pixel_jobs._rendered", rendered)
+    monkeypatch.setattr("paper.pixel_jobs._rendered", rendered)
     job = jobs(("terrace",), 1, 5.0, 1, tmp_path, None, None)[0]
     first, second = run_job(job), run_job(job)
     assert asked == ["terrace"]
@@ -147,7 +147,7 @@ def test_a_relative_folder_of_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyP
         return LOST
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("passerby.benchmark.pixel_jobs.rendered", lambda scenes, *_: scenes / "terrace-0")
-    monkeypatch.setattr("passerby.benchmark.pixel_jobs.run_row", run_nothing)
+    monkeypatch.setattr("paper.pixel_jobs.rendered", lambda scenes, *_: scenes / "terrace-0")
+    monkeypatch.setattr("paper.pixel_jobs.run_row", run_nothing)
     run_job(Job("terrace", 1, None, seconds=5.0, scenes=Path("scenes")))
     assert set(folders) == {tmp_path.resolve() / "scenes" / "terrace-0"}

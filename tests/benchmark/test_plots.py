@@ -5,8 +5,7 @@ import re
 from xml.etree import ElementTree
 
 import pytest
-
-from passerby.benchmark.plots import Axis, Line, Panel, _set_levels, error_plot
+from paper.plots import Axis, Line, Panel, _set_levels, error_plot
 
 matplotlib = pytest.importorskip("matplotlib")
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from passerby.benchmark.conditions import Outcome
-from passerby.benchmark.spread import HEAD, quartiles, spread_cells
+from paper.conditions import Outcome
+from paper.spread import HEAD, quartiles, spread_cells
 
 
 def outcome(mm):

@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 
-from passerby.benchmark import tracking
-from passerby.benchmark.tracking_runs import CAMERAS, FAILED, Case, Outcome, RealOutcome, RealSet, outcome_of, run_set
+from paper import tracking
+from paper.tracking_runs import CAMERAS, FAILED, Case, Outcome, RealOutcome, RealSet, outcome_of, run_set
+
 from passerby.people.trajectories.trajectories import METHODS
 from passerby.simulation import PRESETS
 

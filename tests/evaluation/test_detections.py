@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from metrics.detections import score_boxes
 
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes
-from passerby.evaluation.detections import score_boxes
 
 
 def boxes(*rows: tuple[int, float, float, float, float]) -> Boxes:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from metrics.epipolar import epipolar_distances
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose
-from passerby.evaluation.epipolar import epipolar_distances
 
 LENS = Lens((640, 480), np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]]), np.zeros(0))
 A, B = (Camera(name, LENS, Pose(np.eye(3), np.array([-x, 0.0, 0.0]))) for name, x in (("a", 0.0), ("b", 1.0)))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from metrics.identities import identity_agreement
 
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, Clock
-from passerby.evaluation.identities import identity_agreement
 
 
 def boxes(*rows: tuple[int, int, float], shift: float = 0.0) -> Boxes:

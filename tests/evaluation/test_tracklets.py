@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from metrics.tracklets import score_tracklets
 
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
-from passerby.evaluation.tracklets import score_tracklets
 
 
 def person(identity: int, frames: range, left: float = 0.0) -> Boxes:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper.kept import Kept
 
 from filmed import film, puppets
-from passerby.benchmark.kept import Kept
 from passerby.cli.main import run
 from passerby.cli.terminal import _Log
 from passerby.common.errors import InputError

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from faults.dying import TOLD, every_moment, hidden, visible
-from passerby.calibration.pipeline import Calibration
-from passerby.calibration.results import write_calibration, write_results
+from passerby.calibration.calibration import Calibration, write_calibration, write_results
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose, Rig

@@ -6,13 +6,14 @@ import os
 from pathlib import Path
 
 import pytest
+from metrics.tracklets import score_tracklets
 
 from passerby.association.tracking.stitching import mend
 from passerby.association.tracking.tracking import track
-from passerby.calibration.pipeline import Calibration, calibrate
+from passerby.calibration.calibration import Calibration
+from passerby.calibration.pipeline import calibrate
 from passerby.common.progress import silent
 from passerby.evaluation.metrics import Comparison, compare
-from passerby.evaluation.tracklets import score_tracklets
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.inputs import read_inputs

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.calibration.results import scene_file
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Lens, Rig
 from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.output_folder import scene_file
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.video_writer import VideoWriter
 from passerby.training.scene_people import scene_people

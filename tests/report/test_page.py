@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from reported import Page, busy_place, named, solved, without, without_poses
 
+from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
-from passerby.report.contents import contents_from, contents_of
+from passerby.report.contents import contents_from
 from passerby.report.page import report_page
 
 SECTIONS = (

@@ -7,10 +7,10 @@ import tomllib
 
 import numpy as np
 import pytest
+from metrics.identities import identity_agreement
 from simulated_scenes import scene
 
 from passerby.common.errors import InputError
-from passerby.evaluation.identities import identity_agreement
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from metrics.identities import identity_agreement
 from simulated_scenes import scene
 
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN
-from passerby.evaluation.identities import identity_agreement
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.areas import AREA_DISTANCE_M, share_out
 from passerby.simulation.tracklets import renumbered

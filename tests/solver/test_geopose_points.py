@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper.geopose_points import solve_correspondences
 
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
@@ -14,7 +15,6 @@ from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulationOptions, simulate
 from passerby.solver.geopose.correspondences import ImagePoints, numbered_points
-from passerby.solver.geopose.geopose_points import solve_correspondences
 from passerby.solver.geopose.pairs import GeoPoseOptions
 
 TRUTH = simulate(SimulationOptions(preset="terrace", seed=0, seconds=0.2)).rig

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import passerby
-from passerby.calibration.pipeline import Calibration
+from passerby.calibration.calibration import Calibration
 from passerby.evaluation.metrics import compare
 from passerby.people.body_centres import People
 from passerby.people.ground_shape import ground_shape

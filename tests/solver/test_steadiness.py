@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import passerby
+from passerby.calibration.calibration import Calibration
 from passerby.calibration.diagnostics.pose_change import find_change, matched
-from passerby.calibration.pipeline import Calibration
 from passerby.core.cameras import Rig
 from passerby.evaluation.metrics import compare
 from passerby.people.body_centres import identified_middles, people_without

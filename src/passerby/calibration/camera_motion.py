@@ -16,7 +16,7 @@ from passerby.common.arrays import Bools, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.core.solution import Solution
-from passerby.core.synchronisation import clocks_of, common_instants
+from passerby.core.synchronisation import USUAL_FPS, clocks_of, common_instants
 from passerby.interchange.storage.toml_text import key
 from passerby.people.body_centres import Middles, identified_middles, middles_of, people_without
 from passerby.scene.inputs import SceneInputs
@@ -25,8 +25,6 @@ Solve = Callable[[SceneInputs], tuple[Solution, Association]]
 
 MARGIN_S = 0.5
 """So much is left out on both sides of a move: when it was is known to a few samples."""
-USUAL_FPS = 5.0
-"""Instants a second where nobody tells."""
 ON_A_FRAME = 1e-6
 """So near to a whole frame is on it: what rounding leaves on the way through seconds."""
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from passerby.calibration.results import CALIBRATION_FILE, TRACKS_FOLDER
 from passerby.common.errors import InputError, PasserbyError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.core.trajectories import Trajectories
-from passerby.interchange.output_folder import OutputFolder, read_output
+from passerby.interchange.output_folder import CALIBRATION_FILE, TRACKS_FOLDER, OutputFolder, read_output
 from passerby.people.trajectories.trajectories import METHODS, TrackOptions, trajectories
 
 

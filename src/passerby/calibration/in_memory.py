@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
-from passerby.calibration.pipeline import Calibration, calibrate_inputs
+from passerby.calibration.calibration import Calibration
+from passerby.calibration.pipeline import calibrate_inputs
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress
 from passerby.core.cameras import Lens, Rig
 from passerby.core.observations import Boxes, Keypoints
 from passerby.interchange.storage.faults import FileFaults
-from passerby.scene.camera_input import reading_in_memory
 from passerby.scene.errors import explained
 from passerby.scene.inputs import IN_MEMORY, inputs_of
+from passerby.scene.reading import reading_in_memory
 from passerby.scene.scene import TABLES, Scene
 
 BOX_COLUMNS = "frame, id (-1 where unknown), left, top, width, height[, score]"

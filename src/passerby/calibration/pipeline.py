@@ -6,10 +6,10 @@ import difflib
 import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -18,20 +18,20 @@ from threadpoolctl import threadpool_limits
 from passerby.association.result import Association
 from passerby.calibration.alignment.scene_world import in_world
 from passerby.calibration.association_loop import AssociationOptions, solve_unidentified
+from passerby.calibration.calibration import Calibration
 from passerby.calibration.camera_motion import steadied
 from passerby.calibration.clock_skew import rate_findings, rated
 from passerby.calibration.diagnostics.ground_planarity import ground_figures, shape_of, told_of_ground
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
-from passerby.calibration.results import calibration_dict, write_calibration
 from passerby.calibration.temporal_calibration import association_in_step, solve_with_clocks
 from passerby.common.errors import EvidenceError, InputError
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.overlap import connected_groups, missing_overlap, shared_people
-from passerby.core.solution import Solution, Verdict
+from passerby.core.solution import Solution
 from passerby.core.synchronisation import clocks_of, common_instants
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.scene.inputs import SceneInputs, read_inputs
@@ -43,109 +43,7 @@ from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.refined_lenses import lens_notes
 
 if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
-
     from passerby.solver.geopose.geopose import GeoPoseOptions
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """A calibrated scene: the rig, how far to trust it, and what it was made from."""
-
-    scene: Scene
-    rig: Rig
-    """World z up, ground at z = 0, metres; a camera that could not be registered has no pose."""
-    verdict: Verdict
-    reasons: tuple[str, ...]
-    """What speaks against trusting the rig, one sentence each."""
-    observations: Observations
-    """The people that it was computed from, with their identities."""
-    seed: int
-    options: dict[str, Any]
-    """The solver's options, as used."""
-    figures: dict[str, Any]
-    """JSON-ready figures of every stage."""
-    findings: tuple[str, ...] = ()
-    """What is odd about the input."""
-    association: Association | None = None
-    """Who is who, and the cameras' clocks."""
-    clocked: bool = False
-    """Whether the cameras' frame rates are known."""
-    perception: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready: how people were found in the videos; empty where none was watched."""
-    world: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready: how `[world]` set the frame; empty where the first camera did."""
-    seconds: dict[str, float] = field(default_factory=dict)
-    """Wall time by stage; never written to a file, so that the same input gives the same files."""
-
-    def __repr__(self) -> str:
-        return (
-            f"Calibration({self.scene.name!r}: {self.verdict}, {len(self.rig.posed())} of {len(self.rig)} cameras registered)"
-        )
-
-    def _repr_html_(self) -> str:
-        """In a notebook: the verdict with its reasons, the cameras, and the rig from above."""
-        from passerby.report.notebook import calibration_html
-
-        return calibration_html(self)
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the rig can be relied upon."""
-        return self.verdict == "accepted"
-
-    @property
-    def clocks_searched(self) -> bool:
-        """Whether the cameras' clocks were searched for, rather than taken to agree."""
-        return self.scene.association.search_s > 0 and self.clocked
-
-    @property
-    def instants(self) -> Observations:
-        """The people that all cameras saw at the same instants, as far as their clocks are known."""
-        return self.observations if self.association is None else self.association.instants
-
-    @property
-    def exit_status(self) -> int:
-        """0 accepted, 3 doubtful or refused."""
-        return 0 if self.accepted else EvidenceError.exit_status
-
-    def to_dict(self) -> dict[str, Any]:
-        """Everything but the observations and the wall times, as plain values for JSON."""
-        return calibration_dict(self)
-
-    def write(self, folder: str | Path, *, report: bool = True, progress: Progress | None = None) -> None:
-        """Write `rig.toml`, `calibration.json`, what was seen, and the report into a folder, each file whole or not at all.
-
-        `tracks/` gets CAMERA.txt (boxes) and CAMERA.json (joints), with identities over all cameras. Files of an earlier run
-        are replaced. Raises `InputError` where the folder is not writable.
-
-        Args:
-            folder: made where it does not exist.
-            report: write `report.html` too.
-            progress: told of the report's parts.
-        """
-        write_calibration(self, Path(folder), report=report, progress=progress)
-
-    def report(self, path: str | Path) -> None:
-        """Write the report, one HTML file that opens anywhere. Raises `InputError` where `path` is not writable."""
-        from passerby.report.contents import contents_of
-        from passerby.report.page import write_report
-
-        write_report(contents_of(self), Path(path))
-
-    def plot(self, view: Literal["space", "above"] = "space") -> Figure:
-        """The rig with people's ways as a plotly figure, in space or from above; a notebook shows it."""
-        from plotly.graph_objects import Figure
-
-        from passerby.report.contents import contents_of
-        from passerby.report.fitted import fitted
-        from passerby.report.rig_plots import rig_from_above, rig_in_space
-
-        views = {"space": rig_in_space, "above": rig_from_above}
-        if view not in views:
-            raise InputError(f"view {view!r}: choose one of {', '.join(views)}")
-        contents = contents_of(self)
-        return Figure(views[view](contents, fitted(contents)))
 
 
 PASSING_SIGHTINGS = 8000

@@ -19,7 +19,6 @@ import typer
 
 from passerby._version import __version__
 from passerby.cli.commands.align import align
-from passerby.cli.commands.benchmark import benchmark
 from passerby.cli.commands.dataset import dataset
 from passerby.cli.commands.demo import demo
 from passerby.cli.commands.export import export
@@ -55,9 +54,9 @@ Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: wall 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
-def main() -> None:
-    """The program `passerby`."""
-    status = run(sys.argv[1:])
+def main(program: typer.Typer = app, name: str = "passerby") -> None:
+    """Run a program of commands, `passerby` itself or one beside it, and end the process with its exit status."""
+    status = run(sys.argv[1:], program, name)
     if status == INTERRUPTED and not _threads_end():
         # The interpreter would wait for the threads of a pool that was left in the middle of its work. Every file is written
         # whole or not at all.
@@ -75,11 +74,11 @@ def _threads_end() -> bool:
     return not any(thread.is_alive() for thread in others)
 
 
-def run(arguments: Sequence[str]) -> int:
+def run(arguments: Sequence[str], program: typer.Typer = app, name: str = "passerby") -> int:
     """Run one command line and return its exit status; errors become one line on standard error."""
     try:
-        command = typer.main.get_command(app)
-        status = command.main(list(arguments) or ["--help"], prog_name="passerby", standalone_mode=False)
+        command = typer.main.get_command(program)
+        status = command.main(list(arguments) or ["--help"], prog_name=name, standalone_mode=False)
         sys.stdout.flush()
     except PasserbyError as error:
         return _fail(str(error), error.exit_status)
@@ -166,11 +165,12 @@ def calibrate(
 
     Exit status 3: doubtful or refused; what was found is written all the same, with the reasons.
     """
+    from passerby.calibration.calibration import WORK, write_results
     from passerby.calibration.pipeline import calibrate as run_calibration
-    from passerby.calibration.results import REPORT_FILE, WORK, write_results
     from passerby.cli.tables import show_calibration, tell_reasons
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
+    from passerby.interchange.output_folder import REPORT_FILE
     from passerby.interchange.storage.transaction import working_in
     from passerby.scene.scene import Scene
 
@@ -242,7 +242,6 @@ def _print_json(value: object) -> None:
 
 
 app.command()(init)
-app.command()(benchmark)
 app.command()(simulate)
 app.command()(demo)
 app.command()(track)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from passerby.calibration.pipeline import Calibration
+from passerby.calibration.calibration import Calibration
 from passerby.cli.terminal import MISSING, number, show_table, watched
 from passerby.core.cameras import Camera, Rig
 from passerby.evaluation.metrics import Comparison

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.common.display import html_of
 from passerby.common.errors import InputError
 from passerby.core.projection import project_fisheye, unproject_fisheye, unproject_pinhole
 from passerby.geometry.triangulation import triangulate_views
@@ -356,11 +357,9 @@ class Rig:
         verdict = f"; {self.verdict}" if self.verdict else ""
         return f"Rig({len(self)} camera{'s' if len(self) != 1 else ''}: {named}{without}{verdict})"
 
-    def _repr_html_(self) -> str:
+    def _repr_html_(self) -> str | None:
         """In a notebook: a table of the cameras and the rig from above."""
-        from passerby.report.notebook import rig_html
-
-        return rig_html(self)
+        return html_of(self)
 
     @property
     def names(self) -> tuple[str, ...]:

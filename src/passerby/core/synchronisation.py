@@ -9,8 +9,18 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import InputError
-from passerby.core.observations import BORDER_PX, Boxes, CameraObservations, Clock, Keypoints, Observations, sampling_step
+from passerby.core.observations import (
+    BORDER_PX,
+    Boxes,
+    CameraObservations,
+    Clock,
+    Keypoints,
+    Observations,
+    sampling_step,
+)
 
+USUAL_FPS = 5.0
+"""Time steps a second where no frame rate is stated."""
 MAX_GAP_SAMPLES, MAX_GAP_S = 2, 0.4
 """Nobody is interpolated over more than this, whichever is longer: in 0.4 s a walker strays some centimetres from a straight
 line (half of 1 m/s^2 times 0.2 s squared is 2 cm), and a slow camera has nothing better than one missed sample."""

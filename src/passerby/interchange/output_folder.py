@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera
+
+if TYPE_CHECKING:
+    pass
+
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, TypeGuard
+from typing import TypeGuard
 
-from passerby.calibration.results import CALIBRATION_FILE, FILES, RIG_FILE, TRACKS_FOLDER, checksum
-from passerby.common.errors import EvidenceError, InputError
+from passerby.common.display import html_of
+from passerby.common.errors import EvidenceError
 from passerby.common.text import shortened
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, Clock
@@ -18,6 +30,10 @@ from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, json_of
 from passerby.interchange.storage.transaction import settle
+
+RIG_FILE, CALIBRATION_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "calibration.json", "tracks", "report.html"
+FILES = "files"
+"""Key of `calibration.json`: checksums of the files that it tells of."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +58,9 @@ class OutputFolder:
     def __repr__(self) -> str:
         return f"OutputFolder({str(self.path)!r}: {self.verdict}, {len(self.rig)} of {self.all_cameras} cameras)"
 
-    def _repr_html_(self) -> str:
+    def _repr_html_(self) -> str | None:
         """In a notebook: the verdict with its reasons, the table of cameras and the rig from above."""
-        from passerby.report.notebook import output_folder_html
-
-        return output_folder_html(self)
+        return html_of(self)
 
     @property
     def fps(self) -> float | None:
@@ -212,3 +226,41 @@ def _clocks(out: Path, cameras: Mapping[str, Mapping[str, Any]], rig: Rig) -> di
         without = next(name for name in rig.names if name not in found)
         raise unlike(out, f"camera {without} has no fps, though others have")
     return found
+
+
+def checksums(folder: Path) -> dict[str, str]:
+    """Of the rig and the tracks in a folder, by name: BLAKE2b of 16 bytes in hex, as `b2sum -l 128` prints it."""
+    files = [folder / RIG_FILE, *sorted((folder / TRACKS_FOLDER).glob("*"))]
+    return {path.relative_to(folder).as_posix(): checksum(path) for path in files}
+
+
+def checksum(path: Path) -> str:
+    """Of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16)).hexdigest()
+
+
+def scene_file(scene: Path | None) -> str | None:
+    """Where the scene file lies, for those who need its videos again; None for a scene that came from no file.
+
+    The path is absolute, so that the output folder's own place changes no byte of what is written into it. Paths in a scene
+    file count from the folder that it is named in: a link in place of the file itself stays one.
+    """
+    return None if scene is None else (scene.parent.resolve() / scene.name).as_posix()
+
+
+def pose_figures(camera: Camera) -> dict[str, Any]:
+    """Of a camera's table what depends on its pose, and so on the frame of the world."""
+    pose, sigma = camera.pose, camera.sigma
+    return {
+        "registered": pose is not None,
+        "centre_m": None if pose is None else pose.centre,
+        "height_m": None if pose is None else pose.centre[2],
+        "heading_deg": None if pose is None else pose.heading_deg,
+        "tilt_deg": None if pose is None else pose.tilt_deg,
+        "roll_deg": None if pose is None else pose.roll_deg,
+        "rotation": None if pose is None else np.asarray(cv2.Rodrigues(np.array(pose.R_cw))[0]).ravel(),
+        "translation_m": None if pose is None else pose.t_cw,
+        "position_sigma_mm": None if sigma is None else 1000 * sigma.position_m,
+        "orientation_sigma_deg": None if sigma is None else sigma.orientation_deg,
+    }

@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 import tomli_w
 
-from passerby.calibration.results import CALIBRATION_FILE, RIG_FILE
 from passerby.core.cameras import Rig
-from passerby.interchange.output_folder import camera_tables, read_report
+from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE, camera_tables, read_report
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, read_rig, table_of
 from passerby.interchange.storage.faults import read_toml
 

@@ -147,7 +147,7 @@ class Monitored:
 
         Raises `InputError` where the folder is not writable.
         """
-        from passerby.calibration.results import RIG_FILE
+        from passerby.interchange.output_folder import RIG_FILE
 
         write_text(Path(folder) / RIG_FILE, rig_text)
         write_text(Path(folder) / MONITOR_FILE, to_json(self.to_dict()))

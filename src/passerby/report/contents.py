@@ -8,16 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from passerby.calibration.results import RIG_FILE, TRACKS_FOLDER, calibration_dict, scene_file
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
-from passerby.interchange.output_folder import camera_tables, is_file_name, read_report, unlike
+from passerby.interchange.output_folder import (
+    RIG_FILE,
+    TRACKS_FOLDER,
+    camera_tables,
+    is_file_name,
+    read_report,
+    unlike,
+)
 from passerby.interchange.rig_toml import read_rig
 
 if TYPE_CHECKING:
-    from passerby.calibration.pipeline import Calibration
+    pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,17 +52,6 @@ class Contents:
         found = self.told.get("cameras")
         tables = {str(one.get("name")): one for one in found if isinstance(one, dict)} if isinstance(found, list) else {}
         return {name: tables.get(name, {}) for name in self.rig.names}
-
-
-def contents_of(calibration: Calibration) -> Contents:
-    """The contents of a calibration that has just been made."""
-    scene = calibration.scene
-    told = {"scene_file": scene_file(scene.path)} | calibration_dict(calibration)
-    clocks = calibration.association.clocks if calibration.association else {}
-    named = {name: scene.resolve(table.video) for name, table in scene.cameras.items() if table.video is not None}
-    videos = {name: path for name, path in named.items() if path.is_file()}
-    seen = Observations(calibration.observations.cameras, calibration.observations.fps, dict(clocks))
-    return Contents(told, calibration.rig, seen, dict(clocks), videos)
 
 
 def contents_from(out: Path) -> Contents:

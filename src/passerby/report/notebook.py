@@ -7,19 +7,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Rig
 from passerby.core.colours import camera_colour
+from passerby.interchange.output_folder import OutputFolder
 from passerby.report.html import Child, Html, element
 from passerby.report.rig_geometry import ellipse, ground_covariance, magnification, semi_axes, wedge
-
-if TYPE_CHECKING:
-    from passerby.calibration.pipeline import Calibration
-    from passerby.interchange.output_folder import OutputFolder
 
 WIDTH, TALLEST = 380, 360
 """Of the picture, pixels."""
@@ -45,35 +43,56 @@ def rig_html(rig: Rig) -> str:
     return _card(head, _beside(_camera_table(rig), rig_svg(rig)))
 
 
-def calibration_html(calibration: Calibration) -> str:
-    """A calibration: the verdict with its reasons, the cameras, the rig from above, and what is odd about the input."""
-    rig, told = calibration.rig, calibration.to_dict()["cameras"]
-    head = _head(
-        element("b", calibration.scene.name), _pill(calibration.verdict),
-        f"{len(rig.posed())} of {_count(len(rig), 'camera')} registered",
-    )  # fmt: skip
-    more = _seen_columns(told, calibration.clocks_searched)
-    return _card(
-        head, _list("", calibration.reasons), _beside(_camera_table(rig, more), rig_svg(rig)), _notes(calibration.findings)
-    )  # fmt: skip
-
-
 def output_folder_html(folder: OutputFolder) -> str:
-    """What a calibration has written: the verdict with its reasons, the cameras, the rig from above, and the findings.
+    """What a calibration has written, as `result_html`.
 
     `calibration.json` may hold anything: what is not a number there is a dash.
     """
     tables = {str(one["name"]): one for one in folder.report.get("cameras", []) if isinstance(one, Mapping) and "name" in one}
-    told = [tables.get(name, {}) for name in folder.rig.names]
+    cameras = [tables.get(name, {}) for name in folder.rig.names]
     findings = folder.report.get("findings")
+    return result_html(
+        str(folder.report.get("name") or folder.path.name),
+        folder.rig,
+        Outcome(
+            folder.verdict,
+            folder.reasons,
+            tuple(str(one) for one in findings) if isinstance(findings, list) else (),
+            folder.all_cameras,
+        ),
+        cameras,
+        clocked=any(one.get("time_offset_s") for one in cameras),
+    )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a calibration ended, as a person reads it."""
+
+    verdict: str
+    reasons: Sequence[str]
+    findings: Sequence[str]
+    all_cameras: int
+    """Those without a pose too."""
+
+
+def result_html(title: str, rig: Rig, outcome: Outcome, cameras: Sequence[Mapping[str, Any]], *, clocked: bool) -> str:
+    """A calibration: the verdict with its reasons, the cameras, the rig from above, and what is odd about the input.
+
+    Args:
+        title: the scene's name.
+        rig: all cameras that are listed.
+        outcome: how it ended.
+        cameras: of each camera of the rig, its table of `calibration.json`.
+        clocked: give a column of clock offsets.
+    """
     head = _head(
-        element("b", str(folder.report.get("name") or folder.path.name)), _pill(folder.verdict),
-        f"{len(folder.rig)} of {_count(folder.all_cameras, 'camera')} registered",
+        element("b", title), _pill(outcome.verdict),
+        f"{len(rig.posed())} of {_count(outcome.all_cameras, 'camera')} registered",
     )  # fmt: skip
-    more = _seen_columns(told, any(one.get("time_offset_s") for one in told))
     return _card(
-        head, _list("", folder.reasons), _beside(_camera_table(folder.rig, more), rig_svg(folder.rig)),
-        _notes([str(one) for one in findings] if isinstance(findings, list) else ()),
+        head, _list("", outcome.reasons), _beside(_camera_table(rig, _seen_columns(cameras, clocked)), rig_svg(rig)),
+        _notes(outcome.findings),
     )  # fmt: skip
 
 

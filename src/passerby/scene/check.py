@@ -18,8 +18,9 @@ from passerby.core.overlap import Shared, missing_overlap, shared_people
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.plan import foresee
 from passerby.perception.video import VideoInfo
-from passerby.scene.camera_input import CameraReading, wants_joints, wants_looks
+from passerby.scene.camera_input import CameraReading
 from passerby.scene.inputs import observations_of, read_cameras, scene_doubts, scene_faults, scene_findings
+from passerby.scene.reading import wants_joints, wants_looks
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import keypoints_for
 

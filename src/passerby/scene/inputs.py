@@ -13,14 +13,15 @@ from typing import Protocol
 
 import numpy as np
 
-from passerby.calibration.alignment.scene_world import world_faults
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
 from passerby.interchange.storage.faults import FileFaults
-from passerby.scene.camera_input import CameraReading, read_camera, wants_video
+from passerby.scene.camera_input import CameraReading
+from passerby.scene.reading import read_camera, wants_video
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
 from passerby.scene.upside_down import doubt_of_upside_down
+from passerby.scene.world_files import world_faults
 
 IN_MEMORY = Path("(in memory)")
 """What stands for the name of a file where people come from arrays."""

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens
 from passerby.core.extents import extents_of
+from passerby.scene.camera_input import CameraReading
 from passerby.scene.scene import Scene
-
-if TYPE_CHECKING:
-    from passerby.scene.camera_input import CameraReading
 
 OUTSIDE_SHARE = 0.01
 """A tracker may predict a box or two past the border; where more than this share of the boxes does not touch the picture (grown

@@ -21,7 +21,8 @@ from passerby.interchange.storage.faults import faults_of
 from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
 from passerby.perception.watching import CameraJob, Tell, Watched, watch_camera, work_of
-from passerby.scene.camera_input import CameraReading, fill, of_video, wants_joints, wants_looks, wants_video
+from passerby.scene.camera_input import CameraReading
+from passerby.scene.reading import fill, of_video, wants_joints, wants_looks, wants_video
 from passerby.scene.scene import Scene
 from passerby.scene.tables import WATCHED_FPS
 

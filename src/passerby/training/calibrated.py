@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from passerby.calibration.results import CALIBRATION_FILE, RIG_FILE
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, Clock
-from passerby.interchange.output_folder import read_output
+from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE, read_output
 from passerby.perception.video import probe
 from passerby.scene.scene import Scene
 

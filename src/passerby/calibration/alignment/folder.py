@@ -9,10 +9,20 @@ from typing import Any
 
 from passerby.calibration.alignment.scene_world import scaled_figures
 from passerby.calibration.alignment.world import Aligned
-from passerby.calibration.results import CALIBRATION_FILE, FILES, REPORT_FILE, RIG_FILE, TRACKS_FOLDER, checksum, pose_figures
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
-from passerby.interchange.output_folder import camera_tables, read_report, unlike
+from passerby.interchange.output_folder import (
+    CALIBRATION_FILE,
+    FILES,
+    REPORT_FILE,
+    RIG_FILE,
+    TRACKS_FOLDER,
+    camera_tables,
+    checksum,
+    pose_figures,
+    read_report,
+    unlike,
+)
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import forget_halves, write_text
 from passerby.interchange.storage.json_text import plain, to_json

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from passerby.calibration.camera_motion import USUAL_FPS
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
+from passerby.core.synchronisation import USUAL_FPS
 from passerby.people.body_centres import identified_middles, people_without
 from passerby.people.ground_shape import GroundShape, ground_shape
 

@@ -45,9 +45,8 @@ def align(
     """
     from passerby.calibration.alignment.folder import write_aligned
     from passerby.calibration.alignment.scene_world import set_world
-    from passerby.calibration.results import CALIBRATION_FILE, RIG_FILE
     from passerby.cli.terminal import stages
-    from passerby.interchange.output_folder import read_folder_rig
+    from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE, read_folder_rig
     from passerby.interchange.rig_toml import read_rig, write_rig
     from passerby.interchange.storage.json_text import to_json
     from passerby.interchange.storage.transaction import working_in
@@ -101,7 +100,7 @@ def _wanted(
 
 def _check_target(source: Path, out: Path, folder: Path | None, to_file: bool) -> None:
     """Raises `InputError` where a folder would be left in two frames, or where there is no folder to write."""
-    from passerby.calibration.results import CALIBRATION_FILE, RIG_FILE
+    from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE
 
     if to_file and folder is not None and out.resolve() == source.resolve():
         raise InputError(

@@ -34,10 +34,9 @@ def export(
     What the format cannot hold, such as a lens model or a camera without a pose, is an error unless --lossy is given. Sigmas
     and the verdict stay behind silently: no other tool has a place for them.
     """
-    from passerby.calibration.results import RIG_FILE
     from passerby.interchange.formats import Export, find_format
     from passerby.interchange.formats import export as write
-    from passerby.interchange.output_folder import read_rig_at
+    from passerby.interchange.output_folder import RIG_FILE, read_rig_at
 
     path = rig / RIG_FILE if rig.is_dir() else rig
     loaded = read_rig_at(rig)

@@ -19,8 +19,8 @@ def report(
 
     Pictures are taken from the videos that the scene file names, where they still lie there.
     """
-    from passerby.calibration.results import REPORT_FILE
     from passerby.cli.terminal import stages
+    from passerby.interchange.output_folder import REPORT_FILE
     from passerby.interchange.storage.atomic import forget_halves
     from passerby.interchange.storage.transaction import working_in
     from passerby.report.contents import contents_from

@@ -1,0 +1,1 @@
+"""Measures that only the benchmarks need: of detections, tracklets, identities and correspondences."""

@@ -1,0 +1,106 @@
+"""Clocks that disagree: found from people whose identities are given, and from people whom nobody told apart."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+
+from paper.conditions import Condition, Outcome, run_conditions
+from paper.goals import BOX_NOISE
+from paper.page import Page, Wanted, number, table
+from paper.plots import Axis
+from paper.spread import FAILS, failures, of, quartiles
+from paper.sweep import Swept, curve_page, seeds_of, sweep
+from passerby.common.progress import Progress
+from passerby.scene.tables import SEARCHED_S
+from passerby.simulation import SimulationOptions
+
+LEVELS, QUICK_LEVELS = (0.0, 0.2, 0.5, 1.0), (0.5,)
+SEEDS = 5
+PRESETS = ("terrace",)
+GIVEN, UNSEARCHED, COMBINED = "given, searched", "given, not searched", "combined"
+METHODS = (GIVEN, COMBINED, UNSEARCHED)
+
+RATES = (5.0, 12.5, 25.0, 30.0, 50.0, 60.0)
+EVERY = (1, 2, 3, 6)
+UNEVEN_FPS = 50.0
+SAMPLED_OFFSET_S, SAMPLED_SEEDS = 1.3, 2
+
+
+def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+    """One scene, four levels, five seeds, three ways to deal with clocks; one level and two seeds in a quick run."""
+    levels = QUICK_LEVELS if wanted.quick else LEVELS
+    swept = sweep(_condition, PRESETS, METHODS, levels, SEEDS, wanted, executor, tell, "clocks")
+    head = _HEAD.format(seeds=swept.seeds, noise=100 * BOX_NOISE, search=SEARCHED_S)
+    axis = Axis("largest clock offset, s", "offsets, s")
+    sampled = _sampled_frames(wanted, executor, tell)
+    return curve_page("clocks", head, swept, axis, f"{_clocks(swept)}\n\n{sampled}")
+
+
+_HEAD = """# Clocks
+
+Every camera but the first has a clock of its own, constantly off by up to plus or minus so much; 5 instants a second, so that
+most offsets are no whole frames. Edges of boxes have noise of {noise:g} % of the box height; {seeds} seeds.
+
+*given, searched*: identities are given, offsets up to {search:g} s are searched for. *combined*: neither identities nor clocks
+are known, the default of a scene file; boxes come without appearance, and everybody is one tracklet in each camera. *given, not
+searched*: the clocks are taken to agree."""
+
+
+def _condition(preset: str, method: str, level: float, seed: int) -> Condition:
+    options = SimulationOptions(
+        preset=preset, seed=seed, box_noise=BOX_NOISE, clock_offsets=level, unrelated_ids=method == COMBINED
+    )
+    return Condition(options, search_s=0.0 if method == UNSEARCHED else SEARCHED_S)
+
+
+def _sampled_frames(wanted: Wanted, executor: Executor | None, tell: Progress) -> str:
+    """How well the clocks are found from every n-th picture of videos of all usual rates."""
+    rates: tuple[float | None, ...] = (25.0,) if wanted.quick else (*RATES, None)
+    every, seeds = (1, 6) if wanted.quick else EVERY, range(seeds_of(wanted, SAMPLED_SEEDS))
+    keys = [(rate, step, method) for rate in rates for step in every for method in (GIVEN, COMBINED)]
+    conditions = {key: [_of_rate(*key, seed) for seed in seeds] for key in keys}
+    found = run_conditions([one for some in conditions.values() for one in some], executor, tell, "sampled frames", wanted.kept)
+    rows = []
+    for (rate, step, method), some in conditions.items():
+        outcomes = tuple(found[one] for one in some)
+        shown = ", ".join(f"{number(outcome.similarity_mm)} mm {outcome.similarity_deg:.3f}°" for outcome in outcomes)
+        verdicts = ", ".join(outcome.verdict for outcome in outcomes)
+        rate_shown = "uneven" if rate is None else f"{rate:g}"
+        rows.append([rate_shown, f"{step}", method, shown, *_clock_cells(outcomes), verdicts])
+    head = ("frames per second", "every n-th", "method", "similarity", "clock error, median", "worst", "failed", "verdicts")
+    return f"{_SAMPLED.format(offset=SAMPLED_OFFSET_S, fps=UNEVEN_FPS, seeds=len(seeds))}\n\n{table(head, rows)}"
+
+
+_SAMPLED = """## Sampled frames
+
+A detector seldom looks at every frame of a video. Here it looks at every n-th, from each camera's first on; the clocks are off
+by up to plus or minus {offset:g} s, which is no whole number of samples. *uneven*: the pictures come at uneven times, 17 to
+{fps:g} a second, other ones in each camera, as a phone's do. Terrace, {seeds} seeds: similarity error of each, clock errors
+over them."""
+
+
+def _of_rate(rate: float | None, every: int, method: str, seed: int) -> Condition:
+    options = SimulationOptions(
+        preset="terrace", seed=seed, fps=rate or UNEVEN_FPS, box_noise=BOX_NOISE, clock_offsets=SAMPLED_OFFSET_S,
+        unrelated_ids=method == COMBINED,
+    )  # fmt: skip
+    return Condition(options, search_s=SEARCHED_S, every=every, uneven=rate is None)
+
+
+def _clocks(swept: Swept) -> str:
+    """How well the clocks are found."""
+    rows = [
+        [preset, f"{level:g}", method, *_clock_cells(swept.outcomes[preset, method, level])]
+        for preset in swept.presets
+        for level in swept.levels
+        for method in swept.methods
+    ]
+    head = ("scene", "offsets, s", "method", "clock error, median", "worst", "failed")
+    about = "Mean error over the cameras of the offsets to the first camera's clock:"
+    return f"{about}\n\n{table(head, rows)}"
+
+
+def _clock_cells(outcomes: tuple[Outcome, ...]) -> list[str]:
+    errors = of(outcomes, "clock_ms")
+    shown = [FAILS if error == float("inf") else f"{number(error)} ms" for error in (quartiles(errors)[1], max(errors))]
+    return [*shown, failures(outcomes)]

@@ -1,0 +1,64 @@
+"""The parts of the benchmark by name; a part's module is imported when it is run."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Protocol
+
+from paper.page import Page, Wanted
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress
+
+
+class Run(Protocol):
+    """Measures a part and makes its page."""
+
+    def __call__(self, wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
+        """What the user wants; None for the executor: one thing after the other."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One page of the benchmark."""
+
+    module: str
+    """Module of `paper` whose `run` it is."""
+    says: str
+    """One line for `python benchmarks/run_paper.py --list`."""
+
+    def load(self) -> Run:
+        """The function that measures it."""
+        run: Run = importlib.import_module(f"paper.{self.module}").run
+        return run
+
+
+PARTS: Mapping[str, Part] = MappingProxyType(
+    {
+        "paper": Part("pixels", "Tables 1 and 2 of the paper: picture matchers, annotations, boxes and people, from pixels"),
+        "simulated": Part("simulated", "the simulated scenes without faults, against the goals"),
+        "noise": Part("noise", "Table 3 of the paper: errors under uniform noise of the boxes' corners"),
+        "correspondences": Part("correspondences", "errors against the number of correspondences of two cameras, 5 to 500"),
+        "swaps": Part("swaps", "errors when 0 to 50 % of the identities are exchanged"),
+        "missing": Part("missing", "errors when 0 to 80 % of the boxes are missing"),
+        "clocks": Part("clocks", "errors when the cameras' clocks differ by 0 to 1 s"),
+        "cameras": Part("cameras", "errors with 2 to 8 cameras"),
+        "people": Part("people", "errors with 1 to 20 people"),
+        "tracking": Part("tracking", "people's ways over the ground, by estimated and by true cameras"),
+    }
+)
+"""In the order in which they are run."""
+
+
+def chosen_parts(names: Sequence[str]) -> dict[str, Part]:
+    """The named parts in the order given, each once; all of them where none is named. Raises `InputError` for another name."""
+    for name in names:
+        if name not in PARTS:
+            close = difflib.get_close_matches(name, PARTS, n=1, cutoff=0.5)
+            mend = f"did you mean '{close[0]}'?" if close else f"choose of {', '.join(PARTS)}"
+            raise InputError(f"part '{name}' of the benchmark does not exist: {mend}")
+    return {name: PARTS[name] for name in names or PARTS}

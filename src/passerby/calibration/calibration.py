@@ -1,0 +1,284 @@
+"""A calibrated scene, and how it is written into its folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from passerby._version import __version__
+from passerby.association.result import Association
+from passerby.common.errors import EvidenceError, InputError
+from passerby.common.progress import Progress
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import UNKNOWN, CameraObservations, Observations
+from passerby.core.solution import Verdict
+from passerby.evaluation.reprojection import median_residuals
+from passerby.interchange.coco import write_keypoints
+from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.output_folder import (
+    CALIBRATION_FILE,
+    FILES,
+    REPORT_FILE,
+    RIG_FILE,
+    TRACKS_FOLDER,
+    checksums,
+    pose_figures,
+    scene_file,
+)
+from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.storage.atomic import forget_halves, write_text
+from passerby.interchange.storage.json_text import plain, to_json
+from passerby.interchange.storage.transaction import together, working_in
+from passerby.report.contents import Contents
+from passerby.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibrated scene: the rig, how far to trust it, and what it was made from."""
+
+    scene: Scene
+    rig: Rig
+    """World z up, ground at z = 0, metres; a camera that could not be registered has no pose."""
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    """What speaks against trusting the rig, one sentence each."""
+    observations: Observations
+    """The people that it was computed from, with their identities."""
+    seed: int
+    options: dict[str, Any]
+    """The solver's options, as used."""
+    figures: dict[str, Any]
+    """JSON-ready figures of every stage."""
+    findings: tuple[str, ...] = ()
+    """What is odd about the input."""
+    association: Association | None = None
+    """Who is who, and the cameras' clocks."""
+    clocked: bool = False
+    """Whether the cameras' frame rates are known."""
+    perception: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready: how people were found in the videos; empty where none was watched."""
+    world: dict[str, Any] = field(default_factory=dict)
+    """JSON-ready: how `[world]` set the frame; empty where the first camera did."""
+    seconds: dict[str, float] = field(default_factory=dict)
+    """Wall time by stage; never written to a file, so that the same input gives the same files."""
+
+    def __repr__(self) -> str:
+        return (
+            f"Calibration({self.scene.name!r}: {self.verdict}, {len(self.rig.posed())} of {len(self.rig)} cameras registered)"
+        )
+
+    def _repr_html_(self) -> str:
+        """In a notebook: the verdict with its reasons, the cameras, and the rig from above."""
+        # Drawn only where a notebook asks for it.
+        from passerby.report.notebook import Outcome, result_html
+
+        outcome = Outcome(self.verdict, self.reasons, self.findings, len(self.rig))
+        return result_html(self.scene.name, self.rig, outcome, self.to_dict()["cameras"], clocked=self.clocks_searched)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the rig can be relied upon."""
+        return self.verdict == "accepted"
+
+    @property
+    def clocks_searched(self) -> bool:
+        """Whether the cameras' clocks were searched for, rather than taken to agree."""
+        return self.scene.association.search_s > 0 and self.clocked
+
+    @property
+    def instants(self) -> Observations:
+        """The people that all cameras saw at the same instants, as far as their clocks are known."""
+        return self.observations if self.association is None else self.association.instants
+
+    @property
+    def exit_status(self) -> int:
+        """0 accepted, 3 doubtful or refused."""
+        return 0 if self.accepted else EvidenceError.exit_status
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the observations and the wall times, as plain values for JSON."""
+        return calibration_dict(self)
+
+    def write(self, folder: str | Path, *, report: bool = True, progress: Progress | None = None) -> None:
+        """Write `rig.toml`, `calibration.json`, what was seen, and the report into a folder, each file whole or not at all.
+
+        `tracks/` gets CAMERA.txt (boxes) and CAMERA.json (joints), with identities over all cameras. Files of an earlier run
+        are replaced. Raises `InputError` where the folder is not writable.
+
+        Args:
+            folder: made where it does not exist.
+            report: write `report.html` too.
+            progress: told of the report's parts.
+        """
+        write_calibration(self, Path(folder), report=report, progress=progress)
+
+    def report(self, path: str | Path) -> None:
+        """Write the report, one HTML file that opens anywhere. Raises `InputError` where `path` is not writable."""
+        from passerby.report.page import write_report
+
+        write_report(contents_of(self), Path(path))
+
+    def plot(self, view: Literal["space", "above"] = "space") -> Figure:
+        """The rig with people's ways as a plotly figure, in space or from above; a notebook shows it."""
+        from plotly.graph_objects import Figure
+
+        from passerby.report.fitted import fitted
+        from passerby.report.rig_plots import rig_from_above, rig_in_space
+
+        views = {"space": rig_in_space, "above": rig_from_above}
+        if view not in views:
+            raise InputError(f"view {view!r}: choose one of {', '.join(views)}")
+        contents = contents_of(self)
+        return Figure(views[view](contents, fitted(contents)))
+
+
+def contents_of(calibration: Calibration) -> Contents:
+    """The contents of a calibration that has just been made."""
+    scene = calibration.scene
+    told = {"scene_file": scene_file(scene.path)} | calibration_dict(calibration)
+    clocks = calibration.association.clocks if calibration.association else {}
+    named = {name: scene.resolve(table.video) for name, table in scene.cameras.items() if table.video is not None}
+    videos = {name: path for name, path in named.items() if path.is_file()}
+    seen = Observations(calibration.observations.cameras, calibration.observations.fps, dict(clocks))
+    return Contents(told, calibration.rig, seen, dict(clocks), videos)
+
+
+WORK = "passerby calibrate"
+
+WHOLE = "all other results in {0} are whole and can be used; `passerby report {0}` makes the report again"
+
+COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")
+"""Whose versions can change a figure."""
+
+
+def write_calibration(calibration: Calibration, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
+    """Write a calibration as `write_results` does, alone in its folder.
+
+    Raises `InputError` where the folder is not writable, or another process works in it.
+    """
+    with working_in(folder, WORK):
+        write_results(calibration, folder, report=report, progress=progress)
+
+
+def write_results(calibration: Calibration, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
+    """Write a calibration into a folder that is locked for this process.
+
+    Rig, tracks and `calibration.json`, which has the checksums of the others, change together: all or none. The report comes
+    last and can be made again from them; one of an earlier run does not stay beside new figures. The same input, seed and
+    libraries give the same bytes. Raises `InputError` where the folder is not writable.
+    """
+    seen = {camera.name: calibration.observations[camera.name] for camera in calibration.rig}
+    with together(folder, [REPORT_FILE, *_earlier_tracks(folder, seen)]) as new:
+        for name, people in seen.items():
+            _write_seen(new / TRACKS_FOLDER, name, people)
+        write_rig(new / RIG_FILE, calibration.rig)
+        content = {"scene_file": scene_file(calibration.scene.path), FILES: checksums(new)} | calibration_dict(calibration)
+        write_text(new / CALIBRATION_FILE, to_json(content))
+        forget_halves(folder / REPORT_FILE)
+    if report:
+        from passerby.calibration.calibration import contents_of
+        from passerby.report.page import write_report
+
+        try:
+            write_report(contents_of(calibration), folder / REPORT_FILE, progress)
+        except InputError as error:
+            raise InputError(f"{error}; {WHOLE.format(folder)}") from error
+        except Exception as error:
+            error.add_note(WHOLE.format(folder))
+            raise
+
+
+def _write_seen(folder: Path, name: str, seen: CameraObservations) -> None:
+    """A camera's boxes and joints, where there are any."""
+    if len(seen.boxes):
+        write_boxes(folder / f"{name}.txt", seen.boxes)
+    if len(seen.keypoints):
+        write_keypoints(folder / f"{name}.json", seen.keypoints)
+
+
+def _earlier_tracks(folder: Path, cameras: Iterable[str]) -> list[str]:
+    """The tracks of an earlier run: of these cameras, and those that its `calibration.json` tells of."""
+    ours = [f"{TRACKS_FOLDER}/{name}{ending}" for name in cameras for ending in (".txt", ".json")]
+    try:
+        told = json.loads((folder / CALIBRATION_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # none, or one that is broken
+        return ours
+    files = told.get(FILES) if isinstance(told, dict) else None
+    return ours + [name for name in files or () if name.startswith(f"{TRACKS_FOLDER}/") and name.count("/") == 1]
+
+
+def calibration_dict(calibration: Calibration) -> dict[str, Any]:
+    """A calibration as plain values for JSON, without wall times."""
+    scene, association, residual_px = calibration.scene, calibration.association, _residuals(calibration)
+    content: dict[str, Any] = plain(
+        {
+            "name": scene.name,
+            "passerby": __version__,
+            "versions": {name: _version(name) for name in COMPUTING_LIBRARIES},
+            "verdict": calibration.verdict,
+            "reasons": calibration.reasons,
+            "findings": calibration.findings,
+            "cameras": [
+                _camera(camera, calibration.observations[camera.name])
+                | {"median_residual_px": residual_px.get(camera.name)}
+                | _clock(calibration.association, camera.name)
+                for camera in calibration.rig
+            ],
+            **({"perception": calibration.perception} if calibration.perception else {}),
+            "association": {"mode": scene.association.mode} | (association.figures if association else {}),
+            "method": scene.solver.method,
+            "seed": calibration.seed,
+            "options": calibration.options,
+            "scene": scene.model_dump(mode="json", exclude_none=True),
+            "figures": calibration.figures,
+            **({"world": calibration.world} if calibration.world else {}),
+        }
+    )
+    return content
+
+
+def _camera(camera: Camera, seen: CameraObservations) -> dict[str, Any]:
+    people = np.unique(np.concatenate([seen.boxes.identity, seen.keypoints.identity]))
+    return {
+        "name": camera.name,
+        **pose_figures(camera),
+        "people": len(people[people > UNKNOWN]),
+        "boxes": len(seen.boxes),
+        "keypoints": len(seen.keypoints),
+    }
+
+
+def _residuals(calibration: Calibration) -> dict[str, float]:
+    """By camera: what the solver tells, or else the median reprojection error of box centres or joints, pixels."""
+    told = {one["name"]: one.get("median_residual_px") for one in calibration.figures.get("cameras", ())}
+    missing = [camera.name for camera in calibration.rig.posed() if told.get(camera.name) is None]
+    found = median_residuals(calibration.rig, calibration.instants) if missing else {}
+    return found | {name: value for name, value in told.items() if value is not None}
+
+
+def _clock(association: Association | None, name: str) -> dict[str, Any]:
+    """Frame f shows the world at (f - 1) / fps + time_offset_s, by the clock of the first registered camera."""
+    clock = association.clocks.get(name) if association else None
+    sigma = association.sigma_s.get(name) if association else None
+    return {
+        "fps": None if clock is None else clock.fps,
+        "time_offset_s": None if clock is None else clock.offset_s,
+        "time_offset_sigma_s": sigma,
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None

@@ -1,0 +1,276 @@
+"""One camera's files: read, checked against each other, and told about.
+
+*Faults* make an input unusable; *findings* are odd, but do not stop a calibration; *doubts* let no rig be accepted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Ints
+from passerby.common.errors import InputError
+from passerby.core.cameras import Lens
+from passerby.core.observations import UNKNOWN, Boxes, Keypoints
+from passerby.interchange.coco import read_keypoints
+from passerby.interchange.embeddings import read_embeddings
+from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.rig_toml import read_lens
+from passerby.interchange.storage.faults import faults_of
+from passerby.perception.video import VideoInfo, fit_of_size, probe
+from passerby.scene.camera_input import CameraReading
+from passerby.scene.doubled_rows import without_doubles
+from passerby.scene.intrinsics_checks import check_extents, check_principal_point
+from passerby.scene.scene import Scene
+
+T = TypeVar("T")
+
+SAME_RATE = 0.005
+"""30 and 29.97 frames per second differ by a thousandth: half a second in eight minutes."""
+SHORTEST, FRAMES_TO_TRACK = 3, 6
+"""Tracklets of fewer rows tell nobody's way. Where most ids are such, and there are so many frames, they were no tracklets."""
+
+
+def read_camera(scene: Scene, name: str) -> CameraReading:
+    """Read one camera's files; faults are gathered, not raised."""
+    table, given = scene.cameras[name], scene.association.given
+    reading = CameraReading(name, given, fps=scene.fps_of(name))
+
+    def path_of(path: Path | None) -> Path | None:
+        return None if path is None else scene.resolve(path)
+
+    reading.lens = _attempt(lambda path: read_lens(path, name), path_of(table.intrinsics), reading.faults)
+    if reading.lens is not None and table.focal_sd_percent is not None:
+        reading.lens = replace(reading.lens, focal_sd=table.focal_sd_percent / 100)
+    rows_of, joints_of = partial(read_boxes, doubles=True), partial(read_keypoints, doubles=True)
+    tracks = _attempt(rows_of, path_of(table.tracks), reading.faults)
+    detections = _attempt(rows_of, path_of(table.detections), reading.faults)
+    own, own_path = (tracks, table.tracks) if table.tracks is not None else (detections, table.detections)
+    looks = path_of(table.embeddings)
+    if looks is not None and own is not None and own_path is not None:
+        boxes, boxes_path = own, scene.resolve(own_path)
+        own = _attempt(lambda path: _with_embeddings(path, boxes_path, boxes), looks, reading.faults) or boxes
+    if own_path is not None and (table.tracks is not None or not given):
+        reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
+    reading.keypoints_path = path_of(table.keypoints)
+    reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
+    _settle_doubles(reading)
+    reading.video = _attempt(lambda path: _probed(path, name), path_of(table.video), reading.faults)
+    if reading.video is not None:
+        _check_video(scene, reading, reading.video)
+    reading.awaiting = table.watched
+    if reading.lens is not None:
+        check_principal_point(scene, reading, reading.lens)
+    _keep_used(scene, reading)
+    if not reading.awaiting:
+        _check_people(scene, reading)
+    return reading
+
+
+def reading_in_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraReading:
+    """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
+    reading = CameraReading(name, scene.association.given, lens, boxes, Path("boxes"), keypoints, fps=scene.fps_of(name))
+    reading.keypoints_path = Path("keypoints") if len(keypoints) else None
+    _settle_doubles(reading)
+    _keep_used(scene, reading)
+    check_principal_point(scene, reading, lens)
+    _check_people(scene, reading)
+    return reading
+
+
+def wants_video(scene: Scene, reading: CameraReading) -> bool:
+    """Whether something of a camera is still to be got from its video: its people, how they look, or their joints."""
+    if reading.video is None or reading.faults:
+        return False
+    return reading.awaiting or wants_looks(scene, reading) or wants_joints(scene, reading)
+
+
+def wants_looks(scene: Scene, reading: CameraReading) -> bool:
+    """Whether a camera's boxes lack embeddings that its video could give and the mode would use."""
+    useful = scene.association.mode in ("combined", "appearance") and scene.perception.embedder != "none"
+    return useful and reading.boxes.embedding is None and (reading.awaiting or len(reading.boxes) > 0)
+
+
+def wants_joints(scene: Scene, reading: CameraReading) -> bool:
+    """Whether a camera's boxes lack joints that are asked for."""
+    return scene.perception.keypoints != "none" and reading.keypoints_path is None
+
+
+def fill(scene: Scene, reading: CameraReading, boxes: Boxes, keypoints: Keypoints) -> None:
+    """Complete a reading by what was seen in its video; the boxes are those that were read where there were any."""
+    reading.boxes, path = boxes, reading.video.path if reading.video else None
+    if len(keypoints):
+        reading.keypoints, reading.keypoints_path = keypoints, path
+    if reading.awaiting:
+        reading.boxes_path, reading.awaiting = path, False
+        _keep_used(scene, reading)
+        _check_people(scene, reading)
+
+
+def _settle_doubles(reading: CameraReading) -> None:
+    """Each person once in a frame, in boxes and in joints."""
+    reading.boxes, boxes = without_doubles(reading.boxes)
+    reading.keypoints, joints = without_doubles(reading.keypoints)
+    for path, doubled in ((reading.boxes_path, boxes), (reading.keypoints_path, joints)):
+        if doubled is not None:
+            told = reading.faults if doubled.is_rule else reading.findings
+            told.append(doubled.sentence(f"{path}: camera {reading.name}"))
+
+
+def _keep_used(scene: Scene, reading: CameraReading) -> None:
+    """Leave out what the camera saw before `from_s` and after `until_s`."""
+    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
+    named = [key for key in ("from_s", "until_s") if getattr(table, key) is not None]
+    if not named or reading.faults:
+        return
+    if reading.fps is None:
+        reading.faults.append(f"{place} {named[0]}: its frame rate is not known: set fps there, or under [scene] set fps to it")
+        return
+    fps, first, last = reading.fps, table.from_s or 0.0, np.inf if table.until_s is None else table.until_s
+    before = reading.frames
+
+    def used(frame: Ints) -> NDArray[np.bool_]:
+        seconds = (frame - 1) / fps
+        return np.asarray((seconds >= first) & (seconds <= last))
+
+    reading.boxes = reading.boxes.take(used(reading.boxes.frame))
+    reading.keypoints = reading.keypoints.take(used(reading.keypoints.frame))
+    if len(before) and not reading.people:
+        seen = f"{(before[0] - 1) / fps:.1f} to {(before[-1] - 1) / fps:.1f} s"
+        told = " and ".join(f"{key} = {getattr(table, key):g}" for key in named)
+        reading.faults.append(f"{place} {told}: it saw people from {seen} only, nothing is left: check the seconds")
+
+
+def _check_people(scene: Scene, reading: CameraReading) -> None:
+    """What can be told of a camera whose people are known."""
+    (_check_identities if reading.given else _check_sources)(scene, reading)
+    if reading.lens is not None:
+        check_extents(scene, reading, reading.lens)
+
+
+def _check_video(scene: Scene, reading: CameraReading, video: VideoInfo) -> None:
+    """A video against the lens, and its rate against what the scene file says."""
+    place = f"{video.path}: camera {reading.name}"
+    if reading.lens is not None:
+        try:
+            if fit_of_size(video.size, reading.lens.size) == "cropped":
+                reading.findings.append(
+                    f"{place}: its pictures are {video.size[0]} x {video.size[1]}, the lens's {reading.lens.size[0]} x "
+                    f"{reading.lens.size[1]}: the last columns or rows are taken to be cut off, as codecs do"
+                )
+        except InputError as error:
+            intrinsics = scene.resolve(scene.cameras[reading.name].intrinsics)
+            reading.faults.append(f"{place}: {error} (the lens is in {intrinsics}, [{reading.name}])")
+    if reading.fps is None or video.variable:
+        if reading.fps is not None:
+            reading.findings.append(f"{place}: the pictures' own times are used, since they come at a variable rate, not fps")
+        reading.fps = video.clock_fps
+    elif abs(reading.fps / video.clock_fps - 1) > SAME_RATE:
+        reading.findings.append(
+            f"{place}: the video says {video.clock_fps:g} frames per second, the scene file {reading.fps:g}: the scene file "
+            "is believed"
+        )
+
+
+def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) -> T | None:
+    """What `read` makes of the file, or None with its faults added."""
+    if path is None:
+        return None
+    try:
+        return read(path)
+    except InputError as error:
+        faults += faults_of(error)
+        return None
+
+
+def _probed(path: Path, name: str) -> VideoInfo:
+    """What a video tells of itself; an `InputError` names its camera."""
+    try:
+        return probe(path)
+    except InputError as error:
+        raise of_video(error, name) from None
+
+
+def of_video(error: InputError, name: str) -> InputError:
+    """An error with a video, with its camera."""
+    return InputError(f"{error} (the video of camera {name})")
+
+
+def _with_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
+    """The boxes with the embeddings of a file, row by row. Raises `InputError` where the rows do not belong together."""
+    found = read_embeddings(path)
+    if len(found) != len(boxes):
+        raise InputError(
+            f"{path}: {len(found)} embeddings for {len(boxes)} boxes: give one row for each row of {boxes_path}, in its order"
+        )
+    if found.frame is not None and (found.frame != boxes.frame).any():
+        row = int(np.flatnonzero(found.frame != boxes.frame)[0])
+        raise InputError(
+            f"{path}: row {row + 1} is of frame {found.frame[row]}, but that row of {boxes_path} is of frame "
+            f"{boxes.frame[row]}: give the rows in the order of that file"
+        )
+    return replace(boxes, embedding=found.vectors)
+
+
+def _check_sources(scene: Scene, reading: CameraReading) -> None:
+    """All modes but "given": anything will do, even nothing."""
+    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
+    if table.tracks is not None and table.detections is not None:
+        reading.findings.append(f"{place} detections are not used, since there are tracks")
+    if not reading.people and not reading.faults:
+        why = "nobody was found in its video" if table.watched else "its files have no rows"
+        reading.findings.append(f"{place} camera {reading.name} saw nobody: {why}, it cannot be calibrated")
+    for path, name in ((reading.boxes_path, "boxes"), (reading.keypoints_path, "keypoints")):
+        part: Boxes | Keypoints = getattr(reading, name)
+        short = _rows_of_short_tracklets(part)
+        if short > 0.5 * len(part) and len(reading.frames) >= FRAMES_TO_TRACK:
+            setattr(reading, name, replace(part, identity=np.full(len(part), UNKNOWN)))
+            reading.findings.append(
+                f"{path}: camera {reading.name}: {short} of {len(part)} rows have an id that stands in fewer than "
+                f"{SHORTEST} rows: such ids are no tracklets, all rows are taken as detections"
+            )
+
+
+def _rows_of_short_tracklets(part: Boxes | Keypoints) -> int:
+    """How many rows have an id that hardly any other row has."""
+    known = part.identity[part.identity > UNKNOWN]
+    _, count = np.unique(known, return_counts=True)
+    return int(count[count < SHORTEST].sum())
+
+
+def _check_identities(scene: Scene, reading: CameraReading) -> None:
+    """Mode "given": people need identities."""
+    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
+    if table.tracks is None and table.keypoints is None:
+        reading.faults.append(
+            f'{place} has only detections, which carry no identities: mode "given" needs `tracks` or `keypoints` with '
+            'identities that are the same in all cameras; mode "combined" finds them'
+        )
+        return
+    for key, path in (("detections", table.detections), ("embeddings", table.embeddings)):
+        if path is not None:
+            reading.findings.append(f'{place} {key} are not used in mode "given"')
+    for path, part, key in (
+        (reading.boxes_path, reading.boxes, "id"),
+        (reading.keypoints_path, reading.keypoints, "track_id"),
+    ):
+        if path is None:
+            continue
+        unknown = int((part.identity == UNKNOWN).sum())
+        if len(part) and unknown == len(part):
+            reading.faults.append(
+                f'{path}: camera {reading.name}: no row has an identity ({key}): mode "given" needs them, '
+                'the same number for the same person in all cameras; mode "combined" finds them'
+            )
+        elif unknown:
+            reading.findings.append(
+                f"{path}: camera {reading.name}: {unknown} of {len(part)} rows have no identity and are not used"
+            )
+        elif not len(part) and not reading.faults:
+            reading.findings.append(f"{path}: camera {reading.name} saw nobody: the file has no rows")

@@ -1,0 +1,53 @@
+"""Faults of what `[world]` names: files, points and cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from passerby.common.errors import InputError
+from passerby.common.text import nearest
+from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.world_files import read_known_points, read_known_positions
+from passerby.scene.scene import Scene
+
+
+def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str]:
+    """What is wrong with the files that `[world]` names, one line each.
+
+    Args:
+        scene: names the files.
+        sizes: camera -> (width, height) of its picture, pixels.
+    """
+    files = _files(scene)
+    try:
+        if files["points"] is not None:
+            path = scene.resolve(files["points"])
+            points = read_known_points(path)
+            marks = [(point.name, name, pixel) for point in points for name, pixel in point.pixels.items()]
+            return [
+                f"{path}: point {point} in camera {name}: ({u:g}, {v:g}) lies outside its {sizes[name][0]} x {sizes[name][1]} "
+                "picture: give pixels of that picture"
+                for point, name, (u, v) in marks
+                if name in sizes and not (0 <= u <= sizes[name][0] and 0 <= v <= sizes[name][1])
+            ] + _unknown(scene, path, [name for _, name, _ in marks])
+        if files["positions"] is not None:
+            path = scene.resolve(files["positions"])
+            return _unknown(scene, path, [known.camera for known in read_known_positions(path)[0]])
+    except InputError as error:
+        return list(faults_of(error))
+    return []
+
+
+def _files(scene: Scene) -> dict[str, Path | None]:
+    """What `[world]` names, as it stands in the scene file."""
+    return {"points": scene.world.points if scene.world else None, "positions": scene.world.positions if scene.world else None}
+
+
+def _unknown(scene: Scene, path: Path, names: list[str]) -> list[str]:
+    """Cameras that the scene does not declare."""
+    return [
+        f"{path}: camera '{name}' is not declared in {scene.place}: {nearest(name, list(scene.cameras))}"
+        for name in dict.fromkeys(names)
+        if name not in scene.cameras
+    ]
