@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-import passerby.calibration.camera_motion as moved_cameras
-import passerby.calibration.pipeline as pipeline
+import passerby.calibration.camera_motion as camera_motion
+import passerby.calibration.scene_solver as scene_solver
 import passerby.solver.initialisation as stages
 import passerby.solver.people as people
 from passerby.association.clocks.drift import Drift
 from passerby.association.result import Association
-from passerby.calibration.camera_motion import Moved, steadied
-from passerby.calibration.clock_skew import rated
+from passerby.calibration.camera_motion import DetectedMotion, MotionRepair
+from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, find_clock_skew
 from passerby.calibration.diagnostics.pose_change import Change
+from passerby.calibration.estimation import Estimate
 from passerby.calibration.in_memory import calibrate_observations
+from passerby.calibration.repairs import Repair, apply_repairs
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import Clock
@@ -97,7 +99,7 @@ def test_a_refused_solve_in_any_round_is_a_refusal(
     rounds = 0
     while True:
         solver = Solver(simulated.rig, rounds)
-        monkeypatch.setattr(pipeline, "_solve", solver)
+        monkeypatch.setattr(scene_solver, "solve_scene", solver)
         found = calibrate_observations(
             simulated.rig, boxes, fps=5.0, association=association, solver=table, world={"camera": "C1", "towards": "C2"}
         )
@@ -120,24 +122,25 @@ def inputs() -> SceneInputs:
     return SceneInputs(without_poses(seen.rig), replace(seen.observations, clocks=clocks), ())
 
 
-def in_turn(first: tuple[Solution, Association], refusals: Callable[[], Association]) -> Callable[..., Any]:
-    answers: Iterator[tuple[Solution, Association]] = iter([first])
+def in_turn(first: Estimate, refusals: Callable[[], Association]) -> Callable[[SceneInputs], Estimate]:
+    answers: Iterator[Estimate] = iter([first])
 
-    def solve(given: SceneInputs) -> tuple[Solution, Association]:
-        return next(answers, (refused(given.rig), refusals()))
+    def estimate(given: SceneInputs) -> Estimate:
+        return next(answers, None) or Estimate(refused(given.rig), refusals())
 
-    return solve
+    return estimate
 
 
 def test_a_solve_that_is_refused_after_a_clock_was_corrected() -> None:
     whole = inputs()
     seen = whole.observations
     drifts = {name: Drift(rate, 1e-5, 8.0) for name, rate in zip(whole.rig.names, (0.0, 0.02, 0.0), strict=True)}
-    first = Solution("people", SCENES[True].rig, "accepted"), Association(seen, seen, seen.clocks, drifts=drifts)
-    solution, association = rated(whole, in_turn(first, lambda: Association(seen, seen, seen.clocks)))
-    assert solution.verdict == "refused"
-    assert solution.figures["clock_rates"] == {}
-    assert association.drifts == {}
+    first = Estimate(Solution("people", SCENES[True].rig, "accepted"), Association(seen, seen, seen.clocks, drifts=drifts))
+    estimates = in_turn(first, lambda: Association(seen, seen, seen.clocks))
+    repaired = apply_repairs(whole, estimates, [Repair(find_clock_skew, MOST_CORRECTIONS)])
+    assert repaired.estimate.solution.verdict == "refused"
+    assert len(repaired.corrections) == 1
+    assert clock_rate_figures(whole, repaired.inputs, repaired.estimate) == {}
 
 
 @pytest.mark.parametrize("given", [False, True])
@@ -147,12 +150,14 @@ def test_a_solve_that_is_refused_after_a_move_was_left_out(given: bool, monkeypa
     assert pose is not None
     other = Pose.from_centre(pose.R_cw, pose.centre + 1.0)
     change = Change(20, 40, False, True, pose, other, 99.0, 99.0, 0.5, (50, 50), (1.0, 1.0))
-    real, found = moved_cameras._most_certain, iter([Moved("C2", 20, 40, 5.0, change)])
-    monkeypatch.setattr(moved_cameras, "_most_certain", lambda *args: next(found, None) or real(*args))
-    first = Solution("people", SCENES[True].rig, "accepted"), Association(seen, seen, seen.clocks)
-    steady = steadied(whole, in_turn(first, lambda: Association(seen, seen, seen.clocks)), given=given, body_m=1.72)
-    assert steady.solution.verdict == "refused"
-    assert [one.camera for one in steady.moved] == ["C2"]
+    real, found = camera_motion._most_certain, iter([DetectedMotion("C2", 20, 40, 5.0, change)])
+    monkeypatch.setattr(camera_motion, "_most_certain", lambda *args: next(found, None) or real(*args))
+    first = Estimate(Solution("people", SCENES[True].rig, "accepted"), Association(seen, seen, seen.clocks))
+    motion = MotionRepair(whole, given, 1.72)
+    estimates = in_turn(first, lambda: Association(seen, seen, seen.clocks))
+    repaired = apply_repairs(whole, estimates, [Repair(motion, len(whole.rig))])
+    assert repaired.estimate.solution.verdict == "refused"
+    assert [one.camera for one in motion.measured_again(repaired.corrections, repaired.estimate)] == ["C2"]
 
 
 def test_lenses_from_which_no_first_guess_can_be_made_anew_leave_a_doubtful_rig(monkeypatch: pytest.MonkeyPatch) -> None:

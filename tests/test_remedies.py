@@ -18,7 +18,8 @@ from documentation import DOCS, ROOT
 from filmed import film, puppets, scene_file, write_video
 from filmed import pictures as pictures_of
 from model_server import BODY, entry, keep_to, know_only
-from passerby.calibration.pipeline import calibrate, solver_options
+from passerby.calibration.pipeline import calibrate
+from passerby.calibration.scene_solver import solver_options
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.perception.plan import keypoints_to_be_had

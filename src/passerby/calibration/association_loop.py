@@ -36,9 +36,9 @@ class Solve(Protocol):
     """Solves a rig."""
 
     def __call__(
-        self, instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool, refine_time: bool
+        self, synchronised: Observations, guesses: Sequence[PairHypothesis], *, passing: bool, refine_time: bool
     ) -> Solution:
-        """The rig from people at common instants, refused where the evidence does not do.
+        """The rig from people at common time steps, refused where the evidence does not do.
 
         A passing one may rest on a part of the evidence; the clocks' errors are unknowns of it where they are refined.
         """

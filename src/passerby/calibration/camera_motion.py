@@ -1,10 +1,10 @@
-"""Cameras that were moved while they filmed: found after the solve, what they saw from elsewhere left out, solved again."""
+"""Cameras that were moved while they filmed: what they saw from elsewhere is left out of the inputs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,15 @@ from numpy.typing import NDArray
 
 from passerby.association.result import Association
 from passerby.calibration.diagnostics.pose_change import Change, Matched, find_change, matched, resected
+from passerby.calibration.estimation import Estimate
+from passerby.calibration.repairs import Correction
 from passerby.common.arrays import Bools, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, common_instants
 from passerby.interchange.storage.toml_text import key
 from passerby.people.body_centres import Middles, identified_middles, middles_of, people_without
 from passerby.scene.inputs import SceneInputs
-
-Solve = Callable[[SceneInputs], tuple[Solution, Association]]
 
 MARGIN_S = 0.5
 """So much is left out on both sides of a move: when it was is known to a few samples."""
@@ -30,7 +29,7 @@ ON_A_FRAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class DetectedMotion:
     """A camera that stood elsewhere for a part of its recording."""
 
     camera: str
@@ -95,53 +94,44 @@ class Moved:
 
 
 @dataclass(frozen=True, eq=False)
-class Steadied:
-    """A solution without what cameras saw from elsewhere."""
+class MotionCorrection(Correction):
+    """Inputs without what one camera saw from elsewhere."""
 
-    solution: Solution
-    association: Association
-    moved: tuple[Moved, ...] = field(default=())
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """What is told of the moves."""
-        return tuple(one.reason for one in self.moved)
+    motion: DetectedMotion
 
 
-def steadied(inputs: SceneInputs, solve: Solve, *, given: bool, body_m: float) -> Steadied:
-    """Solve; while a camera is found to have moved, leave out what it saw from elsewhere, and solve again.
+@dataclass(frozen=True)
+class MotionRepair:
+    """Leaves out what a camera saw while it stood elsewhere."""
 
-    Args:
-        inputs: all that was seen.
-        solve: makes a rig of it.
-        given: whether the identities were given.
-        body_m: typical standing height, metres.
-    """
-    solution, association = solve(inputs)
-    used, moved = inputs, []
-    for _ in inputs.rig:
-        one = _most_certain(used, solution, association, given, body_m)
-        if one is None:
-            break
-        moved.append(one)
-        used = replace(used, observations=_without(used.observations, one))
-        solution, association = solve(used)
-    told = tuple(_measured_again(one, inputs, solution, association, given, body_m) for one in moved)
-    figures = solution.figures | {"moved": [one.figures for one in told]}
-    return Steadied(replace(solution, figures=figures), association, told)
+    stated: SceneInputs
+    """As they were read, with the frame rates that a scene file's seconds count in."""
+    identities_known: bool
+    person_height_m: float
+    """Mean standing height."""
+
+    def __call__(self, inputs: SceneInputs, estimate: Estimate) -> MotionCorrection | None:
+        """Find the camera whose motion explains most of what does not fit; None where none moved."""
+        motion = _most_certain(inputs, estimate, self)
+        if motion is None:
+            return None
+        return MotionCorrection(replace(inputs, observations=_without(inputs.observations, motion)), motion)
+
+    def measured_again(self, corrections: Sequence[Correction], repaired: Estimate) -> tuple[DetectedMotion, ...]:
+        """The motions that were left out, each as large as it is by the final rig."""
+        found = [one for one in corrections if isinstance(one, MotionCorrection)]
+        return tuple(_measured_again(one.motion, self.stated, repaired, self) for one in found)
 
 
-def _most_certain(
-    inputs: SceneInputs, solution: Solution, association: Association, given: bool, body_m: float
-) -> Moved | None:
-    """The camera whose move explains most of what does not fit; others may look moved because of it."""
-    rig = solution.rig
+def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedMotion | None:
+    """The camera whose motion explains most of what does not fit; others may look moved because of it."""
+    rig, association = estimate.solution.rig, estimate.association
     middles = identified_middles(rig, association.instants)
     best: tuple[float, int, Change] | None = None
     for c, camera in enumerate(rig):
         if camera.pose is None:
             continue
-        m = _matched(c, rig, middles, inputs.observations, association, given, body_m)
+        m = _matched(c, rig, middles, inputs.observations, association, repair)
         change = find_change(m, camera.pose, association.instants.fps or USUAL_FPS)
         if change is not None and change.sure and (best is None or change.gain > best[0]):
             best = change.gain, c, change
@@ -152,25 +142,26 @@ def _most_certain(
     either = next(other for other in posed if other != name) if len(posed) == 2 else None
     own = _own_frames(name, np.array([change.first, change.last]), inputs.observations, association)
     frames = _all_frames(inputs.observations[name])
-    clock = inputs.observations.clocks.get(name)
-    fps = clock.fps if clock is not None else inputs.observations.fps
+    clock = repair.stated.observations.clocks.get(name)
+    fps = clock.fps if clock is not None else repair.stated.observations.fps
     first = int(frames[0]) if change.at_start else int(np.ceil(own[0]))
     last = int(frames[-1]) if change.at_end else int(np.floor(own[1]))
-    return Moved(name, first, last, fps, change, either)
+    return DetectedMotion(name, first, last, fps, change, either)
 
 
 def _matched(
-    c: int, rig: Rig, middles: list[Middles | None], observations: Observations, association: Association, given: bool,
-    body_m: float,
+    c: int, rig: Rig, middles: list[Middles | None], observations: Observations, association: Association,
+    repair: MotionRepair,
 ) -> Matched:  # fmt: skip
     """All that a camera saw, with where the others see the people.
 
     Where identities were found, sightings from elsewhere lost theirs, or never had one: each may show anybody.
     """
     camera, own = rig.cameras[c], middles[c]
-    if not given or own is None:
+    known, height_m = repair.identities_known, repair.person_height_m
+    if not known or own is None:
         own = middles_of(_at_instants(camera.name, observations, association, rig), camera)
-    return matched(own, people_without(c, rig, middles, body_m), body_m, given=given)
+    return matched(own, people_without(c, rig, middles, height_m), height_m, given=known)
 
 
 def _at_instants(name: str, observations: Observations, association: Association, rig: Rig) -> CameraObservations:
@@ -212,7 +203,7 @@ def _all_frames(seen: CameraObservations) -> Ints:
     return np.unique(np.concatenate([seen.boxes.frame, seen.keypoints.frame]))
 
 
-def _without(observations: Observations, moved: Moved) -> Observations:
+def _without(observations: Observations, moved: DetectedMotion) -> Observations:
     """The observations without what a camera saw from elsewhere, and for a moment before and after."""
     margin = MARGIN_S * (moved.fps or USUAL_FPS)
     seen = observations[moved.camera]
@@ -224,15 +215,14 @@ def _without(observations: Observations, moved: Moved) -> Observations:
     return replace(observations, cameras={**observations.cameras, moved.camera: rest})
 
 
-def _measured_again(
-    moved: Moved, inputs: SceneInputs, solution: Solution, association: Association, given: bool, body_m: float
-) -> Moved:
-    """The size of a move by the rig that is right, in place of the one that the move has bent."""
+def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedMotion:
+    """The size of a motion by the rig that is right, in place of the one that the motion has bent."""
+    solution, association = estimate.solution, estimate.association
     c = solution.rig.names.index(moved.camera)
     pose = solution.rig.cameras[c].pose
     if pose is None:
         return moved
-    if given:
+    if repair.identities_known:
         # The instants at hand lack what was left out.
         seen = inputs.observations
         clocks = {name: _clock(name, seen, association) for name in seen.cameras}
@@ -241,7 +231,7 @@ def _measured_again(
     else:
         everything = association.instants
     middles = identified_middles(solution.rig, everything)
-    m = _matched(c, solution.rig, middles, inputs.observations, association, given, body_m)
+    m = _matched(c, solution.rig, middles, inputs.observations, association, repair)
     own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
     part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
     if len(part) < 10:

@@ -1,30 +1,28 @@
-"""`[solver] refine = ["clock_rate"]`: clocks that drift, set right by the people; solved again until they keep step."""
+"""`[solver] refine = ["clock_rate"]`: frame rates that are wrong, corrected by the drift of the people's times."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from passerby.association.clocks.drift import Drift
-from passerby.association.result import Association
+from passerby.calibration.estimation import Estimate
+from passerby.calibration.repairs import Correction
 from passerby.core.observations import Clock
-from passerby.core.solution import Solution
 from passerby.scene.inputs import SceneInputs
 
-Solve = Callable[[SceneInputs], tuple[Solution, Association]]
-
-MOST_ROUNDS = 6
-"""A drift of 4 % settles in three or four: each solve sees the rest of it the better."""
+MOST_CORRECTIONS = 6
+"""A drift of 4 % settles in three or four: each estimate shows the rest of it the better."""
 SETTLED_SIGMAS, SETTLED_S = 8.0, 0.04
 """A drift below so many of its sigmas, or of so little over the recording, is none: sound clocks seem to drift by as much."""
 SYSTEMATIC, SYSTEMATIC_S = 2.0, 0.02
 """What a fitted rate is off by: so many times the scatter of the people's ways, and so much over the recording."""
 
 
-def rate_findings(figures: Mapping[str, Any]) -> tuple[str, ...]:
-    """What is told of the rates that were changed."""
+def clock_skew_findings(figures: Mapping[str, Any]) -> tuple[str, ...]:
+    """The rates that were changed, a sentence each."""
     return tuple(
         f"the clock of {name} was fitted: {rate['fps']:.6g} frames per second (sigma {rate['sigma']:.1g}) in place of the "
         f"stated {rate['stated']:.6g}"
@@ -33,31 +31,24 @@ def rate_findings(figures: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def rated(inputs: SceneInputs, solve: Solve) -> tuple[Solution, Association]:
-    """Solve, correct the frame rates by the drifts that are left, and solve again until none is.
-
-    Args:
-        inputs: all that was seen; where no frame rate is known, nothing is fitted.
-        solve: makes a rig of it.
-    """
-    solution, association = solve(inputs)
-    stated = _clocks(inputs)
-    if not stated:
-        return solution, association
-    for _ in range(MOST_ROUNDS):
-        rest = {name: drift for name, drift in against_one(association.drifts).items() if not _settled(drift)}
-        if not rest:
-            break
-        clocks = _clocks(inputs)
-        clocks |= {name: replace(clocks[name], fps=clocks[name].fps / (1 - drift.rate)) for name, drift in rest.items()}
-        inputs = replace(inputs, observations=replace(inputs.observations, clocks=clocks))
-        solution, association = solve(inputs)
+def find_clock_skew(inputs: SceneInputs, estimate: Estimate) -> Correction | None:
+    """Correct the frame rates by the drifts that an estimate shows; None where no rate is known, or none drifts any more."""
     clocks = _clocks(inputs)
-    rates = {
-        name: {"fps": clocks[name].fps, "stated": stated[name].fps, "sigma": _sigma(drift) * clocks[name].fps}
-        for name, drift in association.drifts.items()
+    rest = {name: drift for name, drift in against_one(estimate.association.drifts).items() if not _settled(drift)}
+    if not clocks or not rest:
+        return None
+    clocks |= {name: replace(clocks[name], fps=clocks[name].fps / (1 - drift.rate)) for name, drift in rest.items()}
+    return Correction(replace(inputs, observations=replace(inputs.observations, clocks=clocks)))
+
+
+def clock_rate_figures(stated: SceneInputs, corrected: SceneInputs, estimate: Estimate) -> dict[str, Any]:
+    """JSON-ready, by camera: the fitted rate, the stated one, and the fitted one's sigma, frames per second."""
+    before, after = _clocks(stated), _clocks(corrected)
+    return {
+        name: {"fps": after[name].fps, "stated": before[name].fps, "sigma": _sigma(drift) * after[name].fps}
+        for name, drift in estimate.association.drifts.items()
+        if name in before
     }
-    return replace(solution, figures=solution.figures | {"clock_rates": rates}), association
 
 
 def against_one(drifts: Mapping[str, Drift]) -> dict[str, Drift]:

@@ -2,54 +2,37 @@
 
 from __future__ import annotations
 
-import difflib
 import time
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, fields, replace
-from functools import partial
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
 from threadpoolctl import threadpool_limits
 
 from passerby.association.result import Association
 from passerby.calibration.alignment.scene_world import in_world
-from passerby.calibration.association_loop import AssociationOptions, solve_unidentified
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.camera_motion import steadied
-from passerby.calibration.clock_skew import rate_findings, rated
+from passerby.calibration.camera_motion import DetectedMotion, MotionRepair
+from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, clock_skew_findings, find_clock_skew
 from passerby.calibration.diagnostics.ground_planarity import ground_figures, shape_of, told_of_ground
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
-from passerby.calibration.temporal_calibration import association_in_step, solve_with_clocks
-from passerby.common.errors import EvidenceError, InputError
+from passerby.calibration.estimation import Estimator
+from passerby.calibration.repairs import Repair, Repaired, apply_repairs
+from passerby.calibration.scene_solver import solver_options
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
-from passerby.core.observations import Observations
-from passerby.core.overlap import connected_groups, missing_overlap, shared_people
 from passerby.core.solution import Solution
-from passerby.core.synchronisation import clocks_of, common_instants
-from passerby.geometry.relative_pose import PairHypothesis
+from passerby.people.ground_shape import GroundShape
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import Videos, joints_remedy
-from passerby.solver.lens_unknowns import LENS_PARTS
-from passerby.solver.people import PeopleOptions, solve_people
 from passerby.solver.refined_lenses import lens_notes
-
-if TYPE_CHECKING:
-    from passerby.solver.geopose.geopose import GeoPoseOptions
-
-
-PASSING_SIGHTINGS = 8000
-"""Sightings in the solutions between two rounds of association: enough to place people to a fraction of their width."""
-PASSING_TOLERANCE = 1e-5
-"""Relative gain at which such a solution ends: the digits beyond are the last solution's business."""
 
 
 def calibrate(
@@ -98,39 +81,29 @@ def calibrate(
 def calibrate_inputs(
     scene: Scene, inputs: SceneInputs, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None
 ) -> Calibration:
-    """Calibrate from inputs that were read; arguments and errors as of `calibrate`."""
+    """Calibrate from inputs that were read; arguments and errors as of `calibrate`.
+
+    An estimate is six solves at most (`Estimator`). There is one, and one more for each correction: as many as there are
+    cameras (`MotionRepair`), and six of clock rates where these are refined. The check of picture sizes adds one solve for each
+    camera whose people keep to a part of the picture, and one.
+    """
     tell = progress or silent
     began = time.perf_counter()
-    options = solver_options(scene)
+    estimator = Estimator(scene, solver_options(scene), seed, tell, executor)
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
-        given, body_m = scene.association.given, scene.scale.person_height_m
-
-        def solve(inputs: SceneInputs) -> tuple[Solution, Association]:
-            return _solved(scene, inputs, options, np.random.default_rng(seed), tell, executor)
-
-        in_step = partial(rated, solve=solve) if "clock_rate" in scene.solver.refine else solve
-        steady = steadied(inputs, in_step, given=given, body_m=body_m)
-        association = steady.association
-        shape = shape_of(steady.solution, association.instants, body_m)
-        tilt_known = scene.world is not None and scene.world.tilt
-        uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
-        found = replace(steady.solution, figures=steady.solution.figures | {"ground": ground_figures(shape)})
-        placed = in_world(scene, found)
-        basis, grown = _scale_of(scene, found, placed.rig)
-        tall = doubts_of_heights(found.figures.get("people", {}).get("heights_m"), grown, body_m) if grown != 1.0 else ()
-        sizes = doubts_of_smaller_pictures(
-            inputs.rig,
-            inputs.observations,
-            found,
-            lambda rig: _solve(scene, rig, association.instants, options, np.random.default_rng(seed)),
-        )
-        places = doubts_of_same_place(found.rig, inputs.observations)
-        doubts = (*inputs.doubts, *places, *sizes, *steady.reasons, *association.notes, *uneven, *tall)
-        why = association.lost
-        solution = judged(found, association.instants, given=given, why=why, doubts=doubts, basis=basis, grown=grown)
+        motion = MotionRepair(inputs, scene.association.given, scene.scale.person_height_m)
+        repairs = [Repair(find_clock_skew, MOST_CORRECTIONS)] if "clock_rate" in scene.solver.refine else []
+        repaired = apply_repairs(inputs, estimator, [*repairs, Repair(motion, len(inputs.rig))])
+        motions = motion.measured_again(repaired.corrections, repaired.estimate)
+        association = repaired.estimate.association
+        shape = shape_of(repaired.estimate.solution, association.instants, scene.scale.person_height_m)
+        solution = _with_figures(scene, inputs, repaired, motions, shape)
+        placed = in_world(scene, solution)
+        doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
+        solution = _decided(scene, solution, association, doubts, placed.rig)
     solved = time.perf_counter()
-    refined = (*lens_notes(solution.figures), *rate_findings(solution.figures), *ground)
+    refined = (*lens_notes(solution.figures), *clock_skew_findings(solution.figures), *ground)
     for note in (
         *refined,
         *association.findings,
@@ -145,7 +118,7 @@ def calibrate_inputs(
         reasons=solution.reasons,
         observations=association.observations,
         seed=seed,
-        options=asdict(options),
+        options=asdict(estimator.options),
         figures=placed.figures,
         findings=(*inputs.findings, *association.findings, *refined, *placed.findings),
         association=association,
@@ -153,6 +126,43 @@ def calibrate_inputs(
         world=placed.world,
         seconds={"solving": solved - began},
     )
+
+
+def _with_figures(
+    scene: Scene, inputs: SceneInputs, repaired: Repaired, motions: Sequence[DetectedMotion], shape: GroundShape | None
+) -> Solution:
+    """The solution, its figures with those of the repairs and of the ground."""
+    solution = repaired.estimate.solution
+    figures: dict[str, Any] = {"moved": [one.figures for one in motions], "ground": ground_figures(shape)}
+    if "clock_rate" in scene.solver.refine and (inputs.observations.clocks or inputs.observations.fps is not None):
+        figures["clock_rates"] = clock_rate_figures(inputs, repaired.inputs, repaired.estimate)
+    return replace(solution, figures=solution.figures | figures)
+
+
+def _doubts(
+    scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, motions: Sequence[DetectedMotion],
+    shape: GroundShape | None, estimator: Estimator,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:  # fmt: skip
+    """What speaks against relying on the solution, and what is only to be noted of the ground."""
+    tilt_known = scene.world is not None and scene.world.tilt
+    uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
+    sizes = doubts_of_smaller_pictures(
+        inputs.rig, inputs.observations, solution, lambda rig: estimator.solver(rig)(association.instants)
+    )
+    places = doubts_of_same_place(solution.rig, inputs.observations)
+    moved = (one.reason for one in motions)
+    return (*inputs.doubts, *places, *sizes, *moved, *association.notes, *uneven), ground
+
+
+def _decided(scene: Scene, solution: Solution, association: Association, doubts: Sequence[str], placed: Rig) -> Solution:
+    """The solution with the verdict on it."""
+    basis, grown = _scale_of(scene, solution, placed)
+    heights = solution.figures.get("people", {}).get("heights_m")
+    tall = doubts_of_heights(heights, grown, scene.scale.person_height_m) if grown != 1.0 else ()
+    return judged(
+        solution, association.instants, given=scene.association.given, why=association.lost, doubts=(*doubts, *tall),
+        basis=basis, grown=grown,
+    )  # fmt: skip
 
 
 def _scale_of(scene: Scene, found: Solution, placed: Rig) -> tuple[ScaleBasis, float]:
@@ -174,91 +184,3 @@ def _amount(inputs: SceneInputs) -> str:
     boxes = sum(len(seen[name].boxes) for name in inputs.rig.names)
     joints = sum(len(seen[name].keypoints) for name in inputs.rig.names)
     return f"{len(inputs.rig)} cameras, {boxes} boxes" + (f", {joints} bodies of joints" if joints else "")
-
-
-def solver_options(scene: Scene) -> PeopleOptions | GeoPoseOptions:
-    """The options dataclass of the scene's method. Raises `InputError` for a key or a value that it does not take."""
-    chosen = dict(scene.solver.options)
-    if lenses := tuple(part for part in LENS_PARTS if part in scene.solver.refine):
-        chosen.setdefault("refine_lens", lenses)
-    if scene.solver.method == "geopose":
-        chosen["reference"] = scene.solver.reference
-        if "person_height_m" in scene.scale.model_fields_set:
-            chosen.setdefault("person_height_m", scene.scale.person_height_m)
-    kind = _options_type(scene.solver.method)
-    known = [option.name for option in fields(kind)]
-    for key in chosen:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-            mend = f"did you mean '{close[0]}'?" if close else f"method {scene.solver.method} has {', '.join(known)}"
-            raise InputError(f"{scene.place}: [solver.options]: unknown key '{key}': {mend}")
-    try:
-        return TypeAdapter(kind).validate_python(chosen)
-    except ValidationError as error:
-        fault = error.errors()[0]
-        raise InputError(
-            f"{scene.place}: [solver.options] {'.'.join(map(str, fault['loc']))} is {fault['input']!r}: {fault['msg']}"
-        ) from None
-    except InputError as error:
-        raise InputError(f"{scene.place}: [solver.options]: {error}") from None
-
-
-def _options_type(method: str) -> type[PeopleOptions] | type[GeoPoseOptions]:
-    if method == "geopose":
-        from passerby.solver.geopose.geopose import GeoPoseOptions
-
-        return GeoPoseOptions
-    return PeopleOptions
-
-
-def _solved(
-    scene: Scene, inputs: SceneInputs, options: Any, rng: np.random.Generator, tell: Progress, executor: Executor | None
-) -> tuple[Solution, Association]:
-    """Who is who, and the rig."""
-    rig, seen = inputs.rig, inputs.observations
-    search_s, body_m = scene.association.search_s if seen.clocks else 0.0, scene.scale.person_height_m
-    if scene.association.given and search_s == 0:
-        instants = _synchronised(rig, seen)
-        tell("solving")
-        solution = _solve(scene, rig, instants, options, rng)
-        return solution, association_in_step(rig, seen, instants, solution)
-
-    def solve(instants: Observations, guesses: Sequence[PairHypothesis], *, passing: bool, refine_time: bool) -> Solution:
-        chosen = options
-        if isinstance(options, PeopleOptions):
-            chosen = replace(options, refine_time=options.refine_time or refine_time)
-            if passing:
-                sightings, tolerance = min(chosen.max_sightings, PASSING_SIGHTINGS), max(chosen.tolerance, PASSING_TOLERANCE)
-                chosen = replace(chosen, max_sightings=sightings, tolerance=tolerance)
-        return _solve(scene, rig, instants, chosen, rng, guesses)
-
-    if scene.association.given:
-        return solve_with_clocks(rig, seen, search_s, body_m, solve, rng, tell=tell, executor=executor)
-    wanted = AssociationOptions(scene.association.mode, search_s, body_m)
-    return solve_unidentified(rig, seen, wanted, solve, rng, tell=tell, executor=executor)
-
-
-def _synchronised(rig: Rig, seen: Observations) -> Observations:
-    """The people at common time steps, by the clocks as they are stated."""
-    sizes = {camera.name: camera.lens.size for camera in rig}
-    found = common_instants(seen, clocks_of(seen, rig.names), sizes=sizes)
-    return found if seen.clocks or seen.fps else replace(found, fps=None)
-
-
-def _solve(
-    scene: Scene, rig: Rig, instants: Observations, options: Any, rng: np.random.Generator,
-    guesses: Sequence[PairHypothesis] = (),
-) -> Solution:  # fmt: skip
-    """Run the scene's solver; a want of evidence is a refused solution without poses."""
-    shared = shared_people(instants)
-    try:
-        if len(connected_groups(shared)[0]) == 1:
-            reasons = tuple(missing_overlap(shared, given=scene.association.given))
-            raise EvidenceError(reasons[0], reasons)
-        if scene.solver.method == "geopose":
-            from passerby.solver.geopose.geopose import solve_geopose
-
-            return solve_geopose(rig, instants, scene.scale_cues(), options, rng=rng)
-        return solve_people(rig, instants, scene.scale_cues(), options, rng=rng, guesses=guesses)
-    except EvidenceError as error:
-        return Solution(scene.solver.method, rig, "refused", error.reasons)

@@ -1,0 +1,69 @@
+"""One estimate from one set of inputs: identities and clocks where they are unknown, and the rig."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from passerby.association.result import Association
+from passerby.calibration.association_loop import AssociationOptions, solve_unidentified
+from passerby.calibration.scene_solver import SceneSolver, SolverOptions
+from passerby.calibration.temporal_calibration import association_in_step, solve_with_clocks
+from passerby.common.progress import Progress
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
+from passerby.core.solution import Solution
+from passerby.core.synchronisation import clocks_of, common_instants
+from passerby.scene.inputs import SceneInputs
+from passerby.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A rig, and the association that it rests on."""
+
+    solution: Solution
+    association: Association
+
+
+@dataclass(frozen=True, eq=False)
+class Estimator:
+    """Makes estimates of one scene. Each begins with the same random numbers, so that one never depends on another."""
+
+    scene: Scene
+    options: SolverOptions
+    seed: int
+    progress: Progress
+    executor: Executor | None = None
+
+    def __call__(self, inputs: SceneInputs) -> Estimate:
+        """The rig and the association from one set of inputs; six solves at most: four rounds of identities and two more."""
+        scene, rig, seen = self.scene, inputs.rig, inputs.observations
+        solver = self.solver(rig)
+        rng = solver.rng  # one stream for association and solver
+        search_s = scene.association.search_s if seen.clocks else 0.0
+        height_m = scene.scale.person_height_m
+        if not scene.association.given:
+            wanted = AssociationOptions(scene.association.mode, search_s, height_m)
+            return Estimate(*solve_unidentified(rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor))
+        if search_s > 0:
+            return Estimate(
+                *solve_with_clocks(rig, seen, search_s, height_m, solver, rng, tell=self.progress, executor=self.executor)
+            )
+        synchronised = _synchronised(rig, seen)
+        self.progress("solving")
+        solution = solver(synchronised)
+        return Estimate(solution, association_in_step(rig, seen, synchronised, solution))
+
+    def solver(self, rig: Rig) -> SceneSolver:
+        """The scene's solver for cameras with these lenses, at the beginning of its random numbers."""
+        return SceneSolver(self.scene, rig, self.options, np.random.default_rng(self.seed))
+
+
+def _synchronised(rig: Rig, seen: Observations) -> Observations:
+    """The people at common time steps, by the clocks as they are stated."""
+    sizes = {camera.name: camera.lens.size for camera in rig}
+    found = common_instants(seen, clocks_of(seen, rig.names), sizes=sizes)
+    return found if seen.clocks or seen.fps else replace(found, fps=None)
