@@ -18,8 +18,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from passerby.association.associate import Tracklets
-from passerby.association.camera_tracklets import PreparedCamera, prepare_camera
-from passerby.association.initial_association import begin_with_tracks
+from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets
+from passerby.association.initial_association import associate_by_ground_tracks
 from passerby.common.parallel import local_processes
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.scene.inputs import SceneInputs, read_inputs
@@ -46,26 +46,26 @@ def repeated(observations: Observations) -> Observations:
     return Observations(cameras, observations.fps, observations.clocks)
 
 
-def prepared(inputs: SceneInputs, observations: Observations, body_m: float) -> tuple[float, list[PreparedCamera]]:
+def prepared(inputs: SceneInputs, observations: Observations, person_height_m: float) -> tuple[float, list[CameraTracklets]]:
     """Seconds of tracking and levelling, and the cameras."""
     began = time.perf_counter()
     rng = np.random.default_rng(0)
     cameras = [
-        prepare_camera(camera, observations[camera.name], observations.clocks[camera.name], body_m, rng)
+        build_camera_tracklets(camera, observations[camera.name], observations.clocks[camera.name], person_height_m, rng)
         for camera in inputs.rig
     ]
     return time.perf_counter() - began, cameras
 
 
-def registered(cameras: list[PreparedCamera], search_s: float) -> tuple[float, int]:
+def registered(cameras: list[CameraTracklets], search_s: float) -> tuple[float, int]:
     """Seconds of the registration, the start of its processes included, and the number of pairs that it keeps."""
     tracklets = Tracklets.of(cameras)
     began = time.perf_counter()
     # As of a recording so long that processes pay.
     with local_processes(sys.maxsize, len(cameras)) as executor:
-        beginning = begin_with_tracks(cameras, tracklets, search_s, {}, executor)
+        initial = associate_by_ground_tracks(cameras, tracklets, search_s, {}, executor)
         seconds = time.perf_counter() - began
-    return seconds, len([edge for edge in beginning.graph.edges if edge.used]) if beginning.graph else 0
+    return seconds, len([edge for edge in initial.graph.edges if edge.used]) if initial.graph else 0
 
 
 def main() -> None:

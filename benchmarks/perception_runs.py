@@ -17,7 +17,7 @@ from metrics.detections import BoxScore, score_boxes
 from metrics.tracklets import TrackletScore, score_tracklets
 
 from datasets import models_folder
-from passerby.association.tracking.stitching import mend
+from passerby.association.tracking.stitching import stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.common.errors import InputError
 from passerby.common.progress import silent
@@ -26,7 +26,7 @@ from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import Videos
+from passerby.scene.video_inputs import SceneVideoProcessor
 
 CRASHED = "crashed"
 WEIGHT_FREE = {"detector": "background", "embedder": "stripes"}
@@ -113,7 +113,7 @@ def run_rendered(folder: Path, method: str, into: Path) -> Watched:
 
 def found_boxes(scene: Path, out: Path) -> dict[str, Boxes]:
     """What a calibration found in the videos and kept, before anybody asked who is who."""
-    inputs = read_inputs(Scene.load(scene), Videos(out, None, silent))
+    inputs = read_inputs(Scene.load(scene), SceneVideoProcessor(out, None, silent))
     return {name: seen.boxes for name, seen in inputs.observations.cameras.items()}
 
 
@@ -153,14 +153,14 @@ def score_pets_tracklets(folder: Path, into: Path) -> dict[str, TrackletScore | 
     """What follows the people of the one camera with a video, against their true identities."""
     truth = read_boxes(folder / "identities" / f"{PETS_CAMERA}.txt")
     scores: dict[str, TrackletScore | str] = {}
-    for looks, embedder in (("re-ID network", NETWORKS["embedder"]), ("stripes", "stripes")):
+    for appearance, embedder in (("re-ID network", NETWORKS["embedder"]), ("stripes", "stripes")):
         content = tomllib.loads((into / "scene.toml").read_text())
         content["perception"]["embedder"] = embedder
         scene = write(into / f"{embedder}.toml", content)
         # The same folder: what was found there need not be found again.
         tracked = track(found_boxes(scene, into / "out")[PETS_CAMERA], PETS_FPS)
-        scores[f"tracker, {looks}"] = _scored(tracked, truth)
-        scores[f"tracker and mending, {looks}"] = _scored(mend(tracked, PETS_FPS), truth)
+        scores[f"tracker, {appearance}"] = _scored(tracked, truth)
+        scores[f"tracker and mending, {appearance}"] = _scored(stitch_tracklets(tracked, PETS_FPS), truth)
     scores["tracks that `calibrate` writes"] = _scored(used_boxes(into / "out", [PETS_CAMERA])[PETS_CAMERA], truth)
     given = read_boxes(folder / "detections" / f"{PETS_CAMERA}.txt")
     scores["for comparison: tracker, boxes of detections/"] = _scored(track(given, PETS_FPS), truth)

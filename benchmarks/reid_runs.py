@@ -15,7 +15,7 @@ from command import ONE_THREAD, Calibrated, judge, passerby, run_program
 from metrics.identities import IdentityAgreement
 from perception_runs import absolute, calibrated, write
 from reid_scenes import HALVES, team
-from reid_scores import LooksScore, identities, looks, true_boxes
+from reid_scores import LooksScore, appearance, identities, true_boxes
 
 from datasets import ROOT, models_folder
 from passerby.interchange.rig_toml import read_rig
@@ -55,7 +55,7 @@ class Half:
 
     retrieval: Mapping[str, Mapping[str, float]]
     """plain and centred -> rank_1 and so on, on the true boxes."""
-    looks: LooksScore | None
+    appearance: LooksScore | None
     calibrated: Mapping[str, Calibrated]
     """By mode of association."""
     agreement: Mapping[str, IdentityAgreement]
@@ -160,7 +160,7 @@ def _half(
         scene = write(into / f"{mode}.toml", _scene(folder, part, network, mode))
         runs[mode] = calibrated(scene, folder / "truth.toml", outs[mode])
     agreement = {mode: identities(outs[mode], truth) for mode in MODES}
-    looked = looks(into / f"{MODES[0]}.toml", outs[MODES[0]], truth)
+    looked = appearance(into / f"{MODES[0]}.toml", outs[MODES[0]], truth)
     (retrieval,) = evaluate(network, [folder / part], folder / "crops").values()
     return Half(retrieval, looked, runs, agreement)
 

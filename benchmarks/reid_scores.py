@@ -13,15 +13,15 @@ from metrics.identities import IdentityAgreement, identity_agreement
 from numpy.typing import NDArray
 from perception_runs import used_boxes
 
-from passerby.association.appearance.affinity import Looks
+from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.appearance.embeddings import match_boxes
-from passerby.association.camera_tracklets import prepare_cameras
+from passerby.association.camera_tracklets import build_tracklets
 from passerby.common.progress import silent
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.interchange.motchallenge import read_boxes
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import Videos
+from passerby.scene.video_inputs import SceneVideoProcessor
 
 OVERLAP = 0.5
 """Intersection over union from which on a found box shows the person of a true one."""
@@ -60,17 +60,17 @@ def identities(out: Path, truth: Mapping[str, Boxes]) -> IdentityAgreement:
     return identity_agreement(carried, truth)
 
 
-def looks(scene: Path, out: Path, truth: Mapping[str, Boxes], seed: int = 0) -> LooksScore | None:
+def appearance(scene: Path, out: Path, truth: Mapping[str, Boxes], seed: int = 0) -> LooksScore | None:
     """What the looks alone say of the boxes that a calibration has kept in `out`; None where there are no embeddings.
 
     As the association does in all modes: tracklets, the mean of eight boxes each, less the camera's mean; the same steps twice
     a second.
     """
-    inputs = read_inputs(Scene.load(scene), Videos(out, None, silent))
+    inputs = read_inputs(Scene.load(scene), SceneVideoProcessor(out, None, silent))
     rng = np.random.default_rng(seed)
     seen = inputs.observations
-    cameras = prepare_cameras(inputs.rig, seen, seen.clocks, Scene.load(scene).scale.person_height_m, rng)
-    found = Looks.of(cameras, rng)
+    cameras = build_tracklets(inputs.rig, seen, seen.clocks, Scene.load(scene).scale.person_height_m, rng)
+    found = AppearanceAffinity.of(cameras, rng)
     if found is None:
         return None
     matched = right = 0

@@ -135,7 +135,7 @@ def _mean(shares: Sequence[float | None]) -> str:
 
 _MEASURES: dict[str, Callable[[Half], float | None]] = {
     "rank-1 on true crops": lambda half: half.retrieval["plain"]["rank_1"],
-    "precision of the looks alone": lambda half: half.looks.precision if half.looks else None,
+    "precision of the looks alone": lambda half: half.appearance.precision if half.appearance else None,
     "precision in mode appearance": lambda half: half.agreement["appearance"].precision,
     "recall in mode appearance": lambda half: half.agreement["appearance"].recall,
     "precision in mode combined": lambda half: half.agreement["combined"].precision,
@@ -146,8 +146,15 @@ _MEASURES: dict[str, Callable[[Half], float | None]] = {
 def _looks_cells(half: Half) -> list[str]:
     """Retrieval, and the Hungarian algorithm on tracklets' looks."""
     ranks = [percent(half.retrieval[kind]["rank_1"]) for kind in ("plain", "centred")]
-    looks = half.looks
-    return [*ranks, *(("-", "-") if looks is None else (percent(looks.precision), f"{looks.useful_pairs} of {looks.pairs}"))]
+    appearance = half.appearance
+    return [
+        *ranks,
+        *(
+            ("-", "-")
+            if appearance is None
+            else (percent(appearance.precision), f"{appearance.useful_pairs} of {appearance.pairs}")
+        ),
+    ]
 
 
 def _mode_cells(half: Half, mode: str) -> list[str]:

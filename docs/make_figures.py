@@ -21,10 +21,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Rectangle
 
-from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
 from passerby.association.ground.registration import Registration, register_pair
-from passerby.calibration.pipeline import calibrate
 from passerby.calibration.calibration import Calibration
+from passerby.calibration.pipeline import calibrate
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock
@@ -54,7 +54,7 @@ class Example:
 
     scene: SimulatedScene
     calibration: Calibration
-    prepared: list[PreparedCamera]
+    prepared: list[CameraTracklets]
 
     @classmethod
     def make(cls) -> Example:
@@ -63,7 +63,7 @@ class Example:
         with tempfile.TemporaryDirectory() as folder:
             calibration = calibrate(write_scene(scene, Path(folder) / "terrace"))
         clocks = {name: Clock(OPTIONS.fps, 0.0) for name in scene.rig.names}
-        prepared = prepare_cameras(scene.rig, scene.observations, clocks, 1.72, np.random.default_rng(0))
+        prepared = build_tracklets(scene.rig, scene.observations, clocks, 1.72, np.random.default_rng(0))
         return cls(scene, calibration, prepared)
 
 
@@ -241,7 +241,7 @@ def ground_tracks(example: Example) -> None:
             ax.set_aspect("equal", adjustable="datalim")
 
 
-def _tracks(ax: Axes, camera: PreparedCamera, colour: str, moved: Any) -> None:
+def _tracks(ax: Axes, camera: CameraTracklets, colour: str, moved: Any) -> None:
     """Every tracklet as a line, and the camera."""
     tracks = camera.tracks
     assert tracks is not None

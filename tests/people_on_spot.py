@@ -10,7 +10,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.observations import BODY_17, Boxes, CameraObservations, Keypoints
 from passerby.simulation.body import BodyState, pose_joints
-from passerby.simulation.observe import view
+from passerby.simulation.observe import observe_camera
 
 SIZE = (1280, 960)
 
@@ -59,7 +59,7 @@ def seen(
 ) -> CameraObservations:
     """Boxes and joints of people (T, P, J, 3) in one camera, noise a share of their height; ids are the camera's own."""
     n_times, n_people = joints.shape[:2]
-    shown = view(camera, joints, np.full(n_people, 1.72), np.ones((n_times, n_people), dtype=np.bool_))
+    shown = observe_camera(camera, joints, np.full(n_people, 1.72), np.ones((n_times, n_people), dtype=np.bool_))
     time, person = np.nonzero(shown.inside > 0.95)
     box = shown.box[time, person]
     height = box[:, 3] - box[:, 1]

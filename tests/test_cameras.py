@@ -293,8 +293,8 @@ def test_where_a_camera_looks():
         return Pose(np.stack([right, np.cross(forward, right), forward]), np.zeros(3))
 
     for angles in ((0, 0, 0), (90, 30, 0), (-135, 10, 20), (179, -5, -60), (45, 80, 180)):
-        looks = pose(*angles)
-        np.testing.assert_allclose((looks.heading_deg, looks.tilt_deg, looks.roll_deg), angles, atol=1e-9)
+        appearance = pose(*angles)
+        np.testing.assert_allclose((appearance.heading_deg, appearance.tilt_deg, appearance.roll_deg), angles, atol=1e-9)
     # A pixel right of the centre of a camera turned clockwise is seen lower in the world.
     camera = Camera("A", Lens((100, 100), np.diag([100.0, 100, 1]), np.zeros(0)), pose(0, 0, 20))
     assert camera.project(np.array([[10.0, 0.0, 1.0]]))[0, 0] < 0

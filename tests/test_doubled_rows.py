@@ -13,7 +13,7 @@ import passerby
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, Keypoints
-from passerby.scene.doubled_rows import MOST_DOUBLED, without_doubles
+from passerby.scene.doubled_rows import MOST_DOUBLED, remove_duplicates
 from passerby.scene.reading import read_camera
 from passerby.scene.scene import Scene
 from passerby.simulation import SimulationOptions, simulate
@@ -28,7 +28,7 @@ def boxes(*given: tuple[float, ...]) -> Boxes:
 
 
 def test_the_row_of_the_higher_score_is_kept() -> None:
-    kept, doubled = without_doubles(boxes((1, 1, 100, 0.9), (2, 1, 300, 0.4), (2, 1, 102, 0.8), (3, 1, 104, 0.9)))
+    kept, doubled = remove_duplicates(boxes((1, 1, 100, 0.9), (2, 1, 300, 0.4), (2, 1, 102, 0.8), (3, 1, 104, 0.9)))
     assert kept.ltwh[:, 0].tolist() == [100, 102, 104]
     assert doubled is not None
     assert (doubled.second, doubled.repeated, doubled.first) == (1, 0, (2, 1))
@@ -37,17 +37,17 @@ def test_the_row_of_the_higher_score_is_kept() -> None:
 @pytest.mark.parametrize("swapped", [False, True])
 def test_of_equal_scores_the_row_nearest_to_its_neighbours_in_time_is_kept(swapped: bool) -> None:
     two = [(2, 1, 300, 1), (2, 1, 104, 1)]
-    kept, _ = without_doubles(boxes((1, 1, 100, 1), (1, 2, 300, 1), *(two[::-1] if swapped else two), (3, 1, 108, 1)))
+    kept, _ = remove_duplicates(boxes((1, 1, 100, 1), (1, 2, 300, 1), *(two[::-1] if swapped else two), (3, 1, 108, 1)))
     assert kept.ltwh[kept.identity == 1, 0].tolist() == [100, 104, 108]
 
 
 def test_without_neighbours_the_first_row_is_kept() -> None:
-    kept, _ = without_doubles(boxes(*[(2, 1, 300, 1), (2, 1, 104, 1)], *[(n, 2, 500, 1) for n in range(60)]))
+    kept, _ = remove_duplicates(boxes(*[(2, 1, 300, 1), (2, 1, 104, 1)], *[(n, 2, 500, 1) for n in range(60)]))
     assert kept.ltwh[kept.identity == 1, 0].tolist() == [300]
 
 
 def test_unknown_people_may_be_many_in_a_frame_but_not_the_same_row_twice() -> None:
-    kept, doubled = without_doubles(boxes((1, -1, 100, 1), (1, -1, 200, 1), (1, -1, 100, 1), (2, -1, 100, 1)))
+    kept, doubled = remove_duplicates(boxes((1, -1, 100, 1), (1, -1, 200, 1), (1, -1, 100, 1), (2, -1, 100, 1)))
     assert kept.ltwh[:, 0].tolist() == [100, 200, 100]
     assert doubled is not None
     assert (doubled.second, doubled.repeated) == (0, 1)
@@ -58,23 +58,23 @@ def test_joints_of_the_higher_confidence_are_kept() -> None:
     joints = Keypoints(
         np.array([1, 1, 2]), np.array([5, 5, 5]), xy, np.array([[0.2, 0.9], [0.8, 0.9], [1, 1]]), ("nose", "hip")
     )
-    kept, doubled = without_doubles(joints)
+    kept, doubled = remove_duplicates(joints)
     assert kept.xy.tolist() == xy[1:].tolist()
     assert doubled is not None
 
 
 def test_rows_that_stand_once_are_left_alone() -> None:
     sound = boxes((1, 1, 100, 1), (1, 2, 100, 1), (2, 1, 100, 1))
-    kept, doubled = without_doubles(sound)
+    kept, doubled = remove_duplicates(sound)
     assert kept is sound
     assert doubled is None
 
 
 def test_a_class_number_for_an_id_is_an_error() -> None:
-    _, doubled = without_doubles(boxes(*[(frame, 1, 100 * one, 1) for frame in range(100) for one in range(2)]))
+    _, doubled = remove_duplicates(boxes(*[(frame, 1, 100 * one, 1) for frame in range(100) for one in range(2)]))
     assert doubled is not None
     assert doubled.is_rule
-    _, doubled = without_doubles(boxes(*[(frame, 1, 100, 1) for frame in range(100)], (7, 1, 100, 1)))
+    _, doubled = remove_duplicates(boxes(*[(frame, 1, 100, 1) for frame in range(100)], (7, 1, 100, 1)))
     assert doubled is not None
     assert doubled.second == 1 < MOST_DOUBLED * 101
     assert not doubled.is_rule

@@ -8,7 +8,7 @@ import pytest
 import tomli_w
 
 import passerby
-from passerby.calibration.temporal_calibration import in_line
+from passerby.calibration.temporal_calibration import find_regular_boxes
 from passerby.core.observations import Boxes
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
@@ -88,8 +88,8 @@ def test_boxes_of_somebody_else_are_out_of_line():
     boxes = Boxes(frame, np.repeat([4, 9], 30), ltwh, np.ones(60))
     order = np.random.default_rng(0).permutation(60)
     expected = ~np.isin(np.arange(60), np.concatenate([swapped, 30 + swapped]))
-    np.testing.assert_array_equal(in_line(boxes.take(order)), expected[order])
-    assert not len(in_line(Boxes.empty()))
+    np.testing.assert_array_equal(find_regular_boxes(boxes.take(order)), expected[order])
+    assert not len(find_regular_boxes(Boxes.empty()))
 
 
 def test_joints_tell_the_time_alone(tmp_path):

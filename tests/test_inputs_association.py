@@ -127,10 +127,10 @@ def test_embeddings_follow_the_known_people_in_mode_given(tmp_path):
     ],
 )
 @pytest.mark.parametrize("command", ["calibrate", "check"])
-def test_embeddings_that_do_not_fit(tmp_path, capsys, looks, told, command):
+def test_embeddings_that_do_not_fit(tmp_path, capsys, appearance, told, command):
     with_looks(tmp_path, "A")
-    if looks is not None:
-        with_looks(tmp_path, "B", **looks)
+    if appearance is not None:
+        with_looks(tmp_path, "B", **appearance)
     scene = write_scene(tmp_path, association=COMBINED, extra='embeddings = "B.npz"')
     scene.write_text(scene.read_text().replace('tracks = "A.txt"', 'tracks = "A.txt"\nembeddings = "A.npz"'))
     assert run([command, str(scene), *(["-o", str(tmp_path / "out")] if command == "calibrate" else [])]) == 2

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.association.camera_tracklets import prepare_cameras
+from passerby.association.camera_tracklets import build_tracklets
 from passerby.common import parallel
 from passerby.common.errors import InputError
 from passerby.common.parallel import local_processes, pays, side_by_side
@@ -52,7 +52,7 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
     clocks = dict.fromkeys(rig.names, Clock(truth.options.fps))
 
     def prepared(executor):
-        return prepare_cameras(rig, truth.observations, clocks, 1.72, np.random.default_rng(3), executor)
+        return build_tracklets(rig, truth.observations, clocks, 1.72, np.random.default_rng(3), executor)
 
     before = multiprocessing.active_children()
     with local_processes(0, 4) as executor:

@@ -166,7 +166,7 @@ def test_lenses_from_which_no_first_guess_can_be_made_anew_leave_a_doubtful_rig(
     change = np.full((len(truth.rig), 1), np.log(1.2))
     stated = without_poses(LensUnknowns(("focal",)).rig(truth.rig, change))
     calls: list[Any] = []
-    choose = stages.choose
+    choose = stages.select_initial_rig
 
     def only_once(*args: Any) -> Any:
         calls.append(args)

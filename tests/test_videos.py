@@ -32,7 +32,7 @@ from passerby.perception.video import probe
 from passerby.scene.inputs import read_inputs
 from passerby.scene.reading import read_camera
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import Videos, picture_rate, plan_of
+from passerby.scene.video_inputs import SceneVideoProcessor, picture_rate, plan_of
 
 SECONDS, FPS = 30.0, 3.0
 
@@ -78,7 +78,7 @@ def error_mm(calibration, folder):
 
 def inputs(scene):
     """What a scene's files and videos hold, and what was told."""
-    videos = Videos(None, None, silent)
+    videos = SceneVideoProcessor(None, None, silent)
     return read_inputs(Scene.load(scene), videos), videos
 
 
@@ -137,7 +137,7 @@ def test_progress_never_runs_backwards(place, tmp_path):
         def tell(stage, done=0, total=0, *, part=""):
             found.append((part, done, total))
 
-        read_inputs(scene, Videos(tmp_path / "out", None, tell))
+        read_inputs(scene, SceneVideoProcessor(tmp_path / "out", None, tell))
         return found
 
     first = told()
@@ -173,7 +173,10 @@ def test_a_camera_that_is_over_counts_as_done(place, wrote):
     scene = Scene.load(scene_file(place, BOTH))
     with pytest.raises(InputError):
         read_inputs(
-            scene, Videos(None, _Ended(wrote), lambda stage, done=0, total=0, *, part="": told.append((part, done, total)))
+            scene,
+            SceneVideoProcessor(
+                None, _Ended(wrote), lambda stage, done=0, total=0, *, part="": told.append((part, done, total))
+            ),
         )
     assert_forward(told)
 

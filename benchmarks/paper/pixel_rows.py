@@ -68,7 +68,7 @@ class PixelOutcome(Outcome):
     """Of all pairs with the reference and all moments; None for a row without matches."""
     right: int | None = None
     """Those near their true epipolar lines."""
-    looks: str = ""
+    appearance: str = ""
     """What told people apart by their looks; empty where nothing did."""
 
 
@@ -188,9 +188,9 @@ def _calibrated(stage: Stage, scene: Path, name: str | None = None) -> PixelOutc
     result = calibrate(scene, keep=stage.seen)
     if name is not None:
         stage.found_matches[name] = [people_matches(stage.rig, result.observations)]
-    looks = result.perception.get("embedder", "")
+    appearance = result.perception.get("embedder", "")
     outcome = judged(Solved(result.rig, result.verdict, next(iter(result.reasons), "")), stage.truth.rig, stage.judged)
-    return replace(outcome, looks=looks["network"] if isinstance(looks, dict) else looks)
+    return replace(outcome, appearance=appearance["network"] if isinstance(appearance, dict) else appearance)
 
 
 def judged(result: Solved, truth: Rig, marks: Mapping[str, Floats] | None = None) -> PixelOutcome:

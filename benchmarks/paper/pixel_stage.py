@@ -22,7 +22,7 @@ from passerby.core.scale_cues import KnownLength
 from passerby.perception.video import frames
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import Videos
+from passerby.scene.video_inputs import SceneVideoProcessor
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
 LENGTH_M = 3.6
@@ -101,7 +101,7 @@ class Stage:
     @cached_property
     def found(self) -> dict[str, Boxes]:
         """The boxes that the detector found in the videos."""
-        inputs = read_inputs(Scene.load(self.scene("found", {})), Videos(self.seen, None, silent))
+        inputs = read_inputs(Scene.load(self.scene("found", {})), SceneVideoProcessor(self.seen, None, silent))
         return {name: seen.boxes for name, seen in inputs.observations.cameras.items()}
 
     @cached_property

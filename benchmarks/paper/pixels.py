@@ -70,7 +70,7 @@ def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
         moments=f"{moments} instant{'s' if moments > 1 else ''}", claim=_claim(measured), collapsed=f"{COLLAPSED_DEG:g}",
         goals=_goals(measured), poses="\n\n".join(scene_tables), reprojections=_reprojections(measured),
         real=_real(measured, wanted.quick), pictures=_pictures(plots), camera=DRAWN_CAMERA, not_run=_not_run(measured),
-        looks=_looks(measured), right=RIGHT_PX, drawn=MOST_DRAWN, least=GeoPoseOptions.min_correspondences,
+        appearance=_looks(measured), right=RIGHT_PX, drawn=MOST_DRAWN, least=GeoPoseOptions.min_correspondences,
         left_out="" if presets == PRESETS else "; construction, whose pictures are the largest, is left out of a quick run",
     )  # fmt: skip
     return Page("paper", text, plots)
@@ -87,7 +87,7 @@ go through the same solver, GeoPose as in the paper. Lenses are known, poses are
   a pose where {least} matches or more agree on it.
 - *oracle*: true points of people and of the ground, as marked by hand.
 - *boxes*: what the detector without a network finds in the videos. *named by hand*: each box has the identity of the true box
-  that it stands for. *by re-identification*: by looks alone ({looks}). Their scale is the height of people.
+  that it stands for. *by re-identification*: by looks alone ({appearance}). Their scale is the height of people.
 - *ours*: the same boxes, and the person model. *trajectories*: who is who by how they move; *the default*: by looks too.
   *joints*: those of the simulation, moved by {joints} px, without identities.
 
@@ -195,7 +195,12 @@ def _poses(measured: Measured, preset: str) -> str:
 
 def _looks(measured: Measured) -> str:
     """What told people apart."""
-    used = {outcome.looks for outcomes in measured.rows.values() for outcome in outcomes if outcome.looks not in ("", "none")}
+    used = {
+        outcome.appearance
+        for outcomes in measured.rows.values()
+        for outcome in outcomes
+        if outcome.appearance not in ("", "none")
+    }
     return ", ".join("colours of horizontal stripes" if name == "stripes" else name for name in sorted(used))
 
 

@@ -15,7 +15,7 @@ from passerby.core.observations import Boxes
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.body import BodyState, pose_joints, stride_length
 from passerby.simulation.motion import STEP_S, Motion, simulate_motion
-from passerby.simulation.observe import View, view
+from passerby.simulation.observe import View, observe_camera
 from passerby.simulation.placement import looking_at, place_cameras
 from passerby.simulation.scene import Filmed, SimulatedScene, without_faults
 
@@ -134,7 +134,7 @@ def _offsets(options: SimulationOptions, rng: np.random.Generator) -> Floats:
 
 def _view(camera: Camera, motion: Motion, times: Floats, heights: Floats, options: SimulationOptions) -> View:
     state, present = motion.at(times)
-    return view(camera, pose_joints(state, heights), heights, present, options.occlusion)
+    return observe_camera(camera, pose_joints(state, heights), heights, present, options.occlusion)
 
 
 def walking(motion: Motion, xy: Floats, heights: Floats) -> Motion:

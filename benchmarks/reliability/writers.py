@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from passerby.common.errors import InputError
-from passerby.interchange.storage.transaction import settle
+from passerby.interchange.storage.transaction import recover
 from reliability.machine import Ended, Fault, passerby, tree
 
 Files = Mapping[str, bytes]
@@ -127,8 +127,8 @@ def _settled(place: Path) -> Files:
     """What a reader finds, but for hidden files, which nobody reads."""
     if place.is_dir():
         try:
-            settle(place, "reads")
-            settle(place / "trajectories", "reads")
+            recover(place, "reads")
+            recover(place / "trajectories", "reads")
         except InputError:
             pass
     return {name: content for name, content in tree(place).items() if not any(part[0] == "." for part in name.split("/"))}

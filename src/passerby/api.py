@@ -7,7 +7,7 @@ from pathlib import Path
 
 from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.following import folder_clocks, people_of_folder, track_options, ways_by
+from passerby.calibration.following import folder_clocks, people_of_folder, track_options, trajectories_by_rig
 from passerby.common.errors import EvidenceError, InputError, PasserbyError
 from passerby.common.progress import Progress
 from passerby.core.cameras import Rig
@@ -126,7 +126,7 @@ def trajectories(
         raise InputError(f"method {method!r} does not exist: choose one of {', '.join(METHODS)}")
     if not isinstance(calibration, Calibration):
         folder = calibration if isinstance(calibration, OutputFolder) else read_output(Path(calibration))
-        return ways_by(folder, folder.rig, folder_clocks(folder, fps), track_options(folder, method, max_gap_s))
+        return trajectories_by_rig(folder, folder.rig, folder_clocks(folder, fps), track_options(folder, method, max_gap_s))
     names = calibration.rig.posed().names
     if not names:
         raise EvidenceError("no camera has a pose: nobody can be followed")

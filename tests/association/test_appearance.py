@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from passerby.association.appearance import discriminability as evidence
-from passerby.association.appearance import embeddings as looks
+from passerby.association.appearance import embeddings as appearance
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import Boxes
 
@@ -68,15 +68,15 @@ def crowd(kind: str, seed: int, n_people: int = 12, n_frames: int = 400, shared:
     return Crowd(cameras[0][0], cameras[1][0], cameras[0][1], cameras[1][1])
 
 
-def of_both(scene: Crowd, seed: int = 0) -> tuple[looks.TrackletFeatures, looks.TrackletFeatures]:
+def of_both(scene: Crowd, seed: int = 0) -> tuple[appearance.TrackletFeatures, appearance.TrackletFeatures]:
     rng = np.random.default_rng(seed)
-    return looks.tracklet_features(scene.a, rng), looks.tracklet_features(scene.b, rng)
+    return appearance.tracklet_features(scene.a, rng), appearance.tracklet_features(scene.b, rng)
 
 
-def pair_usefulness(scene: Crowd, seed: int = 0) -> evidence.Usefulness | None:
+def pair_usefulness(scene: Crowd, seed: int = 0) -> evidence.Discriminability | None:
     a, b = of_both(scene, seed)
     rng = np.random.default_rng(seed)
-    return evidence.pair_usefulness(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, rng)
+    return evidence.between_camera_discriminability(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, rng)
 
 
 def boxes_of(frame: object, identity: object, embedding: object) -> Boxes:
@@ -92,7 +92,7 @@ def test_one_box_of_each_chunk_is_taken() -> None:
     chunk = np.searchsorted([5, 10, 16, 21, 26, 32, 37], np.arange(n), side="right")  # floor(c * 43 / 8)
     order = np.random.default_rng(0).permutation(n)
     boxes = boxes_of(np.arange(n)[order] * 3, np.full(n, 7), np.eye(8)[chunk][order])
-    found = looks.tracklet_features(boxes, np.random.default_rng(1))
+    found = appearance.tracklet_features(boxes, np.random.default_rng(1))
     np.testing.assert_allclose(found.feature, np.full((1, 8), 8**-0.5), atol=1e-7)
     assert found.tracklet.tolist() == [7]
     assert found.n.tolist() == [n]
@@ -100,16 +100,16 @@ def test_one_box_of_each_chunk_is_taken() -> None:
 
 def test_every_box_of_a_chunk_is_drawn_now_and_then_and_the_same_seed_draws_the_same() -> None:
     boxes = boxes_of(np.arange(24), np.zeros(24), np.eye(24))
-    drawn = [looks.tracklet_features(boxes, np.random.default_rng(seed)).feature[0] > 0 for seed in range(60)]
+    drawn = [appearance.tracklet_features(boxes, np.random.default_rng(seed)).feature[0] > 0 for seed in range(60)]
     assert np.any(drawn, axis=0).all()
     assert all(one.reshape(8, 3).sum(axis=1).tolist() == [1] * 8 for one in drawn)
-    again = looks.tracklet_features(boxes, np.random.default_rng(5)).feature[0] > 0
+    again = appearance.tracklet_features(boxes, np.random.default_rng(5)).feature[0] > 0
     assert (again == drawn[5]).all()
 
 
 def test_short_tracklets_unknown_boxes_and_boxes_without_tracklet() -> None:
     embedding = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0], [0, 0, 0], [0, 1, 0]])
-    found = looks.tracklet_features(boxes_of([1, 2, 3, 4, 1, 2], [5, 5, -1, 5, 2, 9], embedding), np.random.default_rng(0))
+    found = appearance.tracklet_features(boxes_of([1, 2, 3, 4, 1, 2], [5, 5, -1, 5, 2, 9], embedding), np.random.default_rng(0))
     assert found.tracklet.tolist() == [2, 5, 9]
     assert found.n.tolist() == [0, 2, 1]
     assert found.known.tolist() == [False, True, True]
@@ -119,7 +119,7 @@ def test_short_tracklets_unknown_boxes_and_boxes_without_tracklet() -> None:
 # --- matches
 
 
-def brute_matches(scene: Crowd, similarity: Floats, a: looks.TrackletFeatures, b: looks.TrackletFeatures) -> float:
+def brute_matches(scene: Crowd, similarity: Floats, a: appearance.TrackletFeatures, b: appearance.TrackletFeatures) -> float:
     """Sum of the best assignments' distances over all instants, each solved for itself."""
     total = 0.0
     for frame in np.intersect1d(scene.a.frame, scene.b.frame):
@@ -133,21 +133,21 @@ def brute_matches(scene: Crowd, similarity: Floats, a: looks.TrackletFeatures, b
 def test_matches_are_the_best_of_every_instant() -> None:
     scene = crowd("distinct", 3, n_frames=80, noise=4.0)
     a, b = of_both(scene)
-    found = looks.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
+    found = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
     assert (scene.a.frame[found.row_a] == scene.b.frame[found.row_b]).all()
-    assert found.distance.sum() == pytest.approx(brute_matches(scene, looks.similarities(a, b), a, b))
+    assert found.distance.sum() == pytest.approx(brute_matches(scene, appearance.similarities(a, b), a, b))
     for rows in (found.row_a, found.row_b):
         assert len(np.unique(rows)) == len(rows)
-    later = looks.match_boxes(scene.a, scene.b, a, b, scene.a.frame + 1000, scene.b.frame + 1000)
+    later = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame + 1000, scene.b.frame + 1000)
     assert (later.row_a == found.row_a).all()
-    never = looks.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame + 1000)
+    never = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame + 1000)
     assert len(never.row_a) == 0
 
 
 def test_people_whom_both_cameras_see_all_the_time_are_matched() -> None:
     scene = crowd("distinct", 1, shared=1.0, noise=2.0)
     a, b = of_both(scene)
-    found = looks.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
+    found = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
     assert len(found.row_a) == len(scene.a)
     assert (scene.person_a[found.row_a] == scene.person_b[found.row_b]).mean() > 0.99
 
@@ -160,9 +160,9 @@ def test_the_cameras_mean_is_in_the_way() -> None:
         a, b = of_both(scene, seed)
         _, same, _ = ratio_of(scene, 0.0, seed)
         for way, centre in enumerate((True, False)):
-            similarity = looks.similarities(a, b, centre)
+            similarity = appearance.similarities(a, b, centre)
             nearest[way, seed] = same[np.arange(len(same)), similarity.argmax(axis=1)].mean()
-            found = looks.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, centre)
+            found = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, centre)
             matched[way, seed] = (scene.person_a[found.row_a] == scene.person_b[found.row_b]).mean()
     assert nearest[0].mean() > nearest[1].mean() + 0.1
     assert matched[0].mean() > matched[1].mean()
@@ -171,16 +171,16 @@ def test_the_cameras_mean_is_in_the_way() -> None:
 def test_a_tracklet_seen_twice_at_one_instant_is_matched_once() -> None:
     embedding = np.array([[1, 0, 0], [1, 0, 0], [0, 1, 0]])
     a, b = boxes_of([1, 2, 1], [0, 0, 1], embedding), boxes_of([1, 1, 1], [4, 4, 6], embedding)
-    fa, fb = (looks.tracklet_features(one, np.random.default_rng(0)) for one in (a, b))
-    found = looks.match_boxes(a, b, fa, fb, np.zeros(3, int), np.zeros(3, int))
+    fa, fb = (appearance.tracklet_features(one, np.random.default_rng(0)) for one in (a, b))
+    found = appearance.match_boxes(a, b, fa, fb, np.zeros(3, int), np.zeros(3, int))
     assert sorted(zip(a.identity[found.row_a].tolist(), b.identity[found.row_b].tolist(), strict=True)) == [(0, 4), (1, 6)]
 
 
 def test_votes_count_instants() -> None:
     scene = crowd("distinct", 2, n_frames=100, noise=2.0)
     a, b = of_both(scene)
-    found = looks.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
-    votes = looks.votes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, found)
+    found = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
+    votes = appearance.count_votes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, found)
     assert votes.matched.sum() == len(found.row_a)
     assert (votes.together.toarray() >= votes.matched.toarray()).all()
     i, j = 3, 5
@@ -194,13 +194,13 @@ def test_nothing_known_of_looks_gives_nothing() -> None:
     bare = Boxes(scene.b.frame, scene.b.identity, scene.b.ltwh, scene.b.score)
     rng = np.random.default_rng(0)
     for b in (bare, Boxes.empty()):
-        fa, fb = looks.tracklet_features(scene.a, rng), looks.tracklet_features(b, rng)
-        found = looks.match_boxes(scene.a, b, fa, fb, scene.a.frame, b.frame)
+        fa, fb = appearance.tracklet_features(scene.a, rng), appearance.tracklet_features(b, rng)
+        found = appearance.match_boxes(scene.a, b, fa, fb, scene.a.frame, b.frame)
         assert len(found.row_a) == 0
-        assert looks.votes(scene.a, b, fa, fb, scene.a.frame, b.frame, found).together.nnz == 0
-        assert evidence.camera_usefulness(b, rng) is None
-        assert evidence.pair_usefulness(scene.a, b, fa, fb, scene.a.frame, b.frame, rng) is None
-        assert not evidence.appearance_llr(fa, fb, np.zeros(0), 1.0).any()
+        assert appearance.count_votes(scene.a, b, fa, fb, scene.a.frame, b.frame, found).together.nnz == 0
+        assert evidence.within_camera_discriminability(b, rng) is None
+        assert evidence.between_camera_discriminability(scene.a, b, fa, fb, scene.a.frame, b.frame, rng) is None
+        assert not evidence.appearance_log_likelihood_ratios(fa, fb, np.zeros(0), 1.0).any()
 
 
 # --- usefulness
@@ -212,7 +212,7 @@ def test_nothing_known_of_looks_gives_nothing() -> None:
 )
 def test_usefulness_within_a_camera(kind: str, low: float, high: float) -> None:
     for seed in range(8):
-        found = evidence.camera_usefulness(crowd(kind, seed).a, np.random.default_rng(seed))
+        found = evidence.within_camera_discriminability(crowd(kind, seed).a, np.random.default_rng(seed))
         assert found is not None
         assert low <= found.weight <= high
 
@@ -257,7 +257,7 @@ def test_a_camera_whose_light_changes_is_not_thought_useful() -> None:
 def test_too_few_people_tell_nothing() -> None:
     assert pair_usefulness(crowd("distinct", 0, n_people=2, shared=1.0)) is None
     alone = crowd("distinct", 0, n_people=1, shared=1.0)
-    assert evidence.camera_usefulness(alone.a, np.random.default_rng(0)) is None
+    assert evidence.within_camera_discriminability(alone.a, np.random.default_rng(0)) is None
 
 
 # --- likelihood ratio
@@ -266,11 +266,13 @@ def test_too_few_people_tell_nothing() -> None:
 def ratio_of(scene: Crowd, weight: float, seed: int = 0) -> tuple[Floats, np.ndarray, Floats]:
     """The ratio, whether each pair of tracklets is one person, the similarities."""
     a, b = of_both(scene, seed)
-    different = np.concatenate([evidence.different_similarities(scene.a, a), evidence.different_similarities(scene.b, b)])
+    different = np.concatenate(
+        [evidence.similarities_of_different_people(scene.a, a), evidence.similarities_of_different_people(scene.b, b)]
+    )
     who_a = scene.person_a[[np.flatnonzero(scene.a.identity == one)[0] for one in a.tracklet]]
     who_b = scene.person_b[[np.flatnonzero(scene.b.identity == one)[0] for one in b.tracklet]]
-    ratio = evidence.appearance_llr(a, b, different, weight)
-    return ratio, who_a[:, None] == who_b[None, :], looks.similarities(a, b)
+    ratio = evidence.appearance_log_likelihood_ratios(a, b, different, weight)
+    return ratio, who_a[:, None] == who_b[None, :], appearance.similarities(a, b)
 
 
 @pytest.mark.parametrize(("noise", "least"), [(1.0, 2.4), (3.0, 1.2)])

@@ -11,8 +11,8 @@ import pytest
 from metrics.identities import IdentityAgreement, identity_agreement
 
 from ground_walkers import bodies_at
-from passerby.association.associate import OVERLAP_S, Tracklets, people_of_pairs, people_of_rig
-from passerby.association.camera_tracklets import PreparedCamera, prepare_camera
+from passerby.association.associate import OVERLAP_S, Tracklets, cluster_by_pairwise_poses, cluster_by_rig
+from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets
 from passerby.association.graph import ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.association.ground.registration import register_pair
@@ -27,7 +27,7 @@ class Prepared:
     """A simulated scene up to where the cameras meet."""
 
     scene: SimulatedScene
-    cameras: list[PreparedCamera]
+    cameras: list[CameraTracklets]
     tracklets: Tracklets
 
     @property
@@ -44,14 +44,14 @@ class Prepared:
 
     def people_of_rig(
         self, poses: Sequence[Pose | None] | None = None, offset_s: np.ndarray | None = None,
-        likeness: dict[tuple[int, int], np.ndarray] | None = None,
+        affinity: dict[tuple[int, int], np.ndarray] | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Person of each tracklet by the true rig and clocks, or by others."""
         poses = self.poses if poses is None else poses
         offset_s = self.offset_s if offset_s is None else offset_s
-        body_m = self.scene.options.person_height_mean_m
+        person_height_m = self.scene.options.person_height_mean_m
         nothing = ViewGraph((), (), np.zeros(len(self.cameras)))
-        return people_of_rig(self.tracklets, self.cameras, nothing, poses, offset_s, body_m, likeness)
+        return cluster_by_rig(self.tracklets, self.cameras, nothing, poses, offset_s, person_height_m, affinity)
 
     def agreement(self, person: np.ndarray, *, cameras: tuple[int, ...] = (0, 1, 2, 3)) -> IdentityAgreement:
         """How well persons of tracklets agree with the truth."""
@@ -73,9 +73,10 @@ def prepared() -> Prepared:
             clock_offsets=1.5, seed=3,
         )
     )  # fmt: skip
-    clock, body_m = Clock(scene.options.fps), scene.options.person_height_mean_m
+    clock, person_height_m = Clock(scene.options.fps), scene.options.person_height_mean_m
     cameras = [
-        prepare_camera(camera, scene.observations[camera.name], clock, body_m, np.random.default_rng(0)) for camera in scene.rig
+        build_camera_tracklets(camera, scene.observations[camera.name], clock, person_height_m, np.random.default_rng(0))
+        for camera in scene.rig
     ]
     return Prepared(scene, cameras, Tracklets.of(cameras))
 
@@ -95,7 +96,7 @@ def test_pairs_of_cameras_tell_who_is_who(prepared: Prepared) -> None:
     assert graph.groups == ((0, 1, 2, 3),)
     apart = prepared.offset_s - graph.offset_s
     np.testing.assert_allclose(apart, apart[0], atol=0.15)
-    person = people_of_pairs(prepared.tracklets, prepared.tracks, graph)
+    person = cluster_by_pairwise_poses(prepared.tracklets, prepared.tracks, graph)
     found = prepared.agreement(person)
     assert found.precision is not None
     assert found.recall is not None
@@ -107,7 +108,7 @@ def test_pairs_of_cameras_tell_who_is_who(prepared: Prepared) -> None:
 def test_a_pair_that_is_not_used_says_nothing(prepared: Prepared) -> None:
     graph = registered(prepared)
     lone = replace(graph, edges=tuple(replace(edge, used=edge.used and 0 not in (edge.a, edge.b)) for edge in graph.edges))
-    camera = people_by_camera(prepared, people_of_pairs(prepared.tracklets, prepared.tracks, lone))
+    camera = people_by_camera(prepared, cluster_by_pairwise_poses(prepared.tracklets, prepared.tracks, lone))
     assert not camera[0] & (camera[1] | camera[2] | camera[3])
     assert camera[1] & camera[2]
 
@@ -157,8 +158,8 @@ def test_a_camera_without_a_pose_shares_nobody(prepared: Prepared) -> None:
 def test_looks_add_to_the_evidence(prepared: Prepared) -> None:
     """Two cameras whose people look like nobody in the other, whatever the ground says."""
     counts = np.diff(prepared.tracklets.first)
-    likeness = {(0, 1): np.full((counts[0], counts[1]), -1000.0)}
-    person = prepared.people_of_rig(likeness=likeness)
+    affinity = {(0, 1): np.full((counts[0], counts[1]), -1000.0)}
+    person = prepared.people_of_rig(affinity=affinity)
     found = prepared.agreement(person, cameras=(0, 1))
     # Those are left whose tracklets in the two cameras have no grid time in common.
     assert found.pairs_found < 0.05 * found.pairs_true
@@ -168,14 +169,14 @@ def test_looks_add_to_the_evidence(prepared: Prepared) -> None:
         assert recall > 0.2, "everyone goes with one of the two"
 
 
-def camera_of(*rows: tuple[int, float], continued: tuple[int, int] | None = None) -> PreparedCamera:
+def camera_of(*rows: tuple[int, float], continued: tuple[int, int] | None = None) -> CameraTracklets:
     """People by (tracklet, seconds) of their boxes."""
     tracklet, seconds = (np.array(column) for column in zip(*rows, strict=True)) if rows else (np.zeros(0), np.zeros(0))
     tracklet = tracklet.astype(np.int64)
     boxes = Boxes(np.arange(len(rows)), tracklet, np.full((len(rows), 4), 9.0), np.ones(len(rows)))
     links = np.array([] if continued is None else [continued], dtype=np.int64).reshape(-1, 2).T
     bodies = bodies_at(tracklet, seconds, np.full(len(seconds), 5.0 + 5.0j))
-    return PreparedCamera("C", CameraObservations(boxes), Clock(5.0), bodies, None, None, (links[0], links[1]))
+    return CameraTracklets("C", CameraObservations(boxes), Clock(5.0), bodies, None, None, (links[0], links[1]))
 
 
 def test_tracklets_are_numbered_through_and_know_their_times() -> None:
@@ -192,10 +193,10 @@ def test_tracklets_are_numbered_through_and_know_their_times() -> None:
 def test_a_tracklet_goes_on_as_another_where_nothing_speaks_against_it() -> None:
     graph = view_graph([], 1)
     apart = Tracklets.of([camera_of((0, 0.0), (0, 5.0), (1, 5.5), (1, 9.0), continued=(0, 1))])
-    assert people_of_pairs(apart, [None], graph).tolist() == [0, 0]
+    assert cluster_by_pairwise_poses(apart, [None], graph).tolist() == [0, 0]
     overlapping = Tracklets.of([camera_of((0, 0.0), (0, 8.0), (1, 5.5), (1, 9.0), continued=(0, 1))])
-    assert people_of_pairs(overlapping, [None], graph).tolist() == [0, 1]
-    assert people_of_pairs(Tracklets.of([camera_of((0, 0.0), (1, 5.5))]), [None], graph).tolist() == [0, 1]
+    assert cluster_by_pairwise_poses(overlapping, [None], graph).tolist() == [0, 1]
+    assert cluster_by_pairwise_poses(Tracklets.of([camera_of((0, 0.0), (1, 5.5))]), [None], graph).tolist() == [0, 1]
 
 
 def test_only_tracklets_of_one_camera_are_together() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from ground_walkers import Station, seen_by, walkers
 from passerby.association.graph import view_graph
-from passerby.association.ground.chance import surrogates
+from passerby.association.ground.chance import make_surrogates
 from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.association.ground.registration import BELIEVED_SHARE, register_pair
 from passerby.association.sampling import STEP_S
@@ -62,7 +62,7 @@ def test_chance_is_not_asked_where_the_share_says_enough() -> None:
 def test_surrogates_keep_all_but_the_time() -> None:
     rng = np.random.default_rng(3)
     tracks = seen_by(A, walkers(4, rng), rng)
-    backwards, late = surrogates(tracks, 5.0)
+    backwards, late = make_surrogates(tracks, 5.0)
     for other in (backwards, late):
         assert np.array_equal(np.sort_complex(other.position), np.sort_complex(tracks.position))
         assert np.allclose(np.sort(np.abs(other.velocity)), np.sort(np.abs(tracks.velocity)))
@@ -75,5 +75,5 @@ def test_surrogates_keep_all_but_the_time() -> None:
 def test_a_short_recording_has_no_time_half_of_it_late() -> None:
     rng = np.random.default_rng(4)
     tracks = seen_by(A, walkers(4, rng, 15.0), rng, seconds=15.0)
-    assert len(list(surrogates(tracks, 5.0))) == 1
-    assert len(list(surrogates(tracks, 0.0))) == 2
+    assert len(list(make_surrogates(tracks, 5.0))) == 1
+    assert len(list(make_surrogates(tracks, 0.0))) == 2

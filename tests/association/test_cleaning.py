@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from passerby.association.cleaning import clean
+from passerby.association.cleaning import reassign_detections
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Clock
 from passerby.people.upright_rays import Bodies, bodies_of
@@ -44,7 +44,7 @@ class Scene:
 
     def cleaned(self, person: list[np.ndarray], rig: Rig | None = None) -> list[np.ndarray]:
         before = [column.copy() for column in person]
-        found = clean(rig or self.rig, self.bodies, person, self.clocks, Clock(FPS), 1.72)
+        found = reassign_detections(rig or self.rig, self.bodies, person, self.clocks, Clock(FPS), 1.72)
         for given, column in zip(before, person, strict=True):
             np.testing.assert_array_equal(given, column, "what was given is not written to")
         return found
@@ -169,6 +169,6 @@ def test_instants_are_by_the_clocks() -> None:
     person = [column.copy() for column in scene.person]
     person[C3][scene.rows(C3, 2, 8, 9, 10)] = UNKNOWN
     scene.assert_is(scene.cleaned(person), scene.person)
-    by_number = clean(RIG, scene.bodies, scene.person, dict.fromkeys(RIG.names, Clock(FPS)), Clock(FPS), 1.72)
+    by_number = reassign_detections(RIG, scene.bodies, scene.person, dict.fromkeys(RIG.names, Clock(FPS)), Clock(FPS), 1.72)
     wrong = [np.mean(column != truth) for column, truth in zip(by_number, scene.person, strict=True)]
     assert max(wrong) > 0.3, "the walk is quick enough to tell"

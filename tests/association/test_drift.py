@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ground_walkers import Walker, standing, walkers
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import Clock
@@ -23,7 +23,7 @@ SECONDS = 60.0
 class Filmed:
     """Cameras of a rig, and who their tracklets are."""
 
-    cameras: list[PreparedCamera]
+    cameras: list[CameraTracklets]
     poses: list[Pose | None]
     person: list[np.ndarray]
     offset_s: np.ndarray
@@ -49,7 +49,7 @@ def filmed(
         shaken = bodies.bottom + noise * 0.1 * rng.standard_normal((len(bodies), 3))
         object.__setattr__(bodies, "bottom", shaken / np.linalg.norm(shaken, axis=1, keepdims=True))
         none = np.zeros(0, np.int64)
-        cameras.append(PreparedCamera(camera.name, seen, Clock(FPS), bodies, None, None, (none, none)))
+        cameras.append(CameraTracklets(camera.name, seen, Clock(FPS), bodies, None, None, (none, none)))
     return Filmed(cameras, [camera.pose for camera in rig], [np.arange(len(people))] * len(rig), offset_s)
 
 

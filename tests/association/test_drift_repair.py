@@ -9,7 +9,7 @@ import pytest
 import passerby
 from passerby.association.clocks.drift import Drift
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.clock_skew import against_one
+from passerby.calibration.clock_skew import relative_to_first
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
@@ -69,6 +69,6 @@ def test_clocks_in_step_stay_as_stated():
 
 
 def test_of_two_clocks_the_first_is_believed():
-    drifts = against_one({"C1": Drift(0.02, 0.001, 30.0), "C2": Drift(-0.02, 0.001, 30.0)})
+    drifts = relative_to_first({"C1": Drift(0.02, 0.001, 30.0), "C2": Drift(-0.02, 0.001, 30.0)})
     assert drifts["C1"].rate == 0
     assert drifts["C2"].rate == -0.04

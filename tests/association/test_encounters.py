@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ground_walkers import UP
-from passerby.association.ground.cooccurrence import TrackPair, encounters
+from passerby.association.ground.cooccurrence import TrackPair, find_synchronous_pairs
 from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
 from passerby.geometry.single_view import Level
 
@@ -23,7 +23,7 @@ def tracks_of(samples: list[tuple[int, int]]) -> GroundTracks:
 @given(first=SAMPLES, second=SAMPLES, lag=st.integers(-8, 8))
 def test_all_that_are_at_one_time_meet(first: list[tuple[int, int]], second: list[tuple[int, int]], lag: int) -> None:
     tracks = TrackPair(tracks_of(first), tracks_of(second))
-    met = encounters(tracks, lag)
+    met = find_synchronous_pairs(tracks, lag)
     wanted = np.argwhere(tracks.a.step[:, None] + lag == tracks.b.step)
     assert sorted(zip(met.a.tolist(), met.b.tolist(), strict=True)) == [tuple(row) for row in wanted.tolist()]
     pairs = met.tracklets
@@ -40,21 +40,21 @@ def test_all_that_are_at_one_time_meet(first: list[tuple[int, int]], second: lis
 
 def test_fewer_instants_are_spread_evenly() -> None:
     always = tracks_of([(step, who) for step in range(100) for who in range(3)])
-    met = encounters(TrackPair(always, always), 4, 10)
+    met = find_synchronous_pairs(TrackPair(always, always), 4, 10)
     instants = np.unique(always.step[met.a])
     assert len(instants) == 10
     assert (instants[0], instants[-1]) == (0, 95)
     assert set(np.diff(instants)) <= {10, 11}
     assert len(met) == 10 * 3 * 3
-    assert len(encounters(TrackPair(always, always), 4, 1000)) == 96 * 3 * 3
+    assert len(find_synchronous_pairs(TrackPair(always, always), 4, 1000)) == 96 * 3 * 3
 
 
 def test_neighbours_stay_together_where_asked() -> None:
     always = tracks_of([(step, 0) for step in range(1000)])
-    instants = always.step[encounters(TrackPair(always, always), 0, 100, 20).a]
+    instants = always.step[find_synchronous_pairs(TrackPair(always, always), 0, 100, 20).a]
     np.testing.assert_array_equal(np.unique(np.diff(instants)), [1, 226])
     assert (len(instants), instants[0], instants[-1]) == (100, 0, 999)
-    almost_all = always.step[encounters(TrackPair(always, always), 0, 999, 20).a]
+    almost_all = always.step[find_synchronous_pairs(TrackPair(always, always), 0, 999, 20).a]
     assert len(np.unique(almost_all)) == len(almost_all) == 980
 
 

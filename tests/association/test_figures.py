@@ -10,12 +10,12 @@ import pytest
 
 from ground_walkers import UP, Station, bodies_at, walkers
 from passerby.association.associate import Tracklets
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.figures import association_figures
 from passerby.association.graph import ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import ground_tracks
 from passerby.association.ground.registration import register_pair
-from passerby.association.initial_association import Beginning
+from passerby.association.initial_association import InitialAssociation
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.geometry.single_view import Level
 
@@ -24,7 +24,7 @@ STATIONS = Station(turn=0.4, place=-6 - 8j), Station(turn=-1.2, place=7 - 6j, de
 SECONDS, N_PEOPLE = 40.0, 6
 
 
-def camera(name: str, station: Station, numbers: list[int], *, level: bool = True) -> PreparedCamera:
+def camera(name: str, station: Station, numbers: list[int], *, level: bool = True) -> CameraTracklets:
     """Everybody walks past it; person p's tracklet is `numbers[p]`, and three detections are in none."""
     people = walkers(N_PEOPLE, np.random.default_rng(5), SECONDS)
     times = np.arange(int(SECONDS * 5)) / 5.0
@@ -34,10 +34,10 @@ def camera(name: str, station: Station, numbers: list[int], *, level: bool = Tru
     tracks = ground_tracks(bodies, LEVEL) if level else None
     n, none = len(tracklet) + 3, np.zeros(0, np.int64)
     boxes = Boxes(np.arange(n), np.append(tracklet, [UNKNOWN] * 3), np.full((n, 4), 9.0), np.ones(n))
-    return PreparedCamera(name, CameraObservations(boxes), Clock(5.0), bodies, LEVEL if level else None, tracks, (none, none))
+    return CameraTracklets(name, CameraObservations(boxes), Clock(5.0), bodies, LEVEL if level else None, tracks, (none, none))
 
 
-def graph_of(cameras: list[PreparedCamera]) -> ViewGraph:
+def graph_of(cameras: list[CameraTracklets]) -> ViewGraph:
     first, second = cameras[0].tracks, cameras[1].tracks
     assert first is not None
     assert second is not None
@@ -45,7 +45,7 @@ def graph_of(cameras: list[PreparedCamera]) -> ViewGraph:
 
 
 @pytest.fixture(scope="module")
-def cameras() -> list[PreparedCamera]:
+def cameras() -> list[CameraTracklets]:
     """The second camera's numbers 2 and 6 are nobody's; the third has no level."""
     return [
         camera("C1", STATIONS[0], [0, 1, 2, 3, 4, 5]),
@@ -54,10 +54,10 @@ def cameras() -> list[PreparedCamera]:
     ]
 
 
-def figures(cameras: list[PreparedCamera], person: np.ndarray, graph: ViewGraph | None) -> dict[str, Any]:
+def figures(cameras: list[CameraTracklets], person: np.ndarray, graph: ViewGraph | None) -> dict[str, Any]:
     offset_s = np.array([0.0, -0.8, 0.0])
-    beginning = Beginning(person, offset_s, graph)
-    found = association_figures(cameras, Tracklets.of(cameras), None, beginning, person, offset_s)
+    initial = InitialAssociation(person, offset_s, graph)
+    found = association_figures(cameras, Tracklets.of(cameras), None, initial, person, offset_s)
     assert json.loads(json.dumps(found)) == found
     return found
 
@@ -66,7 +66,7 @@ PERSON = np.array([10, 11, 12, 13, 14, 15, 15, 14, 99, 13, 12, 77, 11, 10, 20, 2
 """Of the first two cameras' tracklets five are joined, 0 and 7, 2 and 4, 3 and 3, 4 and 1, and 5 and 0, but 1 and 5 are not."""
 
 
-def test_each_camera_is_counted(cameras: list[PreparedCamera]) -> None:
+def test_each_camera_is_counted(cameras: list[CameraTracklets]) -> None:
     found = figures(cameras, PERSON, None)["cameras"]
     assert [entry["name"] for entry in found] == ["C1", "C2", "C3"]
     for entry, own in zip(found, cameras, strict=True):
@@ -80,12 +80,12 @@ def test_each_camera_is_counted(cameras: list[PreparedCamera]) -> None:
     assert found[2]["own_level"] is None
 
 
-def test_people_are_counted_once_and_numbers_of_nobody_not_at_all(cameras: list[PreparedCamera]) -> None:
+def test_people_are_counted_once_and_numbers_of_nobody_not_at_all(cameras: list[CameraTracklets]) -> None:
     """Ten to fifteen in the first camera, 77 in the second, six in the third; 99 has no box, nor has one 11."""
     assert figures(cameras, PERSON, None)["people"] == 6 + 1 + 6
 
 
-def test_a_registered_pair(cameras: list[PreparedCamera]) -> None:
+def test_a_registered_pair(cameras: list[CameraTracklets]) -> None:
     graph = graph_of(cameras)
     (pair,) = figures(cameras, PERSON, graph)["pairs"]
     guess = graph.edges[0].guess
@@ -100,7 +100,7 @@ def test_a_registered_pair(cameras: list[PreparedCamera]) -> None:
     assert pair["looks"] is None
 
 
-def test_nothing_is_told_of_pairs_of_which_nothing_is_known(cameras: list[PreparedCamera]) -> None:
+def test_nothing_is_told_of_pairs_of_which_nothing_is_known(cameras: list[CameraTracklets]) -> None:
     assert figures(cameras, PERSON, None)["pairs"] == []
     none = association_figures(cameras, Tracklets.of(cameras), None, None, PERSON, np.zeros(3))
     assert none["pairs"] == []

@@ -8,7 +8,7 @@ import pytest
 from ground_walkers import UP, Station, Walker, seen_by, walkers
 from passerby.association.ground.cooccurrence import TrackPair
 from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
-from passerby.association.ground.hough import SAME_LAG_S, likely_motions
+from passerby.association.ground.hough import SAME_LAG_S, hough_motion_candidates
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 
@@ -31,7 +31,7 @@ def test_shifts_are_found_to_a_cell_however_far(place: complex) -> None:
     """They are counted on a torus of 64 cells; the round must be told as well."""
     rng = np.random.default_rng(1)
     shown = rng.uniform(-5, 5, 40) + 1j * rng.uniform(-5, 5, 40)
-    best = likely_motions(TrackPair(strides(shown), strides(shown + place)), 0.0, 1)[0]
+    best = hough_motion_candidates(TrackPair(strides(shown), strides(shown + place)), 0.0, 1)[0]
     assert best.turn == pytest.approx(1.0)
     assert best.lag_s == 0.0
     assert abs(best.shift - place) < CELL_M / 2
@@ -40,14 +40,14 @@ def test_shifts_are_found_to_a_cell_however_far(place: complex) -> None:
 def test_of_two_rounds_the_one_with_more_votes_is_taken() -> None:
     shown = np.zeros(30)
     place = np.where(np.arange(30) % 3 == 0, 4.0 + 2.0j, 4.0 + 2.0j + 96.0)
-    best = likely_motions(TrackPair(strides(shown), strides(place)), 0.0, 1)[0]
+    best = hough_motion_candidates(TrackPair(strides(shown), strides(place)), 0.0, 1)[0]
     assert abs(best.shift - (100.0 + 2.0j)) < CELL_M / 2
 
 
 def test_a_spot_between_its_votes_has_a_shift() -> None:
     """Four votes in the far corners of the cells around one make it the highest, though it has none itself."""
     around = 0.75 + 0.75j + 2.1 * np.array([1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j])
-    best = likely_motions(TrackPair(strides(np.zeros(4)), strides(around)), 0.0, 1)[0]
+    best = hough_motion_candidates(TrackPair(strides(np.zeros(4)), strides(around)), 0.0, 1)[0]
     assert abs(best.shift - (0.75 + 0.75j)) < 1e-5
 
 
@@ -55,7 +55,7 @@ def test_the_best_motion_is_the_true_one_and_the_rest_differ_from_it() -> None:
     rng = np.random.default_rng(2)
     b = Station(2.2, 9.0 + 4.0j, delay_s=2.0)
     people = walkers(6, rng)
-    found = likely_motions(TrackPair(seen_by(A, people, rng), seen_by(b, people, rng)), 3.0, 5)
+    found = hough_motion_candidates(TrackPair(seen_by(A, people, rng), seen_by(b, people, rng)), 3.0, 5)
     turn, _, lag_s = A.motion_to(b)
     assert abs(np.angle(found[0].turn / turn)) < np.deg2rad(5.0)
     assert abs(found[0].lag_s - lag_s) <= STEP_S
@@ -76,12 +76,12 @@ def test_likeness_makes_the_right_pairs_louder() -> None:
     tracks_a, tracks_b = seen_by(A, people, rng), seen_by(b, people, rng)
     turn = A.motion_to(b)[0]
     for alike, half_turns in ((np.eye(2), 0), (1.0 - np.eye(2), 1)):
-        best = likely_motions(TrackPair(tracks_a, tracks_b, 3.0 * (alike - 0.5)), 0.0, 1)[0]
+        best = hough_motion_candidates(TrackPair(tracks_a, tracks_b, 3.0 * (alike - 0.5)), 0.0, 1)[0]
         assert abs(np.angle(best.turn / turn * (-1.0) ** half_turns)) < np.deg2rad(6.0)
 
 
 def test_recordings_that_never_overlap_have_no_motion() -> None:
     early = strides(np.zeros(10))
     late = GroundTracks(early.level, early.tolerance, early.step + 100, early.tracklet, early.position, early.velocity)
-    assert likely_motions(TrackPair(early, late), 5.0, 6) == []
-    assert likely_motions(TrackPair(early, late), 48.0, 6) != []
+    assert hough_motion_candidates(TrackPair(early, late), 5.0, 6) == []
+    assert hough_motion_candidates(TrackPair(early, late), 48.0, 6) != []

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.core.synchronisation import TimeSteps, common_instants, common_time_steps
+from passerby.core.synchronisation import TimeSteps, common_time_steps, resample_to_common_steps
 
 SPEED = np.array([35.0, -12.0, 3.0, 8.0])
 """How the walker's box changes, pixels a second."""
@@ -25,7 +25,7 @@ def walker(clock: Clock, frames: np.ndarray, identity: int = 4) -> Boxes:
 
 def brought(clocks: dict[str, Clock], boxes: dict[str, Boxes], **options: object) -> Observations:
     seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
-    return common_instants(seen, clocks, **options)  # type: ignore[arg-type]
+    return resample_to_common_steps(seen, clocks, **options)  # type: ignore[arg-type]
 
 
 def walkers(clocks: dict[str, Clock], seconds: float = 8.0) -> dict[str, Boxes]:
@@ -93,7 +93,7 @@ def test_the_grid_is_the_usual_rate_and_the_busiest_camera_of_it() -> None:
     seen = Observations({name: CameraObservations(rows) for name, rows in boxes.items()})
     assert common_time_steps(seen, clocks) == TimeSteps(clocks["B"])
     assert common_time_steps(seen, clocks).clock == clocks["B"]
-    found = common_instants(seen, clocks)
+    found = resample_to_common_steps(seen, clocks)
     np.testing.assert_array_equal(found["B"].boxes.ltwh, boxes["B"].ltwh)
     assert len(found["C"].boxes) == len(boxes["C"])  # each sample at its nearest instant, but none turned into many
     # Of rates that are equally usual the slower.
@@ -197,7 +197,7 @@ def test_joints_move_along_and_doubt_stays() -> None:
     seen = Observations(
         {"A": CameraObservations(walker(clocks["A"], np.arange(1, 9))), "B": CameraObservations(keypoints=joints)}
     )
-    found = common_instants(seen, clocks)["B"].keypoints
+    found = resample_to_common_steps(seen, clocks)["B"].keypoints
     assert found.frame.tolist() == [2]
     np.testing.assert_allclose(found.xy[0], [[16.0, 20.0], [30.0, 46.0]])
     assert found.score.tolist() == [[0.6, 0.0]]
@@ -214,4 +214,4 @@ def test_faults_are_told() -> None:
     with pytest.raises(InputError, match="camera A: identity 4 has two boxes in frame 2"):
         brought({"A": Clock(10.0), "B": Clock(10.0)}, {**boxes, "A": twice})
     with pytest.raises(InputError, match="no camera"):
-        common_instants(Observations({}), {})
+        resample_to_common_steps(Observations({}), {})

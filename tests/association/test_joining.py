@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from passerby.association.correlation_clustering import join, overlapping
+from passerby.association.correlation_clustering import cluster_tracklets, find_overlaps
 
 NEVER = -1e9
 """Weight of two tracklets that cannot be one person."""
@@ -14,7 +14,7 @@ NEVER = -1e9
 
 def joined(n: int, *edges: tuple[int, int, float]) -> list[int]:
     first, second, weight = (np.array(column) for column in zip(*edges, strict=True)) if edges else (np.zeros(0),) * 3
-    return join(n, first.astype(np.int64), second.astype(np.int64), weight.astype(np.float64)).tolist()
+    return cluster_tracklets(n, first.astype(np.int64), second.astype(np.int64), weight.astype(np.float64)).tolist()
 
 
 def test_without_edges_all_are_alone() -> None:
@@ -87,7 +87,7 @@ def test_clear_people_are_found_as_they_are(sizes: list[int], seed: int) -> None
     person = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
     first, second = np.triu_indices(len(person), 1)
     weight = np.where(person[first] == person[second], 1.0, -1.0) * rng.uniform(0.1, 5.0, len(first))
-    group = join(len(person), first, second, weight)
+    group = cluster_tracklets(len(person), first, second, weight)
     np.testing.assert_array_equal(group[:, None] == group, person[:, None] == person)
 
 
@@ -98,7 +98,7 @@ def test_clear_people_are_found_as_they_are(sizes: list[int], seed: int) -> None
 def test_overlaps_are_those_that_brute_force_finds(spans: list[tuple[int, int]], slack: float) -> None:
     start = np.array([begin for begin, _ in spans], dtype=np.float64)
     end = start + np.array([length for _, length in spans], dtype=np.float64)
-    i, j = overlapping(start, end, slack)
+    i, j = find_overlaps(start, end, slack)
     found = list(zip(i.tolist(), j.tolist(), strict=True))
     wanted = {(m, n) for n in range(len(spans)) for m in range(n) if min(end[m], end[n]) - max(start[m], start[n]) > slack}
     assert len(found) == len(set(found))

@@ -10,7 +10,7 @@ import passerby.association.joints.joint_graph as joint_graph
 from passerby.association.associate import Tracklets
 from passerby.association.graph import ViewGraph
 from passerby.association.joints.joint_pairs import JointRegistration, SamePerson
-from passerby.calibration.association_loop import AssociationOptions, solve_unidentified
+from passerby.calibration.association_loop import AssociationOptions, solve_with_unknown_identities
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
@@ -30,29 +30,29 @@ def registration(a, b, *, gain=0.8, wrong=None, mirrored=False, lag_s=0.0):
 def test_a_registration_that_contradicts_better_ones_is_dropped():
     right = [registration(0, 1), registration(1, 2), registration(2, 3), registration(0, 2)]
     wrong = registration(0, 3, gain=0.55, wrong=[0.0, 1.5, 0.0])
-    assert [one.used for one in joint_graph.agreeing([*right, wrong], 4)] == [True, True, True, True, False]
+    assert [one.used for one in joint_graph.consistent_registrations([*right, wrong], 4)] == [True, True, True, True, False]
 
 
 def test_of_two_equally_good_neither_is_believed():
     loop = [registration(0, 1, gain=0.7), registration(1, 2), registration(0, 2, gain=0.69, wrong=[0.0, 1.5, 0.0])]
-    assert [one.used for one in joint_graph.agreeing(loop, 3)] == [False, True, False]
+    assert [one.used for one in joint_graph.consistent_registrations(loop, 3)] == [False, True, False]
 
 
 def test_groups_that_joints_join_bring_their_clocks():
     apart = ViewGraph((), ((0, 1), (2, 3)), np.array([0.0, 0.5, 0.0, -1.0]))
-    graph = joint_graph.joined_graph(apart, [registration(1, 3, lag_s=0.3)])
+    graph = joint_graph.add_joint_edges(apart, [registration(1, 3, lag_s=0.3)])
     assert graph.groups == ((0, 1, 2, 3),)
     # Both see one event: time_3 = time_1 + lag, and time + offset is the same.
     assert graph.offset_s[1] == pytest.approx(graph.offset_s[3] + 0.3)
     np.testing.assert_allclose(graph.offset_s[[0, 1]], [0.0, 0.5])
     assert graph.offset_s[2] - graph.offset_s[3] == pytest.approx(1.0)
-    assert joint_graph.joined_graph(apart, [replace(registration(1, 3), used=False)]) is apart
+    assert joint_graph.add_joint_edges(apart, [replace(registration(1, 3), used=False)]) is apart
 
 
 def test_the_tracklet_with_left_and_right_exchanged_is_the_odd_one():
     tracklets = Tracklets(np.arange(5), np.zeros(4), np.ones(4), (np.zeros(0, np.int64), np.zeros(0, np.int64)))
     found = [registration(0, 1, mirrored=True), registration(1, 2, mirrored=True), registration(2, 3)]
-    assert joint_graph.mirrored_tracklets(tracklets, found).tolist() == [False, True, False, False]
+    assert joint_graph.find_mirrored_tracklets(tracklets, found).tolist() == [False, True, False, False]
 
 
 def calibrated(rig, rng, shown, exchanged=()):
@@ -69,7 +69,7 @@ def calibrated(rig, rng, shown, exchanged=()):
         return solve_people(bare, instants, ScaleCues(), rng=np.random.default_rng(0), guesses=guesses)
 
     bare = Rig(tuple(Camera(camera.name, camera.lens) for camera in rig))
-    return solve_unidentified(bare, observations, AssociationOptions(), solve, np.random.default_rng(0))
+    return solve_with_unknown_identities(bare, observations, AssociationOptions(), solve, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("exchanged", [(), ("C3",)], ids=["as they are", "left and right exchanged in C3"])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from passerby.association.joints.joint_tracks import GRID_S, joint_tracks, mirrored, unmirrored
+from passerby.association.joints.joint_tracks import GRID_S, joint_tracks, mirrored_order, swap_left_and_right
 from passerby.core.cameras import Lens
 from passerby.core.observations import BODY_17, Clock, Keypoints
 
@@ -61,11 +61,11 @@ def test_nobody_at_all():
 
 
 def test_left_and_right_change_sides_in_the_named_tracklets_only():
-    order = mirrored(BODY_17)
+    order = mirrored_order(BODY_17)
     assert [BODY_17[k] for k in order[5:7]] == ["right_shoulder", "left_shoulder"]
     assert order[0] == 0
     a, b = moving([1, 2], 0), moving([1, 2], 1)
     both = Keypoints(*(np.concatenate([getattr(part, n) for part in (a, b)]) for n in ("frame", "identity", "xy", "score")))
-    mended = unmirrored(both, np.array([False, True]))
+    mended = swap_left_and_right(both, np.array([False, True]))
     np.testing.assert_array_equal(mended.xy[:2], both.xy[:2])
     np.testing.assert_array_equal(mended.xy[2:], both.xy[2:][:, order])

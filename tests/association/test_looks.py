@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ground_walkers import bodies_at
-from passerby.association.appearance.affinity import Looks
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.appearance.affinity import AppearanceAffinity
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.sampling import STEP_S
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 
@@ -19,9 +19,9 @@ FPS = 10.0
 
 def camera(
     name: str, *, seed: int, distinct: bool = True, embeddings: bool = True, seconds: float = 60.0, offset_s: float = 0.0
-) -> tuple[PreparedCamera, np.ndarray]:
+) -> tuple[CameraTracklets, np.ndarray]:
     """People who are seen for most of the time, each in several tracklets, and who the tracklets are (-1: a false number)."""
-    looks = np.random.default_rng(0).standard_normal((PEOPLE, DIMENSIONS)) / np.sqrt(DIMENSIONS)
+    appearance = np.random.default_rng(0).standard_normal((PEOPLE, DIMENSIONS)) / np.sqrt(DIMENSIONS)
     rng = np.random.default_rng(seed)
     frame = np.tile(np.arange(1, int(seconds * FPS) + 1), PEOPLE)
     person = np.repeat(np.arange(PEOPLE), int(seconds * FPS))
@@ -32,7 +32,7 @@ def camera(
     who[tracklet] = person
     keep = (rng.random(len(frame)) < 0.9) & (part != (person + seed) % 4)
     tracklet = np.where(rng.random(len(frame)) < 0.05, UNKNOWN, tracklet)[keep]
-    core = looks[person[keep]] if distinct else np.zeros((keep.sum(), DIMENSIONS))
+    core = appearance[person[keep]] if distinct else np.zeros((keep.sum(), DIMENSIONS))
     bias = rng.standard_normal(DIMENSIONS) / np.sqrt(DIMENSIONS)
     vectors = core + bias + 0.7 * rng.standard_normal(core.shape) / np.sqrt(DIMENSIONS)
     boxes = Boxes(
@@ -42,18 +42,18 @@ def camera(
     none = np.zeros(0, np.int64)
     clock = Clock(FPS, offset_s)
     bodies = bodies_at(boxes.identity, clock.seconds(boxes.frame), np.full(len(boxes), 5.0 + 5.0j))
-    return PreparedCamera(name, CameraObservations(boxes), clock, bodies, None, None, (none, none)), who
+    return CameraTracklets(name, CameraObservations(boxes), clock, bodies, None, None, (none, none)), who
 
 
-def looks_of(*cameras: PreparedCamera) -> Looks | None:
-    return Looks.of(cameras, np.random.default_rng(0))
+def looks_of(*cameras: CameraTracklets) -> AppearanceAffinity | None:
+    return AppearanceAffinity.of(cameras, np.random.default_rng(0))
 
 
 def test_the_likeness_tells_one_person_from_two() -> None:
     (a, who_a), (b, who_b) = camera("C1", seed=1), camera("C2", seed=2)
     found = looks_of(a, b)
     assert found is not None
-    ratio = found.likeness()[0, 1]
+    ratio = found.affinity()[0, 1]
     assert ratio.shape == (a.n_tracklets, b.n_tracklets)
     known_a, known_b = (np.isin(np.arange(own.n_tracklets), own.seen.boxes.identity) for own in (a, b))
     known = known_a[:, None] & known_b[None]
@@ -82,7 +82,7 @@ def test_the_features_and_votes_are_those_of_the_pair() -> None:
 def test_looks_that_tell_nobody_apart_say_nothing() -> None:
     found = looks_of(camera("C1", seed=1, distinct=False)[0], camera("C2", seed=2, distinct=False)[0])
     assert found is not None
-    assert found.likeness() == {} or np.abs(found.likeness()[0, 1]).max() < 0.5
+    assert found.affinity() == {} or np.abs(found.affinity()[0, 1]).max() < 0.5
 
 
 def test_a_camera_without_embeddings_has_no_looks() -> None:

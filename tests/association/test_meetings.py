@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from passerby.association.ground.ray_affinity import SightTracks, meetings, sight_tracks
+from passerby.association.ground.ray_affinity import RayTracks, pairwise_ray_affinity, ray_tracks
 from passerby.association.sampling import STEP_S
 from passerby.core.cameras import Pose
 from passerby.people.upright_rays import Bodies
@@ -43,7 +43,7 @@ class People:
         fps: float = 10.0,
         seconds: float = 20.0,
         unknown: int = -1,
-    ) -> SightTracks:
+    ) -> RayTracks:
         """By a camera whose clock shows so much more than the time; the tracklet numbers are the people's, one is in none."""
         rng, n = np.random.default_rng(len(self.middle)), len(self.middle)
         time = np.tile(np.arange(0.0, seconds, 1 / fps), n)
@@ -57,7 +57,7 @@ class People:
             np.arange(len(time)), time + late_s, np.where(person == unknown, -1, person), top, bottom,
             np.zeros((len(time), 2, 3)), none + 100, none + 1, none, np.arange(len(time)), none > 0,
         )  # fmt: skip
-        return sight_tracks(bodies.take(rng.permutation(len(time))), pose)
+        return ray_tracks(bodies.take(rng.permutation(len(time))), pose)
 
 
 def _rays(pose: Pose, points: np.ndarray) -> np.ndarray:
@@ -65,9 +65,9 @@ def _rays(pose: Pose, points: np.ndarray) -> np.ndarray:
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-def table(a: SightTracks, b: SightTracks, n: int, lag_s: float = 0.0) -> np.ndarray:
+def table(a: RayTracks, b: RayTracks, n: int, lag_s: float = 0.0) -> np.ndarray:
     """(n, n) the mean value of a common sample; NaN where there is none."""
-    i, j, value = meetings(a, b, lag_s, BODY_M)
+    i, j, value = pairwise_ray_affinity(a, b, lag_s, BODY_M)
     assert len(set(zip(i.tolist(), j.tolist(), strict=True))) == len(i)
     count = np.full((n, n), np.nan)
     for k, m in zip(i, j, strict=True):
@@ -110,8 +110,8 @@ def test_people_meet_themselves_and_nobody_else() -> None:
 
 
 def test_the_sum_grows_with_every_common_sample_and_is_at_most_one_each() -> None:
-    short = meetings(CROWD.seen_from(FAR, seconds=10), CROWD.seen_from(NEAR, seconds=10), 0.0, BODY_M)
-    long = meetings(CROWD.seen_from(FAR), CROWD.seen_from(NEAR), 0.0, BODY_M)
+    short = pairwise_ray_affinity(CROWD.seen_from(FAR, seconds=10), CROWD.seen_from(NEAR, seconds=10), 0.0, BODY_M)
+    long = pairwise_ray_affinity(CROWD.seen_from(FAR), CROWD.seen_from(NEAR), 0.0, BODY_M)
     for i, j, value, samples in (*zip(*short, [20] * 16, strict=True), *zip(*long, [40] * 16, strict=True)):
         assert abs(value) <= samples
         assert (value > 0.8 * samples) == (i == j)
@@ -149,7 +149,9 @@ def test_nobody_meets_behind_a_camera() -> None:
     here = 0.5 * BODY_M
     first, second = looking_at((0, 0, here), (6, 0, here)), looking_at((0, 0, here), (-6, 0, here))
     opposite = People(np.array([[6.0, 0.0], [-6.0, 0.0]]), apart=np.pi)
-    i, j, value = meetings(opposite.seen_from(first, unknown=1), opposite.seen_from(second, unknown=0), 0.0, BODY_M)
+    i, j, value = pairwise_ray_affinity(
+        opposite.seen_from(first, unknown=1), opposite.seen_from(second, unknown=0), 0.0, BODY_M
+    )
     assert (i.tolist(), j.tolist(), value.tolist()) == ([0], [1], [-40.0])
 
 
@@ -164,11 +166,11 @@ def test_the_lag_is_what_camera_bs_clock_shows_more(lag_s: float) -> None:
 
 
 def test_whoever_is_in_no_tracklet_meets_nobody() -> None:
-    i, j, _ = meetings(CROWD.seen_from(FAR, unknown=1), CROWD.seen_from(NEAR, unknown=2), 0.0, BODY_M)
+    i, j, _ = pairwise_ray_affinity(CROWD.seen_from(FAR, unknown=1), CROWD.seen_from(NEAR, unknown=2), 0.0, BODY_M)
     assert set(i.tolist()) == {0, 2, 3}
     assert set(j.tolist()) == {0, 1, 3}
 
 
 def test_cameras_that_never_see_at_one_time() -> None:
-    i, j, value = meetings(CROWD.seen_from(FAR), CROWD.seen_from(NEAR, late_s=500.0), 0.0, BODY_M)
+    i, j, value = pairwise_ray_affinity(CROWD.seen_from(FAR), CROWD.seen_from(NEAR, late_s=500.0), 0.0, BODY_M)
     assert len(i) == len(j) == len(value) == 0

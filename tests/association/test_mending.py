@@ -9,7 +9,7 @@ import pytest
 from metrics.tracklets import score_tracklets
 from simulated_scenes import scene
 
-from passerby.association.tracking.stitching import MendingOptions, mend, successions
+from passerby.association.tracking.stitching import StitchingOptions, find_stitches, stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
@@ -33,10 +33,10 @@ def together(*parts: Boxes) -> Boxes:
     return Boxes(*columns, np.concatenate(embeddings) if embeddings else None)
 
 
-def worn(boxes: Boxes, looks: dict[int, int], spread: float = 1.0, seed: int = 0) -> Boxes:
-    """With embeddings: one direction for each look, and noise of so many times its length. `looks`: of the identities."""
+def worn(boxes: Boxes, appearance: dict[int, int], spread: float = 1.0, seed: int = 0) -> Boxes:
+    """With embeddings: one direction for each look, and noise of so many times its length. `appearance`: of the identities."""
     directions = np.random.default_rng(99).standard_normal((100, 32))
-    worn_by = np.array([looks.get(number, number) for number in boxes.identity.tolist()])
+    worn_by = np.array([appearance.get(number, number) for number in boxes.identity.tolist()])
     noise = np.random.default_rng(seed).standard_normal((len(boxes), 32))
     return replace(boxes, embedding=directions[worn_by] + spread * noise)
 
@@ -51,7 +51,7 @@ def others(count: int = 24) -> Boxes:
 
 def numbers(boxes: Boxes, *people: int) -> list[list[int]]:
     """The mended numbers of each of the given tracklets."""
-    found = mend(boxes, FPS).identity
+    found = stitch_tracklets(boxes, FPS).identity
     return [np.unique(found[boxes.identity == number]).tolist() for number in people]
 
 
@@ -61,7 +61,7 @@ def test_hidden_behind_a_pillar_for_two_seconds() -> None:
     seen = passing.take((frames < 30) | (frames > 50))
     broken = replace(seen, identity=np.where(seen.frame < 40, 4, 9))
     assert numbers(broken, 4, 9) == [[4], [4]]
-    assert [column.tolist() for column in successions(broken, FPS)] == [[4], [9]]
+    assert [column.tolist() for column in find_stitches(broken, FPS)] == [[4], [9]]
 
 
 def test_another_who_comes_out_on_the_other_side_is_another() -> None:
@@ -89,7 +89,7 @@ def test_two_who_cross_go_on_straight() -> None:
     assert numbers(crossing(0.8, np.pi / 2), 10, 20, 11, 21) == [[10], [10], [11], [11]]
 
 
-def merging(looks: dict[int, int] | None = None) -> Boxes:
+def merging(appearance: dict[int, int] | None = None) -> Boxes:
     """Two who walk towards each other, stand together unseen and part: 10 and 11, then 20 and 21 who may be either.
 
     They come from the left and the right and leave upwards and downwards.
@@ -99,7 +99,7 @@ def merging(looks: dict[int, int] | None = None) -> Boxes:
     later = np.arange(45, 70)
     up, down = walker(20, later, (350.0, 370.0), (0.0, -60.0)), walker(21, later, (350.0, -170.0), (0.0, 60.0))
     boxes = together(left, right, up, down, others())
-    return boxes if looks is None else worn(boxes, looks)
+    return boxes if appearance is None else worn(boxes, appearance)
 
 
 def test_two_who_merge_and_part_are_not_guessed() -> None:
@@ -155,7 +155,7 @@ def test_simulated_people_are_followed(preset: str, embeddings: str, people: int
             false_boxes=0.1, embeddings=embeddings,
         ).observations["C1"].boxes  # fmt: skip
         found = track(replace(truth, identity=np.full(len(truth), -1)), 7.0)
-        mended = mend(found, 7.0)
+        mended = stitch_tracklets(found, 7.0)
         np.testing.assert_array_equal(mended.identity < 0, found.identity < 0)
         scores = [score_tracklets(boxes, truth) for boxes in (found, mended)]
         before.append(scores[0].idf1)
@@ -169,33 +169,33 @@ def test_simulated_people_are_followed(preset: str, embeddings: str, people: int
 def test_neither_the_order_of_the_rows_nor_the_numbers_matter() -> None:
     boxes = merging({20: 11, 21: 10})
     shuffle = np.random.default_rng(0).permutation(len(boxes))
-    found = mend(boxes, FPS).identity
-    np.testing.assert_array_equal(mend(boxes.take(shuffle), FPS).identity, found[shuffle])
-    np.testing.assert_array_equal(mend(boxes, FPS).identity, found)
+    found = stitch_tracklets(boxes, FPS).identity
+    np.testing.assert_array_equal(stitch_tracklets(boxes.take(shuffle), FPS).identity, found[shuffle])
+    np.testing.assert_array_equal(stitch_tracklets(boxes, FPS).identity, found)
     renamed = replace(boxes, identity=boxes.identity * 3 + 5)
-    np.testing.assert_array_equal(mend(renamed, FPS).identity, found * 3 + 5)
+    np.testing.assert_array_equal(stitch_tracklets(renamed, FPS).identity, found * 3 + 5)
 
 
 def test_only_time_counts_not_the_frame_numbers() -> None:
     boxes = crossing(0.8, np.pi / 2)
     sparse = replace(boxes, frame=boxes.frame * 5 + 3)
-    np.testing.assert_array_equal(mend(sparse, 5 * FPS).identity, mend(boxes, FPS).identity)
+    np.testing.assert_array_equal(stitch_tracklets(sparse, 5 * FPS).identity, stitch_tracklets(boxes, FPS).identity)
 
 
 def test_boxes_of_no_tracklet_stay_alone() -> None:
     boxes = crossing(0.8, np.pi / 2)
     none = replace(boxes, identity=np.where(boxes.identity == 21, -1, boxes.identity))
-    assert (mend(none, FPS).identity[none.identity < 0] == -1).all()
+    assert (stitch_tracklets(none, FPS).identity[none.identity < 0] == -1).all()
     nothing = replace(boxes, identity=np.full(len(boxes), -1))
-    np.testing.assert_array_equal(mend(nothing, FPS).identity, nothing.identity)
-    assert [len(column) for column in successions(nothing, FPS)] == [0, 0]
-    assert len(mend(Boxes.empty(), FPS)) == 0
+    np.testing.assert_array_equal(stitch_tracklets(nothing, FPS).identity, nothing.identity)
+    assert [len(column) for column in find_stitches(nothing, FPS)] == [0, 0]
+    assert len(stitch_tracklets(Boxes.empty(), FPS)) == 0
 
 
 def test_options_out_of_range() -> None:
     with pytest.raises(InputError, match="max_gap_s = 0"):
-        MendingOptions(max_gap_s=0.0)
+        StitchingOptions(max_gap_s=0.0)
     with pytest.raises(InputError, match="margin = nan"):
-        MendingOptions(margin=float("nan"))
+        StitchingOptions(margin=float("nan"))
     with pytest.raises(InputError, match="fps"):
-        mend(crossing(0.8, 1.0), 0.0)
+        stitch_tracklets(crossing(0.8, 1.0), 0.0)

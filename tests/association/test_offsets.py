@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from passerby.association.clocks.offsets import whole_frames
+from passerby.association.clocks.offsets import snap_to_whole_frames
 
 FPS = np.full(4, 25.0)
 FRAME_S = 0.04
@@ -15,14 +15,14 @@ SIGMA_S = np.array([0.0, 0.002, 0.003, 0.002])
 def test_offsets_that_are_whole_within_their_sigmas_become_so() -> None:
     frames = np.array([0.0, 3.0, -7.0, 0.0])
     stray = np.array([0.0, 0.0015, -0.003, 0.002])
-    found = whole_frames(0.7 + frames * FRAME_S + stray, SIGMA_S, FPS)
+    found = snap_to_whole_frames(0.7 + frames * FRAME_S + stray, SIGMA_S, FPS)
     assert found is not None
     np.testing.assert_allclose(found, 0.7 + frames * FRAME_S, atol=1e-12)
 
 
 @pytest.mark.parametrize("share", [0.5, 0.3, -0.4])
 def test_one_camera_between_two_frames_leaves_all_as_they_are(share: float) -> None:
-    assert whole_frames(np.array([0.0, 0.08, (2 + share) * FRAME_S, -0.04]), SIGMA_S, FPS) is None
+    assert snap_to_whole_frames(np.array([0.0, 0.08, (2 + share) * FRAME_S, -0.04]), SIGMA_S, FPS) is None
 
 
 def test_many_small_strays_speak_together() -> None:
@@ -30,7 +30,7 @@ def test_many_small_strays_speak_together() -> None:
     for count, is_whole in ((1, True), (10, False)):
         offset_s = np.concatenate([[0.0], np.full(count, 0.04 + 1.9 * 0.002)])
         sigma_s = np.concatenate([[0.0], np.full(count, 0.002)])
-        assert (whole_frames(offset_s, sigma_s, np.full(count + 1, 25.0)) is not None) == is_whole
+        assert (snap_to_whole_frames(offset_s, sigma_s, np.full(count + 1, 25.0)) is not None) == is_whole
 
 
 def test_offsets_that_are_drawn_whole_are_mostly_found_so_and_others_never() -> None:
@@ -38,8 +38,8 @@ def test_offsets_that_are_drawn_whole_are_mostly_found_so_and_others_never() -> 
     whole, between = 0, 0
     for _ in range(400):
         frames, noise = rng.integers(-50, 50, 4), SIGMA_S * rng.standard_normal(4)
-        whole += whole_frames((frames - frames[0]) * FRAME_S + noise, SIGMA_S, FPS) is not None
-        between += whole_frames((frames + [0, 0.5, 0.5, 0.5]) * FRAME_S + noise, SIGMA_S, FPS) is not None
+        whole += snap_to_whole_frames((frames - frames[0]) * FRAME_S + noise, SIGMA_S, FPS) is not None
+        between += snap_to_whole_frames((frames + [0, 0.5, 0.5, 0.5]) * FRAME_S + noise, SIGMA_S, FPS) is not None
     assert 0.92 < whole / 400 < 0.98
     assert between == 0
 
@@ -47,23 +47,23 @@ def test_offsets_that_are_drawn_whole_are_mostly_found_so_and_others_never() -> 
 def test_a_sigma_too_large_says_nothing() -> None:
     """Everything is whole within a third of a frame."""
     offset_s = np.array([0.0, 0.04, 0.08, -0.04])
-    assert whole_frames(offset_s, SIGMA_S, FPS) is not None
-    assert whole_frames(offset_s, np.array([0.0, 0.002, 0.3 * FRAME_S, 0.002]), FPS) is None
+    assert snap_to_whole_frames(offset_s, SIGMA_S, FPS) is not None
+    assert snap_to_whole_frames(offset_s, np.array([0.0, 0.002, 0.3 * FRAME_S, 0.002]), FPS) is None
 
 
 def test_frames_of_different_rates_are_not_counted_together() -> None:
     offset_s = np.array([0.0, 0.04, 0.08, -0.04])
-    assert whole_frames(offset_s, SIGMA_S, np.array([25.0, 25.0, 50.0, 25.0])) is None
+    assert snap_to_whole_frames(offset_s, SIGMA_S, np.array([25.0, 25.0, 50.0, 25.0])) is None
 
 
 def test_a_camera_that_is_not_registered_keeps_its_offset_and_says_nothing() -> None:
     offset_s, fps = np.array([0.013, 0.2, 0.2801, 0.1601]), np.array([30.0, 25.0, 25.0, 25.0])
     sigma_s = np.array([np.nan, 0.0, 0.002, 0.003])
-    found = whole_frames(offset_s, sigma_s, fps)
+    found = snap_to_whole_frames(offset_s, sigma_s, fps)
     assert found is not None
     np.testing.assert_allclose(found, [0.013, 0.2, 0.28, 0.16], atol=1e-12)
 
 
 def test_nothing_is_whole_of_one_camera_alone() -> None:
-    assert whole_frames(np.array([0.0, 0.4]), np.array([0.0, np.nan]), np.array([25.0, 25.0])) is None
-    assert whole_frames(np.array([0.0, 0.4]), np.array([np.nan, np.nan]), np.array([25.0, 25.0])) is None
+    assert snap_to_whole_frames(np.array([0.0, 0.4]), np.array([0.0, np.nan]), np.array([25.0, 25.0])) is None
+    assert snap_to_whole_frames(np.array([0.0, 0.4]), np.array([np.nan, np.nan]), np.array([25.0, 25.0])) is None

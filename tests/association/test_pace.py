@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ground_walkers import UP, Station, bodies_at, standing, walkers
-from passerby.association.camera_tracklets import PreparedCamera
-from passerby.association.clocks.frame_rate import FASTEST, SLOWEST, UNKNOWN_RATE, assumed_rate, rate_of_walkers
+from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.clocks.frame_rate import FASTEST, SLOWEST, UNKNOWN_RATE, estimate_frame_rate, rate_of_walkers
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
 from passerby.geometry.single_view import Level
@@ -18,7 +18,7 @@ from person_scenes import simulated
 HEIGHT_M = 4.0
 
 
-def walked(fps: float, *, stand: bool = False, seed: int = 0, noise_m: float = 0.1, offset_m: complex = 9j) -> PreparedCamera:
+def walked(fps: float, *, stand: bool = False, seed: int = 0, noise_m: float = 0.1, offset_m: complex = 9j) -> CameraTracklets:
     """Eight people in front of a camera; half a minute, the rate known to nobody."""
     rng = np.random.default_rng(seed)
     people = standing(8, rng, half_m=6.0) if stand else walkers(8, rng, 30.0, half_m=6.0)
@@ -30,7 +30,7 @@ def walked(fps: float, *, stand: bool = False, seed: int = 0, noise_m: float = 0
     )
     bodies = bodies.take(rng.permutation(len(bodies)))
     none = np.zeros(0, np.int64)
-    return PreparedCamera("C", CameraObservations(), Clock(5.0), bodies, Level(UP, HEIGHT_M, 0.0), None, (none, none))
+    return CameraTracklets("C", CameraObservations(), Clock(5.0), bodies, Level(UP, HEIGHT_M, 0.0), None, (none, none))
 
 
 @pytest.mark.parametrize("fps", [1.0, 5.0, 25.0, 50.0])
@@ -82,12 +82,12 @@ def test_the_rate_of_a_simulated_scene(given: bool) -> None:
     for name in rig.names:
         boxes = scene.observations[name].boxes
         cameras[name] = CameraObservations(boxes if given else replace(boxes, identity=np.full(len(boxes), UNKNOWN)))
-    found = assumed_rate(rig, Observations(cameras), 1.72, np.random.default_rng(0))
+    found = estimate_frame_rate(rig, Observations(cameras), 1.72, np.random.default_rng(0))
     assert 2.5 < found < 10.0
 
 
 def test_nobody_seen_leaves_the_usual_rate() -> None:
     scene = simulated("terrace", 20.0, 2, unrelated_ids=True)
     rig = Rig(scene.rig.cameras[:1])
-    found = assumed_rate(rig, Observations({rig.names[0]: CameraObservations()}), 1.72, np.random.default_rng(0))
+    found = estimate_frame_rate(rig, Observations({rig.names[0]: CameraObservations()}), 1.72, np.random.default_rng(0))
     assert found == UNKNOWN_RATE

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ground_walkers import UP, Station, seen_by, walkers
-from passerby.association.ground.cooccurrence import Encounters, TrackPair, encounters
+from passerby.association.ground.cooccurrence import SynchronousPairs, TrackPair, find_synchronous_pairs
 from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
-from passerby.association.ground.pair_matching import GroundMotion, agreements, fitted_motion, matches
+from passerby.association.ground.pair_matching import GroundMotion, agreement_of_pairs, fit_motion, match_tracklets
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 
@@ -20,7 +20,7 @@ A, B = Station(0.4, -12.0 - 3.0j), Station(2.0, 9.0 + 5.0j, delay_s=0.7)
 ON_THE_GRID = replace(B, delay_s=STEP_S)
 
 
-def agreement_of(met: Encounters, row: int, motion: GroundMotion, factor: float) -> float:
+def agreement_of(met: SynchronousPairs, row: int, motion: GroundMotion, factor: float) -> float:
     """By the definition: the squared Mahalanobis distance, from 1 down to -1."""
     covariance = np.zeros((2, 2))
     for tracks, index, turn in ((met.tracks.a, met.a[row], motion.turn), (met.tracks.b, met.b[row], 1.0)):
@@ -53,22 +53,22 @@ def test_agreement_is_what_it_is_defined_as(
             Level(UP, 4.0, 0.0), tolerance, step, tracklet, place[0] + 1j * place[1], velocity[0] + 1j * velocity[1]
         )
 
-    met = encounters(TrackPair(scattered(12), scattered(12)), 1)
+    met = find_synchronous_pairs(TrackPair(scattered(12), scattered(12)), 1)
     motion = GroundMotion(scale * np.exp(1.3j), complex(*rng.normal(0, 1, 2)), 0.5 + rng.uniform(-0.25, 0.25))
     wanted = [agreement_of(met, row, motion, factor) for row in range(len(met))]
-    np.testing.assert_allclose(agreements(met, motion, factor), wanted, atol=1e-9)
+    np.testing.assert_allclose(agreement_of_pairs(met, motion, factor), wanted, atol=1e-9)
 
 
-def seen(noise_m: float = 0.0, b: Station = B) -> Encounters:
+def seen(noise_m: float = 0.0, b: Station = B) -> SynchronousPairs:
     rng = np.random.default_rng(3)
     people = walkers(5, rng)
     tracks_a, tracks_b = (seen_by(station, people, rng, noise_m=noise_m, noise_share=0.0) for station in (A, b))
-    return encounters(TrackPair(tracks_a, tracks_b), round(b.delay_s / STEP_S))
+    return find_synchronous_pairs(TrackPair(tracks_a, tracks_b), round(b.delay_s / STEP_S))
 
 
 def test_each_tracklet_is_matched_to_its_own() -> None:
     met = seen(0.05)
-    found = matches(met, GroundMotion(*A.motion_to(B)), 1.0)
+    found = match_tracklets(met, GroundMotion(*A.motion_to(B)), 1.0)
     assert found is not None
     assert sorted(zip(found.tracklets_a.tolist(), found.tracklets_b.tolist(), strict=True)) == [(n, n) for n in range(5)]
     assert (found.weight > 70).all()
@@ -78,7 +78,7 @@ def test_each_tracklet_is_matched_to_its_own() -> None:
 
 def test_nobody_matches_under_a_motion_that_is_far_off() -> None:
     turn, shift, lag_s = A.motion_to(B)
-    assert matches(seen(), GroundMotion(turn, shift + 200.0, lag_s), 2.5) is None
+    assert match_tracklets(seen(), GroundMotion(turn, shift + 200.0, lag_s), 2.5) is None
 
 
 @pytest.mark.parametrize(("b", "free_lag"), [(B, True), (ON_THE_GRID, True), (ON_THE_GRID, False)])
@@ -86,9 +86,9 @@ def test_the_true_motion_is_fitted_from_near_it(b: Station, free_lag: bool) -> N
     met, true = seen(b=b), GroundMotion(*A.motion_to(b))
     found = GroundMotion(true.turn * np.exp(0.05j), true.shift + 0.8 - 0.5j, true.lag_s - (0.2 if free_lag else 0.0))
     for factor in (2.0, 1.0, 1.0, 1.0):
-        matched = matches(met, found, factor)
+        matched = match_tracklets(met, found, factor)
         assert matched is not None
-        fitted = fitted_motion(met, matched, found, free_lag=free_lag)
+        fitted = fit_motion(met, matched, found, free_lag=free_lag)
         assert fitted is not None
         found = fitted
     # Where people turn, the lines through their samples smooth the way by a few centimetres.

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.association.camera_tracklets import PreparedCamera, prepare_camera, prepare_cameras
+from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets, build_tracklets
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.simulation import SimulatedScene
 from person_scenes import simulated
@@ -34,9 +34,9 @@ def nameless(found: CameraObservations) -> CameraObservations:
     )
 
 
-def prepared(scene: SimulatedScene, found: CameraObservations, *, given: bool = False) -> PreparedCamera:
+def prepared(scene: SimulatedScene, found: CameraObservations, *, given: bool = False) -> CameraTracklets:
     camera = replace(scene.rig.cameras[0], pose=None)
-    return prepare_camera(camera, found, Clock(FPS), 1.72, np.random.default_rng(0), given=given)
+    return build_camera_tracklets(camera, found, Clock(FPS), 1.72, np.random.default_rng(0), given=given)
 
 
 def assert_people(tracklet: np.ndarray, truth: np.ndarray, least: float) -> None:
@@ -166,9 +166,9 @@ def test_an_executor_changes_nothing(scene: SimulatedScene) -> None:
     def tell(stage: str, done: int = 0, total: int = 0) -> None:
         told.append((done, total))
 
-    plain = prepare_cameras(scene.rig, observations, clocks, 1.72, np.random.default_rng(3), tell=tell)
+    plain = build_tracklets(scene.rig, observations, clocks, 1.72, np.random.default_rng(3), tell=tell)
     with ThreadPoolExecutor(2) as pool:
-        aside = prepare_cameras(scene.rig, observations, clocks, 1.72, np.random.default_rng(3), pool)
+        aside = build_tracklets(scene.rig, observations, clocks, 1.72, np.random.default_rng(3), pool)
     assert [camera.name for camera in plain] == [camera.name for camera in aside] == list(scene.rig.names)
     assert told[-1] == (len(scene.rig), len(scene.rig))
     for one, other in zip(plain, aside, strict=True):

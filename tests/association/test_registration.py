@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ground_walkers import UP, Station, Walker, seen_by, standing, walkers
 from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
-from passerby.association.ground.registration import PairRegistration, Registration, agreement, register_pair
+from passerby.association.ground.registration import PairRegistration, Registration, register_pair, score_motion
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
 
@@ -234,7 +234,7 @@ def test_agreement_counts_common_samples() -> None:
     rng = np.random.default_rng(14)
     b, people = facing(25.0, delay_s=1.0), [*walkers(3, rng), Walker(np.array([-10.0, 100.0]), np.array([50j, 50j]))]
     tracks_a, tracks_b = (seen_by(station, people, rng, noise_m=0.0, noise_share=0.0) for station in (A, b))
-    i, j, value, samples = agreement(tracks_a, tracks_b, *A.motion_to(b))
+    i, j, value, samples = score_motion(tracks_a, tracks_b, *A.motion_to(b))
     assert len(i) == 16, "every two tracklets have common samples"
     # Both cameras run for 40 seconds; camera b's grid is camera a's, two steps on.
     np.testing.assert_array_equal(samples, samples[0])
@@ -251,8 +251,8 @@ def test_agreement_between_the_grid_follows_the_walk() -> None:
     b, people = facing(25.0, delay_s=0.77), walkers(1, rng)
     tracks_a, tracks_b = (seen_by(station, people, rng, noise_m=0.0, noise_share=0.0) for station in (A, b))
     turn, shift, lag_s = A.motion_to(b)
-    right = agreement(tracks_a, tracks_b, turn, shift, lag_s)
-    late = agreement(tracks_a, tracks_b, turn, shift, lag_s + 4.0)
+    right = score_motion(tracks_a, tracks_b, turn, shift, lag_s)
+    late = score_motion(tracks_a, tracks_b, turn, shift, lag_s + 4.0)
     assert right[2][0] > 0.97 * right[3][0]
     assert late[2][0] < 0.2 * late[3][0]
 
@@ -262,4 +262,4 @@ def test_agreement_of_nobody_is_empty() -> None:
     people = walkers(2, rng)
     some, none = seen_by(A, people, rng), seen_by(A, people, rng, seconds=0.5)
     for pair in ((some, none), (none, some)):
-        assert [len(column) for column in agreement(*pair, 1 + 0j, 0j, 0.0)] == [0, 0, 0, 0]
+        assert [len(column) for column in score_motion(*pair, 1 + 0j, 0j, 0.0)] == [0, 0, 0, 0]

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from passerby.association.sampling import STEP_S, Sampled, first_of, sampled
+from passerby.association.sampling import STEP_S, InterpolatedSamples, first_of, interpolate_samples
 
 
-def one(seconds: np.ndarray, values: NDArray[Any], **options: bool | float) -> Sampled[NDArray[np.float64]]:
+def one(seconds: np.ndarray, values: NDArray[Any], **options: bool | float) -> InterpolatedSamples[NDArray[np.float64]]:
     """The samples of a single tracklet."""
-    return sampled(np.zeros(len(seconds), np.int64), seconds, values, **options)  # type: ignore[arg-type]
+    return interpolate_samples(np.zeros(len(seconds), np.int64), seconds, values, **options)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("fps", [1.0, 5.0, 12.5, 29.97, 60.0])
@@ -23,7 +23,7 @@ def test_a_straight_line_is_found_exactly_at_any_frame_rate(fps: float) -> None:
     tracklet = np.where(seconds > 500, 9, 4)
     start, rate = np.array([[3.0, -70.0], [1e3, 2.0]]), np.array([[1.3, 0.0], [-0.7, 5.0]])
     which = (tracklet == 9).astype(int)
-    found = sampled(tracklet, seconds, start[which] + rate[which] * seconds[:, None])
+    found = interpolate_samples(tracklet, seconds, start[which] + rate[which] * seconds[:, None])
     at, which = found.step * STEP_S, (found.tracklet == 9).astype(int)
     np.testing.assert_allclose(found.value, start[which] + rate[which] * at[:, None], atol=1e-6)
     np.testing.assert_allclose(found.rate, rate[which], atol=1e-6)
@@ -69,7 +69,7 @@ def test_neighbouring_tracklets_are_not_mixed() -> None:
     """The one stands at 0, the other walks from where and when the first ends."""
     seconds = np.concatenate([np.arange(0, 5.05, 0.1), np.arange(5, 10, 0.1)])
     tracklet = (np.arange(len(seconds)) >= 51).astype(np.int64)
-    found = sampled(tracklet, seconds, np.where(tracklet == 1, 3.0 * seconds, 0.0)[:, None])
+    found = interpolate_samples(tracklet, seconds, np.where(tracklet == 1, 3.0 * seconds, 0.0)[:, None])
     np.testing.assert_allclose(found.value[:, 0], 3.0 * found.tracklet * found.step * STEP_S, atol=1e-9)
     np.testing.assert_allclose(found.rate[:, 0], 3.0 * found.tracklet, atol=1e-9)
     assert np.count_nonzero(found.step == 10) == 2
@@ -92,15 +92,15 @@ def test_two_rows_must_lie_on_either_side_and_far_apart() -> None:
     for pair, there in (((0.99, 1.01), False), ((0.7, 1.2), True)):
         seconds = np.concatenate([pair, often])
         tracklet = np.repeat([0, 1], [2, len(often)])
-        found = sampled(tracklet, seconds, seconds[:, None], two_suffice=True)
+        found = interpolate_samples(tracklet, seconds, seconds[:, None], two_suffice=True)
         assert (found.tracklet == 0).any() == there, pair
 
 
 def test_short_tracklets_are_left_out() -> None:
     seconds = np.concatenate([np.arange(0, 0.95, 0.1), np.arange(0, 1.55, 0.1)])
     tracklet = np.repeat([2, 7], [10, 16])
-    assert set(sampled(tracklet, seconds, seconds[:, None], shortest_s=1.2).tracklet.tolist()) == {7}
-    assert set(sampled(tracklet, seconds, seconds[:, None]).tracklet.tolist()) == {2, 7}
+    assert set(interpolate_samples(tracklet, seconds, seconds[:, None], shortest_s=1.2).tracklet.tolist()) == {7}
+    assert set(interpolate_samples(tracklet, seconds, seconds[:, None]).tracklet.tolist()) == {2, 7}
 
 
 def test_nothing_gives_nothing() -> None:

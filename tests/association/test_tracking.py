@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from simulated_scenes import scene
 
-from passerby.association.tracking.embedding_model import measure_resemblance
-from passerby.association.tracking.splitting import SplittingOptions, split
+from passerby.association.tracking.embedding_model import learn_similarity
+from passerby.association.tracking.splitting import SplittingOptions, split_tracklets
 from passerby.association.tracking.tracking import TrackingOptions, track
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
@@ -194,16 +194,16 @@ def test_embeddings_help_where_people_differ_and_harm_nowhere() -> None:
 
 def test_resemblance_is_measured_and_noise_is_seen_through() -> None:
     boxes = seen("construction", 5.0)
-    told = measure_resemblance(worn(boxes, 1.0))
+    told = learn_similarity(worn(boxes, 1.0))
     assert told is not None
     assert told.same[0] > 0.5 > told.other[0] + 0.3
-    assert measure_resemblance(worn(boxes, 1.0, alike=True)) is None
-    assert measure_resemblance(boxes) is None
+    assert learn_similarity(worn(boxes, 1.0, alike=True)) is None
+    assert learn_similarity(boxes) is None
 
 
 def test_nothing_and_little_to_track() -> None:
     assert len(track(Boxes.empty(), 5.0)) == 0
-    assert len(split(Boxes.empty(), 5.0)) == 0
+    assert len(split_tracklets(Boxes.empty(), 5.0)) == 0
     lone = walker((0, 0), (0, 0), np.arange(1), -1, 5.0)
     assert track(lone, 5.0).identity.tolist() == [-1]
     crowd = together(lone, lone, walker((300, 0), (0, 0), np.arange(1), -1, 5.0))
@@ -215,7 +215,7 @@ def test_bad_input_is_named() -> None:
     with pytest.raises(InputError, match="fps = 0"):
         track(lone, 0.0)
     with pytest.raises(InputError, match="fps = nan"):
-        split(lone, float("nan"))
+        split_tracklets(lone, float("nan"))
     with pytest.raises(InputError, match="max_gap_s = -1"):
         TrackingOptions(max_gap_s=-1.0)
     with pytest.raises(InputError, match=r"size_ratio = 0\.5"):
@@ -225,20 +225,20 @@ def test_bad_input_is_named() -> None:
 def test_true_tracklets_stay_whole_whatever_the_embeddings() -> None:
     boxes = seen("construction", 5.0, false_boxes=0.0)
     gaps_only = SplittingOptions(max_speed=1e6, size_ratio=1e6, cross_check=False)
-    by_gaps = count(split(boxes, 5.0, gaps_only).identity)
+    by_gaps = count(split_tracklets(boxes, 5.0, gaps_only).identity)
     for told in (boxes, worn(boxes, 1.0), worn(boxes, 3.0), worn(boxes, 1.0, alike=True)):
-        assert count(split(told, 5.0).identity) <= by_gaps + 2
+        assert count(split_tracklets(told, 5.0).identity) <= by_gaps + 2
 
 
 @pytest.mark.parametrize("preset", ["terrace", "basketball"])
 def test_swapped_tracklets_are_split(preset: str) -> None:
     boxes = seen(preset, 10.0, false_boxes=0.0)
     wrong, swaps = with_swaps(boxes, 10.0, 3.0)
-    pieces = count(split(boxes, 10.0).identity)
+    pieces = count(split_tracklets(boxes, 10.0).identity)
     before = purity(wrong.identity, boxes.identity)
-    by_motion = split(wrong, 10.0).identity
+    by_motion = split_tracklets(wrong, 10.0).identity
     told = worn(boxes, 1.0)
-    by_both = split(replace(told, identity=wrong.identity), 10.0).identity
+    by_both = split_tracklets(replace(told, identity=wrong.identity), 10.0).identity
     assert before < 0.85
     assert purity(by_motion, boxes.identity) > 0.93
     assert purity(by_both, boxes.identity) > 0.99
@@ -254,7 +254,7 @@ def test_split_at_a_jump_a_gap_and_a_change_of_size() -> None:
     grown = together(steady, replace(grown, ltwh=grown.ltwh * [1, 1, 2, 2]))
     gone = together(steady, walker((100, 50), (30, 0), late + 11, 3, fps))
     for boxes in (jumped, grown, gone):
-        np.testing.assert_array_equal(split(boxes, fps).identity, np.repeat([3, 4], 20))
+        np.testing.assert_array_equal(split_tracklets(boxes, fps).identity, np.repeat([3, 4], 20))
 
 
 def test_one_misplaced_box_and_a_half_hidden_person_do_not_split() -> None:
@@ -262,14 +262,14 @@ def test_one_misplaced_box_and_a_half_hidden_person_do_not_split() -> None:
     ltwh = np.array(whole.ltwh)
     ltwh[20, 0] += 300
     ltwh[30:34, 3] = 45
-    np.testing.assert_array_equal(split(replace(whole, ltwh=ltwh), 10.0).identity, whole.identity)
+    np.testing.assert_array_equal(split_tracklets(replace(whole, ltwh=ltwh), 10.0).identity, whole.identity)
 
 
 def test_split_leaves_unknown_rows_and_numbers_stay_unique() -> None:
     first = together(walker((100, 50), (30, 0), np.arange(20), 7, 10.0), walker((600, 50), (30, 0), np.arange(40, 60), 7, 10.0))
     other = walker((100, 400), (30, 0), np.arange(60), 2, 10.0)
     loose = walker((500, 500), (0, 0), np.arange(5), -1, 10.0)
-    found = split(together(first, other, loose), 10.0).identity
+    found = split_tracklets(together(first, other, loose), 10.0).identity
     np.testing.assert_array_equal(found, np.repeat([7, 8, 2, -1], [20, 20, 60, 5]))
 
 
@@ -279,7 +279,7 @@ def test_a_change_of_appearance_alone_splits_where_it_is() -> None:
     one, two = (walker((100, top), (10, 0), np.arange(100), number, 10.0) for number, top in ((0, 50), (1, 400)))
     wears = np.concatenate([np.repeat([0, 2], [60, 40]), np.repeat(1, 100)])
     boxes = replace(together(one, two), embedding=people[wears] + 1.5 * rng.standard_normal((200, 64)))
-    found = split(boxes, 10.0).identity
+    found = split_tracklets(boxes, 10.0).identity
     assert count(found) == 3
     assert abs(int(np.flatnonzero(found[:100] != 0)[0]) - 60) <= 1
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ground_walkers import UP, Station, Walker, bodies_at, standing, walkers
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import ground_tracks
 from passerby.association.ground.registration import register_pair
@@ -34,7 +34,7 @@ EAST, WEST = Station(turn=0.4, place=-6 - 8j), Station(turn=-1.2, place=7 - 6j)
 
 def camera(
     name: str, station: Station, people: list[Walker], *, seed: int = 0, stated_fps: float | None = None, level: bool = True
-) -> PreparedCamera:
+) -> CameraTracklets:
     """What a camera saw whose clock runs by the stated rate."""
     rng, stated = np.random.default_rng(seed), stated_fps or station.fps
     times = np.arange(int(SECONDS * station.fps)) / station.fps
@@ -43,14 +43,14 @@ def camera(
     shown = np.tile(times * station.fps / stated + station.delay_s, len(people))
     bodies = bodies_at(np.repeat(np.arange(len(people)), len(times)), shown, place)
     tracks, none = ground_tracks(bodies, LEVEL) if level else None, np.zeros(0, np.int64)
-    return PreparedCamera(name, CameraObservations(), Clock(stated), bodies, LEVEL if level else None, tracks, (none, none))
+    return CameraTracklets(name, CameraObservations(), Clock(stated), bodies, LEVEL if level else None, tracks, (none, none))
 
 
 def crowd(n: int = 7, seed: int = 5) -> list[Walker]:
     return walkers(n, np.random.default_rng(seed), SECONDS)
 
 
-def graph_of(cameras: list[PreparedCamera], max_lag_s: float) -> ViewGraph:
+def graph_of(cameras: list[CameraTracklets], max_lag_s: float) -> ViewGraph:
     pairs = []
     for a, first in enumerate(cameras):
         for b, second in enumerate(cameras):

@@ -15,7 +15,7 @@ from paper.thinning import thinned
 
 from passerby.common.errors import InputError
 from passerby.common.progress import silent
-from passerby.core.overlap import person_instants, shared_people
+from passerby.core.overlap import count_shared_observations, person_instants
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.scene import FAULTS, film
 from passerby.solver.geopose.correspondences import whole_boxes
@@ -61,7 +61,7 @@ def test_every_fault_is_an_option():
 @pytest.mark.parametrize("n", [1, 5, 17])
 def test_each_camera_shares_so_many_with_the_reference_and_no_two_more(scene, n):
     thin = thinned(scene, n, np.random.default_rng(1))
-    shared = shared_people(thin.observations)
+    shared = count_shared_observations(thin.observations)
     reference, *others = scene.rig.names
     assert [shared[reference][name].sightings for name in others] == [n] * len(others)
     assert all(shared[a][b].sightings <= n for a, b in combinations(others, 2))

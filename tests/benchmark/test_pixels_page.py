@@ -22,7 +22,7 @@ WRONG = PixelOutcome(
 )  # fmt: skip
 RIGHT = PixelOutcome(
     "accepted", "", 4, 4, similarity_mm=12.0, similarity_deg=0.1, metric_mm=90.0, metric_deg=0.2, rpe_px=0.7, err_percent=0.12,
-    looks="stripes",
+    appearance="stripes",
 )  # fmt: skip
 LOST = PixelOutcome("doubtful", "camera C3 could not be registered", 3, 4, matches=90, right=40)
 ABSENT = PixelOutcome(NOT_RUN, "the weights of somebody cannot be had", 0, 4)

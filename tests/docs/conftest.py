@@ -14,7 +14,7 @@ from passerby.cli.main import run
 from passerby.common.progress import silent
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import Videos
+from passerby.scene.video_inputs import SceneVideoProcessor
 
 Folders = Callable[[str], Path]
 
@@ -68,7 +68,7 @@ def _videos(folder: Path, folders: Folders) -> None:
     shutil.copy(street / "truth.toml", folder / "truth.toml")
     shutil.copytree(folder / "videos", folder / "v")
     assert run(["init", str(folder / "v")]) == 0
-    read_inputs(Scene.load(folder / "v" / "scene.toml"), Videos(folder / "out", None, silent))
+    read_inputs(Scene.load(folder / "v" / "scene.toml"), SceneVideoProcessor(folder / "out", None, silent))
     shutil.rmtree(folder / "v")
 
 

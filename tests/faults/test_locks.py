@@ -15,7 +15,7 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.common.errors import InputError
-from passerby.interchange.storage.locks import FOLDER_LOCK, alone_in
+from passerby.interchange.storage.locks import FOLDER_LOCK, lock_folder
 
 pytest.importorskip("fcntl", reason="the system has no such locks")
 
@@ -52,7 +52,7 @@ def test_a_killed_process_leaves_a_file_and_no_lock(tmp_path, holder):
     os.kill(holder.pid, signal.SIGKILL)
     holder.wait()
     assert (tmp_path / FOLDER_LOCK).exists()
-    with alone_in(tmp_path, "a test"):
+    with lock_folder(tmp_path, "a test"):
         assert f"process {os.getpid()} on " in (tmp_path / FOLDER_LOCK).read_text()
     assert not list(tmp_path.iterdir())
 
@@ -63,7 +63,7 @@ def test_never_two_at_once(tmp_path):
 
     def work(number):
         for _ in range(20):
-            with alone_in(tmp_path / "out", "a test", wait_s=math.inf):
+            with lock_folder(tmp_path / "out", "a test", wait_s=math.inf):
                 inside.append(number)
                 most.append(len(inside))
                 inside.remove(number)
@@ -104,7 +104,7 @@ def test_a_folder_that_goes_and_comes_is_no_fault(tmp_path, monkeypatch, call):
         return real(self, *arguments, **named)
 
     monkeypatch.setattr(Path, call, gone_for_a_moment)
-    with alone_in(out, "a test"):
+    with lock_folder(out, "a test"):
         assert (out / FOLDER_LOCK).exists()
     assert len(times) == 5
     assert not out.exists()
@@ -112,14 +112,14 @@ def test_a_folder_that_goes_and_comes_is_no_fault(tmp_path, monkeypatch, call):
 
 def test_a_lock_that_can_never_be_made_is_a_fault(tmp_path):
     (tmp_path / FOLDER_LOCK).symlink_to(tmp_path / "nowhere" / "lock")
-    with pytest.raises(InputError, match="cannot be written"), alone_in(tmp_path, "a test"):
+    with pytest.raises(InputError, match="cannot be written"), lock_folder(tmp_path, "a test"):
         raise AssertionError
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"), alone_in(tmp_path / "file", "a test"):
+    with pytest.raises(InputError, match="cannot be written"), lock_folder(tmp_path / "file", "a test"):
         raise AssertionError
 
 
 def test_a_folder_that_was_there_stays(tmp_path):
-    with alone_in(tmp_path, "a test"), pytest.raises(InputError, match="works there"), alone_in(tmp_path, "another"):
+    with lock_folder(tmp_path, "a test"), pytest.raises(InputError, match="works there"), lock_folder(tmp_path, "another"):
         raise AssertionError
     assert tmp_path.is_dir()

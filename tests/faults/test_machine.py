@@ -18,7 +18,7 @@ from passerby.cli.main import run
 from passerby.cli.terminal import _Log
 from passerby.common.errors import InputError
 from passerby.perception import watching
-from passerby.perception.kept import SUMMARY, KeptStage, fingerprint
+from passerby.perception.kept import SUMMARY, StageCache, fingerprint
 from passerby.perception.plan import make_plan
 from passerby.perception.video import expected_count
 from passerby.perception.video_probe import probe
@@ -75,7 +75,7 @@ def test_a_folder_that_may_not_be_written_is_told_before_anything_is_computed(re
 
 @pytest.fixture
 def stage(tmp_path):
-    kept = KeptStage(tmp_path / "stage", "key")
+    kept = StageCache(tmp_path / "stage", "key")
     kept.save(0, {"a": np.arange(3.0), "b": np.array([True, False])})
     kept.finish({"pictures": 2, "moves": []})
     return kept

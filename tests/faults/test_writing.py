@@ -7,7 +7,7 @@ import pytest
 from faults.dying import BUG, TOLD, every_moment, hidden, visible
 from passerby.common.errors import InputError
 from passerby.interchange.storage.atomic import forget_halves, write_text
-from passerby.interchange.storage.transaction import GONE, WRITTEN, settle, together, working_in
+from passerby.interchange.storage.transaction import GONE, WRITTEN, folder_lock, recover, transaction
 from passerby.interchange.storage.whole_folder import whole_folder
 
 FAULTS = pytest.mark.parametrize("fault", ["kill", "full"])
@@ -40,7 +40,7 @@ def set_up(folder):
 
 def put(folder, text="new"):
     """Change most of it, together."""
-    with working_in(folder, "a test"), together(folder, ["going", "never there"]) as new:
+    with folder_lock(folder, "a test"), transaction(folder, ["going", "never there"]) as new:
         for name in ("a", "deep/b", "more/c"):
             write_text(new / name, text)
 
@@ -54,7 +54,7 @@ def test_files_of_a_folder_that_change_together(tmp_path, fault):
     seen = []
     for ended in every_moment(lambda: put(folder), tmp_path, fault, 1 if fault == "kill" else 3):
         assert as_told(ended, fault)
-        settle(folder, "reads")
+        recover(folder, "reads")
         seen.append(visible(folder))
         assert seen[-1] in (old, new)
         put(folder, "again")
@@ -73,7 +73,7 @@ def test_a_reader_that_may_not_write_is_told(tmp_path, monkeypatch):
     (tmp_path / WRITTEN / "a").write_text("new")
     monkeypatch.setattr("passerby.interchange.storage.locks.Path.open", refuse)
     with pytest.raises(InputError, match=f"{tmp_path}: cannot be written .Read-only"):
-        settle(tmp_path, "reads")
+        recover(tmp_path, "reads")
 
 
 def refuse(*arguments):
@@ -95,7 +95,7 @@ def test_what_is_to_go_stays_in_the_folder(tmp_path):
     (folder / WRITTEN).mkdir(parents=True)
     (tmp_path / "precious").write_text("mine")
     (folder / WRITTEN / GONE).write_text(f'["../precious", "{tmp_path}/precious", 3]')
-    settle(folder, "reads")
+    recover(folder, "reads")
     assert (tmp_path / "precious").read_text() == "mine"
     assert not hidden(folder)
 
@@ -112,7 +112,7 @@ def test_a_whole_folder(tmp_path, monkeypatch, fault, at_once):
     """Also where folders cannot change places at once: what was moved away comes back with the next run."""
     target = tmp_path / "made"
     if not at_once:
-        monkeypatch.setattr("passerby.interchange.storage.whole_folder.exchanged", lambda one, other: False)
+        monkeypatch.setattr("passerby.interchange.storage.whole_folder.exchange_folders", lambda one, other: False)
     make(target, "old")
     old, new = visible(target), dict.fromkeys(("a", "b", "mark"), b"new")
     for ended in every_moment(lambda: make(target), tmp_path, fault, 1 if fault == "kill" else 3):

@@ -26,7 +26,7 @@ from passerby.interchange.output_folder import read_output
 from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.trajectories_csv import read_ground_positions, read_trajectories
 from passerby.interchange.world_files import read_known_points, read_known_positions
-from passerby.perception.kept import KeptStage
+from passerby.perception.kept import StageCache
 from passerby.perception.own_networks import own_network
 from passerby.perception.video import VideoReader, probe
 from passerby.scene.inputs import read_inputs
@@ -81,7 +81,7 @@ def _probed(path: Path) -> Any:
 
 
 def _kept(path: Path) -> Any:
-    stage = KeptStage(path.parent, "key")
+    stage = StageCache(path.parent, "key")
     return stage.load(0), stage.summary()
 
 
@@ -91,7 +91,7 @@ def _kept_files() -> example.Files:
     import numpy as np
 
     with tempfile.TemporaryDirectory() as folder:
-        stage = KeptStage(Path(folder), "key")
+        stage = StageCache(Path(folder), "key")
         stage.save(0, {"boxes": np.arange(12.0).reshape(3, 4)})
         stage.finish({"frames": 3, "notes": ["one"]})
         return dict(reversed(example.files_of(Path(folder)).items()))

@@ -145,9 +145,9 @@ def test_origin_and_heading_by_a_camera():
     rig = square().moved(*turned(0.7, (3, 4, 0)))
     aligned = align_to_camera(rig, "C2")
     assert aligned.rig["C2"].centre == pytest.approx((0, 0, SPOTS[1][2]), abs=1e-12)
-    looks = aligned.rig["C2"].pose.R_cw[2]
-    assert looks[1] == pytest.approx(0, abs=1e-12)
-    assert looks[0] > 0
+    appearance = aligned.rig["C2"].pose.R_cw[2]
+    assert appearance[1] == pytest.approx(0, abs=1e-12)
+    assert appearance[0] > 0
     towards = align_to_camera(rig, "C2", "C4").rig["C4"].centre
     assert towards[1] == pytest.approx(0, abs=1e-12)
     assert towards[0] > 0

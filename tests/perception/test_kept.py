@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.perception.kept import KeptStage, alone, fingerprint, forget_others, hash_of_arrays, key_of
+from passerby.perception.kept import StageCache, cache_lock, fingerprint, forget_others, hash_of_arrays, key_of
 
 PART = {"number": np.arange(5), "score": np.linspace(0, 1, 7).reshape(7, 1), "none": np.zeros((0, 4))}
 
 
 @pytest.fixture
 def stage(tmp_path):
-    kept = KeptStage.of(tmp_path, "people", {"a": 1})
+    kept = StageCache.of(tmp_path, "people", {"a": 1})
     kept.save(3, PART)
     kept.finish({"pictures": 5, "moves": [{"until": None, "seconds": 0.1}]})
     return kept
@@ -40,7 +40,7 @@ def test_what_was_kept_is_found(stage):
 
 
 def test_a_stage_is_not_finished_before_it_says_so(tmp_path):
-    kept = KeptStage.of(tmp_path, "people", {"a": 1})
+    kept = StageCache.of(tmp_path, "people", {"a": 1})
     kept.save(0, PART)
     assert kept.summary() is None
 
@@ -82,10 +82,13 @@ def test_a_part_that_is_made_again_is_read(stage):
 
 def test_a_folder_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
-    kept = KeptStage.of(tmp_path / "file", "people", {})
+    kept = StageCache.of(tmp_path / "file", "people", {})
     with pytest.raises(InputError, match="cannot be written"):
         kept.save(0, PART)
-    with pytest.raises(InputError, match=r"file/C1: cannot be written .*: choose a folder"), alone(tmp_path / "file" / "C1"):
+    with (
+        pytest.raises(InputError, match=r"file/C1: cannot be written .*: choose a folder"),
+        cache_lock(tmp_path / "file" / "C1"),
+    ):
         pass
 
 
@@ -122,7 +125,7 @@ def test_arrays_are_known_by_content_shape_and_type():
 
 
 def test_stages_that_are_not_used_are_forgotten_and_halves_too(tmp_path):
-    used, old = (KeptStage.of(tmp_path, "people", {"a": value}) for value in (1, 2))
+    used, old = (StageCache.of(tmp_path, "people", {"a": value}) for value in (1, 2))
     for kept in (used, old):
         kept.save(0, PART)
     (used.folder / ".000001.npz.x1.part").write_bytes(b"half")

@@ -11,8 +11,8 @@ from onnx import TensorProto
 from crop_models import brightest, fixed, network, stripe_means
 from passerby.common.errors import InputError
 from passerby.core.observations import BODY_17
-from passerby.perception.crops import enlarged, sampled
-from passerby.perception.joint_checks import MIN_JOINTS, MIN_SCORE, OUTSIDE, believed
+from passerby.perception.crops import enlarge_box, sample_crop
+from passerby.perception.joint_checks import MIN_JOINTS, MIN_SCORE, OUTSIDE, plausible_joints
 from passerby.perception.keypoints import HeatmapKeypoints, MovenetKeypoints, SimccKeypoints, open_keypoints
 
 PICTURE = np.zeros((480, 640, 3), dtype=np.uint8)
@@ -33,7 +33,7 @@ class Unchecked(MovenetKeypoints):
 
     def where(self, picture, box):
         area = self._area(box, 1.0)
-        answers = self._crops([sampled(picture, area, self._crops.size, 0.0)])
+        answers = self._crops([sample_crop(picture, area, self._crops.size, 0.0)])
         return area[:2] + self.decoded(answers)[0][0, 0] * area[2:]
 
 
@@ -86,7 +86,7 @@ def movenet_answer(fractions: np.ndarray, score: np.ndarray | float = 0.9) -> np
 
 
 def in_crop(xy: np.ndarray, box: np.ndarray, margin: float, aspect: float) -> np.ndarray:
-    area = enlarged(box, margin, aspect)
+    area = enlarge_box(box, margin, aspect)
     return (xy - area[:2]) / area[2:]
 
 
@@ -118,7 +118,7 @@ def simcc_answers(places: np.ndarray, size=(192, 256), joints: int = 17) -> dict
 @pytest.mark.parametrize("joints", [17, 26, 133])
 @pytest.mark.parametrize("batch", [1, "n"])
 def test_simccs_joints_in_the_picture(tmp_path, joints, batch):
-    area = enlarged(BOX[0], 1.25, 192 / 256)
+    area = enlarge_box(BOX[0], 1.25, 192 / 256)
     np.testing.assert_allclose(area, [132.5, 70.0, 225.0, 300.0])
     # On bins, that is on whole and half pixels of the crop counted from the middle of its first.
     places = np.round(2 * (in_crop(BOX[0, :2] + person() * BOX[0, 2:], BOX[0], 1.25, 0.75) * (192, 256) - 0.5)) / 2
@@ -175,7 +175,7 @@ def test_nobody_and_boxes_that_show_nothing(tmp_path):
 
 
 def checked(xy: np.ndarray, score: np.ndarray | float = 0.9, box: np.ndarray = BOX) -> np.ndarray:
-    return believed(xy[None], np.broadcast_to(score, (1, 17)), box, (640, 480))[0]
+    return plausible_joints(xy[None], np.broadcast_to(score, (1, 17)), box, (640, 480))[0]
 
 
 def standing(box: np.ndarray = BOX) -> np.ndarray:

@@ -41,10 +41,10 @@ def test_without_weights():
 def test_what_cannot_be_had_is_done_without_and_told(nowhere):
     plan = planned("auto", "auto")
     assert (plan.detector, plan.embedder, plan.keypoints) == (None, STRIPES, None)
-    people, looks = plan.notes
+    people, appearance = plan.notes
     assert people.startswith("tiny is not on this computer and cannot be fetched")
     assert people.endswith(": people are found by background subtraction, without a network")
-    assert looks.endswith(": people are told apart by the colours of stripes, without a network")
+    assert appearance.endswith(": people are told apart by the colours of stripes, without a network")
 
 
 @pytest.mark.parametrize("role", ["detector", "embedder"])

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from passerby.perception.pictures import Frame
-from passerby.perception.tiles import ENOUGH_SCALE, MOST_MAGNIFICATION, hinted, merge, tile_windows, uncut
+from passerby.perception.tiles import ENOUGH_SCALE, MOST_MAGNIFICATION, hinted, is_untruncated, merge, tile_windows
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
 from yolox_files import bright_file, network
 
@@ -63,7 +63,7 @@ def test_whoever_is_small_is_whole_in_a_tile(left, top, height, picture):
         scale = min(416 / tile[2], 416 / tile[3])
         assert scale >= min(ENOUGH_SCALE, MOST_MAGNIFICATION * 416 / 1920)
         inside = (person[0, :2] >= tile[:2]).all() and (person[0, 2:] <= np.add(tile[:2], tile[2:])).all()
-        whole += int(inside and uncut(person, tile, picture, (scale, scale))[0])
+        whole += int(inside and is_untruncated(person, tile, picture, (scale, scale))[0])
     assert whole >= 1
 
 
@@ -76,7 +76,7 @@ def test_boxes_cut_by_an_inner_border_go_and_those_at_the_pictures_border_stay()
         [600, 540, 50, 150],  # legs cut, but its lower edge found 10 pixels too high
         [1050, 0, 50, 150],  # at the picture's upper right corner
     )
-    assert uncut(found, tile, picture, (0.6, 0.6)).tolist() == [True, False, False, False, True]
+    assert is_untruncated(found, tile, picture, (0.6, 0.6)).tolist() == [True, False, False, False, True]
 
 
 def test_duplicates_leave_the_most_certain():

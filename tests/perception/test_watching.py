@@ -28,7 +28,7 @@ class Calls:
     """How often each stage was asked."""
 
     def __init__(self):
-        self.pictures, self.looks, self.joints = [], 0, 0
+        self.pictures, self.appearance, self.joints = [], 0, 0
 
 
 class Finds:
@@ -53,7 +53,7 @@ class Describes:
         self.calls, self.identity = calls, {"describes": name}
 
     def __call__(self, picture, ltwh):
-        self.calls.looks += 1
+        self.calls.appearance += 1
         told = np.column_stack([np.full(len(ltwh), picture[:40].mean()), ltwh[:, 0]]) / 500
         return np.column_stack([told, np.sqrt(1 - (told**2).sum(axis=1))]).astype(np.float32)
 
@@ -106,8 +106,8 @@ def network(name, tmp_path):
 
 @pytest.fixture
 def job(video, tmp_path):
-    detector, looks, joints = (network(name, tmp_path) for name in ("d", "e", "k"))
-    return CameraJob("A", probe(video), FPS, Plan(detector, looks, joints), tmp_path / "shelf")
+    detector, appearance, joints = (network(name, tmp_path) for name in ("d", "e", "k"))
+    return CameraJob("A", probe(video), FPS, Plan(detector, appearance, joints), tmp_path / "shelf")
 
 
 def silent(done, total):
@@ -148,9 +148,9 @@ def test_what_is_seen(job, calls):
 
 def test_nothing_is_made_twice(job, calls):
     first = watch_camera(job, silent)
-    before = (len(calls.pictures), calls.looks, calls.joints)
+    before = (len(calls.pictures), calls.appearance, calls.joints)
     again = watch_camera(job, silent)
-    assert (len(calls.pictures), calls.looks, calls.joints) == before
+    assert (len(calls.pictures), calls.appearance, calls.joints) == before
     assert facts(again) == facts(first)
 
 
@@ -185,13 +185,13 @@ def times(folder):
 def test_another_embedder_keeps_people_and_joints(job, calls, tmp_path):
     watch_camera(job, silent)
     kept = stages(job)
-    written, looks, joints = times(kept["people"]), calls.looks, calls.joints
+    written, appearance, joints = times(kept["people"]), calls.appearance, calls.joints
     other = replace(job, plan=replace(job.plan, embedder=network("other", tmp_path)))
     watch_camera(other, silent)
     after = stages(job)
     assert len(calls.pictures) == COUNT
     assert calls.joints == joints
-    assert calls.looks == 2 * looks
+    assert calls.appearance == 2 * appearance
     assert {name for name in after if after[name] != kept[name]} == {"looks"}
     # A stage that is used again gets its summary again, but none of its parts.
     assert {n: t for n, t in times(after["people"]).items() if n.endswith("npz")} == {
@@ -213,7 +213,7 @@ def test_embeddings_and_joints_that_are_not_wanted_any_more_are_forgotten(job, c
 @pytest.mark.parametrize("change", ["detector", "rate", "revision"])
 def test_what_decides_the_people_makes_all_anew(job, calls, monkeypatch, change):
     watch_camera(job, silent)
-    before, kept = calls.looks, stages(job)
+    before, kept = calls.appearance, stages(job)
     if change == "detector":
         job = replace(job, plan=replace(job.plan, min_score=0.5))
     elif change == "rate":
@@ -222,7 +222,7 @@ def test_what_decides_the_people_makes_all_anew(job, calls, monkeypatch, change)
         monkeypatch.setattr(watching, "REVISION", watching.REVISION + 1)
     watch_camera(job, silent)
     assert len(calls.pictures) == COUNT + (25 if change == "rate" else COUNT)
-    assert calls.looks > before
+    assert calls.appearance > before
     assert set(stages(job).values()).isdisjoint(kept.values())
 
 
@@ -302,11 +302,11 @@ def test_given_boxes_get_embeddings_in_the_order_of_their_file(job, calls):
 def test_other_given_boxes_are_looked_at_anew(job, calls):
     boxes = Boxes(np.arange(1, 11), np.zeros(10, int), np.tile([5.0, 5, 20, 40], (10, 1)), np.ones(10))
     watch_camera(replace(job, boxes=boxes), silent)
-    before = calls.looks
+    before = calls.appearance
     watch_camera(replace(job, boxes=replace(boxes, score=np.full(10, 0.5), identity=np.arange(10))), silent)
-    assert calls.looks == before, "ids and scores decide nothing of how people look"
+    assert calls.appearance == before, "ids and scores decide nothing of how people look"
     watch_camera(replace(job, boxes=replace(boxes, ltwh=boxes.ltwh + 1)), silent)
-    assert calls.looks == 2 * before
+    assert calls.appearance == 2 * before
 
 
 def test_nobody_in_the_whole_video(job, calls, monkeypatch):
@@ -315,7 +315,7 @@ def test_nobody_in_the_whole_video(job, calls, monkeypatch):
         watched = watch_camera(job, silent)
         assert len(watched.boxes) == len(watched.keypoints) == 0
         assert watched.boxes.embedding.shape == (0, 3)
-    assert calls.looks == 0
+    assert calls.appearance == 0
 
 
 def test_a_camera_that_is_moved_is_told_and_when(job, calls, tmp_path):

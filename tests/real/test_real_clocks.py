@@ -11,7 +11,7 @@ import pytest
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
-from passerby.core.synchronisation import common_instants
+from passerby.core.synchronisation import resample_to_common_steps
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
@@ -32,7 +32,7 @@ def found_offsets(truth: Rig, seen: dict[str, CameraObservations], fps: float) -
     """Offsets of the clocks (C,), seconds, after two passes."""
     clocks = dict.fromkeys(truth.names, Clock(fps))
     for _ in range(2):
-        observations = common_instants(Observations(seen), clocks)
+        observations = resample_to_common_steps(Observations(seen), clocks)
         solution = solve(truth, observations, options=PeopleOptions(refine_time=True))
         for name, clock in solution.figures["clocks"].items():
             clocks[name] = replace(clocks[name], offset_s=clocks[name].offset_s + clock["correction_s"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from metrics.tracklets import score_tracklets
 
-from passerby.association.tracking.stitching import mend
+from passerby.association.tracking.stitching import stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.pipeline import calibrate
@@ -18,7 +18,7 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import Videos
+from passerby.scene.video_inputs import SceneVideoProcessor
 
 pytestmark = [pytest.mark.real, pytest.mark.slow]
 
@@ -60,9 +60,9 @@ def test_a_network_finds_and_follows_the_people_of_a_real_video(data_root: Path,
     """Measured 0.89; 0.75 is what is aimed for."""
     perception = f'detector = "yolox-nano"\nembedder = "stripes"\nmodels = "{models}"\ntiles = "none"\nfps = {PETS_FPS}'
     scene = Scene.load(pets_scene(tmp_path, data_root / "pets2009", perception))
-    seen = read_inputs(scene, Videos(None, None, silent)).observations["V1"].boxes
+    seen = read_inputs(scene, SceneVideoProcessor(None, None, silent)).observations["V1"].boxes
     truth = read_boxes(data_root / "pets2009" / "identities" / "V1.txt")
-    score = score_tracklets(mend(track(seen, PETS_FPS), PETS_FPS), truth)
+    score = score_tracklets(stitch_tracklets(track(seen, PETS_FPS), PETS_FPS), truth)
     assert score.idf1 > 0.75
     assert score.purity > 0.9
 

@@ -69,9 +69,9 @@ def test_the_tables_tell_recorded_results(bench: Callable[[str], ModuleType], tr
     right = scores.identities(written(tmp_path / "right", truth), truth)
     none = scores.identities(tmp_path / "none", truth)
 
-    def half(retrieval: Any, looks: Any, verdict: str, agreement: Any) -> Any:
+    def half(retrieval: Any, appearance: Any, verdict: str, agreement: Any) -> Any:
         run = command.Calibrated(verdict, None, None, 4, 0, {}, 10.0, 100.0)
-        return runs.Half(retrieval, looks, dict.fromkeys(runs.MODES, run), dict.fromkeys(runs.MODES, agreement))
+        return runs.Half(retrieval, appearance, dict.fromkeys(runs.MODES, run), dict.fromkeys(runs.MODES, agreement))
 
     before = half(poor, scores.LooksScore(100, 40, 0, 6), "refused", none)
     after = half(good, scores.LooksScore(100, 90, 6, 6), "accepted", right)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.training.crops import DISTRACTOR, JUNK, mixed
+from passerby.training.crops import DISTRACTOR, JUNK, mix_sets
 from passerby.training.data import read_all, read_data
 from picture_folders import market, msmt17, picture, pictures
 
@@ -228,7 +228,7 @@ def test_sets_of_one_name_do_not_collide(tmp_path):
     paths = [market(tmp_path / place / "market") for place in ("a", "b")] + [msmt17(tmp_path / "c" / "msmt17")]
     first, second, third = read_all(paths, tmp_path / "cache")
     assert (first.name, second.name, third.name) == ("a/market", "b/market", "msmt17")
-    together = mixed([first.train, second.train, third.train])
+    together = mix_sets([first.train, second.train, third.train])
     assert len(together.people) == 6
     assert len(np.unique(together.person)) == 6
 

@@ -11,7 +11,7 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.interchange.motchallenge import read_boxes
-from passerby.perception.crops import stretched
+from passerby.perception.crops import stretch_crop
 from passerby.perception.video import VideoReader
 from passerby.training.data import cutting, read_data
 from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
@@ -50,7 +50,7 @@ def test_a_folder_of_videos_and_text(tmp_path, layout):
         whole = np.array([0.0, 0, crop.shape[1], crop.shape[0]])
         # What a network sees of the crop is what it would see of the box, pixel by pixel.
         np.testing.assert_array_equal(
-            stretched(crop, whole, (24, 48)), stretched(shown[name][frame], boxes[name].ltwh[row], (24, 48))
+            stretch_crop(crop, whole, (24, 48)), stretch_crop(shown[name][frame], boxes[name].ltwh[row], (24, 48))
         )
 
 

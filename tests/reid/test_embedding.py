@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.perception.crops import stretched
+from passerby.perception.crops import stretch_crop
 from passerby.perception.networks import InputConvention, Network
 from passerby.perception.reid import ReidEmbedder
 from passerby.perception.stripes import StripesEmbedder
@@ -30,7 +30,7 @@ def crops_of(person, camera, people=None, cameras=None):
     return CropSet(tuple(map(Path, map(str, range(len(person))))), np.array(person), np.array(camera), people, cameras)
 
 
-def looks(degrees):
+def appearance(degrees):
     """(N, 2) unit vectors."""
     angle = np.radians(degrees)
     return np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
@@ -39,7 +39,7 @@ def looks(degrees):
 @pytest.mark.parametrize("size", [(16, 32), (17, 33), (9, 17), (8, 16), (63, 129)])
 def test_a_picture_is_taken_whole(tmp_path, size):
     shown = cv2.imread(str(picture(tmp_path / "a.png", size=size)))
-    np.testing.assert_array_equal(stretched(shown, whole_box(shown)[0], size), shown)
+    np.testing.assert_array_equal(stretch_crop(shown, whole_box(shown)[0], size), shown)
 
 
 def test_every_picture_is_embedded_in_its_row(tmp_path):
@@ -62,18 +62,18 @@ def test_people_and_cameras_are_matched_by_name():
     query = crops_of([0, 1], [0, 0], ("set/a", "set/b"), ("set/c1",))
     gallery = crops_of([0, 1, 0, 1], [0, 0, 1, 1], ("set/b", "set/a"), ("set/c2", "set/c1"))
     # By c2: b at 90 degrees, a at 0; by c1, nearer: b and a, the former of each passed over where it is the same person.
-    score = score_crops(query, gallery, looks([10, 80]), looks([90, 0, 80, 10]))
+    score = score_crops(query, gallery, appearance([10, 80]), appearance([90, 0, 80, 10]))
     assert score.rank_1 == 1
     assert score.mean_average_precision == 1
-    assert score_crops(query, gallery, looks([80, 10]), looks([90, 0, 80, 10])).rank_1 == 0
+    assert score_crops(query, gallery, appearance([80, 10]), appearance([90, 0, 80, 10])).rank_1 == 0
 
 
 def test_a_picture_of_which_nothing_is_known_is_like_none_and_unlike_none():
     query, gallery = crops_of([0], [0], cameras=("set/c0", "set/c1")), crops_of([1, 0, 1], [1, 1, 1])
-    vectors = looks([80, 0, 100])
+    vectors = appearance([80, 0, 100])
     vectors[1] = 0
     query = replace(query, people=gallery.people)
-    score = score_crops(query, gallery, looks([0]), vectors)
+    score = score_crops(query, gallery, appearance([0]), vectors)
     # Cosines of 0.17, 0 (unknown) and -0.17.
     assert score.mean_average_precision == 0.5
 
@@ -99,7 +99,7 @@ def test_what_a_camera_does_to_all_is_taken_off():
 
 def test_leave_one_out_searches_the_other_cameras():
     # Person 0 at 0, 10 (camera 0) and 40 degrees (camera 1), person 1 at 30 (camera 0) and 90 (camera 1).
-    crops, vectors = crops_of([0, 0, 0, 1, 1], [0, 0, 1, 0, 1]), looks([0, 10, 40, 30, 90])
+    crops, vectors = crops_of([0, 0, 0, 1, 1], [0, 0, 1, 0, 1]), appearance([0, 10, 40, 30, 90])
     score = leave_one_out(crops, vectors)
     # From 0 and 10 to 40: first. From 40: 30, 10, 0. From 30: 40, 90. From 90: 30, then nobody else's.
     assert score.queries == 5
@@ -110,7 +110,7 @@ def test_leave_one_out_searches_the_other_cameras():
 @pytest.mark.parametrize("name", ["set/unknown-camera", "set/c0"])
 def test_leave_one_out_searches_all_others_where_cameras_do_not_matter(name):
     crops = crops_of([0, 0, 1, 1], [0, 0, 0, 0], cameras=(name,))
-    score = leave_one_out(crops, looks([0, 20, 30, 90]))
+    score = leave_one_out(crops, appearance([0, 20, 30, 90]))
     # 0: 20 is right. 20: 30 before 0. 30: 20, 0, 90. 90: 30 is right.
     assert score.rank_1 == 2 / 4
     assert score.mean_average_precision == pytest.approx((1 + 1 / 2 + 1 / 3 + 1) / 4)
@@ -118,11 +118,11 @@ def test_leave_one_out_searches_all_others_where_cameras_do_not_matter(name):
 
 def test_query_and_gallery_of_unknown_cameras_are_compared_in_full():
     crops = crops_of([0, 1], [0, 0], cameras=("set/unknown-camera",))
-    assert score_crops(crops, crops, looks([0, 90]), looks([10, 80])).rank_1 == 1
+    assert score_crops(crops, crops, appearance([0, 90]), appearance([10, 80])).rank_1 == 1
 
 
 def test_who_may_be_the_same_person_counts_neither_as_right_nor_as_wrong():
-    crops, vectors = crops_of([0, 0, 1, 2], [0, 1, 1, 1]), looks([0, 20, 10, 15])
+    crops, vectors = crops_of([0, 0, 1, 2], [0, 1, 1, 1]), appearance([0, 20, 10, 15])
     assert leave_one_out(crops, vectors).mean_average_precision == pytest.approx((1 / 3 + 1) / 2)
     apart = np.ones((3, 3), dtype=bool) & ~np.eye(3, dtype=bool)
     apart[0, 1] = apart[1, 0] = False
@@ -137,7 +137,7 @@ def test_a_set_without_query_is_scored_by_its_people(tmp_path):
     shown = {"1_1.png": 0, "2_1.png": 10}
 
     def embed(crops):
-        return looks([90 * int(person) + shown[path.name] for path, person in zip(crops.paths, crops.person, strict=True)])
+        return appearance([90 * int(person) + shown[path.name] for path, person in zip(crops.paths, crops.person, strict=True)])
 
     score = score_data(data, embed)
     assert (score.queries, score.rank_1) == (4, 1)
@@ -153,11 +153,11 @@ def test_reading_and_scoring_need_no_pytorch():
 def test_what_cannot_be_scored():
     crops = crops_of([0, 1], [0, 1])
     with pytest.raises(InputError, match="for 2 and 2 pictures: one each"):
-        score_crops(crops, crops, looks([0, 1]), looks([0]))
+        score_crops(crops, crops, appearance([0, 1]), appearance([0]))
     with pytest.raises(InputError, match="none of 2 queries"):
-        leave_one_out(crops, looks([0, 1]))
+        leave_one_out(crops, appearance([0, 1]))
     with pytest.raises(InputError, match="is of nobody"):
-        score_crops(replace(crops, person=np.array([JUNK, 0])), crops, looks([0, 1]), looks([0, 1]))
+        score_crops(replace(crops, person=np.array([JUNK, 0])), crops, appearance([0, 1]), appearance([0, 1]))
 
 
 def test_real_crops(data_root, tmp_path):

@@ -14,7 +14,7 @@ from passerby.perception.own_networks import IMAGENET
 from passerby.perception.reid import ReidEmbedder
 from passerby.training import export
 from passerby.training.backbones import Backbone, open_backbone
-from passerby.training.export import agreement, export_network, torch_vectors
+from passerby.training.export import compare_outputs, export_network, torch_vectors
 from passerby.training.network import ReidNetwork
 from passerby.training.options import train_options
 
@@ -189,12 +189,12 @@ def test_a_ranking_that_differs_is_found_and_a_tie_is_not():
     def at(*degrees):
         return np.stack([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))], axis=1)
 
-    same = agreement(at(0, 10, 20), at(0, 10, 20))
+    same = compare_outputs(at(0, 10, 20), at(0, 10, 20))
     assert same.largest_swap == 0.0
     assert same.largest_difference == 0.0
     # From the first, the second and third change places: by the cosines of 10 and 20 degrees.
-    swapped = agreement(at(0, 10, -20), at(0, 20, -10))
+    swapped = compare_outputs(at(0, 10, -20), at(0, 20, -10))
     assert swapped.largest_swap == pytest.approx(np.cos(np.radians(10)) - np.cos(np.radians(20)))
     assert not swapped.same_ranking
     assert swapped.worst_cosine == pytest.approx(np.cos(np.radians(10)))
-    assert agreement(at(0, 30, -30.0001), at(0, 30.0001, -30)).same_ranking
+    assert compare_outputs(at(0, 30, -30.0001), at(0, 30.0001, -30)).same_ranking

@@ -12,8 +12,8 @@ import pytest
 from passerby.core.observations import Boxes, Clock
 from passerby.people.ground_positions import places_of
 from passerby.simulation import SimulationOptions, simulate
-from passerby.training.agreement import BEHIND, MISFIT, NEAR, SURE, agreement
-from passerby.training.sure_spans import sure_spans
+from passerby.training.agreement import BEHIND, MISFIT, NEAR, SURE, verify_boxes
+from passerby.training.sure_spans import pseudo_labels
 from person_scenes import observe, ring
 
 FPS = 5.0
@@ -26,8 +26,8 @@ def scene(**faults):
 
 def judged(rig, boxes, clocks=None):
     places = places_of(rig, boxes, clocks or {name: Clock(FPS) for name in rig.names})
-    agreed = agreement(places)
-    return places, agreed, sure_spans(places, agreed)
+    agreed = verify_boxes(places)
+    return places, agreed, pseudo_labels(places, agreed)
 
 
 def labelled(made):

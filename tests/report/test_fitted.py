@@ -8,8 +8,8 @@ from drawn import contents, only_boxes, only_joints, simulated
 
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
-from passerby.report.fitted import fitted
-from passerby.report.sampling import STEP_S, STRETCHES, sampled
+from passerby.report.fitted import fit_people
+from passerby.report.sampling import STEP_S, STRETCHES, sample_observations
 from passerby.report.upright import Bodies, body_model, model_boxes
 
 
@@ -44,7 +44,7 @@ def exact(made, slack=0.0, foot_shift=0.1):
 def test_boxes_of_the_model_are_fitted_without_a_rest(slack):
     made = simulated()
     told, bodies = exact(made, slack)
-    fit = fitted(told)
+    fit = fit_people(told)
     s = fit.sightings
     assert len(s) > 1500
     assert s.agrees.all()
@@ -64,7 +64,7 @@ def test_simulated_bodies_are_met_to_a_pixel(preset, px):
     # The floor: bodies that walk are no upright sticks. Their boxes' middles are 0.7 to 0.9 % of their height off the model's
     # in the median, which is 1.2, 0.5 and 0.6 pixels here.
     made = simulated(preset, seconds=5.0)
-    fit = fitted(contents(made, seen=only_boxes(made)))
+    fit = fit_people(contents(made, seen=only_boxes(made)))
     s = fit.sightings
     assert s.agrees.mean() > 0.9
     assert np.median(np.linalg.norm(s.centre_px[s.agrees], axis=1)) < px
@@ -86,7 +86,7 @@ def test_a_box_of_somebody_else_is_found_out():
     swapped = np.array(boxes.identity)
     swapped[rows] = swapped[rows[::-1]]
     wrong = {**told.observations.cameras, name: CameraObservations(replace(boxes, identity=swapped))}
-    fit = fitted(replace(told, observations=Observations(wrong)))
+    fit = fit_people(replace(told, observations=Observations(wrong)))
     s = fit.sightings
     bad = (s.camera == 0) & (s.frame == boxes.frame[0]) & np.isin(s.identity, swapped[rows])
     assert not s.agrees[bad].any()
@@ -97,7 +97,7 @@ def test_a_box_of_somebody_else_is_found_out():
 
 def test_joints_are_met_where_there_are_no_boxes():
     made = simulated(seconds=6.0)
-    fit = fitted(contents(made, seen=only_joints(made)))
+    fit = fit_people(contents(made, seen=only_joints(made)))
     assert len(fit.sightings) == 0
     j = fit.joints
     assert j.agrees.mean() > 0.99
@@ -115,7 +115,7 @@ def test_joints_are_met_where_there_are_no_boxes():
 def test_nothing_is_found_and_nothing_fails_without_poses(posed):
     made = simulated()
     cameras = [one if k < posed else replace(one, pose=None, sigma=None) for k, one in enumerate(made.rig)]
-    fit = fitted(contents(made, rig=Rig(tuple(cameras))))
+    fit = fit_people(contents(made, rig=Rig(tuple(cameras))))
     assert len(fit.rig) == posed
     assert (fit.bodies.cameras <= 1).all()
     assert fit.place(made.rig.names[-1]) is None
@@ -127,12 +127,12 @@ def test_nothing_is_found_and_nothing_fails_without_poses(posed):
 def test_a_scene_without_people_has_an_empty_fit():
     made = simulated()
     nobody = Observations({name: CameraObservations() for name in made.rig.names})
-    assert fitted(contents(made, seen=nobody)).sample is None
+    assert fit_people(contents(made, seen=nobody)).sample is None
     unknown = {
         name: CameraObservations(replace(seen.boxes, identity=np.full(len(seen.boxes), -1)))
         for name, seen in made.observations.cameras.items()
     }
-    assert fitted(contents(made, seen=Observations(unknown))).sample is None
+    assert fit_people(contents(made, seen=Observations(unknown))).sample is None
 
 
 def test_the_sample_of_a_long_recording_is_bounded_and_evenly_spread():
@@ -145,14 +145,14 @@ def test_the_sample_of_a_long_recording_is_bounded_and_evenly_spread():
         identity, ltwh = np.tile(boxes.identity, times), np.tile(boxes.ltwh, (times, 1))
         seen[name] = CameraObservations(Boxes(frame, identity, ltwh, np.tile(boxes.score, times)))
     told = contents(made, seen=Observations(seen, 5.0))
-    sample = sampled(told, 3000)
+    sample = sample_observations(told, 3000)
     frames = np.unique(np.concatenate([sample.seen[name].boxes.frame for name in made.rig.names]))
     count = sum(len(sample.seen[name].boxes) for name in made.rig.names)
     assert 2000 < count <= 3300
     assert sample.step_s == pytest.approx(STEP_S, abs=0.15)
     share = frames / frames.max()
     assert all(np.any((share >= k / STRETCHES) & (share < (k + 1) / STRETCHES)) for k in range(STRETCHES))
-    again = sampled(told, 3000)
+    again = sample_observations(told, 3000)
     assert all(np.array_equal(sample.seen[name].boxes.ltwh, again.seen[name].boxes.ltwh) for name in made.rig.names)
 
 
@@ -169,7 +169,7 @@ def test_clocks_that_differ_are_brought_together(unregistered):
         name: CameraObservations(replace(told.observations[name].boxes, frame=told.observations[name].boxes.frame - 2 * place))
         for place, name in enumerate(made.rig.names)
     }
-    fit = fitted(replace(told, observations=Observations(seen, 5.0, clocks), clocks=clocks))
+    fit = fit_people(replace(told, observations=Observations(seen, 5.0, clocks), clocks=clocks))
     several = fit.bodies.cameras[fit.sightings.body] > 1
     assert several.mean() > 0.9
     assert np.quantile(np.abs(fit.sightings.centre_px[several]), 0.99) < 0.25

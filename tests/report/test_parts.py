@@ -16,7 +16,7 @@ from passerby.report.distances import best_to_measure, distances_of
 from passerby.report.headline import _people_label
 from passerby.report.html import Html, data_script, element, join
 from passerby.report.mends import Point, point_of, points_of, sentence
-from passerby.report.seen import lanes_of, merged, seen_in
+from passerby.report.seen import lanes_of, merge_spells, seen_in
 from passerby.report.view_graph import links_of
 from passerby.report.weak_points import outstanding, weak_points
 
@@ -127,7 +127,7 @@ def test_stretches_follow_the_cameras_clocks():
 
 def test_merging_closes_the_shortest_breaks_and_loses_nobody():
     spells = seen_in(busy_place(cameras=2, people=20, seconds=900, fps=2.0)).spells
-    fewer = merged(spells, len(spells) // 2)
+    fewer = merge_spells(spells, len(spells) // 2)
     assert len(fewer) == len(spells) // 2
     assert set(fewer.people) == set(spells.people)
     for camera in range(2):
@@ -138,7 +138,7 @@ def test_merging_closes_the_shortest_breaks_and_loses_nobody():
                 for rows in [(one.camera == camera) & (one.identity == identity)]
             )
             assert len(before[0]) == 0 or (before[0].min(), before[1].max()) == (after[0].min(), after[1].max())
-    assert merged(spells, len(spells)) is spells
+    assert merge_spells(spells, len(spells)) is spells
 
 
 @given(st.lists(st.tuples(st.integers(0, 50), st.integers(1, 20)), max_size=40))

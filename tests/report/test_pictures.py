@@ -13,7 +13,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import BODY_17, Boxes, CameraObservations, Observations
 from passerby.report.backdrop import MOST_CHARACTERS, WIDEST_PX, data_uri
 from passerby.report.contents import Contents
-from passerby.report.fitted import fitted
+from passerby.report.fitted import fit_people
 from passerby.report.ground_layer import grid_lines, grid_region, grid_spacing
 from passerby.report.pictures import camera_picture
 
@@ -22,7 +22,7 @@ HOSTILE = '"><script>alert(1)</script><img src=x onerror="alert(2)">&lt;b&gt;\u2
 
 def drawn(told, name):
     """A camera's picture and the fit behind it."""
-    fit = fitted(told)
+    fit = fit_people(told)
     return camera_picture(told, fit, name), fit
 
 
@@ -120,7 +120,7 @@ def test_a_camera_without_a_pose_shows_its_boxes_only():
 def test_other_cameras_are_named_where_they_hang():
     made = simulated()
     told = contents(made, seen=only_boxes(made))
-    fit = fitted(told)
+    fit = fit_people(told)
     for camera in made.rig:
         root = parsed(camera_picture(told, fit, camera.name))
         for other in made.rig:
@@ -230,7 +230,7 @@ def test_no_name_becomes_markup():
     rig = Rig(tuple(replace(one, name=HOSTILE + str(place)) for place, one in enumerate(made.rig)))
     seen = Observations({new: made.observations[old] for new, old in zip(rig.names, made.rig.names, strict=True)})
     told = contents(made, rig=rig, seen=seen)
-    fit = fitted(told)
+    fit = fit_people(told)
     for name in rig.names:
         svg = camera_picture(told, fit, name)
         assert not scripts(svg)

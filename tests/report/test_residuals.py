@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from drawn import contents, layer, longer, of_class, only_boxes, only_joints, parsed, scripts, simulated, with_lens
 
-from passerby.report.fitted import fitted
+from passerby.report.fitted import fit_people
 from passerby.report.residuals import FEWEST, Residuals, residual_cells, residual_map, residuals_of
 
 
@@ -16,7 +16,7 @@ def cells_of(made, change, name, seen):
     """
     rig = with_lens(made.rig, name, change)
     told = contents(made, rig=rig, seen=seen)
-    cells = residual_cells(residuals_of(fitted(told), name), rig[name].lens.size)
+    cells = residual_cells(residuals_of(fit_people(told), name), rig[name].lens.size)
     row, column = np.nonzero(cells.count >= FEWEST)
     place = np.column_stack([column + 0.5, row + 0.5]) * cells.size - made.rig[name].lens.matrix[:2, 2]
     far = np.linalg.norm(place, axis=1)
@@ -85,7 +85,7 @@ def test_the_map_draws_each_cell_and_its_arrow_to_scale():
     name = made.rig.names[1]
     rig = with_lens(made.rig, name, longer(1.05))
     told = contents(made, rig=rig, seen=only_boxes(made))
-    fit = fitted(told)
+    fit = fit_people(told)
     svg = residual_map(told, fit, name)
     root = parsed(svg)
     cells = residual_cells(residuals_of(fit, name), rig[name].lens.size)
@@ -100,7 +100,7 @@ def test_the_map_draws_each_cell_and_its_arrow_to_scale():
         assert np.linalg.norm(end - begin) < 3.1 * min(cells.size)
         assert ("faint" in path.get("class")) != cells.sure[row, column]
     assert f"{factor} times" in svg
-    assert svg == residual_map(told, fitted(told), name)
+    assert svg == residual_map(told, fit_people(told), name)
     assert not scripts(svg)
     assert len(svg) < 60_000
 
@@ -110,6 +110,6 @@ def test_there_is_a_map_where_there_is_nothing_to_map():
     name = made.rig.names[0]
     rig = replace(made.rig, cameras=tuple(replace(one, pose=None) for one in made.rig))
     told = contents(made, rig=rig)
-    root = parsed(residual_map(told, fitted(told), name))
+    root = parsed(residual_map(told, fit_people(told), name))
     assert not list(layer(root, "cells"))
     assert any("no residuals" in (one.text or "") for one in root.iter())

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.observations import CameraObservations, Observations
-from passerby.report.fitted import fitted
+from passerby.report.fitted import fit_people
 from passerby.report.rig_geometry import (
     border_rays,
     density,
@@ -52,7 +52,7 @@ def made():
 def drawn_rig(made):
     """Contents, fit and both figures."""
     told = contents(made, rig=with_sigmas(made.rig), seen=only_boxes(made))
-    fit = fitted(told)
+    fit = fit_people(told)
     return told, fit, rig_from_above(told, fit), rig_in_space(told, fit)
 
 
@@ -98,14 +98,14 @@ def test_ellipses_stand_at_their_cameras_as_large_as_they_say(drawn_rig):
 def test_sigmas_without_directions_are_circles_and_said_to_be(made):
     rig = Rig(tuple(replace(one, sigma=PoseSigma(0.3, 0.1)) for one in made.rig))
     told = contents(made, rig=rig, seen=only_boxes(made))
-    plan = rig_from_above(told, fitted(told))
+    plan = rig_from_above(told, fit_people(told))
     one = trace(plan, "1 sigma")
     assert "directions unknown" in one["name"]
     outline = points(one)[:49]
     radius = np.linalg.norm(outline - made.rig.cameras[0].centre[:2], axis=1)
     assert radius == pytest.approx(0.3 / np.sqrt(3) * plan["layout"]["meta"]["magnification"], abs=2e-4)
     without = contents(made, rig=Rig(tuple(replace(one, sigma=None) for one in made.rig)), seen=only_boxes(made))
-    assert not [one for one in rig_from_above(without, fitted(without))["data"] if one["name"].startswith("1 sigma")]
+    assert not [one for one in rig_from_above(without, fit_people(without))["data"] if one["name"].startswith("1 sigma")]
 
 
 def test_magnification_is_a_whole_factor():
@@ -227,7 +227,7 @@ def test_views_look_at_the_people_and_out_of_each_camera(drawn_rig):
 def test_cameras_without_a_pose_are_listed_and_not_drawn(made):
     cameras = [replace(one, pose=None, sigma=None) if k == 1 else one for k, one in enumerate(made.rig)]
     told = contents(made, rig=Rig(tuple(cameras)), seen=only_boxes(made))
-    fit = fitted(told)
+    fit = fit_people(told)
     for figure in (rig_from_above(told, fit), rig_in_space(told, fit)):
         assert figure["layout"]["meta"]["unregistered"] == [made.rig.names[1]]
         assert not [one for one in figure["data"] if one.get("name") == made.rig.names[1]]
@@ -238,10 +238,10 @@ def test_a_refused_calibration_gives_empty_figures(made):
     nothing = Observations({name: CameraObservations() for name in made.rig.names})
     rig = Rig(tuple(replace(one, pose=None) for one in made.rig))
     told = contents(made, rig=rig, seen=nothing)
-    for figure in (rig_from_above(told, fitted(told)), rig_in_space(told, fitted(told))):
+    for figure in (rig_from_above(told, fit_people(told)), rig_in_space(told, fit_people(told))):
         assert json.dumps(figure, allow_nan=False)
     alone = contents(made, rig=Rig(made.rig.cameras[:1]), seen=nothing)
-    assert json.dumps(rig_in_space(alone, fitted(alone)), allow_nan=False)
+    assert json.dumps(rig_in_space(alone, fit_people(alone)), allow_nan=False)
 
 
 def test_names_are_inert_and_figures_are_plain_small_and_the_same_again(made):
@@ -250,10 +250,10 @@ def test_names_are_inert_and_figures_are_plain_small_and_the_same_again(made):
         {new: CameraObservations(made.observations[old].boxes) for new, old in zip(HOSTILE, made.rig.names, strict=True)}
     )
     told = contents(made, rig=rig, seen=seen)
-    fit = fitted(told)
+    fit = fit_people(told)
     for draw in (rig_from_above, rig_in_space):
         text = json.dumps(draw(told, fit), allow_nan=False, ensure_ascii=False)
-        assert text == json.dumps(draw(told, fitted(told)), allow_nan=False, ensure_ascii=False)
+        assert text == json.dumps(draw(told, fit_people(told)), allow_nan=False, ensure_ascii=False)
         assert all(rest.startswith("br>") for rest in text.split("<")[1:])
         assert "&lt;" not in text
         assert "hovertemplate" not in text

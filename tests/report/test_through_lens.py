@@ -6,7 +6,7 @@ from drawn import distance_to
 from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose
-from passerby.report.through_lens import View, spacing_of, straightened
+from passerby.report.through_lens import View, simplify_polyline, spacing_of
 
 LENSES = {
     "pinhole": Lens((1280, 720), np.array([[800.0, 0, 639.5], [0, 800.0, 359.5], [0, 0, 1]]), np.zeros(0)),
@@ -93,10 +93,10 @@ def test_the_horizon_is_where_level_rays_go(kind):
 
 def test_straight_lines_lose_their_corners():
     line = np.column_stack([np.linspace(0, 100, 50), np.linspace(0, 30, 50)])
-    assert len(straightened(line)) == 2
+    assert len(simplify_polyline(line)) == 2
     angle = np.linspace(0, np.pi, 200)
     arc = 100 * np.column_stack([np.cos(angle), np.sin(angle)])
-    kept = straightened(arc, 0.5)
+    kept = simplify_polyline(arc, 0.5)
     assert 8 < len(kept) < 40
     assert distance_to(arc, kept).max() <= 0.5
 

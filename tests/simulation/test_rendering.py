@@ -15,7 +15,7 @@ from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.motchallenge import read_boxes
 from passerby.simulation import write_scene
 from passerby.simulation.body import JOINTS, BodyState, pose_joints
-from passerby.simulation.observe import view
+from passerby.simulation.observe import observe_camera
 from passerby.simulation.rendering import RenderOptions, render_camera, write_videos
 from passerby.simulation.rendering.background import World, background
 from passerby.simulation.rendering.clothes import draw_outfits
@@ -72,7 +72,7 @@ def test_silhouettes_fill_the_true_boxes(preset, clothes):
     heights = np.array(list(simulated.heights.values()))
     state, present = simulated.motion.at((simulated.frames - 1) / 0.5)
     joints = pose_joints(state, heights)
-    true = view(camera, joints, heights, present)
+    true = observe_camera(camera, joints, heights, present)
     artist, off = painter(camera, heights, clothes), []
     for t in range(len(joints)):
         for surface in artist.surfaces(joints[t], present[t]):

@@ -7,7 +7,7 @@ import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose
 from passerby.simulation.body import JOINTS, SHANK, THIGH, BodyState, body_spheres, pose_joints, stride_length
-from passerby.simulation.observe import view
+from passerby.simulation.observe import observe_camera
 from passerby.simulation.placement import looking_at
 
 HEIGHTS = np.array([1.55, 1.72, 1.90])
@@ -106,7 +106,7 @@ def test_boxes_are_tight_around_densely_sampled_spheres(distortion):
     camera = Camera("C", lens, Pose.from_centre(looking_at(centre, np.array([0.3, 0.2, 0.9]), 0.1), centre))
     body = state(lean=0.3, crouch=0.2, raised_right=0.6)
     joints = pose_joints(body, HEIGHTS)
-    box = view(camera, joints, HEIGHTS, np.ones((1, 3), dtype=bool), occlusion=False).box[0]
+    box = observe_camera(camera, joints, HEIGHTS, np.ones((1, 3), dtype=bool), occlusion=False).box[0]
     spheres, radii = body_spheres(joints, HEIGHTS)
     directions = np.random.default_rng(0).standard_normal((2000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -11,7 +11,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.areas import AREA_DISTANCE_M, share_out
-from passerby.simulation.tracklets import renumbered
+from passerby.simulation.tracklets import renumber
 
 FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.1, "identity_swaps": 0.2}
 CUT = {"unrelated_ids": True, "tracklet_seconds": 4.0}
@@ -100,7 +100,7 @@ def test_a_person_who_was_out_of_sight_for_over_a_second_gets_a_new_number():
     simulated, rng = scene(missing=0.6, seed=4), np.random.default_rng(0)
     gaps = continued = 0
     for name, seen in simulated.observations.cameras.items():
-        numbered = renumbered(seen, len(simulated.identities), 5.0, 1e7, rng).boxes
+        numbered = renumber(seen, len(simulated.identities), 5.0, 1e7, rng).boxes
         for person in simulated.identities:
             rows = simulated.true_identities[name] == person
             steps = np.diff(numbered.frame[rows])

@@ -11,7 +11,14 @@ from passerby.core.cameras import Pose
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between, direction_angle, exp_rotation
 from passerby.geometry.single_view import Level
-from passerby.solver.pose_graph import candidate_trees, components, cycle_support, heading_rotation, levelled, poses_of_tree
+from passerby.solver.pose_graph import (
+    connected_components,
+    cycle_consistency,
+    gravity_aligned,
+    heading_rotation,
+    poses_of_tree,
+    spanning_trees,
+)
 from person_scenes import ring
 
 POSES = [camera.pose for camera in ring(5) if camera.pose is not None]
@@ -60,30 +67,30 @@ def test_the_inverse_leads_back() -> None:
 
 def test_components_are_joined_by_edges_with_enough_inliers() -> None:
     edges = [edge(0, 3), edge(3, 4, inliers=8), edge(1, 2), edge(2, 4, inliers=7)]
-    assert components(5, edges, 8) == [[0, 3, 4], [1, 2]]
-    assert components(5, edges, 7) == [[0, 1, 2, 3, 4]]
-    assert components(5, edges, 9) == [[0, 3], [1, 2], [4]]
-    assert components(3, [], 8) == [[0], [1], [2]]
+    assert connected_components(5, edges, 8) == [[0, 3, 4], [1, 2]]
+    assert connected_components(5, edges, 7) == [[0, 1, 2, 3, 4]]
+    assert connected_components(5, edges, 9) == [[0, 3], [1, 2], [4]]
+    assert connected_components(3, [], 8) == [[0], [1], [2]]
 
 
 def test_true_edges_agree_and_a_wrong_one_does_not() -> None:
     edges = [edge(a, b, inliers=100) for a, b in itertools.combinations(range(5), 2)]
-    assert (cycle_support(edges, 5) > 0.95).all()
+    assert (cycle_consistency(edges, 5) > 0.95).all()
     edges[3] = edge(0, 4, inliers=100, turn=(0, 1.0, 0))
-    support = cycle_support(edges, 5)
+    support = cycle_consistency(edges, 5)
     assert support[3] < 0.01
     assert np.delete(support, 3).min() > 0.5
 
 
 def test_an_edge_without_third_cameras_has_no_support() -> None:
-    assert cycle_support([edge(0, 1)], 2).tolist() == [0.0]
+    assert cycle_consistency([edge(0, 1)], 2).tolist() == [0.0]
 
 
 def test_a_wrong_edge_with_many_inliers_loses_to_agreement() -> None:
     """The wrong guess has every inlier, the right ones half (30 % of the names swapped)."""
     edges = [edge(a, b, inliers=50) for a, b in itertools.combinations(range(5), 2)]
     wrong = edge(0, 1, inliers=100, route="epipolar", turn=(0.0, 2.5, 0.0))
-    trees = dict(candidate_trees([*edges, wrong], range(5), 5))
+    trees = dict(spanning_trees([*edges, wrong], range(5), 5))
     assert wrong not in trees["all"]
     assert relative_error(poses_of_tree(trees["all"], 0), 0) < 1e-9
 
@@ -91,7 +98,7 @@ def test_a_wrong_edge_with_many_inliers_loses_to_agreement() -> None:
 @pytest.mark.parametrize("root", range(5))
 def test_every_tree_spans_its_group_and_leads_to_the_true_poses(root: int) -> None:
     edges = [edge(a, b, route=route) for a, b in itertools.combinations(range(5), 2) for route in ("ground", "epipolar")]
-    trees = candidate_trees(edges, range(5), 5)
+    trees = spanning_trees(edges, range(5), 5)
     assert trees[0][0] == "all"
     keys = []
     for _, tree in trees:
@@ -105,14 +112,14 @@ def test_every_tree_spans_its_group_and_leads_to_the_true_poses(root: int) -> No
 
 def test_a_route_that_does_not_span_gives_no_tree_of_its_own() -> None:
     edges = [edge(0, 1), edge(1, 2), edge(2, 3), edge(3, 4), edge(0, 4, route="epipolar")]
-    assert "epipolar" not in dict(candidate_trees(edges, range(5), 5))
-    assert candidate_trees(edges[:2], range(5), 5) == []
-    assert len(candidate_trees(edges[:2], [0, 1, 2], 5)[0][1]) == 2
+    assert "epipolar" not in dict(spanning_trees(edges, range(5), 5))
+    assert spanning_trees(edges[:2], range(5), 5) == []
+    assert len(spanning_trees(edges[:2], [0, 1, 2], 5)[0][1]) == 2
 
 
 def test_levelled_poses_have_z_up_and_the_ground_at_zero() -> None:
     poses = poses_of_tree([edge(0, c) for c in range(1, 5)], 0)
-    found = levelled(poses, [level(c) for c in range(5)])
+    found = gravity_aligned(poses, [level(c) for c in range(5)])
     for c, pose in found.items():
         np.testing.assert_allclose(pose.R_cw @ [0, 0, 1], POSES[c].R_cw @ [0, 0, 1], atol=1e-9)
         assert pose.centre[2] == pytest.approx(POSES[c].centre[2])
@@ -122,7 +129,7 @@ def test_two_bad_levels_of_five_do_not_tilt_the_world() -> None:
     poses = poses_of_tree([edge(0, c) for c in range(1, 5)], 0)
     levels = [level(c, turn=(0.002 * c, 0.001, 0)) for c in range(5)]
     levels[1], levels[3] = level(1, turn=(0.5, 0, 0.4), height=9.0), level(3, turn=(-0.2, 0.6, 0), height=0.5)
-    found = levelled(poses, levels)
+    found = gravity_aligned(poses, levels)
     up = np.array([0.0, 0.0, 1.0])
     for c, pose in found.items():
         assert np.degrees(direction_angle(pose.R_cw @ up, POSES[c].R_cw @ up)) < 1.5
@@ -131,9 +138,9 @@ def test_two_bad_levels_of_five_do_not_tilt_the_world() -> None:
 
 def test_cameras_without_a_level_are_carried_along() -> None:
     poses = poses_of_tree([edge(0, c) for c in range(1, 5)], 0)
-    found = levelled(poses, [None, level(1), None, None, level(4)])
+    found = gravity_aligned(poses, [None, level(1), None, None, level(4)])
     assert found[2].centre[2] == pytest.approx(POSES[2].centre[2])
-    assert levelled(poses, [None] * 5) == poses
+    assert gravity_aligned(poses, [None] * 5) == poses
 
 
 def test_heading_turns_the_view_onto_y() -> None:

@@ -10,7 +10,7 @@ import pytest
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import Comparison, compare
-from passerby.solver.occlusion import judge_boxes
+from passerby.solver.occlusion import weight_truncated_boxes
 from person_scenes import part, simulated, solve
 
 PER_PX = np.sqrt(1 / 6)
@@ -52,6 +52,6 @@ def test_boxes_that_hardly_show_people_are_not_relied_upon(preset: str) -> None:
 
 def test_edges_as_noisy_as_broken_ones_do_not_all_pass_for_broken() -> None:
     rng = np.random.default_rng(0)
-    judged = judge_boxes(rng.normal(0, 0.3, 2000), rng.normal(0, 0.3, 2000))
+    judged = weight_truncated_boxes(rng.normal(0, 0.3, 2000), rng.normal(0, 0.3, 2000))
     assert judged.broken < 0.1
     assert np.median(judged.weight) > 0.7

@@ -11,7 +11,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
-from passerby.core.synchronisation import common_instants
+from passerby.core.synchronisation import resample_to_common_steps
 from passerby.evaluation.metrics import compare
 from passerby.people.image_motion import image_velocity
 from passerby.simulation import SimulatedScene
@@ -26,7 +26,7 @@ def alternated(truth: SimulatedScene, observations: Observations, passes: int) -
     """Solve, set the clocks, bring everybody to common instants, and again."""
     clocks = dict.fromkeys(truth.rig.names, Clock(truth.options.fps))
     for _ in range(passes):
-        solution = solve(truth.rig, common_instants(observations, clocks), options=TIMED)
+        solution = solve(truth.rig, resample_to_common_steps(observations, clocks), options=TIMED)
         for name, clock in solution.figures["clocks"].items():
             clocks[name] = replace(clocks[name], offset_s=clocks[name].offset_s + clock["correction_s"])
     return clocks, solution

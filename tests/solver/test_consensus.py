@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Rig
-from passerby.geometry.ray_consensus import Consensus, adopt, agree
+from passerby.geometry.ray_consensus import Consensus, reassign_outliers, vote_points
 from person_scenes import ring
 
 N = 30
@@ -36,7 +36,7 @@ def run(
     height: tuple[float, float] | None = None,
 ) -> Consensus:
     R, centre = (np.array([getattr(c.pose, name) for c in rig]) for name in ("R_cw", "centre"))
-    return agree(camera, block, bearing, tangent, np.full(len(camera), 10.0), N, R, centre, height=height)
+    return vote_points(camera, block, bearing, tangent, np.full(len(camera), 10.0), N, R, centre, height=height)
 
 
 def swap(rows: list[tuple[int, int]], *columns: np.ndarray) -> list[np.ndarray]:
@@ -153,10 +153,10 @@ def test_exchanged_people_go_back_to_whom_they_show() -> None:
     expected = block.copy()
     expected[[2 * N + a, 2 * N + b]] = b, a
     same = np.zeros(N, dtype=int)
-    found = adopt(consensus, camera, block, same[block], same, bearing, tangent, tolerance, R, centre)
+    found = reassign_outliers(consensus, camera, block, same[block], same, bearing, tangent, tolerance, R, centre)
     np.testing.assert_array_equal(found, expected)
     # At another instant nobody may be taken over.
     apart = np.arange(N)
-    left = adopt(consensus, camera, block, apart[block], apart, bearing, tangent, tolerance, R, centre)
+    left = reassign_outliers(consensus, camera, block, apart[block], apart, bearing, tangent, tolerance, R, centre)
     expected[[2 * N + a, 2 * N + b]] = -1
     np.testing.assert_array_equal(left, expected)

@@ -18,7 +18,14 @@ from passerby.core.scale_cues import (
 )
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
-from passerby.solver.cues import POPULATION_BIAS, cue_rows, expected_heights, first_scale, measured, triangulate_marks
+from passerby.solver.cues import (
+    POPULATION_BIAS,
+    cue_rows,
+    expected_heights,
+    initial_scale,
+    scale_cue_lengths,
+    triangulate_marks,
+)
 from passerby.solver.people import PeopleOptions
 from person_scenes import part, simulated, solve
 
@@ -157,7 +164,7 @@ def test_rows_measure_the_true_rig() -> None:
     R, centre = (np.array([getattr(c.pose, name) for c in TRUTH.rig]) for name in ("R_cw", "centre"))
     marks = triangulate_marks(rows, R, centre)
     np.testing.assert_allclose(marks, ENDS, atol=0.03)
-    values = [value for _, value, _, _ in measured(rows, centre, marks)]
+    values = [value for _, value, _, _ in scale_cue_lengths(rows, centre, marks)]
     np.testing.assert_allclose(values, [3.6, TRUE_DISTANCE, TRUE_HEIGHT], atol=0.03)
 
 
@@ -167,9 +174,9 @@ def test_first_scale_weighs_people_against_cues() -> None:
     vague = ScaleCues(distances=(CameraDistance(("C1", "C3"), 2 * TRUE_DISTANCE, 100.0),))
     centre = np.array([c.centre for c in TRUTH.rig])
     marks = np.zeros((0, 3))
-    assert first_scale(cue_rows(cue, TRUTH.rig), centre, marks, 5, 0.05) == pytest.approx(2, abs=0.01)
-    assert first_scale(cue_rows(vague, TRUTH.rig), centre, marks, 5, 0.05) == pytest.approx(1, abs=0.01)
-    assert first_scale(None, centre, marks, 0, 0.05) == 1.0
+    assert initial_scale(cue_rows(cue, TRUTH.rig), centre, marks, 5, 0.05) == pytest.approx(2, abs=0.01)
+    assert initial_scale(cue_rows(vague, TRUTH.rig), centre, marks, 5, 0.05) == pytest.approx(1, abs=0.01)
+    assert initial_scale(None, centre, marks, 0, 0.05) == 1.0
 
 
 def test_a_mark_that_the_lens_cannot_see_is_refused() -> None:

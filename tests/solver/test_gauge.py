@@ -11,10 +11,10 @@ from passerby.core.cameras import Rig
 from passerby.core.scale_cues import CameraDistance, CameraHeight, ScaleCues
 from passerby.core.solution import Solution
 from passerby.solver.gauge import NULL_SHARE, Free, HeldSystem, held_system, placement_freedoms
-from passerby.solver.initialisation import Fit, Start, choose, descend
+from passerby.solver.initialisation import Fit, Initialisation, refine_in_stages, select_initial_rig
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people import PeopleOptions
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import rig_covariance
 from person_scenes import part, simulated, solve, without_poses
@@ -33,23 +33,23 @@ def distance(a: str, b: str, sd_m: float = 0.01) -> ScaleCues:
 
 def fitted(observations: object, cues: ScaleCues | None = None) -> Fit:
     rng = np.random.default_rng(0)
-    start = Start.prepare(without_poses(TRUTH.rig), observations, cues or ScaleCues(), QUICK, rng)  # type: ignore[arg-type]
-    return descend(start, choose(start, QUICK, rng).state, QUICK, rng)
+    start = Initialisation.prepare(without_poses(TRUTH.rig), observations, cues or ScaleCues(), QUICK, rng)  # type: ignore[arg-type]
+    return refine_in_stages(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
 
 
 @pytest.fixture(scope="module")
-def upper() -> tuple[PeopleProblem, PeopleState]:
+def upper() -> tuple[PeopleProblem, AdjustmentState]:
     fit = fitted(UPPER)
     return fit.model.problem, fit.result.state
 
 
 @pytest.fixture(scope="module")
-def whole() -> tuple[PeopleProblem, PeopleState]:
+def whole() -> tuple[PeopleProblem, AdjustmentState]:
     fit = fitted(part(TRUTH.observations, boxes=False, keypoints=True))
     return fit.model.problem, fit.result.state
 
 
-def reduced(problem: PeopleProblem, state: PeopleState) -> np.ndarray:
+def reduced(problem: PeopleProblem, state: AdjustmentState) -> np.ndarray:
     return NormalEquations(problem.layout, problem.terms(state, jacobians=True)).reduce().H
 
 
@@ -81,12 +81,14 @@ def test_one_distance_fixes_the_scale_and_no_vertical() -> None:
     assert all(pair["sigma_m"] < 0.1 for pair in solution.figures["distances"])
 
 
-def test_the_height_of_one_camera_fixes_no_scale(upper: tuple[PeopleProblem, PeopleState]) -> None:
+def test_the_height_of_one_camera_fixes_no_scale(upper: tuple[PeopleProblem, AdjustmentState]) -> None:
     """The ground may lie anywhere below it."""
     problem, state = upper
     known = replace(problem, cues=None)
     height = CameraHeight("C1", float(state.centre[0, 2]), 0.01)
-    start = Start.prepare(without_poses(TRUTH.rig), UPPER, ScaleCues(camera_heights=(height,)), QUICK, np.random.default_rng(0))
+    start = Initialisation.prepare(
+        without_poses(TRUTH.rig), UPPER, ScaleCues(camera_heights=(height,)), QUICK, np.random.default_rng(0)
+    )
     stated = replace(problem, cues=start.knowledge.cues)
     for one, rank_lost in ((known, 4), (stated, 3)):
         system, free = held_system(reduced(one, state), state, one.layout.camera_size)
@@ -95,7 +97,7 @@ def test_the_height_of_one_camera_fixes_no_scale(upper: tuple[PeopleProblem, Peo
 
 
 def test_the_threshold_lies_in_a_wide_gap(
-    upper: tuple[PeopleProblem, PeopleState], whole: tuple[PeopleProblem, PeopleState]
+    upper: tuple[PeopleProblem, AdjustmentState], whole: tuple[PeopleProblem, AdjustmentState]
 ) -> None:
     for (problem, state), rank_lost in ((upper, 4), (whole, 0)):
         size = problem.layout.camera_size
@@ -106,7 +108,7 @@ def test_the_threshold_lies_in_a_wide_gap(
         assert value[rank_lost] > 100 * NULL_SHARE * value[-1]
 
 
-def test_where_all_is_fixed_the_inverse_is_what_it_was(whole: tuple[PeopleProblem, PeopleState]) -> None:
+def test_where_all_is_fixed_the_inverse_is_what_it_was(whole: tuple[PeopleProblem, AdjustmentState]) -> None:
     problem, state = whole
     system, free = held_system(reduced(problem, state), state, problem.layout.camera_size)
     assert not free
@@ -114,7 +116,7 @@ def test_where_all_is_fixed_the_inverse_is_what_it_was(whole: tuple[PeopleProble
     np.testing.assert_array_equal(system.inverse(), plain)
 
 
-def test_priors_on_people_who_were_not_seen_fix_nothing(upper: tuple[PeopleProblem, PeopleState]) -> None:
+def test_priors_on_people_who_were_not_seen_fix_nothing(upper: tuple[PeopleProblem, AdjustmentState]) -> None:
     problem, state = upper
     unseen = replace(problem, height_mean=np.full(50, 1.72), height_sd=np.full(50, 1e-3))
     state = replace(state, heights=np.full(50, 1.72))
@@ -122,13 +124,13 @@ def test_priors_on_people_who_were_not_seen_fix_nothing(upper: tuple[PeopleProbl
     assert (found.scale, found.vertical_deg) == (np.inf, np.inf)
 
 
-def test_a_scale_that_is_stated_to_no_better_than_itself_is_unknown(upper: tuple[PeopleProblem, PeopleState]) -> None:
+def test_a_scale_that_is_stated_to_no_better_than_itself_is_unknown(upper: tuple[PeopleProblem, AdjustmentState]) -> None:
     problem, state = upper
     centre = [c - state.centre[0] for c in state.centre]
     metres = float(np.linalg.norm(centre[1]))
     for share, known in ((0.1, True), (20.0, False)):
         cues = ScaleCues(distances=(CameraDistance(("C1", "C2"), metres, share * metres),))
-        start = Start.prepare(without_poses(TRUTH.rig), UPPER, cues, QUICK, np.random.default_rng(0))
+        start = Initialisation.prepare(without_poses(TRUTH.rig), UPPER, cues, QUICK, np.random.default_rng(0))
         stated = replace(problem, cues=start.knowledge.cues)
         found = rig_covariance(stated.terms(state, jacobians=True), stated, state, 1.0, share)
         assert np.isfinite(found.scale) == known
@@ -147,7 +149,9 @@ def test_a_camera_that_hangs_by_pairs_alone_slides_along_its_baseline() -> None:
     assert known == {pair: "C4" not in pair for pair in known}
 
 
-def test_a_camera_without_evidence_leaves_the_others_as_sure_as_without_it(whole: tuple[PeopleProblem, PeopleState]) -> None:
+def test_a_camera_without_evidence_leaves_the_others_as_sure_as_without_it(
+    whole: tuple[PeopleProblem, AdjustmentState],
+) -> None:
     problem, state = whole
     joints, here = problem.joints, problem.sightings.camera != 3
     blind = replace(
@@ -166,7 +170,7 @@ def test_a_camera_without_evidence_leaves_the_others_as_sure_as_without_it(whole
 
 
 def test_two_cameras_with_nothing_between_them_are_both_unknown() -> None:
-    state = PeopleState(
+    state = AdjustmentState(
         np.stack([np.eye(3)] * 2), np.array([[0.0, 0, 2], [3.0, 0, 2]]), np.zeros(2), np.zeros(1), np.zeros(0),
         np.zeros((0, 4)), np.zeros((0, 3)),
     )  # fmt: skip

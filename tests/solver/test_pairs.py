@@ -21,10 +21,10 @@ BODY = 1.72
 PAIRS = [(a, b) for a in range(4) for b in range(a + 1, 4)]
 
 
-def hypotheses(rig: Rig, evidence: Evidence, body_m: float = BODY) -> list[PairHypothesis]:
-    levels = [level_of(evidence, c, body_m, np.random.default_rng(0)) for c in range(len(rig))]
+def hypotheses(rig: Rig, evidence: Evidence, person_height_m: float = BODY) -> list[PairHypothesis]:
+    levels = [level_of(evidence, c, person_height_m, np.random.default_rng(0)) for c in range(len(rig))]
     focal = np.array([camera.lens.focal for camera in rig])
-    return pair_hypotheses(evidence, levels, focal, body_m, np.random.default_rng(0))
+    return pair_hypotheses(evidence, levels, focal, person_height_m, np.random.default_rng(0))
 
 
 @cache

@@ -9,7 +9,7 @@ from passerby.core.cameras import Lens
 from passerby.geometry.reprojection import PointObservations
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.optimizer.least_squares import NormalEquations, Step
-from passerby.solver.people_state import PeopleState, Sightings
+from passerby.solver.people_state import AdjustmentState, UprightObservations
 from passerby.solver.person_model import PeopleProblem
 
 LENS = Lens((1280, 720), np.array([[900.0, 0, 640], [0, 905.0, 360], [0, 0, 1]]), np.array([-0.1, 0.02, 0.001, -0.001, 0.0]))
@@ -33,7 +33,7 @@ def case():
     )
     joints = rng.uniform([-1, -1, 0], [1, 1, 1.8], (n_joints, 3))
     points = rng.uniform([-1, -1, 0], [1, 1, 1.8], (2, 3))
-    state = PeopleState(
+    state = AdjustmentState(
         R, centre, rng.normal(0, 0.02, 3), np.concatenate([[0.12], points.ravel()]), np.array([1.7, 1.8]), people, joints
     )
     camera, block = (a.ravel() for a in np.meshgrid(np.arange(n_cameras), np.arange(n_blocks), indexing="ij"))
@@ -46,7 +46,7 @@ def case():
     top = rays(np.column_stack([people[block, :2], people[block, 3]]))
     bottom = rays(np.column_stack([people[block, :2], people[block, 2]]))
     n = len(camera)
-    sightings = Sightings(
+    sightings = UprightObservations(
         camera,
         block,
         top,

@@ -19,7 +19,7 @@ from passerby.solver.lens_sigmas import posterior_sd
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.optimizer.least_squares import Step
 from passerby.solver.people import PeopleOptions
-from passerby.solver.people_state import PeopleState, Sightings
+from passerby.solver.people_state import AdjustmentState, UprightObservations
 from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
 from passerby.solver.refined_lenses import far_lenses, lens_notes
 from person_scenes import LENS, looking_at, part, simulated, solve, without_poses
@@ -67,7 +67,7 @@ def test_pixels_of_fixed_rays_move_with_the_lens_as_their_columns_say(parts: tup
 
 
 @pytest.fixture(scope="module")
-def problem_of_lenses() -> tuple[PeopleProblem, PeopleState]:
+def problem_of_lenses() -> tuple[PeopleProblem, AdjustmentState]:
     """Two cameras, three person-instants, two joints; lenses between those of the rays and those stated."""
     rng = np.random.default_rng(3)
     poses = [looking_at((6.0, 0, 2.5), (0, 0, 1)), looking_at((-5, 3, 3.0), (0, 0, 1))]
@@ -84,7 +84,7 @@ def problem_of_lenses() -> tuple[PeopleProblem, PeopleState]:
     top = rays(camera, np.column_stack([people[block, :2], people[block, 3]]))
     bottom = rays(camera, np.column_stack([people[block, :2], people[block, 2]]))
     n = len(camera)
-    sightings = Sightings(
+    sightings = UprightObservations(
         camera, block, top, bottom, LENS.tangents(top), LENS.tangents(bottom), rng.uniform(150, 250, n), np.ones(n),
         np.zeros(n), np.ones(n),
     )  # fmt: skip
@@ -96,7 +96,7 @@ def problem_of_lenses() -> tuple[PeopleProblem, PeopleState]:
         2, BOTH.sightings(sightings, stated, at), BOTH.points(joints, stated, at), np.array([0, 0, 1]), 2, np.full(2, 1.72),
         np.full(2, 0.09), rng.uniform(0.2, 1, 3), lens_core=BOTH.core(stated), lens_weight=rng.uniform(1, 5, (2, 3)),
     )  # fmt: skip
-    state = PeopleState(
+    state = AdjustmentState(
         R, centre, rng.normal(0, 0.02, 2), np.array([0.12]), np.array([1.7, 1.8]), people, points, lens=lens
     )  # fmt: skip
     return problem, state
@@ -106,7 +106,7 @@ def _pair() -> Rig:
     return Rig((Camera("A", LENS), Camera("B", LENS)))
 
 
-def test_derivatives_by_the_lenses_match_central_differences(problem_of_lenses: tuple[PeopleProblem, PeopleState]) -> None:
+def test_derivatives_by_the_lenses_match_central_differences(problem_of_lenses: tuple[PeopleProblem, AdjustmentState]) -> None:
     problem, state = problem_of_lenses
     layout = problem.layout
     assert layout.camera_size == CAMERA_SIZE + 3
@@ -135,7 +135,7 @@ def test_derivatives_by_the_lenses_match_central_differences(problem_of_lenses: 
     assert seen == 6 * 3 + 2
 
 
-def test_rays_are_made_anew_and_residuals_stay(problem_of_lenses: tuple[PeopleProblem, PeopleState]) -> None:
+def test_rays_are_made_anew_and_residuals_stay(problem_of_lenses: tuple[PeopleProblem, AdjustmentState]) -> None:
     """The linear columns and rays of the moved lens agree to first order."""
     problem, state = problem_of_lenses
     s = problem.sightings
@@ -225,7 +225,7 @@ def test_geopose_refuses() -> None:
 
 
 def test_residuals_follow_a_lens_to_first_order_however_large_they_are(
-    problem_of_lenses: tuple[PeopleProblem, PeopleState],
+    problem_of_lenses: tuple[PeopleProblem, AdjustmentState],
 ) -> None:
     """Half the change leaves a quarter of the difference to rays made anew: none is of the size of residual times change."""
     problem, state = problem_of_lenses

@@ -14,9 +14,9 @@ from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.geometry.similarity import fit_plane_similarity
-from passerby.solver.initialisation import Start, choose, descend
+from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
 from passerby.solver.people import PeopleOptions
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import RigCovariance, rig_covariance
 from person_scenes import part, simulated, solve, without_poses
@@ -25,17 +25,17 @@ QUICK = PeopleOptions(coarse_people=100)
 
 
 @pytest.fixture(scope="module")
-def optimum() -> tuple[PeopleProblem, PeopleState]:
+def optimum() -> tuple[PeopleProblem, AdjustmentState]:
     """A problem of the solver at its optimum, a camera height among its cues."""
     truth = simulated("terrace", seconds=6.0)
     cues = ScaleCues(camera_heights=(CameraHeight("C2", float(truth.rig["C2"].centre[2]), 0.02),))
     rng = np.random.default_rng(0)
-    start = Start.prepare(without_poses(truth.rig), part(truth.observations), cues, QUICK, rng)
-    fit = descend(start, choose(start, QUICK, rng).state, QUICK, rng)
+    start = Initialisation.prepare(without_poses(truth.rig), part(truth.observations), cues, QUICK, rng)
+    fit = refine_in_stages(start, select_initial_rig(start, QUICK, rng).state, QUICK, rng)
     return fit.model.problem, fit.result.state
 
 
-def moved(state: PeopleState, yaw: float, shift: tuple[float, float]) -> PeopleState:
+def moved(state: AdjustmentState, yaw: float, shift: tuple[float, float]) -> AdjustmentState:
     """The same scene in a world turned about the vertical and shifted along the ground."""
     turn = exp_rotation(np.array([0.0, 0.0, yaw]))
     bodies = state.people.copy()
@@ -43,11 +43,11 @@ def moved(state: PeopleState, yaw: float, shift: tuple[float, float]) -> PeopleS
     return replace(state, R=state.R @ turn.T, centre=state.centre @ turn.T + [*shift, 0.0], people=bodies)
 
 
-def covariance(problem: PeopleProblem, state: PeopleState, inflation: float = 1.0, scale: float = 0.02) -> RigCovariance:
+def covariance(problem: PeopleProblem, state: AdjustmentState, inflation: float = 1.0, scale: float = 0.02) -> RigCovariance:
     return rig_covariance(problem.terms(state, jacobians=True), problem, state, inflation, scale)
 
 
-def test_placement_is_noticed_by_no_residual_and_no_sigma(optimum: tuple[PeopleProblem, PeopleState]) -> None:
+def test_placement_is_noticed_by_no_residual_and_no_sigma(optimum: tuple[PeopleProblem, AdjustmentState]) -> None:
     problem, state = optimum
     yaw, shift = 1.1, (40.0, -25.0)
     other = moved(state, yaw, shift)
@@ -62,7 +62,7 @@ def test_placement_is_noticed_by_no_residual_and_no_sigma(optimum: tuple[PeopleP
     assert there.scale == pytest.approx(here.scale, rel=1e-4)
 
 
-def test_covariances_are_symmetric_and_positive(optimum: tuple[PeopleProblem, PeopleState]) -> None:
+def test_covariances_are_symmetric_and_positive(optimum: tuple[PeopleProblem, AdjustmentState]) -> None:
     found = covariance(*optimum)
     for blocks in (found.metric, found.shape):
         assert blocks.shape == (4, 6, 6)
@@ -75,7 +75,7 @@ def test_covariances_are_symmetric_and_positive(optimum: tuple[PeopleProblem, Pe
         assert found.sigma(c).orientation_deg > found.shape_sigma(c).orientation_deg
 
 
-def test_inflation_and_scale_go_where_they_belong(optimum: tuple[PeopleProblem, PeopleState]) -> None:
+def test_inflation_and_scale_go_where_they_belong(optimum: tuple[PeopleProblem, AdjustmentState]) -> None:
     plain, inflated, vague = covariance(*optimum), covariance(*optimum, inflation=9.0), covariance(*optimum, scale=0.2)
     for c in range(4):
         ratio = inflated.shape_sigma(c).position_m / plain.shape_sigma(c).position_m

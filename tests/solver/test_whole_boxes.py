@@ -9,13 +9,13 @@ import pytest
 
 from passerby.core.observations import Boxes, CameraObservations
 from passerby.evaluation.metrics import compare
-from passerby.solver.occlusion import CLEAN, LEAST_WEIGHT, judge_boxes
+from passerby.solver.occlusion import CLEAN, LEAST_WEIGHT, weight_truncated_boxes
 from person_scenes import part, simulated, solve
 
 
 def test_clean_edges_are_weighed_alike() -> None:
     rng = np.random.default_rng(0)
-    judged = judge_boxes(rng.normal(size=3000) * 0.02, rng.normal(size=3000) * 0.03)
+    judged = weight_truncated_boxes(rng.normal(size=3000) * 0.02, rng.normal(size=3000) * 0.03)
     assert (judged.weight == 1).all()
     assert judged.broken == 0
 
@@ -26,14 +26,14 @@ def test_broken_edges_are_found_and_counted(share: float) -> None:
     top, bottom = rng.normal(size=(2, 4000)) * 0.02
     broken = rng.uniform(size=4000) < share
     bottom[broken] -= rng.uniform(0.1, 0.3, np.count_nonzero(broken))
-    judged = judge_boxes(top, bottom)
+    judged = weight_truncated_boxes(top, bottom)
     assert np.median(judged.weight[~broken]) > 0.85
     assert np.median(judged.weight[broken]) == LEAST_WEIGHT
     assert share / 2 - CLEAN <= judged.broken <= share
 
 
 def test_few_boxes_are_not_judged() -> None:
-    judged = judge_boxes(np.full(12, 0.3), np.zeros(12))
+    judged = weight_truncated_boxes(np.full(12, 0.3), np.zeros(12))
     assert (judged.weight == 1).all()
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from passerby.common.text import natural_key
 from passerby.scene.scene import CAMERA_NAME
-from passerby.scene.start.names import camera_names, matched
+from passerby.scene.start.names import camera_names, match_names
 
 
 @pytest.mark.parametrize(
@@ -64,4 +64,4 @@ def test_cam2_comes_before_cam10():
     ],
 )
 def test_matching(cameras, others, pairs):
-    assert matched(cameras, others) == pairs
+    assert match_names(cameras, others) == pairs

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from passerby.scene.start.recordings import numbered, pieces_among, start_of
+from passerby.scene.start.recordings import is_numbered_series, pieces_among, start_of
 
 TEN = datetime(2024, 5, 1, 10, 3, 5).timestamp()
 
@@ -79,7 +79,7 @@ def test_cameras_are_no_pieces(videos, seconds):
 
 
 def test_numbers_for_names():
-    assert numbered(paths("000", "001", "002"))
-    assert numbered(paths("10.05", "10.15", "10.25"))
-    assert not numbered(paths("000", "001"))
-    assert not numbered(paths("take1", "take2", "take3"))
+    assert is_numbered_series(paths("000", "001", "002"))
+    assert is_numbered_series(paths("10.05", "10.15", "10.25"))
+    assert not is_numbered_series(paths("000", "001"))
+    assert not is_numbered_series(paths("take1", "take2", "take3"))

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.association.appearance.affinity import Looks
-from passerby.association.camera_tracklets import PreparedCamera
-from passerby.association.correlation_clustering import join, overlapping
+from passerby.association.appearance.affinity import AppearanceAffinity
+from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.correlation_clustering import cluster_tracklets, find_overlaps
 from passerby.association.graph import ViewGraph
 from passerby.association.ground.ground_tracks import GroundTracks
-from passerby.association.ground.ray_affinity import meetings, sight_tracks
-from passerby.association.ground.registration import agreement
+from passerby.association.ground.ray_affinity import pairwise_ray_affinity, ray_tracks
+from passerby.association.ground.registration import score_motion
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
@@ -45,7 +45,7 @@ class Tracklets:
     """(K,) tracklets and (K,) those that go on where they end."""
 
     @classmethod
-    def of(cls, cameras: Sequence[PreparedCamera]) -> Tracklets:
+    def of(cls, cameras: Sequence[CameraTracklets]) -> Tracklets:
         """The tracklets of the cameras."""
         first = np.concatenate([[0], np.cumsum([camera.n_tracklets for camera in cameras])]).astype(np.int64)
         start, end = np.full(first[-1], np.inf), np.full(first[-1], -np.inf)
@@ -65,7 +65,7 @@ class Tracklets:
             part = slice(int(self.first[c]), int(self.first[c + 1]))
             seen = np.flatnonzero(np.isfinite(self.start_s[part]))
             start, end = self.start_s[part][seen], self.end_s[part][seen]
-            i, j = overlapping(start, end, OVERLAP_S)
+            i, j = find_overlaps(start, end, OVERLAP_S)
             first.append(seen[i] + part.start)
             second.append(seen[j] + part.start)
             seconds.append(np.minimum(end[i], end[j]) - np.maximum(start[i], start[j]))
@@ -85,35 +85,35 @@ class _Edges:
         self.weight.append(weight)
 
 
-def people_of_pairs(
+def cluster_by_pairwise_poses(
     tracklets: Tracklets, tracks: Sequence[GroundTracks | None], graph: ViewGraph,
-    likeness: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
+    affinity: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
 ) -> Ints:  # fmt: skip
     """(T,) person of each tracklet, joined by the registrations of the view graph and by what else is known."""
     edges = _Edges([], [], [])
     if known is not None:
         edges.add(*known)
-    _add_registered(edges, tracklets, tracks, graph, likeness, [True] * len(tracks))
+    _add_registered(edges, tracklets, tracks, graph, affinity, [True] * len(tracks))
     return _joined(tracklets, edges)
 
 
 def _add_registered(
     edges: _Edges, tracklets: Tracklets, tracks: Sequence[GroundTracks | None], graph: ViewGraph,
-    likeness: Mapping[tuple[int, int], Floats] | None, wanted: Sequence[bool],
+    affinity: Mapping[tuple[int, int], Floats] | None, wanted: Sequence[bool],
 ) -> None:  # fmt: skip
     """What the registrations of the pairs say that have a wanted camera."""
     for edge in graph.edges:
         in_a, in_b = tracks[edge.a], tracks[edge.b]
         if not edge.used or edge.guess is None or in_a is None or in_b is None or not (wanted[edge.a] or wanted[edge.b]):
             continue
-        i, j, value, _ = agreement(in_a, in_b, edge.guess.turn, edge.guess.shift, edge.guess.lag_s)
-        weight = _weight(value, i, j, likeness, (edge.a, edge.b))
+        i, j, value, _ = score_motion(in_a, in_b, edge.guess.turn, edge.guess.shift, edge.guess.lag_s)
+        weight = _weight(value, i, j, affinity, (edge.a, edge.b))
         edges.add(i + tracklets.first[edge.a], j + tracklets.first[edge.b], weight)
 
 
-def people_of_rig(
-    tracklets: Tracklets, cameras: Sequence[PreparedCamera], graph: ViewGraph, poses: Sequence[Pose | None], offset_s: Floats,
-    body_m: float, likeness: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
+def cluster_by_rig(
+    tracklets: Tracklets, cameras: Sequence[CameraTracklets], graph: ViewGraph, poses: Sequence[Pose | None], offset_s: Floats,
+    person_height_m: float, affinity: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
 ) -> Ints:  # fmt: skip
     """(T,) person of each tracklet, joined by whether a calibrated rig lets them meet.
 
@@ -123,11 +123,11 @@ def people_of_rig(
         graph: registrations, which stand in for cameras that the rig lacks.
         poses: one a camera, world z up and ground at z = 0; None for a camera that is not registered.
         offset_s: (C,) what to add to each camera's clock.
-        body_m: typical standing height, metres.
-        likeness: appearance, as for `register_pair`.
+        person_height_m: typical standing height, metres.
+        affinity: appearance, as for `register_pair`.
         known: what else speaks for one person.
     """
-    tracks = [None if pose is None else sight_tracks(own.bodies, pose) for own, pose in zip(cameras, poses, strict=True)]
+    tracks = [None if pose is None else ray_tracks(own.bodies, pose) for own, pose in zip(cameras, poses, strict=True)]
     edges = _Edges([], [], [])
     if known is not None:
         edges.add(*known)
@@ -135,29 +135,29 @@ def people_of_rig(
         for b, in_b in enumerate(tracks):
             if a >= b or in_a is None or in_b is None:
                 continue
-            i, j, value = meetings(in_a, in_b, float(offset_s[a] - offset_s[b]), body_m)
-            edges.add(i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, likeness, (a, b)))
+            i, j, value = pairwise_ray_affinity(in_a, in_b, float(offset_s[a] - offset_s[b]), person_height_m)
+            edges.add(i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, affinity, (a, b)))
     lost = [pose is None for pose in poses]
-    _add_registered(edges, tracklets, [camera.tracks for camera in cameras], graph, likeness, lost)
+    _add_registered(edges, tracklets, [camera.tracks for camera in cameras], graph, affinity, lost)
     return _joined(tracklets, edges)
 
 
-def _weight(value: Floats, i: Ints, j: Ints, likeness: Mapping[tuple[int, int], Floats] | None, key: tuple[int, int]) -> Floats:
+def _weight(value: Floats, i: Ints, j: Ints, affinity: Mapping[tuple[int, int], Floats] | None, key: tuple[int, int]) -> Floats:
     """What speaks for one person: where tracklets are and, where it is known, how they look."""
     weight = SAMPLE_WORTH * value
-    return weight + likeness[key][i, j] if likeness is not None and key in likeness else weight
+    return weight + affinity[key][i, j] if affinity is not None and key in affinity else weight
 
 
-def people_of_votes(tracklets: Tracklets, looks: Looks) -> Ints:
+def cluster_by_appearance_votes(tracklets: Tracklets, appearance: AppearanceAffinity) -> Ints:
     """(T,) person of each tracklet, joined by looks.
 
     For one person speaks every instant at which the two tracklets were matched, against it every other that both were seen at.
     """
     edges = _Edges([], [], [])
-    for (a, b), pair in looks.pairs.items():
+    for (a, b), pair in appearance.pairs.items():
         together, matched = pair.votes.together.tocoo(), pair.votes.matched
         row_a, row_b = together.coords
-        i, j = (features.tracklet[row] for features, row in zip(looks.features_of(a, b), (row_a, row_b), strict=True))
+        i, j = (features.tracklet[row] for features, row in zip(appearance.features_of(a, b), (row_a, row_b), strict=True))
         yes = np.asarray(matched[row_a, row_b], dtype=np.float64).ravel()
         edges.add(i + tracklets.first[a], j + tracklets.first[b], SAMPLE_WORTH * (2 * yes - together.data))
     return _joined(tracklets, edges)
@@ -167,4 +167,6 @@ def _joined(tracklets: Tracklets, edges: _Edges) -> Ints:
     i, j, seconds = tracklets.together()
     edges.add(i, j, -TWO_PEOPLE * seconds / STEP_S)
     edges.add(*tracklets.continued, np.full(len(tracklets.continued[0]), GOES_ON))
-    return join(len(tracklets.start_s), np.concatenate(edges.first), np.concatenate(edges.second), np.concatenate(edges.weight))
+    return cluster_tracklets(
+        len(tracklets.start_s), np.concatenate(edges.first), np.concatenate(edges.second), np.concatenate(edges.weight)
+    )

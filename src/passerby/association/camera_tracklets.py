@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
-from passerby.association.tracking.splitting import continuations, split
-from passerby.association.tracking.stitching import MendingOptions, successions
+from passerby.association.tracking.splitting import find_continuations, split_tracklets
+from passerby.association.tracking.stitching import StitchingOptions, find_stitches
 from passerby.association.tracking.tracking import overlaps, track
 from passerby.common.arrays import Floats, Ints
 from passerby.common.parallel import side_by_side
@@ -24,13 +24,13 @@ from passerby.people.upright_rays import Bodies, bodies_of, level_of_bodies
 MIN_JOINT_SCORE = 0.3
 SAME_PERSON_OVERLAP = 0.5
 """Joints belong to the box that their extent overlaps by this much (intersection over union)."""
-BEYOND_DOUBT = MendingOptions(margin=6.0)
+BEYOND_DOUBT = StitchingOptions(margin=6.0)
 """As sure as the tracker is of its links, 20 to 1. On pets2009 precision and recall of the pairs of boxes that are tied are
 0.947 and 0.803 with them, 0.942 and 0.785 without, and 0.945 and 0.800 with all links of odds above 2.7 to 1."""
 
 
 @dataclass(frozen=True, eq=False)
-class PreparedCamera:
+class CameraTracklets:
     """One camera, ready for association."""
 
     name: str
@@ -51,37 +51,43 @@ class PreparedCamera:
         return max((int(part.identity.max(initial=-1)) for part in (self.seen.boxes, self.seen.keypoints)), default=-1) + 1
 
 
-def prepare_camera(
-    camera: Camera, seen: CameraObservations, clock: Clock, body_m: float, rng: np.random.Generator, *, given: bool = False
-) -> PreparedCamera:
+def build_camera_tracklets(
+    camera: Camera,
+    seen: CameraObservations,
+    clock: Clock,
+    person_height_m: float,
+    rng: np.random.Generator,
+    *,
+    given: bool = False,
+) -> CameraTracklets:
     """Track, split, level.
 
     Args:
         camera: name and lens.
         seen: boxes and joints whose identities are tracklets of this camera, or -1 for detections.
         clock: from frames to seconds.
-        body_m: expected standing height, metres.
+        person_height_m: expected standing height, metres.
         rng: draws the people that the level is fitted to.
         given: whether the identities are known people, which are neither tracked nor split nor renumbered.
     """
     none = np.zeros(0, np.int64)
     tracked, continued = (seen, (none, none)) if given else _tracked(seen, clock.fps)
     bodies = bodies_of(tracked, camera.lens, clock)
-    level = level_of_bodies(bodies, body_m, rng)
+    level = level_of_bodies(bodies, person_height_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
-    return PreparedCamera(camera.name, tracked, clock, bodies, level, tracks, continued)
+    return CameraTracklets(camera.name, tracked, clock, bodies, level, tracks, continued)
 
 
-def prepare_cameras(
-    rig: Rig, observations: Observations, clocks: Mapping[str, Clock], body_m: float, rng: np.random.Generator,
+def build_tracklets(
+    rig: Rig, observations: Observations, clocks: Mapping[str, Clock], person_height_m: float, rng: np.random.Generator,
     executor: Executor | None = None, *, given: bool = False, tell: Progress = silent,
-) -> list[PreparedCamera]:  # fmt: skip
+) -> list[CameraTracklets]:  # fmt: skip
     """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
 
     `tell` is told of every camera that is done.
     """
     jobs = [
-        _Job(camera, observations[camera.name], clocks[camera.name], body_m, own, given)
+        _Job(camera, observations[camera.name], clocks[camera.name], person_height_m, own, given)
         for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
     ]
     return side_by_side(_prepared, jobs, executor, tell, "people of each camera")
@@ -92,13 +98,13 @@ class _Job:
     camera: Camera
     seen: CameraObservations
     clock: Clock
-    body_m: float
+    person_height_m: float
     rng: np.random.Generator
     given: bool
 
 
-def _prepared(job: _Job) -> PreparedCamera:
-    return prepare_camera(job.camera, job.seen, job.clock, job.body_m, job.rng, given=job.given)
+def _prepared(job: _Job) -> CameraTracklets:
+    return build_camera_tracklets(job.camera, job.seen, job.clock, job.person_height_m, job.rng, given=job.given)
 
 
 def _tracked(seen: CameraObservations, fps: float) -> tuple[CameraObservations, tuple[Ints, Ints]]:
@@ -125,14 +131,14 @@ def _tracklets(boxes: Boxes, fps: float) -> tuple[Boxes, tuple[Ints, Ints]]:
     """
     known = boxes.identity > UNKNOWN
     identity = np.full(len(boxes), UNKNOWN)
-    given = split(boxes.take(known), fps)
+    given = split_tracklets(boxes.take(known), fps)
     numbers, identity[known] = np.unique(given.identity, return_inverse=True)
     given = replace(given, identity=identity[known])
-    continued = continuations(given, fps)
+    continued = find_continuations(given, fps)
     if not known.all():
         found = track(boxes.take(~known), fps)
         identity[~known] = np.where(found.identity > UNKNOWN, found.identity + len(numbers), UNKNOWN)
-        ends, begins = successions(found, fps, BEYOND_DOUBT)
+        ends, begins = find_stitches(found, fps, BEYOND_DOUBT)
         continued = np.append(continued[0], ends + len(numbers)), np.append(continued[1], begins + len(numbers))
     return replace(boxes, identity=identity), continued
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Clock
-from passerby.geometry.ray_consensus import Consensus, adopt, agree, ray_misses
+from passerby.geometry.ray_consensus import Consensus, ray_reprojection_errors, reassign_outliers, vote_points
 from passerby.people.upright_rays import Bodies
 
 Mask = NDArray[np.bool_]
@@ -89,8 +89,8 @@ class _Blocks:
         return cls(block.ravel(), s.instant[first], s.person[first])
 
 
-def clean(
-    rig: Rig, bodies: Sequence[Bodies], person: Sequence[Ints], clocks: Mapping[str, Clock], grid: Clock, body_m: float
+def reassign_detections(
+    rig: Rig, bodies: Sequence[Bodies], person: Sequence[Ints], clocks: Mapping[str, Clock], grid: Clock, person_height_m: float
 ) -> list[Ints]:
     """The person of each body, camera by camera.
 
@@ -100,7 +100,7 @@ def clean(
         person: (N,) for each camera, the person of each body, or -1.
         clocks: each camera's clock.
         grid: the clock of the common instants.
-        body_m: typical standing height, metres.
+        person_height_m: typical standing height, metres.
     """
     posed = [c for c, camera in enumerate(rig) if camera.pose is not None]
     if len(posed) < 2:
@@ -111,7 +111,7 @@ def clean(
         [person[c][on] for c, (on, _) in zip(posed, rows, strict=True)],
         [at for _, at in rows], [rig.cameras[c] for c in posed],
     )  # fmt: skip
-    new = _settled(sightings, body_m)
+    new = _settled(sightings, person_height_m)
     out = [column.copy() for column in person]
     start = 0
     for c, (on, _) in zip(posed, rows, strict=True):
@@ -120,14 +120,22 @@ def clean(
     return out
 
 
-def _settled(s: _Sightings, body_m: float) -> Ints:
+def _settled(s: _Sightings, person_height_m: float) -> Ints:
     """(M,) the person of each sighting."""
     blocks = _Blocks.of(s)
     n_blocks = len(blocks.instant)
-    consensus = agree(
-        s.camera, blocks.of_row, s.ray, s.tangent, s.tolerance_px, n_blocks, s.R, s.centre, height=(0.5 * body_m, 0.2 * body_m)
+    consensus = vote_points(
+        s.camera,
+        blocks.of_row,
+        s.ray,
+        s.tangent,
+        s.tolerance_px,
+        n_blocks,
+        s.R,
+        s.centre,
+        height=(0.5 * person_height_m, 0.2 * person_height_m),
     )
-    found = adopt(
+    found = reassign_outliers(
         consensus, s.camera, blocks.of_row, s.instant, blocks.instant, s.ray, s.tangent, s.tolerance_px, s.R, s.centre
     )
     for taken, times in ((found == blocks.of_row, RIVAL_OF_TRACKED), (found != blocks.of_row, RIVAL)):
@@ -149,7 +157,7 @@ def _has_rival(s: _Sightings, blocks: _Blocks, consensus: Consensus, found: Ints
     which = np.repeat(np.arange(len(rows)), count)
     candidate = by_instant[np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(which))]
     row = rows[which]
-    miss = ray_misses(consensus.points[candidate], s.camera[row], s.ray[row], s.tangent[row], s.R, s.centre)
+    miss = ray_reprojection_errors(consensus.points[candidate], s.camera[row], s.ray[row], s.tangent[row], s.R, s.centre)
     own = candidate == found[row]
     best = np.full(len(rows), np.inf)
     best[which[own]] = miss[own]

@@ -15,7 +15,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 
 
-def join(n: int, first: Ints, second: Ints, weight: Floats) -> Ints:
+def cluster_tracklets(n: int, first: Ints, second: Ints, weight: Floats) -> Ints:
     """Join n tracklets.
 
     Args:
@@ -72,7 +72,7 @@ def _numbered(parent: list[int]) -> Ints:
     return np.asarray(rank[which.ravel()], dtype=np.int64)
 
 
-def overlapping(start: Floats, end: Floats, slack: float) -> tuple[Ints, Ints]:
+def find_overlaps(start: Floats, end: Floats, slack: float) -> tuple[Ints, Ints]:
     """Pairs (i < j) of intervals of one camera that overlap by more than `slack` (seconds)."""
     order = np.argsort(start, kind="stable")
     start, end = start[order], end[order]

@@ -7,29 +7,30 @@ from typing import Any
 
 import numpy as np
 
-from passerby.association.appearance.affinity import Looks
+from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Tracklets
-from passerby.association.camera_tracklets import PreparedCamera
-from passerby.association.initial_association import Beginning
+from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.initial_association import InitialAssociation
 from passerby.association.joints.joint_pairs import JointRegistration
 from passerby.common.arrays import Floats, Ints
 
 
 def association_figures(
-    cameras: Sequence[PreparedCamera], tracklets: Tracklets, looks: Looks | None, beginning: Beginning | None, person: Ints,
+    cameras: Sequence[CameraTracklets], tracklets: Tracklets, appearance: AppearanceAffinity | None,
+    initial: InitialAssociation | None, person: Ints,
     offset_s: Floats,
 ) -> dict[str, Any]:  # fmt: skip
     """JSON-ready figures: cameras, pairs, people."""
     return {
-        "cameras": [_camera(c, camera, tracklets, looks) for c, camera in enumerate(cameras)],
-        "pairs": _pairs(cameras, tracklets, looks, beginning, person, offset_s),
+        "cameras": [_camera(c, camera, tracklets, appearance) for c, camera in enumerate(cameras)],
+        "pairs": _pairs(cameras, tracklets, appearance, initial, person, offset_s),
         "people": len(np.unique(person[np.isfinite(tracklets.start_s)])),
     }
 
 
-def _camera(c: int, camera: PreparedCamera, tracklets: Tracklets, looks: Looks | None) -> dict[str, Any]:
+def _camera(c: int, camera: CameraTracklets, tracklets: Tracklets, appearance: AppearanceAffinity | None) -> dict[str, Any]:
     start_s = tracklets.start_s[tracklets.first[c] : tracklets.first[c + 1]]
-    boxes, own = camera.seen.boxes, None if looks is None else looks.cameras[c]
+    boxes, own = camera.seen.boxes, None if appearance is None else appearance.cameras[c]
     return {
         "name": camera.name,
         "tracklets": int(np.count_nonzero(np.isfinite(start_s))),
@@ -42,17 +43,18 @@ def _camera(c: int, camera: PreparedCamera, tracklets: Tracklets, looks: Looks |
 
 
 def _pairs(
-    cameras: Sequence[PreparedCamera], tracklets: Tracklets, looks: Looks | None, beginning: Beginning | None, person: Ints,
+    cameras: Sequence[CameraTracklets], tracklets: Tracklets, appearance: AppearanceAffinity | None,
+    initial: InitialAssociation | None, person: Ints,
     offset_s: Floats,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    edges = {} if beginning is None or beginning.graph is None else {(e.a, e.b): e for e in beginning.graph.edges}
-    joints = {} if beginning is None else {(one.a, one.b): one for one in beginning.by_joints}
+    edges = {} if initial is None or initial.graph is None else {(e.a, e.b): e for e in initial.graph.edges}
+    joints = {} if initial is None else {(one.a, one.b): one for one in initial.by_joints}
     out = []
     for a in range(len(cameras)):
         for b in range(a + 1, len(cameras)):
             edge = edges.get((a, b))
             guess = None if edge is None else edge.guess
-            of_looks = None if looks is None else looks.pairs.get((a, b))
+            of_looks = None if appearance is None else appearance.pairs.get((a, b))
             of_joints = joints.get((a, b))
             useful = None if of_looks is None else of_looks.usefulness
             if of_joints is not None and (of_joints.used or guess is None):

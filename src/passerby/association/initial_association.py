@@ -8,18 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.association.appearance.affinity import Looks
-from passerby.association.associate import Pairs, Tracklets, people_of_pairs, people_of_votes
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.appearance.affinity import AppearanceAffinity
+from passerby.association.associate import Pairs, Tracklets, cluster_by_appearance_votes, cluster_by_pairwise_poses
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.association.ground.registration import PairRegistration, register_pair
 from passerby.association.joints.joint_graph import (
-    joined_graph,
+    add_joint_edges,
+    find_mirrored_tracklets,
     joint_hypothesis,
     known_pairs,
-    mirrored_tracklets,
-    registered_by_joints,
+    register_by_joints,
 )
 from passerby.association.joints.joint_pairs import JointRegistration
 from passerby.association.joints.joint_tracks import joint_tracks
@@ -39,7 +39,7 @@ MIN_LOOKS = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Beginning:
+class InitialAssociation:
     """Who is who and when, as the first guess has it."""
 
     person: Ints
@@ -64,16 +64,16 @@ class JointEvidence:
 
     lenses: Sequence[Lens]
     """Of every camera."""
-    body_m: float
+    person_height_m: float
     """Mean standing height, metres."""
     rng: np.random.Generator
     """Drives RANSAC."""
 
 
-def begin_with_tracks(
-    cameras: Sequence[PreparedCamera], tracklets: Tracklets, max_lag_s: float, likeness: Mapping[tuple[int, int], Floats],
+def associate_by_ground_tracks(
+    cameras: Sequence[CameraTracklets], tracklets: Tracklets, max_lag_s: float, affinity: Mapping[tuple[int, int], Floats],
     executor: Executor | None = None, tell: Progress = silent, joints: JointEvidence | None = None,
-) -> Beginning:  # fmt: skip
+) -> InitialAssociation:  # fmt: skip
     """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
 
     Cameras that tracks leave apart are registered by joints where there are any.
@@ -82,7 +82,7 @@ def begin_with_tracks(
         cameras: all cameras.
         tracklets: of all cameras.
         max_lag_s: largest difference of two clocks that is searched for.
-        likeness: from looks, by pair of cameras; empty where there are none.
+        affinity: from looks, by pair of cameras; empty where there are none.
         executor: runs the pairs in parallel; one after the other where it is None.
         tell: told of every pair that is done.
         joints: what it takes to use joints; None: they are not used.
@@ -91,7 +91,7 @@ def begin_with_tracks(
         EvidenceError: no two cameras can be registered.
     """
     jobs = [
-        _Job(a, b, first.tracks, second.tracks, max_lag_s, likeness.get((a, b)))
+        _Job(a, b, first.tracks, second.tracks, max_lag_s, affinity.get((a, b)))
         for a, first in enumerate(cameras)
         for b, second in enumerate(cameras)
         if a < b and first.tracks is not None and second.tracks is not None
@@ -99,22 +99,22 @@ def begin_with_tracks(
     pairs = side_by_side(_registered, jobs, executor, tell, "pairs of cameras")
     graph = view_graph(pairs, len(cameras))
     by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell)
-    graph = joined_graph(graph, by_joints)
+    graph = add_joint_edges(graph, by_joints)
     if len(graph.groups[0]) < 2:
         raise EvidenceError(*_no_pair(cameras, graph, max_lag_s))
     used = [one for one in by_joints if one.used]
     known = known_pairs(tracklets, used) if used else None
-    person = people_of_pairs(tracklets, [camera.tracks for camera in cameras], graph, likeness, known)
+    person = cluster_by_pairwise_poses(tracklets, [camera.tracks for camera in cameras], graph, affinity, known)
     guesses = [_hypothesis(edge, cameras[edge.a].level, cameras[edge.b].level) for edge in graph.edges if edge.used]
     if joints is not None:
-        guesses += [joint_hypothesis(one, cameras[one.a], cameras[one.b], joints.body_m) for one in used]
-    mirrored = mirrored_tracklets(tracklets, used) if used else None
+        guesses += [joint_hypothesis(one, cameras[one.a], cameras[one.b], joints.person_height_m) for one in used]
+    mirrored = find_mirrored_tracklets(tracklets, used) if used else None
     told_guesses = tuple(guess for guess in guesses if guess is not None)
-    return Beginning(person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored)
+    return InitialAssociation(person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored)
 
 
 def _registered_by_joints(
-    cameras: Sequence[PreparedCamera], graph: ViewGraph, joints: JointEvidence, executor: Executor | None, tell: Progress
+    cameras: Sequence[CameraTracklets], graph: ViewGraph, joints: JointEvidence, executor: Executor | None, tell: Progress
 ) -> list[JointRegistration]:
     """The pairs that tracks leave apart, as far as their joints tell."""
     if len(graph.groups) < 2 or sum(len(camera.seen.keypoints) > 0 for camera in cameras) < 2:
@@ -122,7 +122,7 @@ def _registered_by_joints(
     seen = [
         joint_tracks(camera.seen.keypoints, lens, camera.clock) for camera, lens in zip(cameras, joints.lenses, strict=True)
     ]
-    return registered_by_joints(seen, graph, joints.rng, executor, tell)
+    return register_by_joints(seen, graph, joints.rng, executor, tell)
 
 
 def _hypothesis(edge: Edge, level_a: Level | None, level_b: Level | None) -> PairHypothesis | None:
@@ -147,14 +147,14 @@ class _Job:
     tracks_a: GroundTracks
     tracks_b: GroundTracks
     max_lag_s: float
-    likeness: Floats | None
+    affinity: Floats | None
 
 
 def _registered(job: _Job) -> PairRegistration:
-    return register_pair(job.a, job.b, job.tracks_a, job.tracks_b, job.max_lag_s, job.likeness)
+    return register_pair(job.a, job.b, job.tracks_a, job.tracks_b, job.max_lag_s, job.affinity)
 
 
-def _no_pair(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: float) -> tuple[str, tuple[str, ...]]:
+def _no_pair(cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float) -> tuple[str, tuple[str, ...]]:
     """Why no two cameras can be registered."""
     head = f"no two cameras could be registered by the tracks of the people: {WALK_MEND}"
     reasons = [reason for camera in cameras if (reason := sees_too_little(camera)) is not None]
@@ -166,21 +166,23 @@ def _no_pair(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: flo
     return head, (head, *reasons)
 
 
-def begin_with_looks(cameras: Sequence[PreparedCamera], tracklets: Tracklets, looks: Looks | None) -> Beginning:
+def associate_by_appearance(
+    cameras: Sequence[CameraTracklets], tracklets: Tracklets, appearance: AppearanceAffinity | None
+) -> InitialAssociation:
     """Join tracklets by looks alone, as the paper does: those that were matched at most of the instants when both were seen.
 
     Raises:
         EvidenceError: the looks tell nobody apart.
     """
-    if looks is None:
+    if appearance is None:
         reason = "no two cameras have tracklets with embeddings: give embeddings of the boxes of every camera"
         raise EvidenceError(reason, (reason,))
-    clearest = max((pair.usefulness.weight for pair in looks.pairs.values() if pair.usefulness is not None), default=0.0)
+    clearest = max((pair.usefulness.weight for pair in appearance.pairs.values() if pair.usefulness is not None), default=0.0)
     if clearest < MIN_LOOKS:
         reason = (
             "the embeddings do not tell people apart across cameras: no better than chance in any pair; take them from a "
             'network that fits these people, or go by their tracks on the ground: under [association] set mode = "combined"'
         )
         raise EvidenceError(reason, (reason,))
-    person = people_of_votes(tracklets, looks)
-    return Beginning(person, np.zeros(len(cameras)), None)
+    person = cluster_by_appearance_votes(tracklets, appearance)
+    return InitialAssociation(person, np.zeros(len(cameras)), None)

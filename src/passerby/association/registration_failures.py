@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.clocks.far_offsets import far_registration
 from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
@@ -52,7 +52,7 @@ def told(edge: Edge) -> str:
     return f"another fit of their tracks scores {edge.runner_up:.0%} of the best"
 
 
-def reasons_of_lost(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag_s: float, so: str = "") -> dict[str, str]:
+def reasons_of_lost(cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, so: str = "") -> dict[str, str]:
     """One sentence for each camera that no registration joins to another, by name.
 
     Args:
@@ -67,7 +67,7 @@ def reasons_of_lost(cameras: Sequence[PreparedCamera], graph: ViewGraph, max_lag
 
 
 def _reason(
-    c: int, cameras: Sequence[PreparedCamera], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, so: str
+    c: int, cameras: Sequence[CameraTracklets], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, so: str
 ) -> str:
     camera = cameras[c]
     if (empty := sees_too_little(camera)) is not None:
@@ -81,7 +81,7 @@ def _reason(
     return f"camera {camera.name} {so}could not be registered{other}: {told_best}: {mend or VIEW_MEND}"
 
 
-def sees_too_little(camera: PreparedCamera) -> str | None:
+def sees_too_little(camera: CameraTracklets) -> str | None:
     """A sentence where a camera has no tracks at all."""
     if not len(camera.bodies):
         return f"camera {camera.name} saw nobody from head to feet: it cannot be calibrated"
@@ -90,18 +90,18 @@ def sees_too_little(camera: PreparedCamera) -> str | None:
     return None
 
 
-def _samples(camera: PreparedCamera) -> int:
+def _samples(camera: CameraTracklets) -> int:
     return 0 if camera.tracks is None else len(camera.tracks)
 
 
-def nobody_walks(cameras: Sequence[PreparedCamera], poses: Sequence[Pose | None]) -> list[str]:
+def nobody_walks(cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None]) -> list[str]:
     """A sentence where fewer than two registered cameras saw anybody walk: then neither clocks nor identities are sure."""
     if sum(_someone_walks(camera) for camera, pose in zip(cameras, poses, strict=True) if pose is not None) > 1:
         return []
     return [f"the people stand still, so that neither who is who nor the clocks are sure: {WALK_MEND}"]
 
 
-def _someone_walks(camera: PreparedCamera) -> bool:
+def _someone_walks(camera: CameraTracklets) -> bool:
     """Whether a tracklet ends elsewhere than it began, beyond what its ground positions are off by."""
     tracks = camera.tracks
     if tracks is None or not len(tracks):
@@ -114,7 +114,7 @@ def _someone_walks(camera: PreparedCamera) -> bool:
     return bool((apart > WALK_M + 2 * np.maximum(off[first], off[last])).any())
 
 
-def what_would_fit(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> str | None:
+def what_would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> str | None:
     """What is wrong with camera b's frame rate, or with both clocks, if that is all that keeps the two apart.
 
     Nothing is tried where the clocks are taken as in step.
@@ -138,7 +138,7 @@ def what_would_fit(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> st
     return None
 
 
-def _at_larger_lag(a: PreparedCamera, b: PreparedCamera, max_lag_s: float) -> Registration | None:
+def _at_larger_lag(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> Registration | None:
     """The registration at a lag that was not searched: in full up to a minute, then coarsely over all of the overlap."""
     assert a.tracks is not None
     assert b.tracks is not None
@@ -159,14 +159,14 @@ def _likely_ratios(a: GroundTracks, b: GroundTracks) -> list[float]:
     return [ratio for ratio in MISTAKEN_RATES if abs(np.log(ratio * pace_a / pace_b)) < np.log(PACE_RATIO)]
 
 
-def _at_rate(a: PreparedCamera, b: PreparedCamera, ratio: float, max_lag_s: float) -> Registration | None:
+def _at_rate(a: CameraTracklets, b: CameraTracklets, ratio: float, max_lag_s: float) -> Registration | None:
     """The registration if camera b's seconds were `ratio` times as long."""
     if b.level is None:
         return None
     return _clear(a, b, ground_tracks(replace(b.bodies, seconds=b.bodies.seconds * ratio), b.level), max_lag_s)
 
 
-def _clear(a: PreparedCamera, b: PreparedCamera, tracks_b: GroundTracks, max_lag_s: float) -> Registration | None:
+def _clear(a: CameraTracklets, b: CameraTracklets, tracks_b: GroundTracks, max_lag_s: float) -> Registration | None:
     """The registration of two cameras where it is beyond doubt: several tries find something by chance as well."""
     assert a.tracks is not None
     found = register_pair(0, 1, a.tracks, tracks_b, max_lag_s)

@@ -19,7 +19,7 @@ HALF_WINDOW_S = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled(Generic[Values]):
+class InterpolatedSamples(Generic[Values]):
     """M samples at grid times, tracklet after tracklet."""
 
     step: Ints
@@ -32,9 +32,9 @@ class Sampled(Generic[Values]):
     """(M, K) change per second."""
 
 
-def sampled(
+def interpolate_samples(
     tracklet: Ints, seconds: Floats, values: Values, *, shortest_s: float = 0.0, two_suffice: bool = False
-) -> Sampled[Values]:
+) -> InterpolatedSamples[Values]:
     """Sample columns on the grid; a sample rests on three rows or more.
 
     Args:
@@ -74,7 +74,7 @@ def sampled(
     good = enough & (spread > 1e-9)
     n, s1, s2, spread, sx, sxt = n[good, None], s1[good, None], s2[good, None], spread[good, None], sx[good], sxt[good]
     value = (s2 * sx - s1 * sxt) / spread + values[first][owner[good]]
-    return Sampled(step[good], tracklet[first][owner[good]], value, (n * sxt - s1 * sx) / spread)
+    return InterpolatedSamples(step[good], tracklet[first][owner[good]], value, (n * sxt - s1 * sx) / spread)
 
 
 def _half_window(tracklet: Ints, seconds: Floats) -> float:

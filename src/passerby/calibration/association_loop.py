@@ -9,17 +9,28 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from passerby.association.appearance.affinity import Looks
-from passerby.association.associate import Tracklets, people_of_rig
-from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
-from passerby.association.cleaning import clean
+from passerby.association.appearance.affinity import AppearanceAffinity
+from passerby.association.associate import Tracklets, cluster_by_rig
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
+from passerby.association.cleaning import reassign_detections
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
-from passerby.association.clocks.frame_rate import assumed_rate
-from passerby.association.clocks.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
+from passerby.association.clocks.frame_rate import estimate_frame_rate
+from passerby.association.clocks.offsets import (
+    clock_corrections,
+    clocks_with,
+    relative_to_reference,
+    snap_to_whole_frames,
+    synchronise,
+)
 from passerby.association.figures import association_figures
-from passerby.association.initial_association import Beginning, JointEvidence, begin_with_looks, begin_with_tracks
+from passerby.association.initial_association import (
+    InitialAssociation,
+    JointEvidence,
+    associate_by_appearance,
+    associate_by_ground_tracks,
+)
 from passerby.association.joints.joint_graph import joined_by_joints
-from passerby.association.joints.joint_tracks import unmirrored
+from passerby.association.joints.joint_tracks import swap_left_and_right
 from passerby.association.registration_failures import nobody_walks, reasons_of_lost
 from passerby.association.result import Association
 from passerby.common.arrays import Floats, Ints
@@ -32,7 +43,7 @@ from passerby.core.synchronisation import common_time_steps
 from passerby.geometry.relative_pose import PairHypothesis
 
 
-class Solve(Protocol):
+class RigSolver(Protocol):
     """Solves a rig."""
 
     def __call__(
@@ -57,12 +68,12 @@ class AssociationOptions:
     """combined | trajectory | appearance"""
     search_s: float = 5.0
     """Largest difference of two cameras' clocks that is searched for, seconds; 0 takes them as in step."""
-    body_m: float = 1.72
+    person_height_m: float = 1.72
     """Mean standing height, metres."""
 
 
-def solve_unidentified(
-    rig: Rig, observations: Observations, options: AssociationOptions, solve: Solve, rng: np.random.Generator,
+def solve_with_unknown_identities(
+    rig: Rig, observations: Observations, options: AssociationOptions, solve: RigSolver, rng: np.random.Generator,
     *, tell: Progress = silent, executor: Executor | None = None,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Calibrate cameras from people whom nobody has identified.
@@ -81,51 +92,53 @@ def solve_unidentified(
         The solution, refused where the evidence does not do, and the association that it rests on.
     """
     search_s = options.search_s if observations.clocks else 0.0
-    clocks = _clocks(rig, observations, options.body_m, rng)
-    cameras = prepare_cameras(rig, observations, clocks, options.body_m, rng, executor, tell=tell)
+    clocks = _clocks(rig, observations, options.person_height_m, rng)
+    cameras = build_tracklets(rig, observations, clocks, options.person_height_m, rng, executor, tell=tell)
     tell("looks")
-    looks = Looks.of(cameras, rng) if options.mode != "trajectory" else None
+    appearance = AppearanceAffinity.of(cameras, rng) if options.mode != "trajectory" else None
     tracklets = Tracklets.of(cameras)
-    run = _Run(rig, cameras, tracklets, looks, options)
+    run = _Run(rig, cameras, tracklets, appearance, options)
     try:
         if options.mode == "appearance":
-            beginning = begin_with_looks(cameras, tracklets, looks)
+            initial = associate_by_appearance(cameras, tracklets, appearance)
         else:
-            likeness = looks.likeness() if looks else {}
-            joints = JointEvidence([camera.lens for camera in rig], options.body_m, rng)
-            beginning = begin_with_tracks(cameras, tracklets, search_s, likeness, executor, tell, joints)
-            run = replace(run, cameras=_unmirrored(cameras, tracklets, beginning))
-            _tell_pairs(tell, beginning)
+            affinity = appearance.affinity() if appearance else {}
+            joints = JointEvidence([camera.lens for camera in rig], options.person_height_m, rng)
+            initial = associate_by_ground_tracks(cameras, tracklets, search_s, affinity, executor, tell, joints)
+            run = replace(run, cameras=_unmirrored(cameras, tracklets, initial))
+            _tell_pairs(tell, initial)
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", error.reasons), nobody
-    return _alternate(run, beginning, solve, refine=search_s > 0, tell=tell)
+    return _alternate(run, initial, solve, refine=search_s > 0, tell=tell)
 
 
-def _tell_pairs(tell: Progress, beginning: Beginning) -> None:
+def _tell_pairs(tell: Progress, initial: InitialAssociation) -> None:
     """How many pairs of cameras could be registered."""
-    if beginning.graph is not None:
-        edges = beginning.graph.edges
+    if initial.graph is not None:
+        edges = initial.graph.edges
         tell_note(tell, f"{sum(edge.used for edge in edges)} pairs of cameras used, of {len(edges)} that might be registered")
 
 
-def _unmirrored(cameras: Sequence[PreparedCamera], tracklets: Tracklets, beginning: Beginning) -> Sequence[PreparedCamera]:
+def _unmirrored(
+    cameras: Sequence[CameraTracklets], tracklets: Tracklets, initial: InitialAssociation
+) -> Sequence[CameraTracklets]:
     """The cameras, left and right set right in the joints."""
-    if beginning.mirrored is None or not beginning.mirrored.any():
+    if initial.mirrored is None or not initial.mirrored.any():
         return cameras
     out = []
     for c, camera in enumerate(cameras):
-        joints = unmirrored(camera.seen.keypoints, beginning.mirrored[tracklets.first[c] : tracklets.first[c + 1]])
+        joints = swap_left_and_right(camera.seen.keypoints, initial.mirrored[tracklets.first[c] : tracklets.first[c + 1]])
         out.append(replace(camera, seen=replace(camera.seen, keypoints=joints)))
     return out
 
 
-def _clocks(rig: Rig, observations: Observations, body_m: float, rng: np.random.Generator) -> dict[str, Clock]:
+def _clocks(rig: Rig, observations: Observations, person_height_m: float, rng: np.random.Generator) -> dict[str, Clock]:
     """Every camera's clock; where no frame rate is known, one at which people walk as people do."""
     known, fps = observations.clocks, observations.fps
     if all(name in known for name in rig.names):
         return dict(known)
-    common = Clock(fps if fps is not None else assumed_rate(rig, observations, body_m, rng))
+    common = Clock(fps if fps is not None else estimate_frame_rate(rig, observations, person_height_m, rng))
     return {name: known.get(name, common) for name in rig.names}
 
 
@@ -134,9 +147,9 @@ class _Run:
     """What stays the same over the rounds."""
 
     rig: Rig
-    cameras: Sequence[PreparedCamera]
+    cameras: Sequence[CameraTracklets]
     tracklets: Tracklets
-    looks: Looks | None
+    appearance: AppearanceAffinity | None
     options: AssociationOptions
 
     def rows(self, person: Ints, offset_s: Floats, solution: Solution | None) -> list[tuple[Ints, Ints]]:
@@ -161,7 +174,10 @@ class _Run:
         clocks = clocks_with(self.cameras, offset_s)
         grid = common_time_steps(Observations({camera.name: camera.seen for camera in self.cameras}), clocks).clock
         for (boxes, joints), seen, after in zip(
-            out, bodies, clean(solution.rig, bodies, before, clocks, grid, self.options.body_m), strict=True
+            out,
+            bodies,
+            reassign_detections(solution.rig, bodies, before, clocks, grid, self.options.person_height_m),
+            strict=True,
         ):
             boxes[seen.row[~seen.from_joints]] = after[~seen.from_joints]
             joints[seen.row[seen.from_joints]] = after[seen.from_joints]
@@ -180,24 +196,24 @@ class _Run:
 
     def instants(self, identified: Observations, offset_s: Floats) -> Observations:
         """The same at instants that all cameras share."""
-        return at_common_instants(self.rig, self.cameras, identified, offset_s)
+        return synchronise(self.rig, self.cameras, identified, offset_s)
 
     def association(
-        self, person: Ints, offset_s: Floats, solution: Solution | None, beginning: Beginning | None,
+        self, person: Ints, offset_s: Floats, solution: Solution | None, initial: InitialAssociation | None,
         rounds: list[dict[str, Any]], sigma_s: Floats | None = None,
     ) -> Association:  # fmt: skip
         """The result; the first registered camera's clock is the rig's."""
-        offset_s = by_first_registered(offset_s, solution.rig if solution else None)
+        offset_s = relative_to_reference(offset_s, solution.rig if solution else None)
         identified = self.identified(self.rows(person, offset_s, solution))
         known = {} if sigma_s is None else dict(zip(self.rig.names, sigma_s.tolist(), strict=True))
-        figures = association_figures(self.cameras, self.tracklets, self.looks, beginning, person, offset_s)
-        graph = beginning.graph if beginning is not None else None
+        figures = association_figures(self.cameras, self.tracklets, self.appearance, initial, person, offset_s)
+        graph = initial.graph if initial is not None else None
         drifts = {} if solution is None else self._drifts(person, offset_s, solution)
         return Association(
             identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, figures | {"rounds": rounds},
             {} if graph is None else reasons_of_lost(self.cameras, graph, self.options.search_s),
-            *self._told(solution, beginning, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
+            *self._told(solution, initial, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
         )  # fmt: skip
 
     def _drifts(self, person: Ints, offset_s: Floats, solution: Solution) -> dict[int, Drift]:
@@ -207,16 +223,16 @@ class _Run:
         return clock_drifts(self.cameras, poses, own, offset_s)
 
     def _told(
-        self, solution: Solution | None, beginning: Beginning | None, drifts: Mapping[int, Drift]
+        self, solution: Solution | None, initial: InitialAssociation | None, drifts: Mapping[int, Drift]
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """What speaks against relying on the association, and what is odd about it."""
         if solution is None:
             return (), ()
         poses = [camera.pose for camera in solution.rig]
         doubts, findings = drift_findings(self.cameras, drifts)
-        graph = beginning.graph if beginning is not None else None
+        graph = initial.graph if initial is not None else None
         walked = graph is not None and any(edge.used for edge in graph.edges)
-        joined = joined_by_joints(self.cameras, beginning.by_joints) if beginning is not None else []
+        joined = joined_by_joints(self.cameras, initial.by_joints) if initial is not None else []
         return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *findings)
 
 
@@ -236,25 +252,27 @@ def _once(person: Ints, frame: Ints, tracklet: Ints) -> Ints:
     return np.where(again, UNKNOWN, person)
 
 
-def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, tell: Progress) -> tuple[Solution, Association]:
+def _alternate(
+    run: _Run, initial: InitialAssociation, solve: RigSolver, *, refine: bool, tell: Progress
+) -> tuple[Solution, Association]:
     """Solve and associate in turns."""
-    person, offset_s = beginning.person, beginning.offset_s
+    person, offset_s = initial.person, initial.offset_s
     rounds: list[dict[str, Any]] = []
     solution: Solution | None = None
     for number in range(MAX_ROUNDS):
         tell(f"round {number + 1}")
         instants = run.instants(run.identified(run.rows(person, offset_s, solution)), offset_s)
-        solution = solve(instants, beginning.guesses, passing=True, refine_time=refine)
+        solution = solve(instants, initial.guesses, passing=True, refine_time=refine)
         if solution.verdict == "refused":
-            return solution, run.association(person, offset_s, None, beginning, rounds)
-        offset_s = offset_s + corrections(solution)[0]
+            return solution, run.association(person, offset_s, None, initial, rounds)
+        offset_s = offset_s + clock_corrections(solution)[0]
         poses = [camera.pose for camera in solution.rig]
         before = person
-        if beginning.graph is not None:
-            likeness = run.looks.likeness() if run.looks else None
-            body_m = run.options.body_m
-            person = people_of_rig(
-                run.tracklets, run.cameras, beginning.graph, poses, offset_s, body_m, likeness, beginning.known
+        if initial.graph is not None:
+            affinity = run.appearance.affinity() if run.appearance else None
+            person_height_m = run.options.person_height_m
+            person = cluster_by_rig(
+                run.tracklets, run.cameras, initial.graph, poses, offset_s, person_height_m, affinity, initial.known
             )
         same = _alike(before, person)
         rounds.append({"registered": sum(pose is not None for pose in poses), "unchanged": same})
@@ -263,16 +281,16 @@ def _alternate(run: _Run, beginning: Beginning, solve: Solve, *, refine: bool, t
             break
     tell("solving")
     identified = run.identified(run.rows(person, offset_s, solution))
-    solution = solve(run.instants(identified, offset_s), beginning.guesses, passing=False, refine_time=refine)
+    solution = solve(run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=refine)
     if refine and solution.verdict != "refused":
-        correction_s, sigma_s = corrections(solution)
+        correction_s, sigma_s = clock_corrections(solution)
         offset_s = offset_s + correction_s
-        in_step = whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in run.cameras]))
+        in_step = snap_to_whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in run.cameras]))
         if in_step is not None:
             offset_s = in_step
-            solution = solve(run.instants(identified, offset_s), beginning.guesses, passing=False, refine_time=False)
-        return solution, run.association(person, offset_s, solution, beginning, rounds, sigma_s)
-    return solution, run.association(person, offset_s, solution, beginning, rounds)
+            solution = solve(run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=False)
+        return solution, run.association(person, offset_s, solution, initial, rounds, sigma_s)
+    return solution, run.association(person, offset_s, solution, initial, rounds)
 
 
 def _alike(before: Ints, after: Ints) -> float:

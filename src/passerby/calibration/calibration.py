@@ -34,7 +34,7 @@ from passerby.interchange.output_folder import (
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import forget_halves, write_text
 from passerby.interchange.storage.json_text import plain, to_json
-from passerby.interchange.storage.transaction import together, working_in
+from passerby.interchange.storage.transaction import folder_lock, transaction
 from passerby.report.contents import Contents
 from passerby.scene.scene import Scene
 
@@ -132,14 +132,14 @@ class Calibration:
         """The rig with people's ways as a plotly figure, in space or from above; a notebook shows it."""
         from plotly.graph_objects import Figure
 
-        from passerby.report.fitted import fitted
+        from passerby.report.fitted import fit_people
         from passerby.report.rig_plots import rig_from_above, rig_in_space
 
         views = {"space": rig_in_space, "above": rig_from_above}
         if view not in views:
             raise InputError(f"view {view!r}: choose one of {', '.join(views)}")
         contents = contents_of(self)
-        return Figure(views[view](contents, fitted(contents)))
+        return Figure(views[view](contents, fit_people(contents)))
 
 
 def contents_of(calibration: Calibration) -> Contents:
@@ -166,7 +166,7 @@ def write_calibration(calibration: Calibration, folder: Path, *, report: bool = 
 
     Raises `InputError` where the folder is not writable, or another process works in it.
     """
-    with working_in(folder, WORK):
+    with folder_lock(folder, WORK):
         write_results(calibration, folder, report=report, progress=progress)
 
 
@@ -178,7 +178,7 @@ def write_results(calibration: Calibration, folder: Path, *, report: bool = True
     libraries give the same bytes. Raises `InputError` where the folder is not writable.
     """
     seen = {camera.name: calibration.observations[camera.name] for camera in calibration.rig}
-    with together(folder, [REPORT_FILE, *_earlier_tracks(folder, seen)]) as new:
+    with transaction(folder, [REPORT_FILE, *_earlier_tracks(folder, seen)]) as new:
         for name, people in seen.items():
             _write_seen(new / TRACKS_FOLDER, name, people)
         write_rig(new / RIG_FILE, calibration.rig)

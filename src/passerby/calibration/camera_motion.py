@@ -17,7 +17,7 @@ from passerby.calibration.repairs import Correction
 from passerby.common.arrays import Bools, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.core.synchronisation import USUAL_FPS, clocks_of, common_instants
+from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.interchange.storage.toml_text import key
 from passerby.people.body_centres import Middles, identified_middles, middles_of, people_without
 from passerby.scene.inputs import SceneInputs
@@ -174,7 +174,9 @@ def _at_instants(name: str, observations: Observations, association: Association
         seen.boxes.take(_once(seen.boxes.frame, seen.boxes.identity)),
         seen.keypoints.take(_once(seen.keypoints.frame, seen.keypoints.identity)),
     )
-    return common_instants(Observations({name: once}), {name: clock}, sizes={name: rig[name].lens.size}, grid=grid)[name]
+    return resample_to_common_steps(Observations({name: once}), {name: clock}, sizes={name: rig[name].lens.size}, grid=grid)[
+        name
+    ]
 
 
 def _once(frame: Ints, identity: Ints) -> Ints:
@@ -227,7 +229,7 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
         seen = inputs.observations
         clocks = {name: _clock(name, seen, association) for name in seen.cameras}
         grid = association.instants.clocks.get(moved.camera)
-        everything = common_instants(seen, clocks, grid=grid) if grid else seen
+        everything = resample_to_common_steps(seen, clocks, grid=grid) if grid else seen
     else:
         everything = association.instants
     middles = identified_middles(solution.rig, everything)

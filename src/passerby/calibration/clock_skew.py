@@ -34,7 +34,7 @@ def clock_skew_findings(figures: Mapping[str, Any]) -> tuple[str, ...]:
 def find_clock_skew(inputs: SceneInputs, estimate: Estimate) -> Correction | None:
     """Correct the frame rates by the drifts that an estimate shows; None where no rate is known, or none drifts any more."""
     clocks = _clocks(inputs)
-    rest = {name: drift for name, drift in against_one(estimate.association.drifts).items() if not _settled(drift)}
+    rest = {name: drift for name, drift in relative_to_first(estimate.association.drifts).items() if not _settled(drift)}
     if not clocks or not rest:
         return None
     clocks |= {name: replace(clocks[name], fps=clocks[name].fps / (1 - drift.rate)) for name, drift in rest.items()}
@@ -51,7 +51,7 @@ def clock_rate_figures(stated: SceneInputs, corrected: SceneInputs, estimate: Es
     }
 
 
-def against_one(drifts: Mapping[str, Drift]) -> dict[str, Drift]:
+def relative_to_first(drifts: Mapping[str, Drift]) -> dict[str, Drift]:
     """Of two cameras the second's drift against the first, of which half was each one's; of more as they are."""
     if len(drifts) != 2:
         return dict(drifts)

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.association.result import Association
-from passerby.calibration.association_loop import AssociationOptions, solve_unidentified
+from passerby.calibration.association_loop import AssociationOptions, solve_with_unknown_identities
 from passerby.calibration.scene_solver import SceneSolver, SolverOptions
-from passerby.calibration.temporal_calibration import association_in_step, solve_with_clocks
+from passerby.calibration.temporal_calibration import associate_synchronised, solve_with_unknown_offsets
 from passerby.common.progress import Progress
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
-from passerby.core.synchronisation import clocks_of, common_instants
+from passerby.core.synchronisation import clocks_of, resample_to_common_steps
 from passerby.scene.inputs import SceneInputs
 from passerby.scene.scene import Scene
 
@@ -47,15 +47,19 @@ class Estimator:
         height_m = scene.scale.person_height_m
         if not scene.association.given:
             wanted = AssociationOptions(scene.association.mode, search_s, height_m)
-            return Estimate(*solve_unidentified(rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor))
+            return Estimate(
+                *solve_with_unknown_identities(rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor)
+            )
         if search_s > 0:
             return Estimate(
-                *solve_with_clocks(rig, seen, search_s, height_m, solver, rng, tell=self.progress, executor=self.executor)
+                *solve_with_unknown_offsets(
+                    rig, seen, search_s, height_m, solver, rng, tell=self.progress, executor=self.executor
+                )
             )
         synchronised = _synchronised(rig, seen)
         self.progress("solving")
         solution = solver(synchronised)
-        return Estimate(solution, association_in_step(rig, seen, synchronised, solution))
+        return Estimate(solution, associate_synchronised(rig, seen, synchronised, solution))
 
     def solver(self, rig: Rig) -> SceneSolver:
         """The scene's solver for cameras with these lenses, at the beginning of its random numbers."""
@@ -65,5 +69,5 @@ class Estimator:
 def _synchronised(rig: Rig, seen: Observations) -> Observations:
     """The people at common time steps, by the clocks as they are stated."""
     sizes = {camera.name: camera.lens.size for camera in rig}
-    found = common_instants(seen, clocks_of(seen, rig.names), sizes=sizes)
+    found = resample_to_common_steps(seen, clocks_of(seen, rig.names), sizes=sizes)
     return found if seen.clocks or seen.fps else replace(found, fps=None)

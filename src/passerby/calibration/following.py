@@ -14,12 +14,12 @@ from passerby.interchange.output_folder import CALIBRATION_FILE, TRACKS_FOLDER, 
 from passerby.people.trajectories.trajectories import METHODS, TrackOptions, trajectories
 
 
-def follow(folder: OutputFolder, *, fps: float | None = None, tell: Progress = silent) -> Trajectories:
+def trajectories_of_result(folder: OutputFolder, *, fps: float | None = None, tell: Progress = silent) -> Trajectories:
     """Everybody's way, as `passerby track` finds it without options.
 
     Raises `InputError` where there are no boxes, or neither the calibration nor `fps` tells the frames' rate.
     """
-    return ways_by(folder, folder.rig, folder_clocks(folder, fps), track_options(folder), tell)
+    return trajectories_by_rig(folder, folder.rig, folder_clocks(folder, fps), track_options(folder), tell)
 
 
 def people_of_folder(folder: OutputFolder | Path, tell: Progress = silent) -> tuple[Trajectories | None, str]:
@@ -32,7 +32,7 @@ def people_of_folder(folder: OutputFolder | Path, tell: Progress = silent) -> tu
     if isinstance(folder, Path) and not ((folder / CALIBRATION_FILE).is_file() and (folder / TRACKS_FOLDER).is_dir()):
         return None, ""
     try:
-        return follow(read_output(folder) if isinstance(folder, Path) else folder, tell=tell), ""
+        return trajectories_of_result(read_output(folder) if isinstance(folder, Path) else folder, tell=tell), ""
     except PasserbyError as error:
         return None, str(error)
 
@@ -64,7 +64,7 @@ def folder_clocks(folder: OutputFolder, fps: float | None = None) -> dict[str, C
     return {name: Clock(rate) for name in folder.rig.names}
 
 
-def ways_by(
+def trajectories_by_rig(
     folder: OutputFolder, rig: Rig, clocks: Mapping[str, Clock], options: TrackOptions, tell: Progress = silent
 ) -> Trajectories:
     """The ways by the folder's boxes and a rig. Raises `InputError` where the folder has no box."""

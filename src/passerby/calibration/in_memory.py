@@ -17,9 +17,9 @@ from passerby.common.progress import Progress
 from passerby.core.cameras import Lens, Rig
 from passerby.core.observations import Boxes, Keypoints
 from passerby.interchange.storage.faults import FileFaults
-from passerby.scene.errors import explained
-from passerby.scene.inputs import IN_MEMORY, inputs_of
-from passerby.scene.reading import reading_in_memory
+from passerby.scene.errors import explain_fault
+from passerby.scene.inputs import IN_MEMORY, assemble_inputs
+from passerby.scene.reading import input_from_memory
 from passerby.scene.scene import TABLES, Scene
 
 BOX_COLUMNS = "frame, id (-1 where unknown), left, top, width, height[, score]"
@@ -67,10 +67,10 @@ def calibrate_observations(
     scene = _scene(name, list(known), fps, tables)
     empty = Boxes.empty(), Keypoints.empty()
     readings = [
-        reading_in_memory(scene, camera, lens, seen.get(camera, empty[0]), joints.get(camera, empty[1]))
+        input_from_memory(scene, camera, lens, seen.get(camera, empty[0]), joints.get(camera, empty[1]))
         for camera, lens in known.items()
     ]
-    return calibrate_inputs(scene, inputs_of(scene, readings), seed=seed, progress=progress, executor=executor)
+    return calibrate_inputs(scene, assemble_inputs(scene, readings), seed=seed, progress=progress, executor=executor)
 
 
 def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | None, tables: Mapping[str, Any]) -> Scene:
@@ -89,7 +89,7 @@ def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | Non
     try:
         return Scene.model_validate({"scene": own, "cameras": declared, **tables})
     except ValidationError as error:
-        raise FileFaults([f"scene {name}: {explained(dict(fault), TABLES)}" for fault in error.errors()]) from None
+        raise FileFaults([f"scene {name}: {explain_fault(dict(fault), TABLES)}" for fault in error.errors()]) from None
 
 
 def _boxes(camera: str, rows: Boxes | ArrayLike) -> Boxes:

@@ -13,7 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from passerby.association.result import Association
-from passerby.calibration.alignment.scene_world import in_world
+from passerby.calibration.alignment.scene_world import align_to_scene
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.camera_motion import DetectedMotion, MotionRepair
 from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, clock_skew_findings, find_clock_skew
@@ -31,7 +31,7 @@ from passerby.people.ground_shape import GroundShape
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import Videos, joints_remedy
+from passerby.scene.video_inputs import SceneVideoProcessor, joints_remedy
 from passerby.solver.refined_lenses import lens_notes
 
 
@@ -61,7 +61,7 @@ def calibrate(
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     solver_options(scene)  # what is wrong with them is told before hours are spent on videos
-    watch = Videos(None if keep is None else Path(keep), executor, tell)
+    watch = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watch)
     for note in (_amount(inputs), *inputs.findings):  # what `watch` has to note was told when it was found
         tell_note(tell, note)
@@ -99,7 +99,7 @@ def calibrate_inputs(
         association = repaired.estimate.association
         shape = shape_of(repaired.estimate.solution, association.instants, scene.scale.person_height_m)
         solution = _with_figures(scene, inputs, repaired, motions, shape)
-        placed = in_world(scene, solution)
+        placed = align_to_scene(scene, solution)
         doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
         solution = _decided(scene, solution, association, doubts, placed.rig)
     solved = time.perf_counter()

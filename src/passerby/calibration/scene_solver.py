@@ -12,7 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
-from passerby.core.overlap import connected_groups, missing_overlap, shared_people
+from passerby.core.overlap import connected_groups, count_shared_observations, missing_overlap
 from passerby.core.solution import Solution
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.scene.scene import Scene
@@ -64,7 +64,7 @@ def solve_scene(
     guesses: Sequence[PairHypothesis] = (),
 ) -> Solution:  # fmt: skip
     """Run the scene's solver; a want of evidence is a refused solution without poses."""
-    shared = shared_people(synchronised)
+    shared = count_shared_observations(synchronised)
     try:
         if len(connected_groups(shared)[0]) == 1:
             reasons = tuple(missing_overlap(shared, given=scene.association.given))

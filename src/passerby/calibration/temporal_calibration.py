@@ -9,14 +9,20 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.association.associate import Tracklets
-from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
 from passerby.association.clocks.drift import clock_drifts, drift_findings
-from passerby.association.clocks.offsets import at_common_instants, by_first_registered, clocks_with, corrections, whole_frames
+from passerby.association.clocks.offsets import (
+    clock_corrections,
+    clocks_with,
+    relative_to_reference,
+    snap_to_whole_frames,
+    synchronise,
+)
 from passerby.association.figures import association_figures
-from passerby.association.initial_association import Beginning, begin_with_tracks
+from passerby.association.initial_association import InitialAssociation, associate_by_ground_tracks
 from passerby.association.registration_failures import reasons_of_lost
 from passerby.association.result import Association
-from passerby.calibration.association_loop import Solve
+from passerby.calibration.association_loop import RigSolver
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent
@@ -34,8 +40,9 @@ UNTOLD = "the tracks of the same people do not tell its offset"
 MEND = "record more people who walk about in the view that it shares with the others, or start the cameras at one time"
 
 
-def solve_with_clocks(
-    rig: Rig, observations: Observations, max_offset_s: float, body_m: float, solve: Solve, rng: np.random.Generator,
+def solve_with_unknown_offsets(
+    rig: Rig, observations: Observations, max_offset_s: float, person_height_m: float, solve: RigSolver,
+    rng: np.random.Generator,
     *, tell: Progress = silent, executor: Executor | None = None,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Find the cameras' clocks by people whose identities are known, and solve the rig.
@@ -44,7 +51,7 @@ def solve_with_clocks(
         rig: names and lenses.
         observations: identities hold over all cameras; every camera has a clock.
         max_offset_s: largest difference of two cameras' clocks that is searched for.
-        body_m: mean standing height, metres.
+        person_height_m: mean standing height, metres.
         solve: the solver; where its figures hold `clocks`, their corrections are taken.
         rng: drives sampling.
         tell: told each stage as it begins.
@@ -56,55 +63,56 @@ def solve_with_clocks(
     """
     numbers = _numbers(observations)
     seen = Observations({name: _renumbered(camera, numbers) for name, camera in observations.cameras.items()})
-    cameras = prepare_cameras(rig, seen, observations.clocks, body_m, rng, executor, given=True, tell=tell)
+    cameras = build_tracklets(rig, seen, observations.clocks, person_height_m, rng, executor, given=True, tell=tell)
     try:
-        beginning = _begin(cameras, max_offset_s, executor, tell)
+        initial = _begin(cameras, max_offset_s, executor, tell)
     except EvidenceError as error:
         refused = Solution("association", rig, "refused", error.reasons)
         return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
-    assert beginning.graph is not None
-    timed = [cameras[c].name for c in beginning.graph.groups[0]]
+    assert initial.graph is not None
+    timed = [cameras[c].name for c in initial.graph.groups[0]]
     lost = {name: f"camera {name} has no clock: {UNTOLD}; {MEND}" for name in rig.names if name not in timed}
-    lost |= reasons_of_lost(cameras, beginning.graph, max_offset_s, "has no clock: it ")
-    return _refined(rig, observations, cameras, beginning, lost, solve, tell)
+    lost |= reasons_of_lost(cameras, initial.graph, max_offset_s, "has no clock: it ")
+    return _refined(rig, observations, cameras, initial, lost, solve, tell)
 
 
 def _refined(
-    rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], beginning: Beginning, lost: Mapping[str, str],
-    solve: Solve, tell: Progress,
+    rig: Rig, observations: Observations, cameras: Sequence[CameraTracklets], initial: InitialAssociation,
+    lost: Mapping[str, str],
+    solve: RigSolver, tell: Progress,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Solve, set the clocks, and solve again: by the cameras whose clocks are known."""
-    offset_s, seen = beginning.offset_s, _without(observations, lost)
+    offset_s, seen = initial.offset_s, _without(observations, lost)
     for passing in (True, False):
         tell("solving")
-        solution = solve(at_common_instants(rig, cameras, seen, offset_s), beginning.guesses, passing=passing, refine_time=True)
+        solution = solve(synchronise(rig, cameras, seen, offset_s), initial.guesses, passing=passing, refine_time=True)
         if solution.verdict == "refused":
             break
-        correction_s, sigma_s = corrections(solution)
+        correction_s, sigma_s = clock_corrections(solution)
         offset_s = offset_s + correction_s
     else:
-        in_step = whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in cameras]))
+        in_step = snap_to_whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in cameras]))
         if in_step is not None:
             figures, offset_s = solution.figures, in_step
-            solution = solve(
-                at_common_instants(rig, cameras, seen, offset_s), beginning.guesses, passing=False, refine_time=False
-            )
+            solution = solve(synchronise(rig, cameras, seen, offset_s), initial.guesses, passing=False, refine_time=False)
             solution = replace(solution, figures=solution.figures | {"clocks": figures["clocks"]})
     solution = _without_clocks(solution, lost)
-    return solution, _association(rig, observations, cameras, beginning, offset_s, solution)
+    return solution, _association(rig, observations, cameras, initial, offset_s, solution)
 
 
-def _begin(cameras: Sequence[PreparedCamera], max_offset_s: float, executor: Executor | None, tell: Progress) -> Beginning:
+def _begin(
+    cameras: Sequence[CameraTracklets], max_offset_s: float, executor: Executor | None, tell: Progress
+) -> InitialAssociation:
     """Register the pairs by people who are the same."""
     people = np.arange(max((camera.n_tracklets for camera in cameras), default=0))
     same = np.where(people[:, None] == people, 0.0, SOMEBODY_ELSE)
-    likeness = {
+    affinity = {
         (a, b): same[: first.n_tracklets, : second.n_tracklets]
         for a, first in enumerate(cameras)
         for b, second in enumerate(cameras)
         if a < b
     }
-    return begin_with_tracks(cameras, Tracklets.of(cameras), max_offset_s, likeness, executor, tell)
+    return associate_by_ground_tracks(cameras, Tracklets.of(cameras), max_offset_s, affinity, executor, tell)
 
 
 def _numbers(observations: Observations) -> Ints:
@@ -122,12 +130,12 @@ def _renumbered(seen: CameraObservations, numbers: Ints) -> CameraObservations:
 
     boxes = replace(seen.boxes, identity=renumbered(seen.boxes.identity))
     return CameraObservations(
-        replace(boxes, identity=np.where(in_line(boxes), boxes.identity, UNKNOWN)),
+        replace(boxes, identity=np.where(find_regular_boxes(boxes), boxes.identity, UNKNOWN)),
         replace(seen.keypoints, identity=renumbered(seen.keypoints.identity)),
     )
 
 
-def in_line(boxes: Boxes) -> Bools:
+def find_regular_boxes(boxes: Boxes) -> Bools:
     """(N,) which boxes lie where the neighbouring ones of their identity lead one to expect.
 
     One that shows somebody else for a moment would bend the track of its person over a second.
@@ -150,7 +158,7 @@ def _without(observations: Observations, lost: Mapping[str, str]) -> Observation
     Who is interpolated between a box of his own and one of somebody else is nowhere near either.
     """
     seen = {
-        name: CameraObservations(camera.boxes.take(in_line(camera.boxes)), camera.keypoints)
+        name: CameraObservations(camera.boxes.take(find_regular_boxes(camera.boxes)), camera.keypoints)
         if name not in lost
         else CameraObservations()
         for name, camera in observations.cameras.items()
@@ -172,18 +180,19 @@ def _without_clocks(solution: Solution, lost: Mapping[str, str]) -> Solution:
 
 
 def _association(
-    rig: Rig, observations: Observations, cameras: Sequence[PreparedCamera], beginning: Beginning | None, offset_s: Floats,
+    rig: Rig, observations: Observations, cameras: Sequence[CameraTracklets], initial: InitialAssociation | None,
+    offset_s: Floats,
     solution: Solution,
 ) -> Association:  # fmt: skip
     """The result; the first registered camera's clock is the rig's."""
-    offset_s = by_first_registered(offset_s, solution.rig)
+    offset_s = relative_to_reference(offset_s, solution.rig)
     people = [np.arange(camera.n_tracklets) for camera in cameras]
-    figures = association_figures(cameras, Tracklets.of(cameras), None, beginning, np.concatenate(people), offset_s)
+    figures = association_figures(cameras, Tracklets.of(cameras), None, initial, np.concatenate(people), offset_s)
     poses = [camera.pose for camera in solution.rig]
     drifts = clock_drifts(cameras, poses, people, offset_s) if any(poses) else {}
     doubts, findings = drift_findings(cameras, drifts)
     sigma_s = {name: clock["sigma_s"] for name, clock in solution.figures.get("clocks", {}).items()}
-    instants = at_common_instants(rig, cameras, observations, offset_s)
+    instants = synchronise(rig, cameras, observations, offset_s)
     clocks = clocks_with(cameras, offset_s)
     return Association(
         observations, instants, clocks, sigma_s, figures, notes=tuple(doubts), findings=tuple(findings),
@@ -191,7 +200,7 @@ def _association(
     )  # fmt: skip
 
 
-def association_in_step(rig: Rig, observations: Observations, instants: Observations, solution: Solution) -> Association:
+def associate_synchronised(rig: Rig, observations: Observations, instants: Observations, solution: Solution) -> Association:
     """The association where identities are given and no clock is searched for: whether the clocks keep step all the same.
 
     Args:
@@ -207,7 +216,7 @@ def association_in_step(rig: Rig, observations: Observations, instants: Observat
     numbers, none = _numbers(observations), np.zeros(0, np.int64)
     seen = [_renumbered(observations[name], numbers) for name in rig.names]
     cameras = [
-        PreparedCamera(camera.name, own, clock, bodies_of(own, camera.lens, clock), None, None, (none, none))
+        CameraTracklets(camera.name, own, clock, bodies_of(own, camera.lens, clock), None, None, (none, none))
         for camera, own in zip(rig, seen, strict=True)
         for clock in (clocks[camera.name],)
     ]

@@ -171,13 +171,13 @@ def calibrate(
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
     from passerby.interchange.output_folder import REPORT_FILE
-    from passerby.interchange.storage.transaction import working_in
+    from passerby.interchange.storage.transaction import folder_lock
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
     loaded = Scene.load(scene)
     processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
-    with stages(verbose) as tell, working_in(out, WORK), processes as executor:
+    with stages(verbose) as tell, folder_lock(out, WORK), processes as executor:
         calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
         tell("writing")
         write_results(calibration, out, report=report, progress=tell)

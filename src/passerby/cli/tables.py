@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from passerby.calibration.calibration import Calibration
-from passerby.cli.terminal import MISSING, number, show_table, watched
+from passerby.cli.terminal import MISSING, is_interactive, number, show_table
 from passerby.core.cameras import Camera, Rig
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.stated import Stated
@@ -31,7 +31,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", *clock, "boxes", "joints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
     show_scale(calibration.figures, calibration.rig)
-    for finding in calibration.findings if not watched() else ():
+    for finding in calibration.findings if not is_interactive() else ():
         print(f"note: {finding}")
     if verbose:
         if calibration.association is not None:

@@ -73,7 +73,7 @@ def stages(verbose: bool = False) -> Iterator[Told]:
         shown.end_stage()
 
 
-def watched() -> bool:
+def is_interactive() -> bool:
     """Whether somebody sees standard output and standard error on one terminal, and so all that was told on the way."""
     return sys.stdout.isatty() and sys.stderr.isatty()
 

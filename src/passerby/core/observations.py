@@ -133,8 +133,8 @@ class Boxes:
             )
 
     def __repr__(self) -> str:
-        looks = "" if self.embedding is None else f", embeddings of {self.embedding.shape[1]}"
-        return f"Boxes({_in_words(self.frame, self.identity)}{looks})"
+        appearance = "" if self.embedding is None else f", embeddings of {self.embedding.shape[1]}"
+        return f"Boxes({_in_words(self.frame, self.identity)}{appearance})"
 
     @classmethod
     def empty(cls) -> Boxes:

@@ -29,7 +29,7 @@ def person_instants(seen: CameraObservations) -> Ints:
     return np.asarray(np.unique(rows, axis=0), dtype=np.int64)
 
 
-def shared_people(observations: Observations) -> dict[str, dict[str, Shared]]:
+def count_shared_observations(observations: Observations) -> dict[str, dict[str, Shared]]:
     """For every camera and every other camera, what they share."""
     instants = {name: person_instants(seen) for name, seen in observations.cameras.items()}
     found: dict[str, dict[str, Shared]] = {name: {} for name in instants}

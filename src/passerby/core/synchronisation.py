@@ -130,7 +130,7 @@ def _first_of_most(frame: Ints, step: int) -> int:
     return int(np.argmax(np.bincount((frame - 1) % step, minlength=1))) + 1
 
 
-def common_instants(
+def resample_to_common_steps(
     observations: Observations,
     clocks: Mapping[str, Clock],
     *,

@@ -16,7 +16,7 @@ from passerby.common.text import shortened
 from passerby.core.observations import Boxes
 from passerby.datasets.published import GroundTruth
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, xml_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml
 
 LARGEST = 2.0**53
 """Above it a float64 no longer tells whole numbers apart."""
@@ -61,7 +61,7 @@ def read_cvml(path: Path) -> Boxes:
     Frames count from 0; xc, yc is the box's centre. Raises `InputError` for a file that is missing, no XML, or of another kind.
     """
     try:
-        root = xml_of(read_text(path, "boxes in CVML (XML)"))
+        root = parse_xml(read_text(path, "boxes in CVML (XML)"))
     except NotParsed as error:
         raise InputError(f"{path}: is not XML: {error}: fetch the file again") from None
     frames = root.findall(".//frame")

@@ -15,7 +15,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, json_of, xml_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json, parse_xml
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 
@@ -24,7 +24,7 @@ def read_json(path: Path, kind: str) -> Any:
     """The content of a JSON file. Raises `InputError` where there is none; `kind` says what was expected."""
     text = read_text(path, kind)
     try:
-        return json_of(text)
+        return parse_json(text)
     except NotParsed as error:
         raise InputError(f"{path}: is not JSON ({error}): {kind} is needed; was the download cut short?") from None
 
@@ -74,7 +74,7 @@ def xml_numbers(path: Path, key: str, shape: tuple[int, ...], needed: bool = Tru
     and for an entry that is missing, of another size or not finite.
     """
     try:
-        root = xml_of(read_text(path, "an OpenCV storage (XML)"))
+        root = parse_xml(read_text(path, "an OpenCV storage (XML)"))
     except NotParsed as error:
         raise InputError(f"{path}: is not XML ({error}): take the file from the set again") from None
     node = root.find(key)

@@ -28,7 +28,7 @@ class Consensus:
     """(M,) sightings that agree with their block's point."""
 
 
-def agree(
+def vote_points(
     camera: Ints, block: Ints, bearing: Floats, tangent: Floats, tolerance_px: Floats, n_blocks: int, R: Floats, centre: Floats,
     *, height: tuple[float, float] | None = None,
 ) -> Consensus:  # fmt: skip
@@ -64,7 +64,8 @@ def agree(
     inlier = np.zeros(len(camera), dtype=bool)
     known = np.isfinite(best[block]).all(axis=1)
     inlier[known] = (
-        ray_misses(best[block[known]], camera[known], bearing[known], tangent[known], R, centre) < tolerance_px[known]
+        ray_reprojection_errors(best[block[known]], camera[known], bearing[known], tangent[known], R, centre)
+        < tolerance_px[known]
     )
     agreed = np.bincount(block[inlier], minlength=n_blocks) >= 2
     inlier &= agreed[block]
@@ -74,7 +75,7 @@ def agree(
     return Consensus(np.where(np.isfinite(refined), refined, best), inlier)
 
 
-def adopt(
+def reassign_outliers(
     consensus: Consensus, camera: Ints, block: Ints, instant: Ints, block_instant: Ints, bearing: Floats, tangent: Floats,
     tolerance_px: Floats, R: Floats, centre: Floats,
 ) -> Ints:  # fmt: skip
@@ -84,7 +85,7 @@ def adopt(
     takes one sighting a camera; the best fits go first.
 
     Args:
-        consensus: of `agree` on the same sightings.
+        consensus: of `vote_points` on the same sightings.
         camera: (M,) camera index.
         block: (M,) block of each sighting as named.
         instant: (M,) instant of each sighting.
@@ -112,7 +113,10 @@ def adopt(
     n_cameras = len(R)
     taken = np.zeros(len(block_instant) * n_cameras, dtype=bool)
     taken[block[consensus.inlier] * n_cameras + camera[consensus.inlier]] = True
-    miss = ray_misses(consensus.points[candidate], camera[row], bearing[row], tangent[row], R, centre) / tolerance_px[row]
+    miss = (
+        ray_reprojection_errors(consensus.points[candidate], camera[row], bearing[row], tangent[row], R, centre)
+        / tolerance_px[row]
+    )
     fits = (miss < 1.0) & ~taken[candidate * n_cameras + camera[row]]
     for k in np.flatnonzero(fits)[np.argsort(miss[fits], kind="stable")]:
         seat = candidate[k] * n_cameras + camera[row[k]]
@@ -146,7 +150,7 @@ def _midpoints(c1: Floats, d1: Floats, c2: Floats, d2: Floats) -> Floats:
     return np.asarray(point)
 
 
-def ray_misses(point: Floats, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> Floats:
+def ray_reprojection_errors(point: Floats, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> Floats:
     """(M,) pixels between points and sightings."""
     d = (R[camera] @ (point - centre[camera])[:, :, None])[:, :, 0]
     return np.asarray(np.linalg.norm(project_near(bearing, tangent, d)[0], axis=1))
@@ -166,6 +170,8 @@ def _votes(
     for begin in range(0, len(rows), step):
         part = slice(begin, begin + step)
         r = rows[part]
-        miss = ray_misses(point[proposal[part]], camera[r], bearing[r], tangent[r], R, centre) / (0.5 * tolerance[r])
+        miss = ray_reprojection_errors(point[proposal[part]], camera[r], bearing[r], tangent[r], R, centre) / (
+            0.5 * tolerance[r]
+        )
         cost += np.bincount(proposal[part], np.log1p(miss**2), len(point))
     return cost

@@ -22,7 +22,7 @@ from passerby.common.text import shortened
 from passerby.core.observations import UNKNOWN, Keypoints
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.faults import FileFaults, read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, json_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 
 LARGEST_WHOLE = 2**53
 """Above it JSON of most programs no longer tells whole numbers apart."""
@@ -40,7 +40,7 @@ def read_keypoints(path: str | Path, *, doubles: bool = False) -> Keypoints:
     """
     text = read_text(path, "a COCO keypoint file (JSON)")
     try:
-        content = json_of(text)
+        content = parse_json(text)
     except NotParsed as error:
         raise InputError(
             f"{path}: is not JSON ({error}): give COCO keypoints, or boxes under `tracks` or `detections`"

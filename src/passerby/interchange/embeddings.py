@@ -19,7 +19,7 @@ from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
 from passerby.core.observations import Vectors
-from passerby.interchange.storage.archives import Archive, is_single_array, opened
+from passerby.interchange.storage.archives import Archive, is_single_array, open_archive
 from passerby.interchange.storage.atomic import write_bytes
 from passerby.interchange.storage.safe_parsing import NotParsed
 
@@ -50,7 +50,7 @@ def read_embeddings(path: str | Path) -> Embeddings:
     try:
         if is_single_array(path, KIND):
             raise InputError(f"{path}: is a single numpy array, but {KIND} is needed: write it with `numpy.savez`")
-        with opened(path, KIND) as archive:
+        with open_archive(path, KIND) as archive:
             vectors = _vectors(path, archive)
             frame = _frame(path, archive.array(FRAME), len(vectors)) if FRAME in archive.names else None
     except NotParsed as error:

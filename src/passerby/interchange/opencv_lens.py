@@ -16,7 +16,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Lens
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, json_of, leaves, xml_of, yaml_of
+from passerby.interchange.storage.safe_parsing import NotParsed, leaves, parse_json, parse_safe_yaml, parse_xml
 
 ENDINGS = (".yml", ".yaml", ".xml", ".json")
 
@@ -112,11 +112,11 @@ def _parsed(text: str) -> Any:
     """The values of a text in the format that its first characters show, as OpenCV tells formats apart. Raises `NotParsed`."""
     head = text.lstrip()[:20]
     if head.startswith("<"):
-        root = xml_of(text)
+        root = parse_xml(text)
         if root.tag != "opencv_storage":
             raise NotParsed("its first element is not <opencv_storage>")
         return _of_xml(root)
-    found = json_of(text) if head.startswith(("{", "[")) else yaml_of(ESCAPED_QUOTE.sub(r"\1'", text))
+    found = parse_json(text) if head.startswith(("{", "[")) else parse_safe_yaml(ESCAPED_QUOTE.sub(r"\1'", text))
     if not isinstance(found, dict | list):
         raise NotParsed("holds one value only")
     return _with_plain_keys(found, DEEPEST)

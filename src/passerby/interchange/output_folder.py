@@ -28,8 +28,8 @@ from passerby.core.observations import Boxes, Clock
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, json_of
-from passerby.interchange.storage.transaction import settle
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+from passerby.interchange.storage.transaction import recover
 
 RIG_FILE, CALIBRATION_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "calibration.json", "tracks", "report.html"
 FILES = "files"
@@ -134,7 +134,7 @@ def read_report(out: Path) -> dict[str, Any]:
 
     Raises `InputError` where it is missing or no table, or where a file beside it is of another calibration or was changed.
     """
-    settle(out, "reads the folder")
+    recover(out, "reads the folder")
     report = _report(out)
     told = report.get(FILES, {})
     if not isinstance(told, dict):
@@ -176,7 +176,7 @@ def _report(out: Path) -> dict[str, Any]:
     if not path.is_file():
         raise InputError(f"{path}: no such file: name the folder that `passerby calibrate SCENE -o FOLDER` wrote")
     try:
-        report = json_of(read_text(path, "what a calibration tells (JSON)"))
+        report = parse_json(read_text(path, "what a calibration tells (JSON)"))
     except NotParsed as error:
         raise InputError(f"{path}: is not JSON ({error}): calibrate again") from None
     if not isinstance(report, dict):

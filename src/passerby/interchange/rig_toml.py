@@ -25,7 +25,7 @@ from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rotation_vectors import rotation_of
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, toml_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
@@ -82,7 +82,7 @@ def write_rig(path: str | Path, rig: Rig) -> None:
 
 def _content(path: Path) -> dict[str, Any]:
     try:
-        return toml_of(read_text(path, "a rig file (TOML)"))
+        return parse_toml(read_text(path, "a rig file (TOML)"))
     except NotParsed as error:
         raise InputError(f"{path}: is not TOML: {error}") from None
 

@@ -35,7 +35,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, xml_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml
 
 METRES = 1e-3
 """The files' unit of length."""
@@ -236,7 +236,7 @@ def read_tsai_cameras(path: str | Path) -> dict[str, TsaiCamera]:
     path = Path(path)
     text = read_text(path, "a camera calibrated by Tsai's method (XML)")
     try:
-        root = xml_of(text)
+        root = parse_xml(text)
     except NotParsed as error:
         raise InputError(f"{path}: is not XML: {error}: fetch the file again") from None
     elements = list(root.iter("Camera"))

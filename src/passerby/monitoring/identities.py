@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.association.associate import Tracklets, people_of_rig
-from passerby.association.camera_tracklets import PreparedCamera, prepare_cameras
+from passerby.association.associate import Tracklets, cluster_by_rig
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
 from passerby.association.graph import ViewGraph
 from passerby.common.arrays import Ints
 from passerby.common.progress import Progress, silent
@@ -38,19 +38,19 @@ def identified(
         tell: told of every camera that is done.
     """
     level = rig.moved(np.eye(3), np.array([0.0, 0.0, -ground_m]))
-    cameras = prepare_cameras(level, observations, clocks, BODY_M, rng, executor, tell=tell)
+    cameras = build_tracklets(level, observations, clocks, BODY_M, rng, executor, tell=tell)
     tracklets = Tracklets.of(cameras)
     offsets = np.array([clocks[camera.name].offset_s for camera in level])
     # The cameras' own times are told with their offsets: none is left to add.
     nothing = ViewGraph((), (), np.zeros_like(offsets))
-    person = people_of_rig(tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), BODY_M)
+    person = cluster_by_rig(tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), BODY_M)
     return Observations({
         camera.name: _named(camera, person[low:high])
         for camera, low, high in zip(cameras, tracklets.first[:-1], tracklets.first[1:], strict=True)
     }, observations.fps, dict(clocks))  # fmt: skip
 
 
-def _named(camera: PreparedCamera, person: Ints) -> CameraObservations:
+def _named(camera: CameraTracklets, person: Ints) -> CameraObservations:
     """What a camera saw, under the people's numbers (one for each of its tracklets) from 1 on."""
     boxes, joints = (_renamed(part, person) for part in (camera.seen.boxes, camera.seen.keypoints))
     assert isinstance(boxes, Boxes)

@@ -13,7 +13,7 @@ from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
-from passerby.core.synchronisation import common_instants
+from passerby.core.synchronisation import resample_to_common_steps
 from passerby.monitoring.given_rig import GivenRig
 from passerby.monitoring.identities import identified
 from passerby.monitoring.result import Monitored
@@ -22,7 +22,7 @@ from passerby.people.ground import fit_ground, rough_height
 from passerby.people.rig_observations import sightings_of
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import Videos
+from passerby.scene.video_inputs import SceneVideoProcessor
 
 SEED = 0
 """Of the draw of the people that tell each camera's vertical where nobody says who is who."""
@@ -62,7 +62,7 @@ def monitor(
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     _check_names(given.rig, tuple(scene.cameras), scene.place)
-    watcher = Videos(None if keep is None else Path(keep), executor, tell)
+    watcher = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watcher)
     notes = [*watcher.notes, *inputs.doubts, *inputs.findings]
     found = monitor_inputs(given, scene, inputs, options, in_step=in_step, tell=tell, executor=executor)
@@ -133,7 +133,7 @@ def _footage(
         tell("who is who")
         seen = identified(rig, seen, clocks, np.random.default_rng(SEED), ground_m=height, executor=executor, tell=tell)
     sizes = {camera.name: camera.lens.size for camera in rig}
-    return _Footage(rig, common_instants(seen, clocks, sizes=sizes), height)
+    return _Footage(rig, resample_to_common_steps(seen, clocks, sizes=sizes), height)
 
 
 def _loosened(given: GivenRig, name: str) -> Camera:

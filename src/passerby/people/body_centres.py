@@ -93,7 +93,7 @@ def identified_middles(rig: Rig, instants: Observations) -> list[Middles | None]
     return out
 
 
-def people_without(left_out: int, rig: Rig, middles: list[Middles | None], body_m: float) -> People:
+def people_without(left_out: int, rig: Rig, middles: list[Middles | None], person_height_m: float) -> People:
     """Where everybody is by the cameras but one: the point nearest to all rays, at the height where people's middles are.
 
     Least squares on angles with a Cauchy loss; one other camera does, the height then tells how far away the person is.
@@ -102,7 +102,7 @@ def people_without(left_out: int, rig: Rig, middles: list[Middles | None], body_
         left_out: index of the camera that has no part in it; -1 for none.
         rig: with poses.
         middles: of each camera, from `identified_middles`; None where there is no pose.
-        body_m: typical standing height, metres.
+        person_height_m: typical standing height, metres.
     """
     poses = [camera.pose for camera in rig]
     used = [(c, m) for c, m in enumerate(middles) if m is not None and c != left_out and len(m)]
@@ -129,7 +129,7 @@ def people_without(left_out: int, rig: Rig, middles: list[Middles | None], body_
         A = _summed(point, (weight[:, None, None] * across).reshape(-1, 9), n).reshape(-1, 3, 3)
         b = _summed(point, weight[:, None] * toward, n)
         A[:, 2, 2] += 1 / MIDDLE_SD_M**2
-        b[:, 2] += fraction * body_m / MIDDLE_SD_M**2
+        b[:, 2] += fraction * person_height_m / MIDDLE_SD_M**2
         A += 1e-6 * np.eye(3)
         place = np.linalg.solve(A, b[:, :, None])[:, :, 0]
         reach = place[point] - C

@@ -69,19 +69,19 @@ class Places:
 COLUMNS = ("step", "camera", "row", "identity", "place", "covariance", "whole", "ltwh")
 
 
-def places_of(rig: Rig, boxes: Mapping[str, Boxes], clocks: Mapping[str, Clock], body_m: float = 1.72) -> Places:
+def places_of(rig: Rig, boxes: Mapping[str, Boxes], clocks: Mapping[str, Clock], person_height_m: float = 1.72) -> Places:
     """The places of all boxes at common instants, each camera's by its picture that is nearest in time.
 
     Args:
         rig: cameras, all with poses.
         boxes: of each camera, by its name.
         clocks: of each camera.
-        body_m: typical standing height, metres.
+        person_height_m: typical standing height, metres.
     """
     step_s = max([STEP_S, *(_interval(boxes[camera.name], clocks[camera.name]) for camera in rig)])
     start_s = min((float(clocks[name].seconds(seen.frame.min())) for name, seen in boxes.items() if len(seen)), default=0.0)
     parts = [
-        _camera_places(camera, number, boxes[camera.name], clocks[camera.name], start_s, step_s, body_m)
+        _camera_places(camera, number, boxes[camera.name], clocks[camera.name], start_s, step_s, person_height_m)
         for number, camera in enumerate(rig)
     ]
     centres = np.array([camera.centre for camera in rig])
@@ -97,7 +97,7 @@ def _interval(boxes: Boxes, clock: Clock) -> float:
 
 
 def _camera_places(
-    camera: Camera, number: int, boxes: Boxes, clock: Clock, start_s: float, step_s: float, body_m: float
+    camera: Camera, number: int, boxes: Boxes, clock: Clock, start_s: float, step_s: float, person_height_m: float
 ) -> Places:
     """One camera's boxes at the instants."""
     frames = np.unique(boxes.frame)
@@ -110,7 +110,7 @@ def _camera_places(
     picture = np.searchsorted(frames, boxes.frame)
     is_chosen = np.zeros(len(frames), dtype=np.bool_)
     is_chosen[chosen] = True
-    place, covariance, whole = ground_places(camera, boxes.ltwh, body_m)
+    place, covariance, whole = ground_places(camera, boxes.ltwh, person_height_m)
     velocity = _velocity(boxes, clock, place)
     late = (nearest * step_s + start_s - seconds)[picture]  # from the picture to the instant
     known: NDArray[np.bool_] = np.asarray(np.isfinite(velocity).all(axis=1))
@@ -124,7 +124,7 @@ def _camera_places(
     )  # fmt: skip
 
 
-def ground_places(camera: Camera, ltwh: Floats, body_m: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def ground_places(camera: Camera, ltwh: Floats, person_height_m: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """(N, 2) places of boxes (N, 4) on the ground, metres; (N, 2, 2) their covariances; (N,) whether a box is whole.
 
     NaN for a box of which the lens model cannot tell the ray.
@@ -144,10 +144,10 @@ def ground_places(camera: Camera, ltwh: Floats, body_m: float) -> tuple[Floats, 
     whole = (x > BORDER_PX) & (y > BORDER_PX) & (x + w < width - BORDER_PX) & (y + h < height - BORDER_PX)
     less = np.where(whole, 1.0, CUT_TIMES)
     # Seen from above a body is shorter by the cosine; the way to it is longer than the way along the ground by the same.
-    by_size = body_m * level**2 / size
+    by_size = person_height_m * level**2 / size
     centre = camera.pose.centre
     with np.errstate(divide="ignore", invalid="ignore"):
-        by_level = (centre[2] - 0.5 * body_m) / fall
+        by_level = (centre[2] - 0.5 * person_height_m) / fall
         weight_level = np.where(by_level > 0, (fall / (MIDDLE_M * less)) ** 2, 0.0)
     weight_size = 1.0 / (SIZE * less * by_size) ** 2
     reach = (np.where(by_level > 0, by_level, 0.0) * weight_level + by_size * weight_size) / (weight_level + weight_size)

@@ -76,12 +76,12 @@ def bodies_of(seen: CameraObservations, lens: Lens, clock: Clock) -> Bodies:
     return found.take(np.argsort(found.frame, kind="stable"))
 
 
-def level_of_bodies(bodies: Bodies, body_m: float, rng: np.random.Generator) -> Level | None:
-    """The camera's vertical and height from its own people, as tall as `body_m` metres; None where there are too few.
+def level_of_bodies(bodies: Bodies, person_height_m: float, rng: np.random.Generator) -> Level | None:
+    """The camera's vertical and height from its own people, as tall as `person_height_m` metres; None where there are too few.
 
     Those in a tracklet are taken where there are enough: single detections are more often false.
     """
     tracked = bodies.tracklet >= 0
     use = bodies.take(tracked) if np.count_nonzero(tracked) >= 50 else bodies
-    span, foot = body_m * (use.top_fraction - use.bottom_fraction), body_m * use.bottom_fraction
+    span, foot = person_height_m * (use.top_fraction - use.bottom_fraction), person_height_m * use.bottom_fraction
     return level_camera(use.top, use.bottom, use.top_tangent, use.extent_px, span, foot, rng)

@@ -113,7 +113,7 @@ class Reference:
         self._unseen[stale] = 0
 
 
-def normalised(picture: Picture, scale: int) -> NDArray[np.uint8]:
+def normalise_contrast(picture: Picture, scale: int) -> NDArray[np.uint8]:
     """A grey thumbnail with the mean and the contrast of each neighbourhood alike, (H // scale, W // scale) of uint8."""
     height, width = picture.shape[0] // scale, picture.shape[1] // scale
     whole = picture[: height * scale, : width * scale]

@@ -18,7 +18,7 @@ MIN_WIDTH_PX, MIN_HEIGHT_PX = 8.0, 16.0
 MIN_VISIBLE = 0.5
 
 
-def tellable(picture: Picture, ltwh: Floats) -> NDArray[np.bool_]:
+def is_recognisable(picture: Picture, ltwh: Floats) -> NDArray[np.bool_]:
     """(N,) the boxes (N, 4) that are large enough and far enough inside of the picture to show how somebody looks."""
     height, width = picture.shape[:2]
     low = np.maximum(ltwh[:, :2], 0.0)
@@ -27,7 +27,7 @@ def tellable(picture: Picture, ltwh: Floats) -> NDArray[np.bool_]:
     return np.asarray(large & (visible.prod(axis=1) >= MIN_VISIBLE * ltwh[:, 2:].prod(axis=1)))
 
 
-def stretched(picture: Picture, box: Floats, size: tuple[int, int]) -> Picture:
+def stretch_crop(picture: Picture, box: Floats, size: tuple[int, int]) -> Picture:
     """The visible part of a box (4,), to whole pixels, stretched to `size` (width, height).
 
     Averaged where the box is the larger (a striped shirt keeps its mean colour), interpolated where it is the smaller.
@@ -42,7 +42,7 @@ def stretched(picture: Picture, box: Floats, size: tuple[int, int]) -> Picture:
     return np.asarray(crop, dtype=np.uint8)
 
 
-def enlarged(box: Floats, margin: float, aspect: float) -> Floats:
+def enlarge_box(box: Floats, margin: float, aspect: float) -> Floats:
     """(4,) the smallest box of the aspect ratio width / height that holds the box (4,) enlarged `margin` times; same centre."""
     left, top, width, height = box
     new_height = margin * max(height, width / aspect)
@@ -50,7 +50,7 @@ def enlarged(box: Floats, margin: float, aspect: float) -> Floats:
     return np.array([left + (width - new_width) / 2, top + (height - new_height) / 2, new_width, new_height])
 
 
-def sampled(picture: Picture, box: Floats, size: tuple[int, int], padding: float = 0.0) -> Picture:
+def sample_crop(picture: Picture, box: Floats, size: tuple[int, int], padding: float = 0.0) -> Picture:
     """A box (4,), wherever it lies, sampled to `size` (width, height); grey of `padding` (0 to 255) outside of the picture.
 
     The crop's pixel (i, j), counted from 0, shows the picture at `left + (i + 0.5) * width / size[0]`, and so in height. Where

@@ -41,7 +41,7 @@ def heads(top: Floats, low: float, height: float) -> np.ndarray:
     return np.asarray((shape["left_edges"] + shape["right_edges"]) / 2.0 - 1.0)
 
 
-def divide(region: Levels, corner: tuple[int, int], stature: Stature) -> Floats:
+def divide_crowds(region: Levels, corner: tuple[int, int], stature: Stature) -> Floats:
     """The people in a region who can be told apart, each with head and feet.
 
     The region is cut at the lowest point of the upper contour between two heads. A part that is not as tall as a person, where

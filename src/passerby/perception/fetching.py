@@ -18,7 +18,7 @@ from typing import Any
 from passerby._version import __version__
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent, tell_failure
-from passerby.interchange.storage.locks import locked
+from passerby.interchange.storage.locks import try_lock
 
 OFFLINE = "PASSERBY_OFFLINE"
 """Environment variable that forbids all downloads where it is set to anything but 0."""
@@ -241,7 +241,7 @@ def _length(part: Path) -> int:
 def _turn(lock: Path, name: str, tell: Progress) -> Iterator[None]:
     """Hold the file `lock` for this process alone; whoever dies lets go of it. The empty file stays: to delete it is a race."""
     with lock.open("ab") as file:
-        while not locked(file):
+        while not try_lock(file):
             tell(f"waiting for another process that fetches {name}")
             time.sleep(0.1)
         yield

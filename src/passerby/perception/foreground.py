@@ -11,7 +11,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.perception.background_statistics import Levels, local_contrast
 from passerby.perception.pictures import Picture
-from passerby.perception.shadows import ShadowOptions, Shadows, find_shadows, regain, without_slivers
+from passerby.perception.shadows import ShadowOptions, Shadows, find_shadows, recover_foreground, without_slivers
 
 LEAST = 5.0
 """Grey levels: compression changes flat areas by as much in the wake of people."""
@@ -78,7 +78,7 @@ def foreground(picture: Picture, reference: Reference, options: ShadowOptions, t
     high = cast(Levels, cv2.medianBlur(_any_channel(cv2.subtract(difference, reference.certain)), 3))
     shadows = find_shadows(picture, usual, low, high, options, tone)
     body = _with_seed(low & ~shadows.mask, high)
-    return Foreground(regain(without_slivers(body, shadows.mask), shadows.mask), shadows)
+    return Foreground(recover_foreground(without_slivers(body, shadows.mask), shadows.mask), shadows)
 
 
 def _brightened(colour: Picture, gain: Floats) -> Picture:

@@ -20,7 +20,7 @@ MIN_EXTENT = 0.3
 MIN_JOINTS = 4
 
 
-def believed(xy: Floats, score: Floats, ltwh: Floats, picture_size: tuple[int, int]) -> Floats:
+def plausible_joints(xy: Floats, score: Floats, ltwh: Floats, picture_size: tuple[int, int]) -> Floats:
     """Scores with 0 for what is not to be believed.
 
     A joint is dropped below `MIN_SCORE`, outside of the picture, and farther from the box than `OUTSIDE` of the box's size in

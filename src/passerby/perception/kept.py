@@ -40,14 +40,14 @@ the recordings of a day."""
 
 
 @dataclass(frozen=True)
-class KeptStage:
+class StageCache:
     """One stage of one camera."""
 
     folder: Path
     key: str
 
     @classmethod
-    def of(cls, shelf: Path, stage: str, identity: Mapping[str, Any]) -> KeptStage:
+    def of(cls, shelf: Path, stage: str, identity: Mapping[str, Any]) -> StageCache:
         """The stage of this identity on a camera's shelf."""
         key = key_of(identity)
         return cls(shelf / f"{stage}-{key}", key)
@@ -96,7 +96,7 @@ def _digest(content: bytes) -> bytes:
 
 
 @contextmanager
-def alone(shelf: Path) -> Iterator[None]:
+def cache_lock(shelf: Path) -> Iterator[None]:
     """Keep a camera's shelf for this process; another run that works in the same folder waits, then finds what was kept.
 
     A lock ends with its process, even a killed one's. Where the system has no such locks, two runs are not kept apart.

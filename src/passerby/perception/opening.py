@@ -15,7 +15,7 @@ from passerby.perception.background import (
     learn_background,
     plan_sampling,
 )
-from passerby.perception.kept import KeptStage
+from passerby.perception.kept import StageCache
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator
 from passerby.perception.plan import Plan
@@ -59,7 +59,7 @@ def background_count(info: VideoInfo) -> int | None:
     return expected_count(info, 1.0 / plan_sampling(info.seconds or UNKNOWN_LENGTH_S).interval_s)
 
 
-def open_background(kept: KeptStage, info: VideoInfo, tell: Callable[[int], None]) -> Detector:
+def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], None]) -> Detector:
     """Background subtraction, with the empty scene that is kept, or that is learnt now and kept.
 
     `tell` is told how many pictures were taken to learn from, after each.

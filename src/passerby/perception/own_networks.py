@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, toml_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
 from passerby.perception.catalogue import InputTable, Table
 from passerby.perception.networks import InputConvention, Network, Output, Role
 
@@ -104,7 +104,7 @@ def _nested(told: dict[str, str]) -> dict[str, Any]:
 def _from_toml(path: Path) -> Description:
     """The description in a file of its own."""
     try:
-        return _described(str(path), toml_of(read_text(path, "the description of a network")))
+        return _described(str(path), parse_toml(read_text(path, "the description of a network")))
     except NotParsed as error:
         raise InputError(f"{path}: is not TOML: {error}: mend it there") from None
 

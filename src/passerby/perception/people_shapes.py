@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.perception.crowds import divide, heads, profiles
+from passerby.perception.crowds import divide_crowds, heads, profiles
 from passerby.perception.foreground import Foreground
-from passerby.perception.silhouettes import Silhouettes, expected, joined, silhouettes, upright
+from passerby.perception.silhouettes import Silhouettes, expected, merge_silhouettes, silhouettes, upright
 from passerby.perception.stature import Stature
 
 ALONE = 1.0
@@ -35,7 +35,7 @@ def found_people(foreground: Foreground, stature: Stature | None, least_pixels: 
     if len(found) == 0:
         return np.zeros((0, 4)), np.zeros(0)
     if stature is not None:
-        found = joined(found, stature)
+        found = merge_silhouettes(found, stature)
     ltwh = found.ltwh.astype(np.float64)
     shaped = upright(found, least_pixels)
     if stature is None:
@@ -65,7 +65,7 @@ def _people(
     if several or wide > WIDEST * person or ratio > HEIGHTS[1]:
         if ratio <= HEIGHTS[0] or wide <= 0.3 * person:
             return np.zeros((0, 4)), 0.0
-        return divide(region, (int(left), int(top)), stature), DIVIDED
+        return divide_crowds(region, (int(left), int(top)), stature), DIVIDED
     if shaped and HEIGHTS[0] <= ratio:
         return box, ALONE if abs(ratio - 1.0) <= USUAL else UNUSUAL
     if border and high >= least_pixels and fill >= 0.3 and high > wide:

@@ -79,10 +79,10 @@ def make_plan(
         if boxes is None:
             note(f"{reason}: people are found by background subtraction, without a network")
     if embedder not in (STRIPES, NONE):
-        looks, reason = _found(embedder, "embedder", models, base, tell)
-        if looks is None:
+        appearance, reason = _found(embedder, "embedder", models, base, tell)
+        if appearance is None:
             note(f"{reason}: people are told apart by the colours of stripes, without a network")
-        described = looks or STRIPES
+        described = appearance or STRIPES
     if keypoints != NONE:
         joints, reason = _found(keypoints, "keypoints", models, base, tell)
         if joints is None:

@@ -8,7 +8,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.observations import Vectors
 from passerby.perception.crop_network import CropNetwork, crop_rows
-from passerby.perception.crops import stretched, tellable
+from passerby.perception.crops import is_recognisable, stretch_crop
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Identity, Picture
 
@@ -53,10 +53,10 @@ class ReidEmbedder:
         """(N, D) unit vectors of the boxes (N, 4); a row of zeros for a box too small or mostly outside of the picture."""
         boxes = crop_rows(ltwh)
         vectors = np.zeros((len(boxes), self._dimensions), dtype=np.float32)
-        rows = np.flatnonzero(tellable(picture, boxes))
+        rows = np.flatnonzero(is_recognisable(picture, boxes))
         if not len(rows):
             return vectors
-        answers = self._crops([stretched(picture, boxes[row], self._crops.size) for row in rows])[0]
+        answers = self._crops([stretch_crop(picture, boxes[row], self._crops.size) for row in rows])[0]
         raw = answers.reshape(len(rows), -1).astype(np.float64)
         length = np.linalg.norm(raw, axis=1, keepdims=True)
         # Black within float16, infinite or not a number: nothing can be told from it.

@@ -107,7 +107,7 @@ def shadow_tone(ratios: Sequence[Levels]) -> Floats | None:
     return np.asarray(np.median(pixels[near], axis=0))
 
 
-def regain(body: Levels, shadow: Levels) -> Levels:
+def recover_foreground(body: Levels, shadow: Levels) -> Levels:
     """The body (H, W; 255) with what lies between two parts of it in a column of foreground: legs as grey as a shadow.
 
     A shadow has a part of a body above it, if any, or beside it; legs have one above and shoes below.

@@ -62,7 +62,7 @@ def silhouettes(mask: Levels, least_pixels: float) -> Silhouettes:
     return Silhouettes(number[label], ltwh, stats[1:, cv2.CC_STAT_AREA][large])
 
 
-def joined(found: Silhouettes, stature: Stature) -> Silhouettes:
+def merge_silhouettes(found: Silhouettes, stature: Stature) -> Silhouettes:
     """The regions, those joined that are parts of one person: above each other, and together no taller than people are.
 
     A part is one that is itself too low for a person; a belt, a scarf or a signpost divides it from the next.

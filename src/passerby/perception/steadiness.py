@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
-from passerby.perception.background_motion import Reference, normalised
+from passerby.perception.background_motion import Reference, normalise_contrast
 from passerby.perception.pictures import Frame
 
 # Pictures are shrunk by a whole factor, which is quick, so that their longer side has about this many pixels. The background
@@ -89,7 +89,7 @@ class SteadinessWatcher:
     def look(self, frame: Frame) -> None:
         """Take a frame into account; its picture has the size that was promised."""
         self._pictures += 1
-        view = normalised(frame.picture, self._scale)
+        view = normalise_contrast(frame.picture, self._scale)
         found = None if self._reference is None else self._reference.motion_to(view, self._rest)
         if found is None and self._recognised < KNOWN_AFTER:
             self._reference = Reference(view)

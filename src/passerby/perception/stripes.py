@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats
 from passerby.core.observations import Vectors
 from passerby.perception.crop_network import crop_rows
-from passerby.perception.crops import stretched, tellable
+from passerby.perception.crops import is_recognisable, stretch_crop
 from passerby.perception.pictures import Identity, Picture
 
 STRIPES = 6
@@ -68,10 +68,10 @@ class StripesEmbedder:
         """
         boxes = crop_rows(ltwh)
         vectors = np.zeros((len(boxes), self.dimensions), dtype=np.float32)
-        rows = np.flatnonzero(tellable(picture, boxes))
+        rows = np.flatnonzero(is_recognisable(picture, boxes))
         for start in range(0, len(rows), BATCH):
             part = rows[start : start + BATCH]
-            vectors[part] = _described(np.stack([stretched(picture, boxes[row], SIZE) for row in part]))
+            vectors[part] = _described(np.stack([stretch_crop(picture, boxes[row], SIZE) for row in part]))
         return vectors
 
 

@@ -107,7 +107,7 @@ def _spread(length: int, count: int, overlap: int) -> tuple[list[int], int]:
     return [round(place * (length - tile) / max(count - 1, 1)) for place in range(count)], tile
 
 
-def uncut(ltrb: Floats, window: Window, picture: tuple[int, int], scale: tuple[float, float]) -> NDArray[np.bool_]:
+def is_untruncated(ltrb: Floats, window: Window, picture: tuple[int, int], scale: tuple[float, float]) -> NDArray[np.bool_]:
     """(N,) which boxes (N, 4) that were found in a tile do not end at its inner borders.
 
     Whoever is cut by a tile is whole in the next one or tall enough for the whole picture, and half a person's lower edge

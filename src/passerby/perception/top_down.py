@@ -12,8 +12,8 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.observations import BODY_17
 from passerby.perception.crop_network import CropNetwork, crop_rows
-from passerby.perception.crops import enlarged, sampled, tellable
-from passerby.perception.joint_checks import believed
+from passerby.perception.crops import enlarge_box, is_recognisable, sample_crop
+from passerby.perception.joint_checks import plausible_joints
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Identity, Picture
 
@@ -69,19 +69,19 @@ class TopDownKeypoints(ABC):
         """(N, 17, 2) pixels of the whole picture and (N, 17) confidence, 0 where a joint was not found, of the boxes (N, 4)."""
         boxes = crop_rows(ltwh)
         xy, score = np.zeros((len(boxes), len(BODY_17), 2)), np.zeros((len(boxes), len(BODY_17)))
-        rows = np.flatnonzero(tellable(picture, boxes))
+        rows = np.flatnonzero(is_recognisable(picture, boxes))
         if not len(rows):
             return xy, score
         width, height = self._crops.size
         convention = self._crops.network.input
         areas = np.stack([self._area(box, width / height) for box in boxes[rows]])
-        answers = self._crops([sampled(picture, area, self._crops.size, convention.padding) for area in areas])
+        answers = self._crops([sample_crop(picture, area, self._crops.size, convention.padding) for area in areas])
         fractions, confidence = self.decoded(answers)
         sound = np.asarray(np.isfinite(fractions).all(axis=2))
         fractions = np.where(sound[..., None], fractions, 0.0)
         found: Floats = np.asarray(areas[:, None, :2] + fractions * areas[:, None, 2:])
         size = (picture.shape[1], picture.shape[0])
-        score[rows] = believed(found, np.where(sound, confidence, 0.0), boxes[rows], size)
+        score[rows] = plausible_joints(found, np.where(sound, confidence, 0.0), boxes[rows], size)
         xy[rows] = found
         return xy, score
 
@@ -89,4 +89,4 @@ class TopDownKeypoints(ABC):
         """(4,) what of the picture is shown to the network for a box (4,)."""
         if self._crops.network.input.fit == "stretch":
             aspect = box[2] / box[3]
-        return enlarged(box, self.margin, aspect)
+        return enlarge_box(box, self.margin, aspect)

@@ -23,7 +23,7 @@ from av.video.stream import VideoStream
 
 from passerby.common.errors import InputError
 from passerby.perception.pictures import Frame, Picture
-from passerby.perception.video_probe import GRID_TOLERANCE_S, VideoInfo, fit_of_size, opened, probe
+from passerby.perception.video_probe import GRID_TOLERANCE_S, VideoInfo, fit_of_size, open_video, probe
 
 __all__ = ["Decoded", "VideoInfo", "VideoReader", "expected_count", "fit_of_size", "frames", "probe"]
 
@@ -88,7 +88,7 @@ class VideoReader:
         reading = _Reading(self.info)
         reformatter = VideoReformatter()
         last_tick, yielded = -1, 0
-        with opened(self.info.path) as (container, stream):
+        with open_video(self.info.path) as (container, stream):
             stream.codec_context.thread_count = self.threads
             for number, seconds, frame in reading.pictures(container, stream):
                 tick = self._tick(number, seconds)

@@ -98,10 +98,10 @@ def probe(path: str | Path) -> VideoInfo:
         InputError: no such file, a folder, an empty file, no video, a codec that cannot be decoded, or no picture at all.
     """
     path = Path(path)
-    with opened(path) as (container, stream):
+    with open_video(path) as (container, stream):
         seconds = _duration(container, stream)
         timestamps = _timestamps(container, stream)
-    with opened(path) as (container, stream):
+    with open_video(path) as (container, stream):
         first = _first_picture(path, container, stream)
         rate, variable = _rate(stream, timestamps)
         if not variable and (rate is None or rate <= 0):
@@ -122,7 +122,7 @@ def probe(path: str | Path) -> VideoInfo:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
+def open_video(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
     """A video file and its first video stream.
 
     Raises:

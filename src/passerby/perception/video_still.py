@@ -14,7 +14,7 @@ from av.video.stream import VideoStream
 from passerby.common.arrays import Floats, Ints
 from passerby.perception.pictures import Frame
 from passerby.perception.video import VideoInfo, VideoReader, upright
-from passerby.perception.video_probe import opened
+from passerby.perception.video_probe import open_video
 
 MOST_PIXELS = 1e8
 """Decoded for one picture at most, half a second's work: 48 pictures of 1920 x 1080, 12 of 3840 x 2160."""
@@ -63,7 +63,7 @@ def _from_the_start(info: VideoInfo, number: Ints, worth: Floats, most: int) -> 
 
 def _by_key_frame(info: VideoInfo, number: Ints, worth: Floats, best: int, most: int) -> Frame | None:
     """The worthiest picture after the key frame before `best`; None where the file has no timestamps or cannot seek."""
-    with opened(info.path) as (container, stream):
+    with open_video(info.path) as (container, stream):
         stream.codec_context.thread_count = 1
         origin = next((_time(frame) for frame in _decoded(container, stream)), None)
         if origin is None or stream.time_base is None:

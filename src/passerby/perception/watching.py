@@ -23,7 +23,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Vectors
 from passerby.interchange.storage.toml_text import key
-from passerby.perception.kept import Arrays, KeptStage, alone, fingerprint, forget_others, hash_of_arrays
+from passerby.perception.kept import Arrays, StageCache, cache_lock, fingerprint, forget_others, hash_of_arrays
 from passerby.perception.opening import (
     background_count,
     background_identity,
@@ -83,7 +83,7 @@ def _learning(job: CameraJob) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class VideoObservations:
     """What was seen in one camera's video."""
 
     boxes: Boxes
@@ -133,7 +133,7 @@ class Watched:
 class _Stage:
     """A stage while it is at work: what it has made of the current segment, or what is kept of it."""
 
-    kept: KeptStage
+    kept: StageCache
     part: Arrays | None = None
     rows: list[Arrays] = field(default_factory=list)
 
@@ -148,7 +148,7 @@ class _Stage:
             self.kept.save(segment, self.part)
 
 
-def watch_camera(job: CameraJob, tell: Tell) -> Watched:
+def watch_camera(job: CameraJob, tell: Tell) -> VideoObservations:
     """Watch a camera's video, or take from the shelf what was made of it before.
 
     Raises `InputError` where the video cannot be decoded, a network does not do what its role asks for, or the shelf cannot be
@@ -158,7 +158,7 @@ def watch_camera(job: CameraJob, tell: Tell) -> Watched:
     # Cameras are watched side by side: more threads would wait for each other.
     cv2.setNumThreads(1)
     try:
-        with alone(job.shelf):
+        with cache_lock(job.shelf):
             return _Watch(job, tell).result()
     finally:
         cv2.setNumThreads(threads)
@@ -192,7 +192,7 @@ class _Watch:
         return [stage for stage in (self._people, self._looks, self._joints) if stage is not None]
 
     def _stage(self, name: str, identity: dict[str, Any]) -> _Stage:
-        stage = _Stage(KeptStage.of(self._job.shelf, name, identity))
+        stage = _Stage(StageCache.of(self._job.shelf, name, identity))
         self._used.add(stage.kept.folder)
         return stage
 
@@ -202,12 +202,12 @@ class _Watch:
             return _Given(self._job.boxes)
         if self._job.plan.detector is not None:
             return open_detector(self._job.plan.detector, self._job.plan)
-        kept = KeptStage.of(self._job.shelf, "background", video | background_identity())
+        kept = StageCache.of(self._job.shelf, "background", video | background_identity())
         self._used.add(kept.folder)
         with self._timed("background"):
             return open_background(kept, self._job.info, self._tell_learnt)
 
-    def result(self) -> Watched:
+    def result(self) -> VideoObservations:
         """Make what is not kept, and gather all of it."""
         summaries = [stage.kept.summary() for stage in self._stages]
         summary = summaries[0]
@@ -295,23 +295,23 @@ class _Watch:
             gathered.append({name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
         return gathered
 
-    def _gathered(self, summary: dict[str, Any], parts: list[Arrays]) -> Watched:
+    def _gathered(self, summary: dict[str, Any], parts: list[Arrays]) -> VideoObservations:
         """The people of the whole video."""
         kept = iter(parts)
         people = next(kept)
         frame = np.repeat(people["number"], people["count"])
         boxes = Boxes(frame, np.full(len(frame), UNKNOWN), people["ltwh"], people["score"])
-        looks = next(kept)["vectors"] if self._looks is not None else None
+        appearance = next(kept)["vectors"] if self._looks is not None else None
         joints = next(kept) if self._joints is not None else None
         keypoints = Keypoints.empty()
         if joints is not None and self._estimator is not None:
             keypoints = Keypoints(frame, boxes.identity, joints["xy"], joints["score"], self._estimator.joints)
         if isinstance(self._detector, _Given):
-            boxes, keypoints = self._detector.named(frame, looks, keypoints)
-        elif looks is not None:
-            boxes = replace(boxes, embedding=looks)
+            boxes, keypoints = self._detector.named(frame, appearance, keypoints)
+        elif appearance is not None:
+            boxes = replace(boxes, embedding=appearance)
         seen = keypoints.take(np.flatnonzero((keypoints.score > 0).any(axis=1)))
-        return Watched(boxes, seen, summary["pictures"], summary, self.seconds)
+        return VideoObservations(boxes, seen, summary["pictures"], summary, self.seconds)
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
@@ -339,16 +339,16 @@ class _Given:
         rows = self._rows(frame.number)
         return Detections(self._boxes.ltwh[rows], self._boxes.score[rows])
 
-    def named(self, frame: Ints, looks: Vectors | None, keypoints: Keypoints) -> tuple[Boxes, Keypoints]:
+    def named(self, frame: Ints, appearance: Vectors | None, keypoints: Keypoints) -> tuple[Boxes, Keypoints]:
         """All boxes in the order of the file, with the embeddings of those that were looked at, and the joints by their names.
 
         `frame` are the frame numbers of the rows that were looked at, as the pictures came.
         """
         rows = np.concatenate([self._rows(number) for number in np.unique(frame).tolist()] or [np.zeros(0, np.int64)])
         boxes = self._boxes
-        if looks is not None:
-            vectors = _nothing(len(boxes), looks.shape[1])
-            vectors[rows] = looks
+        if appearance is not None:
+            vectors = _nothing(len(boxes), appearance.shape[1])
+            vectors[rows] = appearance
             boxes = replace(boxes, embedding=vectors)
         return boxes, replace(keypoints, identity=boxes.identity[rows]) if len(keypoints) else keypoints
 

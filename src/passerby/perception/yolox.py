@@ -13,7 +13,7 @@ from passerby.perception.letterbox import Fitting, Window, fit_window
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections, Frame, Identity, Picture
 from passerby.perception.sessions import inputs_of, open_session, outputs_of, provider_of, runtime_errors
-from passerby.perception.tiles import SEEN_HEIGHT, Tiling, hinted, merge, tile_windows, uncut
+from passerby.perception.tiles import SEEN_HEIGHT, Tiling, hinted, is_untruncated, merge, tile_windows
 from passerby.perception.yolox_output import STRIDES, Cells, Values, cells_of, is_decoded, matching_cells, people
 
 KINDS = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
@@ -114,7 +114,9 @@ class YoloxDetector:
         boxes, score = people(rows, self._cells, self._decoded, self._options.score)
         height, width = picture.shape[:2]
         ltrb = np.clip(fitting.to_picture(boxes), 0.0, np.array([width, height, width, height], dtype=np.float64))
-        kept = uncut(ltrb, fitting.window, (height, width), fitting.scale) & (ltrb[:, 2:] - ltrb[:, :2] >= 1.0).all(axis=1)
+        kept = is_untruncated(ltrb, fitting.window, (height, width), fitting.scale) & (ltrb[:, 2:] - ltrb[:, :2] >= 1.0).all(
+            axis=1
+        )
         return ltrb[kept], score[kept]
 
     def _read_input(self) -> tuple[str, tuple[int, int], np.dtype[Any]]:

@@ -15,7 +15,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import BORDER_PX
 from passerby.people.trajectories.smoothing import smooth
 from passerby.report.contents import Contents
-from passerby.report.sampling import MOST_SIGHTINGS, Sample, grouped, sampled
+from passerby.report.sampling import MOST_SIGHTINGS, Sample, grouped, sample_observations
 from passerby.report.skeletons import Joints, joints_of
 from passerby.report.upright import Bodies, BodyModel, SeenBoxes, body_model, model_boxes, upright_bodies
 
@@ -30,7 +30,7 @@ FEWEST_JOINTS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class FittedObservations:
     """M boxes of identified people and the model's boxes for them, pixels. Sorted by camera, then by frame."""
 
     camera: Ints
@@ -72,7 +72,7 @@ class Sightings:
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
+class FittedTrajectories:
     """N places of people over the ground, sorted by identity, then by time. World of the rig, metres."""
 
     identity: Ints
@@ -98,23 +98,23 @@ class Fitted:
     sample: Sample | None
     """None where no camera with a pose saw anybody."""
     bodies: Bodies
-    sightings: Sightings
+    sightings: FittedObservations
     joints: Joints
-    ways: Ways
+    ways: FittedTrajectories
 
     def place(self, name: str) -> int | None:
         """The row of a camera; None for one that has no pose or saw nobody."""
         return self.rig.names.index(name) if name in self.rig.names else None
 
 
-def fitted(contents: Contents, most: int = MOST_SIGHTINGS) -> Fitted:
+def fit_people(contents: Contents, most: int = MOST_SIGHTINGS) -> Fitted:
     """People at a bounded sample of instants; nobody where no camera has a pose, as after a refused calibration.
 
     Args:
         contents: of the report.
         most: sightings, about.
     """
-    return fit_sample(contents, sampled(contents, most))
+    return fit_sample(contents, sample_observations(contents, most))
 
 
 def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
@@ -126,7 +126,7 @@ def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
     rows = np.flatnonzero(body >= 0)
     camera, body, seen = boxes.camera[rows], body[rows], boxes.ltwh[rows]
     ltwh, top, foot = model_boxes(rig, camera, bodies, body, seen[:, 2], model)
-    sightings = Sightings(
+    sightings = FittedObservations(
         camera, body, boxes.identity[rows], boxes.frame[rows], seen, ltwh, top, foot, agrees[rows] & ~_cut(rig, camera, seen)
     )
     joints = joints_of(rig, sample.seen) if sample is not None else _no_joints()
@@ -160,7 +160,7 @@ def _no_joints() -> Joints:
     return Joints(nothing, nothing, nothing, nothing, none, none, np.zeros(0, bool), nothing, np.zeros((0, 3)))
 
 
-def _ways(sample: Sample | None, bodies: Bodies, joints: Joints) -> Ways:
+def _ways(sample: Sample | None, bodies: Bodies, joints: Joints) -> FittedTrajectories:
     """Everybody's way, smoothed; by joints for people and instants that have no sure body."""
     sure = (bodies.cameras > 0) & (bodies.sigma_m < SURE_M)
     by_box = np.column_stack([bodies.identity, bodies.frame])[sure]
@@ -170,7 +170,7 @@ def _ways(sample: Sample | None, bodies: Bodies, joints: Joints) -> Ways:
     xy = np.concatenate([bodies.xy[sure], middle[more]])
     sd = np.concatenate([bodies.sigma_m[sure], np.full(np.count_nonzero(more), LEAST_SD_M)])
     if sample is None or not len(key):
-        return Ways(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64))
+        return FittedTrajectories(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 2)), np.zeros(0, np.int64))
     order = np.lexsort((key[:, 1], key[:, 0]))
     key, xy, sd = key[order], xy[order], np.hypot(sd[order], LEAST_SD_M)
     seconds = sample.clock.seconds(key[:, 1])
@@ -178,7 +178,7 @@ def _ways(sample: Sample | None, bodies: Bodies, joints: Joints) -> Ways:
     part = np.cumsum((np.diff(key[:, 0], prepend=key[:1, 0]) != 0) | (np.diff(seconds, prepend=seconds[:1]) > gap))
     if sample.timed:
         xy = smooth(seconds, xy, (sd**2 / 2)[:, None, None] * np.eye(2), part)[0]
-    return Ways(key[:, 0], seconds, xy, part)
+    return FittedTrajectories(key[:, 0], seconds, xy, part)
 
 
 def _joint_places(joints: Joints) -> tuple[Ints, Floats]:

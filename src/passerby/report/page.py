@@ -13,7 +13,7 @@ from passerby.interchange.storage.atomic import write_text
 from passerby.report.camera_table import camera_section
 from passerby.report.contents import Contents
 from passerby.report.distances import distances_section
-from passerby.report.fitted import fitted
+from passerby.report.fitted import fit_people
 from passerby.report.headline import headline_section, scene_name, verdict_pill
 from passerby.report.html import Html, Section, element
 from passerby.report.people import heights_section, scale_section
@@ -32,7 +32,7 @@ def report_page(contents: Contents, progress: Progress | None = None) -> str:
         progress: told of "report", camera by camera, as their pictures are drawn.
     """
     tell = progress or silent
-    seen, fit = seen_in(contents), fitted(contents)
+    seen, fit = seen_in(contents), fit_people(contents)
     makers: list[Callable[[], Section]] = [
         lambda: headline_section(contents, seen),
         lambda: camera_section(contents, seen),

@@ -17,7 +17,7 @@ from passerby.report.html import Html, element, join
 from passerby.report.people_layers import boxes_layer, joints_layer, model_layer
 from passerby.report.residuals import residual_map
 from passerby.report.sampling import clocks_of, sample_at
-from passerby.report.sheet import Sheet, clipped, short
+from passerby.report.sheet import Sheet, clip_text, short
 
 __all__ = ["camera_picture", "residual_map"]
 
@@ -46,7 +46,7 @@ def camera_picture(contents: Contents, fit: Fitted, name: str) -> str:
     return element(
         "svg", _canvas(sheet), element("g", layers, transform="translate(0.5 0.5)"), _notes(sheet, fit),
         viewBox=f"0 0 {width} {height}", class_="camera-picture", role="img",
-        aria_label=f"Camera {clipped(name)}, frame {behind.frame}: ground grid, boxes that were seen, boxes of the model",
+        aria_label=f"Camera {clip_text(name)}, frame {behind.frame}: ground grid, boxes that were seen, boxes of the model",
         xmlns="http://www.w3.org/2000/svg", data_frame=behind.frame, font_family="sans-serif",
     )  # fmt: skip
 
@@ -80,7 +80,7 @@ def _notes(sheet: Sheet, fit: Fitted) -> Html:
         most = int(width / sheet.letters * 1.8)
         lines.append(
             element(
-                "text", clipped(sheet.backdrop.note, most), x=short(0.6 * sheet.letters), y=short(1.4 * sheet.letters),
+                "text", clip_text(sheet.backdrop.note, most), x=short(0.6 * sheet.letters), y=short(1.4 * sheet.letters),
                 font_size=sheet.letters, fill="currentColor", fill_opacity=0.75, class_="picture-note",
             )
         )  # fmt: skip

@@ -15,7 +15,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, element, join
-from passerby.report.sheet import clipped, offset_words, short
+from passerby.report.sheet import clip_text, offset_words, short
 
 COLUMNS = 12
 """Cells across the picture's longer side."""
@@ -126,10 +126,10 @@ def residual_map(contents: Contents, fit: Fitted, name: str) -> str:
 def _spoken(name: str, residuals: Residuals, cells: Cells) -> str:
     """The map in a sentence."""
     if not len(residuals.miss):
-        return f"Camera {clipped(name)}: no residuals, since nobody whom two cameras agree on was seen"
+        return f"Camera {clip_text(name)}: no residuals, since nobody whom two cameras agree on was seen"
     rms = float(np.sqrt((residuals.miss**2).sum(axis=1).mean()))
     return (
-        f"Camera {clipped(name)}: residuals of {len(residuals.miss)} {residuals.what}, root mean square {rms:.1f} pixels, "
+        f"Camera {clip_text(name)}: residuals of {len(residuals.miss)} {residuals.what}, root mean square {rms:.1f} pixels, "
         f"{int(np.count_nonzero(cells.sure))} of {int(np.count_nonzero(cells.count >= FEWEST))} cells off by more than chance"
     )
 

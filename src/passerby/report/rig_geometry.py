@@ -10,7 +10,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
-from passerby.report.fitted import Fitted, Ways
+from passerby.report.fitted import Fitted, FittedTrajectories
 from passerby.report.through_lens import spacing_of
 
 MOST_LINES = 24
@@ -159,7 +159,7 @@ def density(places: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats, 
     return (edges[0][:-1] + cell / 2), (edges[1][:-1] + cell / 2), count / max(len(places), 1)
 
 
-def thinned_parts(ways: Ways, most: int) -> list[Ints]:
+def thinned_parts(ways: FittedTrajectories, most: int) -> list[Ints]:
     """Rows of each stretch of the ways, every n-th, and its ends, so that about `most` places are left."""
     if not len(ways):
         return []

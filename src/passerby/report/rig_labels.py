@@ -8,14 +8,14 @@ import numpy as np
 
 from passerby.core.cameras import Camera
 from passerby.report.contents import Contents
-from passerby.report.sheet import clipped
+from passerby.report.sheet import clip_text
 
 ENTITY = re.compile(r"&(?=#?\w+;)")
 
 
 def told(name: str) -> str:
     """A name as plotly may show it anywhere: it reads tags and entities in some of its texts, and not in others."""
-    return ENTITY.sub("& ", clipped(name).replace("<", "‹").replace(">", "›"))
+    return ENTITY.sub("& ", clip_text(name).replace("<", "‹").replace(">", "›"))
 
 
 def unregistered(contents: Contents) -> list[str]:

@@ -10,7 +10,13 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
-from passerby.core.synchronisation import MAX_GAP_S, MAX_GAP_SAMPLES, common_instants, common_time_steps, sampling_distance
+from passerby.core.synchronisation import (
+    MAX_GAP_S,
+    MAX_GAP_SAMPLES,
+    common_time_steps,
+    resample_to_common_steps,
+    sampling_distance,
+)
 from passerby.report.contents import Contents
 
 MOST_SIGHTINGS = 30_000
@@ -57,7 +63,7 @@ def watched_rig(contents: Contents) -> Rig:
     return Rig(tuple(used))
 
 
-def sampled(contents: Contents, most: int = MOST_SIGHTINGS) -> Sample | None:
+def sample_observations(contents: Contents, most: int = MOST_SIGHTINGS) -> Sample | None:
     """All instants, or of longer recordings every half second, or stretches of it; None where there is nothing to see."""
     rig = watched_rig(contents)
     if not len(rig):
@@ -95,7 +101,7 @@ def sample_at(contents: Contents, grid: Clock, frames: Ints) -> Sample | None:
         boxes, joints = (_near(rows.frame, rows.identity, clock, grid, frames, reach) for rows in (own.boxes, own.keypoints))
         seen[name] = CameraObservations(_taken(own.boxes, boxes), own.keypoints.take(joints))
     sizes = {camera.name: camera.lens.size for camera in rig}
-    at_grid = common_instants(Observations(seen), clocks, sizes=sizes, grid=grid)
+    at_grid = resample_to_common_steps(Observations(seen), clocks, sizes=sizes, grid=grid)
     kept = {
         name: CameraObservations(
             at_grid[name].boxes.take(np.isin(at_grid[name].boxes.frame, frames)),

@@ -61,14 +61,14 @@ def seen_in(contents: Contents) -> Seen:
 
     Breaks of a few samples are closed. With clocks, samples within half a step of the slower camera's are at the same time.
     """
-    looks = {name: _looks(contents, name) for name in contents.rig.names}
+    appearance = {name: _looks(contents, name) for name in contents.rig.names}
     timed = bool(contents.clocks) or contents.observations.fps is not None
-    parts = [_stretches(place, look) for place, look in enumerate(looks.values()) if len(look.who)]
-    people = {name: len(np.unique(look.who)) for name, look in looks.items()}
-    return Seen(_sorted(np.concatenate(parts) if parts else np.zeros((0, 4)), timed), people, _all_shared(looks))
+    parts = [_stretches(place, look) for place, look in enumerate(appearance.values()) if len(look.who)]
+    people = {name: len(np.unique(look.who)) for name, look in appearance.items()}
+    return Seen(_sorted(np.concatenate(parts) if parts else np.zeros((0, 4)), timed), people, _all_shared(appearance))
 
 
-def merged(spells: Spells, most: int) -> Spells:
+def merge_spells(spells: Spells, most: int) -> Spells:
     """At most about `most` stretches: the shortest breaks are closed first; nobody and no camera is lost."""
     if len(spells) <= most:
         return spells
@@ -134,19 +134,21 @@ def _stretches(place: int, look: _Looks) -> Floats:
     return np.asarray(np.column_stack(columns), dtype=np.float64)
 
 
-def _all_shared(looks: Mapping[str, _Looks]) -> dict[tuple[str, str], Shared]:
+def _all_shared(appearance: Mapping[str, _Looks]) -> dict[tuple[str, str], Shared]:
     """What every two cameras have in common."""
-    everybody = np.unique(np.concatenate([look.who for look in looks.values()])) if looks else np.zeros(0, dtype=np.int64)
-    times = [look.time for look in looks.values() if len(look.time)]
+    everybody = (
+        np.unique(np.concatenate([look.who for look in appearance.values()])) if appearance else np.zeros(0, dtype=np.int64)
+    )
+    times = [look.time for look in appearance.values() if len(look.time)]
     begin = min((float(time.min()) for time in times), default=0.0)
     # One axis for all: everybody's time follows the one before's, at a distance that no step bridges.
     pitch = 3.0 * (max((float(time.max()) for time in times), default=0.0) - begin) + 10.0
-    axis = {name: np.searchsorted(everybody, look.who) * pitch + look.time - begin for name, look in looks.items()}
-    names, found = list(looks), {}
+    axis = {name: np.searchsorted(everybody, look.who) * pitch + look.time - begin for name, look in appearance.items()}
+    names, found = list(appearance), {}
     for index, first in enumerate(names):
         for second in names[index + 1 :]:
-            step = max(looks[first].step, looks[second].step)
-            found[first, second] = _shared(axis[first], axis[second], step, looks[first].who)
+            step = max(appearance[first].step, appearance[second].step)
+            found[first, second] = _shared(axis[first], axis[second], step, appearance[first].who)
     return found
 
 

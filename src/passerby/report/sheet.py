@@ -51,12 +51,12 @@ class Sheet:
         if self.backdrop.uri is not None:
             rim = {"stroke": "#000", "stroke_opacity": 0.6, "stroke_width": round(self.letters / 5, 1), "paint_order": "stroke"}
         return element(
-            "text", clipped(words), x=short(xy[0]), y=short(xy[1]), font_size=self.letters,
+            "text", clip_text(words), x=short(xy[0]), y=short(xy[1]), font_size=self.letters,
             **{"fill": self.ink, **rim, **attributes},
         )  # fmt: skip
 
 
-def clipped(words: str, most: int = MOST_TEXT) -> str:
+def clip_text(words: str, most: int = MOST_TEXT) -> str:
     """Text on one line that XML can hold, cut off where it is too long for a drawing."""
     plain = "".join(letter if letter.isprintable() else " " for letter in words)
     return plain if len(plain) <= most else plain[: most - 1] + "…"

@@ -9,7 +9,7 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
-from passerby.geometry.ray_consensus import agree
+from passerby.geometry.ray_consensus import vote_points
 from passerby.people.segments import MIN_JOINT_SCORE, MIN_JOINTS
 from passerby.report.sampling import grouped
 
@@ -69,7 +69,7 @@ def joints_of(rig: Rig, observations: Observations) -> Joints:
     if len(known):
         R = np.array([one.pose.R_cw for one in rig if one.pose is not None])
         centre = np.array([one.centre for one in rig])
-        found = agree(
+        found = vote_points(
             camera[known], point[known], bearing[known], tangent[known], TOLERANCE_PX + TOLERANCE_SHARE * size[known], n_points,
             R, centre,
         )  # fmt: skip

@@ -141,13 +141,13 @@ def _stretches(pixels: Floats, inside: Bools, line: int, ends: dict[tuple[int, i
             parts.insert(0, ends[line, first - 1][None])
         if (line, after - 1) in ends:
             parts.append(ends[line, after - 1][None])
-        stretch = straightened(np.concatenate(parts))
+        stretch = simplify_polyline(np.concatenate(parts))
         if len(stretch) > 1:
             out.append(stretch)
     return out
 
 
-def straightened(points: Floats, tolerance: float = STRAIGHT_PX) -> Floats:
+def simplify_polyline(points: Floats, tolerance: float = STRAIGHT_PX) -> Floats:
     """A line of points (N, 2) without those that lie on the way between others (Douglas and Peucker 1973)."""
     keep = np.zeros(len(points), bool)
     keep[[0, -1]] = True

@@ -12,7 +12,7 @@ from passerby.common.arrays import Floats
 from passerby.core.colours import person_colour
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot, plot_text
-from passerby.report.seen import Spells, lanes_of, merged
+from passerby.report.seen import Spells, lanes_of, merge_spells
 from passerby.report.values import count
 
 MOST_BARS = 1500
@@ -31,7 +31,7 @@ def timeline_section(contents: Contents, spells: Spells) -> Section:
     """A row for each camera, a bar for each stretch in which it saw somebody."""
     if not len(spells):
         return Section("timeline", TITLE, "", nothing("No tracks of known people are there."), "Timeline")
-    kept = merged(spells, MOST_KEPT)
+    kept = merge_spells(spells, MOST_KEPT)
     rows = _rows(len(contents.rig), kept)
     if rows.crowded:
         lead = (

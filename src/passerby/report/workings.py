@@ -107,10 +107,10 @@ def _associated(contents: Contents) -> Step:
     for one in rows_of(told.get("cameras")):
         tracklets, walked = number_of(one.get("tracklets")), number_of(one.get("walking_samples"))
         if tracklets is not None:
-            looks = number_of(one.get("looks"))
+            appearance = number_of(one.get("looks"))
             facts.append(
                 f"{one.get('name')}: {count(int(tracklets), 'tracklet')}, {figure(walked, 0)} samples of people who walk"
-                + (f"; looks tell people apart in {100 * looks:.0f} % of trials." if looks is not None else ".")
+                + (f"; looks tell people apart in {100 * appearance:.0f} % of trials." if appearance is not None else ".")
             )
     pairs = rows_of(told.get("pairs"))
     if pairs:

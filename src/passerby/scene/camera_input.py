@@ -14,7 +14,7 @@ from passerby.perception.video import VideoInfo
 
 
 @dataclass(eq=False)
-class CameraReading:
+class CameraInput:
     """What was read of one camera, as far as it could be."""
 
     name: str

@@ -14,13 +14,13 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
-from passerby.core.overlap import Shared, missing_overlap, shared_people
+from passerby.core.overlap import Shared, count_shared_observations, missing_overlap
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.plan import foresee
 from passerby.perception.video import VideoInfo
-from passerby.scene.camera_input import CameraReading
+from passerby.scene.camera_input import CameraInput
 from passerby.scene.inputs import observations_of, read_cameras, scene_doubts, scene_faults, scene_findings
-from passerby.scene.reading import wants_joints, wants_looks
+from passerby.scene.reading import needs_embeddings, needs_keypoints
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import keypoints_for
 
@@ -138,7 +138,7 @@ def check_scene(path: str | Path) -> SceneCheck:
         return SceneCheck(Path(path).stem, None, (), faults_of(error), (), ())
     readings = read_cameras(scene)
     given = scene.association.given
-    shared = shared_people(_counted_alike(observations_of(scene, readings))) if given else {}
+    shared = count_shared_observations(_counted_alike(observations_of(scene, readings))) if given else {}
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     perception, faults_of_networks, notes = _foreseen(scene, readings)
@@ -155,11 +155,13 @@ def check_scene(path: str | Path) -> SceneCheck:
     )
 
 
-def too_short(scene: Scene, readings: Sequence[CameraReading]) -> list[str]:
+def too_short(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
     """A sentence where recordings are too short for people to be followed, and joints, which need less, are not used."""
     if scene.association.mode not in ("combined", "trajectory"):
         return []
-    with_joints = sum(len(reading.keypoints) > 0 or (reading.awaiting and wants_joints(scene, reading)) for reading in readings)
+    with_joints = sum(
+        len(reading.keypoints) > 0 or (reading.awaiting and needs_keypoints(scene, reading)) for reading in readings
+    )
     short = {
         reading.name: seconds
         for reading in readings
@@ -177,7 +179,7 @@ def too_short(scene: Scene, readings: Sequence[CameraReading]) -> list[str]:
     ]
 
 
-def _seconds(scene: Scene, reading: CameraReading) -> float | None:
+def _seconds(scene: Scene, reading: CameraInput) -> float | None:
     """How long the used part of a camera's recording is; None where that is not known, or it saw nobody."""
     if reading.fps is None:
         return None
@@ -190,18 +192,18 @@ def _seconds(scene: Scene, reading: CameraReading) -> float | None:
     return float((frames[-1] - frames[0] + 1) / reading.fps) if len(frames) else None
 
 
-def _foreseen(scene: Scene, readings: list[CameraReading]) -> tuple[dict[str, Any], list[str], list[str]]:
+def _foreseen(scene: Scene, readings: list[CameraInput]) -> tuple[dict[str, Any], list[str], list[str]]:
     """What the videos would be watched with, what is wrong with that, and what is to be fetched."""
     wanted, usable = scene.perception, [reading for reading in readings if reading.video is not None]
 
-    def of(wants: Callable[[Scene, CameraReading], bool], choice: str) -> str:
+    def of(wants: Callable[[Scene, CameraInput], bool], choice: str) -> str:
         return choice if any(wants(scene, reading) for reading in usable) else ""
 
     models = None if wanted.models is None else scene.resolve(wanted.models)
     detector = of(lambda _, reading: reading.awaiting, wanted.detector)
-    looks, joints = of(wants_looks, wanted.embedder), of(wants_joints, wanted.keypoints)
+    appearance, joints = of(needs_embeddings, wanted.embedder), of(needs_keypoints, wanted.keypoints)
     try:
-        choices, notes = foresee(detector, looks, joints, models=models, base=scene.resolve(Path()))
+        choices, notes = foresee(detector, appearance, joints, models=models, base=scene.resolve(Path()))
     except InputError as error:
         return {}, [f"{scene.place}: {error}"], []
     return choices, [], notes
@@ -228,7 +230,7 @@ def _counted_alike(observations: Observations) -> Observations:
     )
 
 
-def _camera_check(reading: CameraReading, shared: dict[str, Shared]) -> CameraCheck:
+def _camera_check(reading: CameraInput, shared: dict[str, Shared]) -> CameraCheck:
     frames = reading.frames
     identities = np.unique(np.concatenate([reading.boxes.identity, reading.keypoints.identity]))
     return CameraCheck(

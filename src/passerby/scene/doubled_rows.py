@@ -26,7 +26,7 @@ rows of one class number, in frames with two people or more, are half."""
 
 
 @dataclass(frozen=True)
-class Doubled:
+class DuplicateRows:
     """What was left out of the rows of one camera."""
 
     rows: int
@@ -54,7 +54,7 @@ class Doubled:
         return f"{text} {first}: of each the better row is used"
 
 
-def without_doubles(part: Part) -> tuple[Part, Doubled | None]:
+def remove_duplicates(part: Part) -> tuple[Part, DuplicateRows | None]:
     """The rows with each identity once in a frame, in their order; and what was left out, None where nothing was.
 
     Of several rows of one identity in one frame that of the highest score is kept; among equals the one nearest to where the
@@ -83,7 +83,7 @@ def without_doubles(part: Part) -> tuple[Part, Doubled | None]:
         return part, None
     out = np.flatnonzero(~keep)
     first = out[np.argmin(part.frame[out])]
-    doubled = Doubled(len(part), second, len(out) - second, (int(part.frame[first]), int(part.identity[first])))
+    doubled = DuplicateRows(len(part), second, len(out) - second, (int(part.frame[first]), int(part.identity[first])))
     return part.take(np.flatnonzero(keep)), doubled
 
 

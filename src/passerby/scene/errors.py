@@ -21,7 +21,7 @@ Tables = Mapping[tuple[str, ...], type[BaseModel]]
 """The model of each table by its place in the file, "*" for a camera's name or a number in a list."""
 
 
-def explained(fault: dict[str, Any], tables: Tables) -> str:
+def explain_fault(fault: dict[str, Any], tables: Tables) -> str:
     """One line of place, value and mend for a fault that pydantic found; `tables` has the models of the file by their place."""
     location = tuple(fault["loc"])
     message = str(fault["msg"]).removeprefix("Value error, ")
@@ -62,7 +62,7 @@ def _place(location: tuple[str | int, ...], tables: Tables) -> str:
     return f"[{'.'.join(str(part)[:LONGEST_KEY] for part in location)}]"
 
 
-def stated_twice(text: str) -> str | None:
+def find_repeated_key(text: str) -> str | None:
     """What a scene file that is not TOML states twice, a table or a key of one: where, and what to do. None: nothing.
 
     Tables in lists, `[[scale.distances]]`, may stand as often as one likes.

@@ -16,8 +16,8 @@ import numpy as np
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
 from passerby.interchange.storage.faults import FileFaults
-from passerby.scene.camera_input import CameraReading
-from passerby.scene.reading import read_camera, wants_video
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
 from passerby.scene.upside_down import doubt_of_upside_down
@@ -48,14 +48,14 @@ class SceneInputs:
     """What speaks against any rig from this input, one sentence each."""
 
 
-class Watch(Protocol):
+class VideoProcessor(Protocol):
     """Completes the readings of cameras by what is seen in their videos."""
 
-    def __call__(self, scene: Scene, readings: Sequence[CameraReading]) -> None:
+    def __call__(self, scene: Scene, readings: Sequence[CameraInput]) -> None:
         """Faults and findings are added to the readings."""
 
 
-def read_inputs(scene: Scene, watch: Watch | None = None) -> SceneInputs:
+def read_inputs(scene: Scene, watch: VideoProcessor | None = None) -> SceneInputs:
     """Read what a scene names, and watch the videos of the cameras that need it; without `watch` no video is watched.
 
     Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and mend.
@@ -63,13 +63,13 @@ def read_inputs(scene: Scene, watch: Watch | None = None) -> SceneInputs:
     readings = read_cameras(scene)
     # What is wrong with a file is told before hours are spent on videos.
     _raise_faults(scene, readings)
-    if watch is not None and any(wants_video(scene, reading) for reading in readings):
+    if watch is not None and any(needs_video(scene, reading) for reading in readings):
         watch(scene, readings)
         _raise_faults(scene, readings)
-    return inputs_of(scene, readings)
+    return assemble_inputs(scene, readings)
 
 
-def inputs_of(scene: Scene, readings: list[CameraReading]) -> SceneInputs:
+def assemble_inputs(scene: Scene, readings: list[CameraInput]) -> SceneInputs:
     """What readings of all cameras hold. Raises `FileFaults` (an `InputError`) with everything that is wrong with them."""
     _raise_faults(scene, readings)
     rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
@@ -77,13 +77,13 @@ def inputs_of(scene: Scene, readings: list[CameraReading]) -> SceneInputs:
     return SceneInputs(rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)))
 
 
-def _raise_faults(scene: Scene, readings: list[CameraReading]) -> None:
+def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     if faults:
         raise FileFaults(list(dict.fromkeys(faults)))
 
 
-def read_cameras(scene: Scene) -> list[CameraReading]:
+def read_cameras(scene: Scene) -> list[CameraInput]:
     """The files of all cameras, as far as they can be read; videos are looked into, but not watched."""
     readings = [read_camera(scene, name) for name in scene.cameras]
     if any(reading.fps is None for reading in readings):
@@ -93,13 +93,13 @@ def read_cameras(scene: Scene) -> list[CameraReading]:
     return readings
 
 
-def observations_of(scene: Scene, readings: list[CameraReading]) -> Observations:
+def observations_of(scene: Scene, readings: list[CameraInput]) -> Observations:
     """What the cameras saw, with their clocks."""
     fps = readings[0].fps if readings else None
     return Observations({reading.name: reading.seen for reading in readings}, fps, clocks_of(scene, readings))
 
 
-def clocks_of(scene: Scene, readings: list[CameraReading]) -> dict[str, Clock]:
+def clocks_of(scene: Scene, readings: list[CameraInput]) -> dict[str, Clock]:
     """Each camera's clock, its offset 0. Empty where the same frame number is the same instant in all cameras.
 
     That is so where no frame rate is known, and, with nothing to search for, where identities are given and all rates alike.
@@ -111,7 +111,7 @@ def clocks_of(scene: Scene, readings: list[CameraReading]) -> dict[str, Clock]:
     return {name: Clock(rate) for name, rate in rates.items()}
 
 
-def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Faults between cameras, and of what the scene file says about them."""
     return [
         *_length_faults(scene, readings),
@@ -126,7 +126,7 @@ def scene_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     ]
 
 
-def scene_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Oddities between cameras."""
     known = {
         int(who) for reading in readings for part in (reading.boxes, reading.keypoints) for who in np.unique(part.identity)
@@ -139,7 +139,7 @@ def scene_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
     return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
 
 
-def _guessed_lenses(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Focal lengths that are stated to be guesses, those that are as good in one sentence."""
     guessed: dict[float, list[str]] = {}
     for reading in readings:
@@ -159,7 +159,7 @@ def _guessed_lenses(scene: Scene, readings: list[CameraReading]) -> list[str]:
     ]
 
 
-def _lens_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Guessed focal lengths for a method that does not know of them."""
     guessed = [reading.name for reading in readings if reading.lens is not None and reading.lens.focal_sd is not None]
     if scene.solver.method != "geopose" or not guessed:
@@ -170,7 +170,7 @@ def _lens_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     ]
 
 
-def scene_doubts(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def scene_doubts(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """What lets no rig from these files be accepted: pictures of another size, people on their heads, one camera twice."""
     known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
     upside_down = [
@@ -184,7 +184,7 @@ def scene_doubts(scene: Scene, readings: list[CameraReading]) -> list[str]:
     ]
 
 
-def _length_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _length_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     lenses = {reading.name: reading.lens for reading in readings}
     faults = []
     for number, length in enumerate(scene.scale.lengths, start=1):
@@ -198,7 +198,7 @@ def _length_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     return faults
 
 
-def _joint_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _joint_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     faults = []
     with_joints = [reading for reading in readings if len(reading.keypoints)]
     for reading in with_joints[1:]:
@@ -211,7 +211,7 @@ def _joint_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     return faults
 
 
-def _embedding_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Embeddings of different kinds, and mode "appearance" without embeddings."""
     with_looks = [reading for reading in readings if reading.dimensions is not None]
     faults = [
@@ -224,14 +224,14 @@ def _embedding_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
         return faults
     mend = 'give each camera embeddings or a video, or do without: under [association] set mode = "combined"'
     without = [reading for reading in readings if scene.cameras[reading.name].embeddings is None and reading.dimensions is None]
-    without = [reading for reading in without if not wants_video(scene, reading)]
+    without = [reading for reading in without if not needs_video(scene, reading)]
     wanting = [reading.name for reading in without if reading.people]
     if len(without) == len(readings):
         return [*faults, f'{scene.place}: mode "appearance" needs embeddings, and no camera has any: {mend}']
     return faults + [f'{scene.place}: [cameras.{name}] mode "appearance" needs embeddings: {mend}' for name in wanting]
 
 
-def _short_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _short_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Videos of which most must be missing, by the length of the others."""
     seconds = {
         reading.name: reading.video.seconds * reading.video.clock_fps / reading.fps
@@ -250,7 +250,7 @@ def _short_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str
     ]
 
 
-def _same_video_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _same_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Cameras that name one and the same file: a slip of the pen, as a rule."""
     first: dict[Path, str] = {}
     faults = []
@@ -284,7 +284,7 @@ def _same_file_faults(scene: Scene) -> list[str]:
     return faults
 
 
-def _emptiness_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Where identities are not given, a camera that saw nobody is left out; two others must be left."""
     awake = [reading.name for reading in readings if reading.people]
     if scene.association.given or len(awake) > 1 or any(reading.faults or reading.awaiting for reading in readings):
@@ -298,7 +298,7 @@ def _emptiness_faults(scene: Scene, readings: list[CameraReading]) -> list[str]:
     return [f"{scene.place}: {who}: a calibration needs people in two cameras or more"]
 
 
-def _clock_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _clock_findings(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Rates that are missing or contradict the length of the recordings."""
     if all(reading.fps is None for reading in readings):
         if scene.association.search_s == 0:
@@ -327,7 +327,7 @@ def _clock_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
     ]
 
 
-def _embedding_findings(scene: Scene, readings: list[CameraReading]) -> list[str]:
+def _embedding_findings(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Mode "combined" where some cameras have embeddings and some have none."""
     without = [reading.name for reading in readings if reading.people and reading.dimensions is None]
     if scene.association.mode != "combined" or not without or all(reading.dimensions is None for reading in readings):

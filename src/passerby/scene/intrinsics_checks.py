@@ -7,7 +7,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens
 from passerby.core.extents import extents_of
-from passerby.scene.camera_input import CameraReading
+from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
 
 OUTSIDE_SHARE = 0.01
@@ -31,7 +31,7 @@ PRINCIPAL_SHARE = 0.25
 """A cropped picture can have its principal point outside; further out than this share of the size, matrix and size disagree."""
 
 
-def check_principal_point(scene: Scene, reading: CameraReading, lens: Lens) -> None:
+def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> None:
     """Matrix against picture size."""
     beyond = float((np.abs(lens.matrix[:2, 2] / lens.size - 0.5) - 0.5).max())
     if beyond > 0:
@@ -43,7 +43,7 @@ def check_principal_point(scene: Scene, reading: CameraReading, lens: Lens) -> N
         (reading.faults if beyond > PRINCIPAL_SHARE else reading.findings).append(text)
 
 
-def check_extents(scene: Scene, reading: CameraReading, lens: Lens) -> None:
+def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
     """Picture size against where the people are."""
     table = scene.cameras[reading.name]
     width, height = lens.size

@@ -24,8 +24,8 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.video import VideoInfo, fit_of_size, probe
-from passerby.scene.camera_input import CameraReading
-from passerby.scene.doubled_rows import without_doubles
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.intrinsics_checks import check_extents, check_principal_point
 from passerby.scene.scene import Scene
 
@@ -37,10 +37,10 @@ SHORTEST, FRAMES_TO_TRACK = 3, 6
 """Tracklets of fewer rows tell nobody's way. Where most ids are such, and there are so many frames, they were no tracklets."""
 
 
-def read_camera(scene: Scene, name: str) -> CameraReading:
+def read_camera(scene: Scene, name: str) -> CameraInput:
     """Read one camera's files; faults are gathered, not raised."""
     table, given = scene.cameras[name], scene.association.given
-    reading = CameraReading(name, given, fps=scene.fps_of(name))
+    reading = CameraInput(name, given, fps=scene.fps_of(name))
 
     def path_of(path: Path | None) -> Path | None:
         return None if path is None else scene.resolve(path)
@@ -52,10 +52,10 @@ def read_camera(scene: Scene, name: str) -> CameraReading:
     tracks = _attempt(rows_of, path_of(table.tracks), reading.faults)
     detections = _attempt(rows_of, path_of(table.detections), reading.faults)
     own, own_path = (tracks, table.tracks) if table.tracks is not None else (detections, table.detections)
-    looks = path_of(table.embeddings)
-    if looks is not None and own is not None and own_path is not None:
+    appearance = path_of(table.embeddings)
+    if appearance is not None and own is not None and own_path is not None:
         boxes, boxes_path = own, scene.resolve(own_path)
-        own = _attempt(lambda path: _with_embeddings(path, boxes_path, boxes), looks, reading.faults) or boxes
+        own = _attempt(lambda path: _with_embeddings(path, boxes_path, boxes), appearance, reading.faults) or boxes
     if own_path is not None and (table.tracks is not None or not given):
         reading.boxes, reading.boxes_path = own or reading.boxes, scene.resolve(own_path)
     reading.keypoints_path = path_of(table.keypoints)
@@ -73,9 +73,9 @@ def read_camera(scene: Scene, name: str) -> CameraReading:
     return reading
 
 
-def reading_in_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraReading:
+def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
     """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
-    reading = CameraReading(name, scene.association.given, lens, boxes, Path("boxes"), keypoints, fps=scene.fps_of(name))
+    reading = CameraInput(name, scene.association.given, lens, boxes, Path("boxes"), keypoints, fps=scene.fps_of(name))
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
     _settle_doubles(reading)
     _keep_used(scene, reading)
@@ -84,25 +84,25 @@ def reading_in_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoin
     return reading
 
 
-def wants_video(scene: Scene, reading: CameraReading) -> bool:
+def needs_video(scene: Scene, reading: CameraInput) -> bool:
     """Whether something of a camera is still to be got from its video: its people, how they look, or their joints."""
     if reading.video is None or reading.faults:
         return False
-    return reading.awaiting or wants_looks(scene, reading) or wants_joints(scene, reading)
+    return reading.awaiting or needs_embeddings(scene, reading) or needs_keypoints(scene, reading)
 
 
-def wants_looks(scene: Scene, reading: CameraReading) -> bool:
+def needs_embeddings(scene: Scene, reading: CameraInput) -> bool:
     """Whether a camera's boxes lack embeddings that its video could give and the mode would use."""
     useful = scene.association.mode in ("combined", "appearance") and scene.perception.embedder != "none"
     return useful and reading.boxes.embedding is None and (reading.awaiting or len(reading.boxes) > 0)
 
 
-def wants_joints(scene: Scene, reading: CameraReading) -> bool:
+def needs_keypoints(scene: Scene, reading: CameraInput) -> bool:
     """Whether a camera's boxes lack joints that are asked for."""
     return scene.perception.keypoints != "none" and reading.keypoints_path is None
 
 
-def fill(scene: Scene, reading: CameraReading, boxes: Boxes, keypoints: Keypoints) -> None:
+def add_video_results(scene: Scene, reading: CameraInput, boxes: Boxes, keypoints: Keypoints) -> None:
     """Complete a reading by what was seen in its video; the boxes are those that were read where there were any."""
     reading.boxes, path = boxes, reading.video.path if reading.video else None
     if len(keypoints):
@@ -113,17 +113,17 @@ def fill(scene: Scene, reading: CameraReading, boxes: Boxes, keypoints: Keypoint
         _check_people(scene, reading)
 
 
-def _settle_doubles(reading: CameraReading) -> None:
+def _settle_doubles(reading: CameraInput) -> None:
     """Each person once in a frame, in boxes and in joints."""
-    reading.boxes, boxes = without_doubles(reading.boxes)
-    reading.keypoints, joints = without_doubles(reading.keypoints)
+    reading.boxes, boxes = remove_duplicates(reading.boxes)
+    reading.keypoints, joints = remove_duplicates(reading.keypoints)
     for path, doubled in ((reading.boxes_path, boxes), (reading.keypoints_path, joints)):
         if doubled is not None:
             told = reading.faults if doubled.is_rule else reading.findings
             told.append(doubled.sentence(f"{path}: camera {reading.name}"))
 
 
-def _keep_used(scene: Scene, reading: CameraReading) -> None:
+def _keep_used(scene: Scene, reading: CameraInput) -> None:
     """Leave out what the camera saw before `from_s` and after `until_s`."""
     table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
     named = [key for key in ("from_s", "until_s") if getattr(table, key) is not None]
@@ -147,14 +147,14 @@ def _keep_used(scene: Scene, reading: CameraReading) -> None:
         reading.faults.append(f"{place} {told}: it saw people from {seen} only, nothing is left: check the seconds")
 
 
-def _check_people(scene: Scene, reading: CameraReading) -> None:
+def _check_people(scene: Scene, reading: CameraInput) -> None:
     """What can be told of a camera whose people are known."""
     (_check_identities if reading.given else _check_sources)(scene, reading)
     if reading.lens is not None:
         check_extents(scene, reading, reading.lens)
 
 
-def _check_video(scene: Scene, reading: CameraReading, video: VideoInfo) -> None:
+def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
     """A video against the lens, and its rate against what the scene file says."""
     place = f"{video.path}: camera {reading.name}"
     if reading.lens is not None:
@@ -218,7 +218,7 @@ def _with_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
     return replace(boxes, embedding=found.vectors)
 
 
-def _check_sources(scene: Scene, reading: CameraReading) -> None:
+def _check_sources(scene: Scene, reading: CameraInput) -> None:
     """All modes but "given": anything will do, even nothing."""
     table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
     if table.tracks is not None and table.detections is not None:
@@ -244,7 +244,7 @@ def _rows_of_short_tracklets(part: Boxes | Keypoints) -> int:
     return int(count[count < SHORTEST].sum())
 
 
-def _check_identities(scene: Scene, reading: CameraReading) -> None:
+def _check_identities(scene: Scene, reading: CameraInput) -> None:
     """Mode "given": people need identities."""
     table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
     if table.tracks is None and table.keypoints is None:

@@ -17,8 +17,8 @@ from passerby.common.errors import InputError
 from passerby.common.text import nearest, shortened
 from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, PersonHeight, PopulationHeight, ScaleCues
 from passerby.interchange.storage.faults import FileFaults, read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, toml_of, unopenable
-from passerby.scene.errors import explained, stated_twice
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
+from passerby.scene.errors import explain_fault, find_repeated_key
 from passerby.scene.tables import (
     AssociationTable,
     CameraHeightTable,
@@ -59,15 +59,15 @@ class Scene(Table):
         path = Path(path)
         text = read_text(path, "a scene file (TOML)")
         try:
-            content = toml_of(text)
+            content = parse_toml(text)
         except NotParsed as error:
-            raise InputError(f"{path}: {stated_twice(text) or f'is not TOML: {error}'}") from None
+            raise InputError(f"{path}: {find_repeated_key(text) or f'is not TOML: {error}'}") from None
         try:
             scene = cls.model_validate(content)
         except ValidationError as error:
             # A misspelt key is told before the key that is missing for it.
             faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
-            raise FileFaults([f"{path}: {explained(dict(fault), TABLES)}" for fault in faults]) from None
+            raise FileFaults([f"{path}: {explain_fault(dict(fault), TABLES)}" for fault in faults]) from None
         scene._path = path
         scene._check_paths()
         return scene
@@ -77,10 +77,10 @@ class Scene(Table):
         faults = []
         for name, table in self.cameras.items():
             for key, value in table:
-                if isinstance(value, Path) and (why := unopenable(self.resolve(value))):
+                if isinstance(value, Path) and (why := path_problem(self.resolve(value))):
                     faults.append(f"{self.place}: [cameras.{name}] {key} is {shortened(str(value))}: {why}")
         for where, value in (("[perception] models", self.perception.models), *self._world_paths()):
-            if value is not None and (why := unopenable(self.resolve(value))):
+            if value is not None and (why := path_problem(self.resolve(value))):
                 faults.append(f"{self.place}: {where} is {shortened(str(value))}: {why}")
         if faults:
             raise FileFaults(faults)

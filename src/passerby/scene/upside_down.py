@@ -29,17 +29,17 @@ HEADS_BELOW = 0.8
 TURNED = np.diag([1.0, -1.0, 1.0])
 
 
-def doubt_of_upside_down(name: str, lens: Lens, seen: CameraObservations, body_m: float) -> str | None:
+def doubt_of_upside_down(name: str, lens: Lens, seen: CameraObservations, person_height_m: float) -> str | None:
     """A sentence where the people of a camera stand on their heads; None where they do not, or it cannot be told.
 
     Args:
         name: of the camera.
         lens: of the camera.
         seen: its boxes and joints.
-        body_m: expected standing height, metres.
+        person_height_m: expected standing height, metres.
     """
     below = heads_below(seen.keypoints)
-    if not (fits_better_turned(lens, seen, body_m) >= FITS_BETTER if below is None else below > HEADS_BELOW):
+    if not (fits_better_turned(lens, seen, person_height_m) >= FITS_BETTER if below is None else below > HEADS_BELOW):
         return None
     return (
         f"camera {name}: people stand on their heads: the picture seems flipped top to bottom, or the camera hangs upside "
@@ -63,12 +63,12 @@ def heads_below(keypoints: Keypoints) -> float | None:
     return float(np.mean(ends[0][whole] > ends[1][whole]))
 
 
-def fits_better_turned(lens: Lens, seen: CameraObservations, body_m: float) -> float:
+def fits_better_turned(lens: Lens, seen: CameraObservations, person_height_m: float) -> float:
     """How many times smaller the misfit of people to one ground is with boxes turned over; 0 where nothing can be said."""
     bodies = bodies_of(CameraObservations(seen.boxes), lens, Clock(1.0))
     if len(bodies) < MIN_BODIES:
         return 0.0
-    span, foot = body_m * (bodies.top_fraction - bodies.bottom_fraction), body_m * bodies.bottom_fraction
+    span, foot = person_height_m * (bodies.top_fraction - bodies.bottom_fraction), person_height_m * bodies.bottom_fraction
 
     def level(top: NDArray[np.float64], bottom: NDArray[np.float64], tangent: NDArray[np.float64]) -> Level | None:
         return level_camera(top, bottom, tangent, bodies.extent_px, span, foot, np.random.default_rng(0))

@@ -20,9 +20,9 @@ from passerby.common.progress import Forward, Progress
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
-from passerby.perception.watching import CameraJob, Tell, Watched, watch_camera, work_of
-from passerby.scene.camera_input import CameraReading
-from passerby.scene.reading import fill, of_video, wants_joints, wants_looks, wants_video
+from passerby.perception.watching import CameraJob, Tell, VideoObservations, watch_camera, work_of
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.reading import add_video_results, needs_embeddings, needs_keypoints, needs_video, of_video
 from passerby.scene.scene import Scene
 from passerby.scene.tables import WATCHED_FPS
 
@@ -33,7 +33,7 @@ TOLD_EVERY_S = 0.25
 
 
 @dataclass(eq=False)
-class Videos:
+class SceneVideoProcessor:
     """Watches the videos of a scene, and remembers what is to be told of it."""
 
     keep: Path | None
@@ -47,11 +47,11 @@ class Videos:
     seconds: dict[str, float] = field(default_factory=dict)
     """Time of each stage, summed over the cameras."""
 
-    def __call__(self, scene: Scene, readings: Sequence[CameraReading]) -> None:
+    def __call__(self, scene: Scene, readings: Sequence[CameraInput]) -> None:
         """Complete the readings; faults and findings are added to them. Raises `InputError` where a model cannot be used."""
         plan = plan_of(scene, self.tell)
         self.notes += plan.notes
-        wanting = [reading for reading in readings if wants_video(scene, reading)]
+        wanting = [reading for reading in readings if needs_video(scene, reading)]
         with _shelves(self.keep) as shelf:
             jobs = [_job(scene, reading, plan, shelf) for reading in wanting]
             results = self._watched(jobs)
@@ -63,18 +63,18 @@ class Videos:
             used = table.from_s or 0.0, math.inf if table.until_s is None else table.until_s
             reading.faults += result.faults(reading.name, job.info, *used)
             reading.findings += result.findings(reading.name, job.info)
-            fill(scene, reading, result.boxes, result.keypoints)
+            add_video_results(scene, reading, result.boxes, result.keypoints)
             for stage, seconds in result.seconds.items():
                 self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
         self.figures = plan.figures | {
             "cameras": {
                 reading.name: {"pictures": result.pictures, "boxes": len(result.boxes), **result.summary}
                 for reading, result in zip(wanting, results, strict=True)
-                if isinstance(result, Watched)
+                if isinstance(result, VideoObservations)
             }
         }
 
-    def _watched(self, jobs: Sequence[CameraJob]) -> list[Watched | InputError]:
+    def _watched(self, jobs: Sequence[CameraJob]) -> list[VideoObservations | InputError]:
         """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
         forward = Forward(self.tell, "watching")
         for job in jobs:
@@ -121,7 +121,7 @@ def joints_remedy(scene: Scene) -> str | None:
     )
 
 
-def picture_rate(scene: Scene, reading: CameraReading, info: VideoInfo) -> float:
+def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo) -> float:
     """Pictures to look at in a second of the video's own clock: a whole fraction of its rate, for even steps."""
     pace = (reading.fps or info.clock_fps) / info.clock_fps
     wanted = scene.perception.fps
@@ -131,15 +131,15 @@ def picture_rate(scene: Scene, reading: CameraReading, info: VideoInfo) -> float
     return info.average_fps / max(1, round(info.average_fps * pace / wanted))
 
 
-def _job(scene: Scene, reading: CameraReading, plan: Plan, shelf: Path) -> CameraJob:
+def _job(scene: Scene, reading: CameraInput, plan: Plan, shelf: Path) -> CameraJob:
     assert reading.video is not None
-    looks = wants_looks(scene, reading)
-    joints = plan.keypoints if wants_joints(scene, reading) else None
+    appearance = needs_embeddings(scene, reading)
+    joints = plan.keypoints if needs_keypoints(scene, reading) else None
     return CameraJob(
         name=reading.name,
         info=reading.video,
         rate=picture_rate(scene, reading, reading.video),
-        plan=replace(plan, embedder=plan.embedder if looks else None, keypoints=joints),
+        plan=replace(plan, embedder=plan.embedder if appearance else None, keypoints=joints),
         shelf=shelf / reading.name,
         boxes=None if reading.awaiting else reading.boxes,
     )
@@ -155,7 +155,7 @@ def _shelves(keep: Path | None) -> Iterator[Path]:
         yield Path(folder)
 
 
-def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forward) -> list[Watched | InputError]:
+def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forward) -> list[VideoObservations | InputError]:
     """The results of all jobs in their order, each made in a process of its own.
 
     Each process writes how far it is to a file that belongs to this run alone: nothing of an earlier run is taken for it, and
@@ -165,7 +165,7 @@ def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forwa
     with tempfile.TemporaryDirectory(prefix="passerby-", ignore_cleanup_errors=True) as folder:
         counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
         futures = [executor.submit(_result, job, own) for job, own in zip(jobs, counts, strict=True)]
-        waiting: set[Future[Watched | InputError]] = set(futures)
+        waiting: set[Future[VideoObservations | InputError]] = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)
             for job, own, future in zip(jobs, counts, futures, strict=True):
@@ -204,7 +204,7 @@ class _Counts:
             return None
 
 
-def _result(job: CameraJob, tell: Tell) -> Watched | InputError:
+def _result(job: CameraJob, tell: Tell) -> VideoObservations | InputError:
     """What was seen, or what is wrong with this camera."""
     try:
         # One thread each: more would wait for each other, and their number would change the last bits.

@@ -24,16 +24,16 @@ BOX_NOISE = 1.4
 
 def people_looks(n_people: int, rng: np.random.Generator) -> Floats:
     """(P, D) one random unit vector for each person."""
-    looks = rng.standard_normal((n_people, DIMENSIONS))
-    return np.asarray(looks / np.linalg.norm(looks, axis=1, keepdims=True))
+    appearance = rng.standard_normal((n_people, DIMENSIONS))
+    return np.asarray(appearance / np.linalg.norm(appearance, axis=1, keepdims=True))
 
 
-def box_embeddings(identity: Ints, looks: Floats | None, rng: np.random.Generator) -> Vectors:
+def box_embeddings(identity: Ints, appearance: Floats | None, rng: np.random.Generator) -> Vectors:
     """Embeddings of one camera's boxes.
 
     Args:
         identity: (N,) true identities from 1, -1 for a box without a person, which gets noise.
-        looks: (P, D) from `people_looks`; None where everybody is dressed alike, and every box gets noise.
+        appearance: (P, D) from `people_looks`; None where everybody is dressed alike, and every box gets noise.
         rng: the camera's.
 
     Returns:
@@ -41,10 +41,10 @@ def box_embeddings(identity: Ints, looks: Floats | None, rng: np.random.Generato
     """
     shifting, siding, noising = rng.spawn(3)
     vectors = noising.standard_normal((len(identity), DIMENSIONS)) / np.sqrt(DIMENSIONS)
-    if looks is not None:
+    if appearance is not None:
         shift = shifting.standard_normal(DIMENSIONS)
-        side = siding.standard_normal(looks.shape) / np.sqrt(DIMENSIONS)
+        side = siding.standard_normal(appearance.shape) / np.sqrt(DIMENSIONS)
         known = identity != UNKNOWN
         vectors[known] *= BOX_NOISE
-        vectors[known] += (looks + SIDE * side)[identity[known] - 1] + CAMERA_SHIFT * shift / np.linalg.norm(shift)
+        vectors[known] += (appearance + SIDE * side)[identity[known] - 1] + CAMERA_SHIFT * shift / np.linalg.norm(shift)
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float32)

@@ -12,7 +12,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Pose, Rig
 from passerby.simulation.body import pose_joints
-from passerby.simulation.observe import View, view
+from passerby.simulation.observe import View, observe_camera
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.scene import BODIES_AT_ONCE, Filmed, film
 
@@ -89,5 +89,5 @@ def _disturbed_view(filmed: Filmed, index: int, moves: Sequence[Move], ground: G
             state, present = filmed.motion.at(times)
             joints = pose_joints(state, filmed.heights)
             joints[..., 2] += ground(state.xy)[..., None]
-            parts.append(view(there, joints, filmed.heights, present, options.occlusion))
+            parts.append(observe_camera(there, joints, filmed.heights, present, options.occlusion))
     return View(**{item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(View)})

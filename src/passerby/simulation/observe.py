@@ -40,7 +40,7 @@ class View:
     """(T, P, 17) inside the picture and not hidden by another person."""
 
 
-def view(camera: Camera, joints: Floats, heights: Floats, present: Mask, occlusion: bool = True) -> View:
+def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mask, occlusion: bool = True) -> View:
     """Project all bodies into one camera.
 
     Args:

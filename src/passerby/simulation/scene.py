@@ -18,10 +18,10 @@ from passerby.simulation.areas import Areas, move_groups, place_groups
 from passerby.simulation.body import pose_joints
 from passerby.simulation.detect import Detected, detect
 from passerby.simulation.motion import Motion
-from passerby.simulation.observe import View, view
+from passerby.simulation.observe import View, observe_camera
 from passerby.simulation.options import SimulationOptions
 from passerby.simulation.presets import PRESETS
-from passerby.simulation.tracklets import renumbered
+from passerby.simulation.tracklets import renumber
 
 BODIES_AT_ONCE = 4000
 
@@ -179,16 +179,16 @@ def _observations(
 ) -> Observations:
     """What the detectors report, with the tracklet numbers, the embeddings and the clocks that the options ask for."""
     dressing, *watching = looking.spawn(1 + len(found))
-    looks = people_looks(options.n_people, dressing) if options.embeddings == "distinct" else None
+    appearance = people_looks(options.n_people, dressing) if options.embeddings == "distinct" else None
     cameras = {}
     for (name, detected), fps, cuts, look in zip(
         found.items(), options.frame_rates, cutting.spawn(len(found)), watching, strict=True
     ):
         seen = detected.seen
         if options.unrelated_ids:
-            seen = renumbered(seen, options.n_people, fps, options.tracklet_seconds, cuts)
+            seen = renumber(seen, options.n_people, fps, options.tracklet_seconds, cuts)
         if options.embeddings != "none":
-            seen = replace(seen, boxes=replace(seen.boxes, embedding=box_embeddings(detected.true_identity, looks, look)))
+            seen = replace(seen, boxes=replace(seen.boxes, embedding=box_embeddings(detected.true_identity, appearance, look)))
         cameras[name] = seen
     clocks = {name: Clock(fps) for name, fps in zip(found, options.camera_fps, strict=False)}
     return Observations(cameras, options.frame_rates[0], clocks)
@@ -203,7 +203,7 @@ def _view(camera: Camera, motion: Motion, times: Floats, heights: Floats, here: 
     parts = []
     for start in range(0, len(times), stretch):
         state, present = motion.at(times[start : start + stretch])
-        parts.append(view(camera, pose_joints(state, heights), heights, present & here, occlusion))
+        parts.append(observe_camera(camera, pose_joints(state, heights), heights, present & here, occlusion))
     return View(**{item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(View)})
 
 

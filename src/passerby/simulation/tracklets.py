@@ -12,7 +12,7 @@ LONGEST_GAP_S = 1.0
 """A tracker lets go of a person whom it has not seen for longer than this."""
 
 
-def renumbered(
+def renumber(
     seen: CameraObservations, n_people: int, fps: float, mean_seconds: float, rng: np.random.Generator
 ) -> CameraObservations:
     """Boxes and joints of one camera with tracklet numbers, 1 and up in random order, instead of identities.

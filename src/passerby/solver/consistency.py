@@ -13,7 +13,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.solver.evidence import Evidence
-from passerby.solver.refinement import Model
+from passerby.solver.refinement import AdjustmentProblem
 
 STRETCHES = 8
 """Parts of a recording that are looked at one by one; each holds as many person-instants."""
@@ -31,7 +31,7 @@ fast (1 % over a minute: 0.38, and a rig right to 33 mm)."""
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class JointConsistency:
     """How much of what each of C cameras saw agrees with the rig."""
 
     seen: Ints
@@ -53,7 +53,7 @@ class Agreement:
         return bool(self.agreeing[camera] < LEAST_AGREEING * self.seen[camera])
 
 
-def agreement(evidence: Evidence, model: Model) -> Agreement:
+def joint_consistency(evidence: Evidence, model: AdjustmentProblem) -> JointConsistency:
     """What of the evidence is in the model of the last round."""
     n, s = evidence.n_cameras, evidence.sightings
     seen = np.bincount(s.camera, minlength=n) + np.bincount(evidence.joints.camera, minlength=n)
@@ -68,4 +68,4 @@ def agreement(evidence: Evidence, model: Model) -> Agreement:
         count = np.bincount(cell, minlength=n * STRETCHES)
         share = np.bincount(cell, agrees, minlength=n * STRETCHES) / np.maximum(count, 1)
         by_time = np.where(count >= MIN_IN_STRETCH, share, np.nan).reshape(n, STRETCHES)
-    return Agreement(seen, agreeing, by_time)
+    return JointConsistency(seen, agreeing, by_time)

@@ -9,7 +9,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near
 from passerby.solver.optimizer.least_squares import Cauchy, Layout, Term
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class CueRows:
     names: tuple[str, ...] = ()
     """What each cue is called in reports: lengths, then distances, then heights."""
 
-    def terms(self, state: PeopleState, layout: Layout) -> list[Term]:
+    def terms(self, state: AdjustmentState, layout: Layout) -> list[Term]:
         """The cues' residuals with dense Jacobians; there are few of them."""
         out = []
         first = layout.n_cameras * layout.camera_size
@@ -52,7 +52,7 @@ class CueRows:
             out += self._length_terms(state, layout, first)
         return out
 
-    def _length_terms(self, state: PeopleState, layout: Layout, first: int) -> list[Term]:
+    def _length_terms(self, state: AdjustmentState, layout: Layout, first: int) -> list[Term]:
         assert self.marks is not None
         o, points = self.marks, state.globals[1:].reshape(-1, 3)
         R = state.R[o.camera]

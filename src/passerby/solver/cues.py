@@ -99,7 +99,7 @@ def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats
     return points
 
 
-def measured(rows: CueRows | None, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
+def scale_cue_lengths(rows: CueRows | None, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
     """(name, measured, stated, standard deviation) of every length, distance and camera height, metres."""
     if rows is None:
         return []
@@ -112,17 +112,17 @@ def measured(rows: CueRows | None, centre: Floats, marks: Floats) -> list[tuple[
     ]
 
 
-def first_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
+def initial_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
     """The factor that brings lengths built on people's height nearest to the cues, all weighed by their relative precision."""
     logs, weights = [0.0], [max(n_people, 1) / population_sd**2]
-    for _, value, stated, sd in measured(rows, centre, marks):
+    for _, value, stated, sd in scale_cue_lengths(rows, centre, marks):
         if value > 1e-3:
             logs.append(np.log(stated / value))
             weights.append((stated / sd) ** 2)
     return float(np.exp(np.average(logs, weights=weights)))
 
 
-def report_pull(
+def scale_cue_weights(
     cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints
 ) -> tuple[list[dict[str, Any]], float]:
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
@@ -139,7 +139,7 @@ def report_pull(
         found.append((f"population of {count}", float(np.mean(heights[~named])), float(np.mean(mean[~named])), spread))
     for i in np.flatnonzero(named):
         found.append((f"height of person {seen[i]}", float(heights[i]), float(mean[i]), float(sd[i])))
-    found += measured(rows, centre, marks)
+    found += scale_cue_lengths(rows, centre, marks)
     information = np.array([(stated / spread) ** 2 for _, _, stated, spread in found])
     total = float(information.sum())
     return [

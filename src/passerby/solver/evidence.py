@@ -27,7 +27,7 @@ from passerby.people.segments import (
     segments_of_keypoints,
     segments_without,
 )
-from passerby.solver.people_state import Sightings
+from passerby.solver.people_state import UprightObservations
 
 # How much farther off a joint is taken to be that was found with less confidence than usual: this power of the ratio, within a
 # range. Residuals grow with the first power only. The power was chosen by the true position errors of just two sets, so it
@@ -39,7 +39,7 @@ DOUBT_POWER, DOUBT_RANGE = 3, (0.5, 10.0)
 class Evidence:
     """What M sightings of people and K sightings of joints say, over N person-instants and J joints."""
 
-    sightings: Sightings
+    sightings: UprightObservations
     person: Ints
     """(N,) index into `identities`."""
     frame: Ints
@@ -153,7 +153,7 @@ def _shared_instants(
 
 def _sightings(
     rig: Rig, tables: list[tuple[int, Segments]], camera_of: Ints, keep: Ints, block: Ints, velocity: Floats | None
-) -> Sightings:
+) -> UprightObservations:
     """Rays and tangents of the kept rows; a row whose ray cannot be found is dropped."""
 
     def column(name: str) -> Floats:
@@ -167,7 +167,7 @@ def _sightings(
         rows = camera == index
         top_ray[rows], bottom_ray[rows] = item.lens.bearings(top[rows]), item.lens.bearings(bottom[rows])
         top_tangent[rows], bottom_tangent[rows] = item.lens.tangents(top_ray[rows]), item.lens.tangents(bottom_ray[rows])
-    sightings = Sightings(
+    sightings = UprightObservations(
         camera, block, top_ray, bottom_ray, top_tangent, bottom_tangent, np.linalg.norm(bottom - top, axis=1),
         column("top_fraction"), column("bottom_fraction"), column("has_foot"), velocity,
     )  # fmt: skip

@@ -10,12 +10,12 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.people.model import HEIGHT_PER_CENTRE
-from passerby.solver.consistency import STRETCHES, Agreement, agreement
+from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consistency
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
-from passerby.solver.initialisation import Choice, Fit, Start
+from passerby.solver.initialisation import Fit, Initialisation, InitialRig
 from passerby.solver.lens_check import FocalCheck, ShapeCheck, common_change
-from passerby.solver.pose_graph import cycle_support
+from passerby.solver.pose_graph import cycle_consistency
 from passerby.solver.uncertainty import RigCovariance
 
 # A pose whose sigma exceeds these is no calibration: of the rig's extent, and in degrees.
@@ -41,11 +41,11 @@ def apart(rig: Rig, groups: list[list[int]]) -> list[str]:
     ]
 
 
-def doubts_about(start: Start, fit: Fit, covariance: RigCovariance) -> list[str]:
+def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> list[str]:
     """What speaks against the optimum: what nothing fixes, then by camera."""
     out = _undetermined_world(covariance.free)
     state, rig = fit.result.state, start.rig
-    agrees = agreement(start.evidence, fit.model)
+    agrees = joint_consistency(start.evidence, fit.model)
     extent = float(np.max(np.linalg.norm(state.centre - state.centre.mean(axis=0), axis=1))) + 1.0
     for c, camera in enumerate(rig):
         sigma = covariance.shape_sigma(c)
@@ -98,7 +98,7 @@ def _lacks(free: Free) -> list[str]:
     return [name for name, lacking in named.items() if lacking]
 
 
-def _contradiction(name: str, camera: int, agrees: Agreement) -> str | None:
+def _contradiction(name: str, camera: int, agrees: JointConsistency) -> str | None:
     """That a camera contradicts the others, at some time or all the time."""
     odd = agrees.odd_stretch(camera)
     if odd is not None:
@@ -183,11 +183,16 @@ def _finite(value: float) -> float | None:
 
 
 def figures_of(
-    start: Start, choice: Choice, fit: Fit, covariance: RigCovariance, scale: dict[str, Any], focals: list[FocalCheck]
+    start: Initialisation,
+    choice: InitialRig,
+    fit: Fit,
+    covariance: RigCovariance,
+    scale: dict[str, Any],
+    focals: list[FocalCheck],
 ) -> dict[str, Any]:
     """JSON-ready figures of every stage."""
     state, model, rig = fit.result.state, fit.model, start.rig
-    support = cycle_support(start.hypotheses, len(rig))
+    support = cycle_consistency(start.hypotheses, len(rig))
     sightings = model.problem.sightings
     terms = model.problem.terms(state, jacobians=False)
     residual_px = np.linalg.norm(terms[0].residual, axis=1) * model.problem.centre_sigma() if len(sightings) else np.zeros(0)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 
 NULL_SHARE = 1e-10
 """Eigenvalues of the scaled normal matrix below this share of the largest one are zero.
@@ -76,7 +76,7 @@ class Freedoms:
         return np.asarray(np.linalg.inv(self.parts.T @ self.moves) @ self.parts.T)
 
 
-def similarity_freedoms(state: PeopleState, fixed: Ints | None = None) -> Freedoms:
+def similarity_freedoms(state: AdjustmentState, fixed: Ints | None = None) -> Freedoms:
     """The freedoms about the mean of the centres of the cameras `fixed` (all when None), which alone tell how far each goes."""
     n_cameras = len(state.R)
     fixed = np.arange(n_cameras) if fixed is None else fixed
@@ -95,7 +95,7 @@ def similarity_freedoms(state: PeopleState, fixed: Ints | None = None) -> Freedo
     return Freedoms(moves.reshape(-1, 7), parts.reshape(-1, 7))
 
 
-def placement_freedoms(state: PeopleState, n: int, camera_size: int) -> Floats:
+def placement_freedoms(state: AdjustmentState, n: int, camera_size: int) -> Floats:
     """(n, 3) directions of the shared unknowns that no residual notices: along x, along y, about z."""
     out = np.zeros((n, 3))
     up = np.array([0.0, 0.0, 1.0])
@@ -152,7 +152,7 @@ class HeldSystem:
         return np.asarray(vector[:, value < NULL_SHARE * value[-1]])
 
 
-def held_system(H: Floats, state: PeopleState, camera_size: int) -> tuple[HeldSystem, Free]:
+def held_system(H: Floats, state: AdjustmentState, camera_size: int) -> tuple[HeldSystem, Free]:
     """The normal matrix (n, n) of the shared unknowns with its placement held by cameras that evidence ties together, and what
     it leaves free.
     """
@@ -174,7 +174,7 @@ def held_system(H: Floats, state: PeopleState, camera_size: int) -> tuple[HeldSy
     return system, _similarities(system, null, similarity_freedoms(state, fixed), _extent(state, fixed), apart)
 
 
-def _extent(state: PeopleState, fixed: Ints) -> float:
+def _extent(state: AdjustmentState, fixed: Ints) -> float:
     """Metres from the middle of the cameras to the farthest one, at least a centimetre."""
     centre = state.centre[fixed]
     return max(float(np.max(np.linalg.norm(centre - centre.mean(axis=0), axis=1))), 0.01)

@@ -19,26 +19,26 @@ from passerby.geometry.similarity import chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.model import Noise, Priors
 from passerby.people.standing import standing_instants
-from passerby.solver.cues import cue_rows, expected_heights, first_scale, triangulate_marks
+from passerby.solver.cues import cue_rows, expected_heights, initial_scale, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensPart, LensUnknowns
 from passerby.solver.optimizer.least_squares import Result, Stopping
-from passerby.solver.pairs import judged_guesses, pair_hypotheses
-from passerby.solver.people_state import PeopleState
-from passerby.solver.pose_graph import candidate_trees, levelled, poses_of_tree
+from passerby.solver.pairs import pair_hypotheses, verify_guesses
+from passerby.solver.people_state import AdjustmentState
+from passerby.solver.pose_graph import gravity_aligned, poses_of_tree, spanning_trees
 from passerby.solver.refinement import (
     AGREE_SIGMAS,
-    Knowledge,
-    Model,
+    AdjustmentProblem,
+    PriorKnowledge,
     RigState,
-    adjust,
-    build_model,
+    build_problem,
     learn_noise,
+    minimise_problem,
+    occlusion_weights,
     rig_of,
-    wholeness,
 )
-from passerby.solver.uncertainty import correlation_inflation
+from passerby.solver.uncertainty import design_effect
 
 # Descents from different trees that end with at least this share of the best one's agreeing sightings are rivals of it, and
 # rivals are the same rig when no two cameras stand to each other by more than this angle differently.
@@ -103,7 +103,7 @@ class PeopleOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class Initialisation:
     """All that is known before the first descent."""
 
     rig: Rig
@@ -111,7 +111,7 @@ class Start:
     evidence: Evidence
     levels: list[Level | None]
     hypotheses: list[PairHypothesis]
-    knowledge: Knowledge
+    knowledge: PriorKnowledge
     stated: Rig
     """The cameras with the lenses as stated."""
     unknowns: LensUnknowns
@@ -122,7 +122,7 @@ class Start:
     def prepare(
         cls, stated: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator,
         guesses: Sequence[PairHypothesis] = (), lens: Floats | None = None,
-    ) -> Start:  # fmt: skip
+    ) -> Initialisation:  # fmt: skip
         """Gather the evidence, level each camera, and guess at all pairs; `guesses` are more of the same. `lens` (C, L) is how
         the lenses differ from the stated ones, as far as that is known; nothing when None.
         """
@@ -134,32 +134,32 @@ class Start:
             moving=options.refine_time,
         )  # fmt: skip
         mean, sd = expected_heights(cues, evidence.identities)
-        body_m = float(np.median(mean)) if len(mean) else cues.population.mean_m
-        levels = [level_of(evidence, c, body_m, rng) for c in range(len(rig))]
+        person_height_m = float(np.median(mean)) if len(mean) else cues.population.mean_m
+        levels = [level_of(evidence, c, person_height_m, rng) for c in range(len(rig))]
         focal = np.array([camera.lens.focal for camera in rig])
-        hypotheses = pair_hypotheses(evidence, levels, focal, body_m, rng)
-        hypotheses += judged_guesses(guesses, evidence, focal, body_m)
+        hypotheses = pair_hypotheses(evidence, levels, focal, person_height_m, rng)
+        hypotheses += verify_guesses(guesses, evidence, focal, person_height_m)
         lens_core = unknowns.first_core(stated) if unknowns.parts else None
-        knowledge = Knowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_core)
+        knowledge = PriorKnowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_core)
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
-    def weighed(self, model: Model, result: Result[PeopleState]) -> Start:
+    def weighed(self, model: AdjustmentProblem, result: Result[AdjustmentState]) -> Initialisation:
         """The same with priors of the lenses that count as much more as the sightings of an optimum follow one another."""
         if not self.unknowns.parts:
             return self
         problem, state = model.problem, result.state
-        inflation = correlation_inflation(model, self.evidence, problem.terms(state, jacobians=False))
+        inflation = design_effect(model, self.evidence, problem.terms(state, jacobians=False))
         weight = inflation * np.clip(lens_evidence(problem, state, inflation).excess, 1.0, _MOST_EXCESS)
         core = self.unknowns.core(self.stated)
         return replace(self, knowledge=replace(self.knowledge, lens_core=core, lens_weight=weight))
 
-    def near(self, other: Start) -> bool:
+    def near(self, other: Initialisation) -> bool:
         """Whether the lenses differ too little from those of `other` to mislead a first guess."""
         change = other.lens - self.lens
         focal, point = change[:, self.unknowns.columns_of("focal")], change[:, self.unknowns.columns_of("principal_point")]
         return bool((np.abs(focal) < _MISLEADING_FOCAL).all() and (np.abs(point) < _MISLEADING_PX).all())
 
-    def with_lenses(self, lens: Floats) -> Start:
+    def with_lenses(self, lens: Floats) -> Initialisation:
         """The same with rays of the lenses that differ from the stated ones by `lens` (C, L)."""
         if not self.unknowns.parts:
             return self
@@ -175,7 +175,7 @@ class Start:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class InitialRig:
     """The rough rig that most sightings agree with, and what competes with it."""
 
     state: RigState
@@ -189,39 +189,39 @@ class Choice:
 class Fit:
     """The optimum."""
 
-    model: Model
-    result: Result[PeopleState]
+    model: AdjustmentProblem
+    result: Result[AdjustmentState]
     noise: Noise
     stance: Floats
-    start: Start
+    start: Initialisation
     """What it was computed from, with the lenses found."""
     rounds: list[dict[str, Any]] = field(default_factory=list)
 
 
-def level_of(evidence: Evidence, camera: int, body_m: float, rng: np.random.Generator) -> Level | None:
-    """The vertical and the height of one camera from its own people, as tall as `body_m`; None where there are too few."""
+def level_of(evidence: Evidence, camera: int, person_height_m: float, rng: np.random.Generator) -> Level | None:
+    """The vertical and the height of one camera from its own people of that height, metres; None where there are too few."""
     s = evidence.sightings.take(evidence.sightings.camera == camera)
-    span, foot = body_m * (s.top_fraction - s.bottom_fraction), body_m * s.bottom_fraction
+    span, foot = person_height_m * (s.top_fraction - s.bottom_fraction), person_height_m * s.bottom_fraction
     return level_camera(s.top, s.bottom, s.top_tangent, s.extent_px, span, foot, rng)
 
 
-def choose(start: Start, options: PeopleOptions, rng: np.random.Generator) -> Choice:
+def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.random.Generator) -> InitialRig:
     """Descend from every tree on a part of the evidence, and keep the rig that most sightings agree with."""
     n = len(start.rig)
     blocks = np.sort(rng.permutation(len(start.evidence.person))[: options.coarse_people])
     joints = np.sort(rng.permutation(start.evidence.n_joints)[: options.coarse_joints])
     found = []
-    for name, tree in candidate_trees(start.hypotheses, range(n), n):
-        poses = levelled(poses_of_tree(tree, 0), start.levels)
+    for name, tree in spanning_trees(start.hypotheses, range(n), n):
+        poses = gravity_aligned(poses_of_tree(tree, 0), start.levels)
         R, centre = np.array([poses[c].R_cw for c in range(n)]), np.array([poses[c].centre for c in range(n)])
         state, here = _rescaled(start, R, centre), start
         for noise, share in ((Noise(loss=30.0), 0.4), (Noise(), 0.2)):
-            model = build_model(here.evidence, state, noise, here.knowledge, share=share, blocks=blocks, joints=joints)
+            model = build_problem(here.evidence, state, noise, here.knowledge, share=share, blocks=blocks, joints=joints)
             if not (len(model.rows) or len(model.joint_rows)):
                 break
-            state = rig_of(adjust(model, _COARSE).state)
+            state = rig_of(minimise_problem(model, _COARSE).state)
             here = here.with_lenses(state.lens)
-        model = build_model(here.evidence, state, Noise(), here.knowledge, share=0.1, blocks=blocks, joints=joints)
+        model = build_problem(here.evidence, state, Noise(), here.knowledge, share=0.1, blocks=blocks, joints=joints)
         found.append((len(model.rows) + len(model.joint_rows), name, state))
     if not found or max(count for count, _, _ in found) == 0:
         raise EvidenceError("no arrangement of the cameras agrees with the people: check their identities and the intrinsics")
@@ -230,15 +230,15 @@ def choose(start: Start, options: PeopleOptions, rng: np.random.Generator) -> Ch
     doubts = [
         "two arrangements of the cameras fit the people almost equally well: record people who walk in more directions"
     ] if rivals else []  # fmt: skip
-    return Choice(best[2], best[1], best[0], [{"tree": name, "agreeing": count} for count, name, _ in found], doubts)
+    return InitialRig(best[2], best[1], best[0], [{"tree": name, "agreeing": count} for count, name, _ in found], doubts)
 
 
-def _rescaled(start: Start, R: Floats, centre: Floats) -> RigState:
+def _rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
     """A first state with the scale that people and cues agree on."""
     knowledge = start.knowledge
     marks = triangulate_marks(knowledge.cues, R, centre)
     sd = float(np.mean(knowledge.height_sd / knowledge.height_mean)) if len(knowledge.height_sd) else 0.05
-    factor = first_scale(knowledge.cues, centre, marks, len(knowledge.height_sd), sd)
+    factor = initial_scale(knowledge.cues, centre, marks, len(knowledge.height_sd), sd)
     state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, marks * factor, start.lens)
     return state
 
@@ -249,7 +249,7 @@ def _differ(a: RigState, b: RigState) -> float:
     return float(np.max(angle_between(a.R @ turn, b.R)))
 
 
-def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.random.Generator) -> Fit:
+def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOptions, rng: np.random.Generator) -> Fit:
     """Rounds on all of the evidence: who agrees, where is the optimum, how noisy is it, who stands."""
     start = start.with_lenses(state.lens)
     evidence = start.evidence
@@ -262,12 +262,12 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
         part = number == 0 and not last
         blocks = np.sort(rng.permutation(len(evidence.person))[: options.learning_people]) if part else None
         joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
-        model = build_model(
+        model = build_problem(
             start.evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance,
             whole=whole, rename=number > 0,
         )  # fmt: skip
         stopping = Stopping(options.max_iterations, options.tolerance) if last else Stopping(12, 1e-4)
-        result = adjust(model, stopping)
+        result = minimise_problem(model, stopping)
         state = rig_of(result.state)
         rounds.append(
             {
@@ -283,7 +283,7 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
         if last:
             for_lenses += 1
             continue
-        judged = wholeness(model, result.state, len(evidence.sightings))
+        judged = occlusion_weights(model, result.state, len(evidence.sightings))
         whole = judged.weight
         before, noise = noise, learn_noise(model, result, judged.broken)
         growing = len(model.rows) > 0 and _typical(noise, model) > _GROWTH * _typical(before, model)
@@ -293,12 +293,12 @@ def descend(start: Start, state: RigState, options: PeopleOptions, rng: np.rando
     return Fit(model, result, noise, stance, start, rounds)
 
 
-def _typical(noise: Noise, model: Model) -> float:
+def _typical(noise: Noise, model: AdjustmentProblem) -> float:
     """What a box of middling size is off by, pixels."""
     return float(np.hypot(noise.box_px, noise.centre * np.median(model.problem.scale_px)))
 
 
-def _stance(model: Model, state: PeopleState, n_blocks: int) -> Floats:
+def _stance(model: AdjustmentProblem, state: AdjustmentState, n_blocks: int) -> Floats:
     """(N,) who may be standing, over all person-instants of the evidence."""
     out = np.ones(n_blocks)
     person = model.problem.person

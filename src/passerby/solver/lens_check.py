@@ -20,14 +20,14 @@ from passerby.solver.lens_columns import (
     by_focal,
     by_principal_point,
     lens_columns,
-    widened,
+    widen_terms,
     widened_layout,
 )
 from passerby.solver.lens_sigmas import BOXES_MISLEAD, by_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.uncertainty import deflated
+from passerby.solver.uncertainty import downweight
 
 # People do not look equally tall at all distances: hidden feet, slopes and a detector's habits change with depth by
 # a few percent, which a focal length would explain as well. The less depth a camera sees, as a share of its distance, the more.
@@ -134,7 +134,7 @@ def common_change(focals: Sequence[FocalCheck]) -> float | None:
     return change if any(abs(change) > max(least, sigmas * sigma) for least, sigmas in COMMON) else None
 
 
-def check_focals(rig: Rig, problem: PeopleProblem, state: PeopleState, inflation: float) -> list[FocalCheck]:
+def check_focals(rig: Rig, problem: PeopleProblem, state: AdjustmentState, inflation: float) -> list[FocalCheck]:
     """The step of each camera's focal length at the optimum.
 
     Args:
@@ -156,7 +156,7 @@ def check_focals(rig: Rig, problem: PeopleProblem, state: PeopleState, inflation
     return [FocalCheck(*row) for row in columns]
 
 
-def check_shapes(rig: Rig, problem: PeopleProblem, state: PeopleState, inflation: float) -> list[ShapeCheck]:
+def check_shapes(rig: Rig, problem: PeopleProblem, state: AdjustmentState, inflation: float) -> list[ShapeCheck]:
     """The steps of each camera's principal point, and of its distortion's first coefficient; arguments as of `check_focals`."""
     out: list[ShapeCheck] = []
     enough = _instants(problem) >= MIN_INSTANTS
@@ -178,7 +178,7 @@ def check_shapes(rig: Rig, problem: PeopleProblem, state: PeopleState, inflation
 
 
 def _score(
-    problem: PeopleProblem, state: PeopleState, inflation: float, columns: dict[str, Floats],
+    problem: PeopleProblem, state: AdjustmentState, inflation: float, columns: dict[str, Floats],
     biases: dict[str, Floats] | None = None,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Gauss-Newton steps of u more unknowns of each camera, all (C, u): steps, their standard deviations, and one sigma of what
@@ -194,7 +194,7 @@ def _score(
     n, u = problem.n_cameras, next(iter(columns.values())).shape[2]
     both = columns if biases is None else {k: np.concatenate([columns[k], biases[k]], axis=2) for k in columns}
     layout, places = widened_layout(problem, next(iter(both.values())).shape[2])
-    terms = [deflated(widened(term, problem, both), inflation) for term in problem.terms(state, jacobians=True)]
+    terms = [downweight(widen_terms(term, problem, both), inflation) for term in problem.terms(state, jacobians=True)]
     reduced = NormalEquations(layout, terms).reduce()
     own, considered = places[:, :u], places[:, u:].ravel()
     kept = np.setdiff1d(np.arange(len(reduced.H)), considered)
@@ -214,7 +214,7 @@ def _instants(problem: PeopleProblem) -> NDArray[np.int64]:
     return np.asarray(np.maximum(upright, joints), dtype=np.int64)
 
 
-def _by_size_drift(problem: PeopleProblem, state: PeopleState) -> dict[str, Floats]:
+def _by_size_drift(problem: PeopleProblem, state: AdjustmentState) -> dict[str, Floats]:
     """Whitened derivatives (M, k, 1) by people who seem to grow by `SIZE_DRIFT` for a distance that is larger by a factor e."""
     s, n = problem.sightings, problem.n_cameras
     away = np.log(np.maximum(np.linalg.norm(state.people[s.block, :2] - state.centre[s.camera, :2], axis=1), 0.1))
@@ -226,12 +226,12 @@ def _by_size_drift(problem: PeopleProblem, state: PeopleState) -> dict[str, Floa
     }
 
 
-def size_drift(problem: PeopleProblem, state: PeopleState) -> Floats:
+def size_drift(problem: PeopleProblem, state: AdjustmentState) -> Floats:
     """(C,) one sigma of a focal length's logarithm for what people's apparent size may drift over depth."""
     return np.asarray(SIZE_DRIFT / np.maximum(_depth_spread(problem, state), 0.05))
 
 
-def _depth_spread(problem: PeopleProblem, state: PeopleState) -> Floats:
+def _depth_spread(problem: PeopleProblem, state: AdjustmentState) -> Floats:
     """(C,) range of the distances at which a camera sees people (10 to 90 %), as a share of their median."""
     out = np.zeros(problem.n_cameras)
     for c in range(problem.n_cameras):

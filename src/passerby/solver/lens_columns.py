@@ -17,7 +17,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Rig
 from passerby.people.model import body_ends
 from passerby.solver.optimizer.least_squares import Layout, Term
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import FOOT_SHIFT, JOINT, PeopleProblem
 
 Derivative = Callable[[Lens, Floats], Floats]
@@ -44,7 +44,7 @@ def by_distortion(lens: Lens, rays: Floats) -> Floats:
     return np.asarray((ends[0] - ends[1]) / 2e-4)[:, :, None]
 
 
-def lens_columns(rig: Rig, problem: PeopleProblem, state: PeopleState, by: Derivative) -> dict[str, Floats]:
+def lens_columns(rig: Rig, problem: PeopleProblem, state: AdjustmentState, by: Derivative) -> dict[str, Floats]:
     """Whitened derivatives of the residuals by u numbers of the own camera's lens, (M, k, u) for each kind of residual.
 
     Args:
@@ -70,7 +70,7 @@ def lens_columns(rig: Rig, problem: PeopleProblem, state: PeopleState, by: Deriv
     }
 
 
-def _predicted(problem: PeopleProblem, state: PeopleState) -> tuple[Floats, Floats, Floats]:
+def _predicted(problem: PeopleProblem, state: AdjustmentState) -> tuple[Floats, Floats, Floats]:
     """Highest and lowest points of the people seen (M, 3) and joints (K, 3), in the frames of the cameras that see them."""
     s, o = problem.sightings, problem.joints
     height = state.heights[problem.person[s.block]]
@@ -83,7 +83,7 @@ def _predicted(problem: PeopleProblem, state: PeopleState) -> tuple[Floats, Floa
     return seen(top, s.camera), seen(bottom, s.camera), seen(state.joints[o.point], o.camera)
 
 
-def widened(term: Term, problem: PeopleProblem, columns: dict[str, Floats]) -> Term:
+def widen_terms(term: Term, problem: PeopleProblem, columns: dict[str, Floats]) -> Term:
     """The term with columns for u more unknowns of each camera behind its globals: camera by camera, (C * u) in all.
 
     Args:

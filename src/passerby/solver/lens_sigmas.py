@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
 from passerby.solver.optimizer.least_squares import NormalEquations
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
-from passerby.solver.systematic import SIGMAS, with_systematic
-from passerby.solver.uncertainty import deflated
+from passerby.solver.systematic import SIGMAS, add_systematic_errors
+from passerby.solver.uncertainty import downweight
 
 BOXES_MISLEAD = 2.5
 """Lenses follow what boxes are off by alike more than poses do. What sightings alone say of right focal lengths was off by 2.3
@@ -38,7 +38,7 @@ class LensEvidence:
         return np.asarray((self.sd / self.random) ** 2)
 
 
-def lens_evidence(problem: PeopleProblem, state: PeopleState, inflation: float) -> LensEvidence:
+def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: float) -> LensEvidence:
     """What the sightings alone say of the lenses at an optimum; the priors, as they were linearised, are taken off again.
 
     Args:
@@ -47,8 +47,8 @@ def lens_evidence(problem: PeopleProblem, state: PeopleState, inflation: float) 
         inflation: how many times less the sightings tell than as many independent ones would.
     """
     assert problem.lens_core is not None
-    terms = [deflated(term, inflation) for term in replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)]
-    widened, wide, own, biases = with_systematic(problem, state, terms)
+    terms = [downweight(term, inflation) for term in replace(problem, lens_weight=np.ones(())).terms(state, jacobians=True)]
+    widened, wide, own, biases = add_systematic_errors(problem, state, terms)
     H_all = NormalEquations(wide, widened).reduce().H
     H, H_cb = H_all[np.ix_(own, own)], H_all[np.ix_(own, biases.ravel())]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))

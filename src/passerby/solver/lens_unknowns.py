@@ -19,7 +19,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Rig
 from passerby.geometry.reprojection import PointObservations
-from passerby.solver.people_state import Sightings
+from passerby.solver.people_state import UprightObservations
 
 LensPart = Literal["focal", "principal_point"]
 LENS_PARTS: tuple[LensPart, ...] = get_args(LensPart)
@@ -110,7 +110,7 @@ class LensUnknowns:
         focal, point = change[:, self.columns_of("focal")], change[:, self.columns_of("principal_point")]
         return bool((np.abs(focal) < SETTLED_FOCAL).all() and (np.abs(point) < SETTLED_PX).all())
 
-    def sightings(self, s: Sightings, rig: Rig, change: Floats) -> Sightings:
+    def sightings(self, s: UprightObservations, rig: Rig, change: Floats) -> UprightObservations:
         """Sightings with the rays and derivatives of the lenses that `change` (C, L) makes of the stated ones in `rig`.
 
         Sightings that hold no pixels yet are taken to be made with these very lenses. One that the new lens cannot have seen

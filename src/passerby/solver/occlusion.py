@@ -42,7 +42,7 @@ class Wholeness:
     """Share of the edges that are broken, beyond what clean boxes feign."""
 
 
-def judge_boxes(top: Floats, bottom: Floats) -> Wholeness:
+def weight_truncated_boxes(top: Floats, bottom: Floats) -> Wholeness:
     """The probabilities that boxes are whole.
 
     Args:

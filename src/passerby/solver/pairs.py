@@ -20,7 +20,7 @@ from passerby.geometry.single_view import Level
 from passerby.geometry.triangulation import triangulate_two_views
 from passerby.geometry.two_view import relative_pose
 from passerby.solver.evidence import Evidence
-from passerby.solver.people_state import Sightings
+from passerby.solver.people_state import UprightObservations
 
 MIN_MATCHES = 8
 MAX_MATCHES = 600
@@ -30,7 +30,7 @@ _GROUND_SHARE, _GROUND_FLOOR_M = 0.06, 0.15
 
 
 def pair_hypotheses(
-    evidence: Evidence, levels: list[Level | None], focal: Floats, body_m: float, rng: np.random.Generator
+    evidence: Evidence, levels: list[Level | None], focal: Floats, person_height_m: float, rng: np.random.Generator
 ) -> list[PairHypothesis]:
     """All hypotheses of all pairs of cameras that saw the same people at the same instants.
 
@@ -38,17 +38,19 @@ def pair_hypotheses(
         evidence: sightings with identities.
         levels: one a camera, None where it could not be found.
         focal: (C,) focal lengths, pixels.
-        body_m: expected standing height, metres.
+        person_height_m: expected standing height, metres.
         rng: draws samples.
     """
     out: list[PairHypothesis] = []
     for a in range(evidence.n_cameras):
         for b in range(a + 1, evidence.n_cameras):
-            out += _pair(evidence, levels, focal, body_m, a, b, rng)
+            out += _pair(evidence, levels, focal, person_height_m, a, b, rng)
     return out
 
 
-def judged_guesses(guesses: Sequence[PairHypothesis], evidence: Evidence, focal: Floats, body_m: float) -> list[PairHypothesis]:
+def verify_guesses(
+    guesses: Sequence[PairHypothesis], evidence: Evidence, focal: Floats, person_height_m: float
+) -> list[PairHypothesis]:
     """Guesses from outside with inliers and matches counted on the evidence, as those of `pair_hypotheses` are.
 
     A guess about cameras that share no sightings of whole people is left out: nothing would hold the two together.
@@ -58,7 +60,7 @@ def judged_guesses(guesses: Sequence[PairHypothesis], evidence: Evidence, focal:
     for h in guesses:
         rows_a, rows_b = shared_rows(s.camera, s.block, h.a, h.b)
         if len(rows_a):
-            out.append(_judged(h, s.take(rows_a), s.take(rows_b), focal, body_m))
+            out.append(_judged(h, s.take(rows_a), s.take(rows_b), focal, person_height_m))
     return out
 
 
@@ -70,7 +72,13 @@ def shared_rows(camera: Ints, block: Ints, a: int, b: int) -> tuple[Ints, Ints]:
 
 
 def _pair(
-    evidence: Evidence, levels: list[Level | None], focal: Floats, body_m: float, a: int, b: int, rng: np.random.Generator
+    evidence: Evidence,
+    levels: list[Level | None],
+    focal: Floats,
+    person_height_m: float,
+    a: int,
+    b: int,
+    rng: np.random.Generator,
 ) -> list[PairHypothesis]:
     s = evidence.sightings
     rows_a, rows_b = shared_rows(s.camera, s.block, a, b)
@@ -87,7 +95,7 @@ def _pair(
     if len(at_a) >= MIN_MATCHES and not evidence.n_joints:
         angle = _threshold(at_a, focal[a]) + _threshold(at_b, focal[b])
         rays_a, rays_b = np.concatenate([at_a.top, at_a.bottom]), np.concatenate([at_b.top, at_b.bottom])
-        found = _by_epipolar(rays_a, rays_b, angle, at_a, at_b, body_m, rng)
+        found = _by_epipolar(rays_a, rays_b, angle, at_a, at_b, person_height_m, rng)
         if found is not None:
             out.append(PairHypothesis(a, b, *found, "epipolar", 0, len(at_a)))
     j = evidence.joints
@@ -97,19 +105,19 @@ def _pair(
             pick = np.sort(rng.choice(len(joint_a), 3 * MAX_MATCHES, replace=False))
             joint_a, joint_b = joint_a[pick], joint_b[pick]
         angle = float(np.median(j.sigma_px[joint_a]) / focal[a] + np.median(j.sigma_px[joint_b]) / focal[b]) * 0.02
-        found = _by_epipolar(j.bearing[joint_a], j.bearing[joint_b], angle, at_a, at_b, body_m, rng)
+        found = _by_epipolar(j.bearing[joint_a], j.bearing[joint_b], angle, at_a, at_b, person_height_m, rng)
         if found is not None:
             out.append(PairHypothesis(a, b, *found, "joints", 0, len(joint_a)))
-    return [_judged(h, at_a, at_b, focal, body_m) for h in out]
+    return [_judged(h, at_a, at_b, focal, person_height_m) for h in out]
 
 
-def _threshold(at: Sightings, focal: float) -> float:
+def _threshold(at: UprightObservations, focal: float) -> float:
     """Largest epipolar error of an inlier in one camera, radians: 4 % of a typical body's extent."""
     return float(0.04 * np.median(at.extent_px) / focal) + 1.0 / focal
 
 
 def _by_ground(
-    at_a: Sightings, at_b: Sightings, level_a: Level, level_b: Level, rng: np.random.Generator
+    at_a: UprightObservations, at_b: UprightObservations, level_a: Level, level_b: Level, rng: np.random.Generator
 ) -> tuple[Floats, Floats] | None:
     """The plane motion that puts most people of camera a on those of camera b: two-point RANSAC, then reweighted fits."""
     ground_a, ground_b = level_a.ground_positions(at_a.bottom), level_b.ground_positions(at_b.bottom)
@@ -144,7 +152,13 @@ def _by_ground(
 
 
 def _by_epipolar(
-    rays_a: Floats, rays_b: Floats, angle: float, at_a: Sightings, at_b: Sightings, body_m: float, rng: np.random.Generator
+    rays_a: Floats,
+    rays_b: Floats,
+    angle: float,
+    at_a: UprightObservations,
+    at_b: UprightObservations,
+    person_height_m: float,
+    rng: np.random.Generator,
 ) -> tuple[Floats, Floats] | None:
     """The essential matrix of matched rays, its baseline scaled by the people's height."""
     try:
@@ -154,10 +168,10 @@ def _by_epipolar(
     bodies = body_lengths(at_a, at_b, view.R_ba, view.t_ba)
     if bodies is None:
         return view.R_ba, view.t_ba
-    return view.R_ba, view.t_ba * body_m / bodies
+    return view.R_ba, view.t_ba * person_height_m / bodies
 
 
-def body_lengths(at_a: Sightings, at_b: Sightings, R_ba: Floats, t_ba: Floats) -> float | None:
+def body_lengths(at_a: UprightObservations, at_b: UprightObservations, R_ba: Floats, t_ba: Floats) -> float | None:
     """The length, in units of the baseline, of a whole standing body: the upper quartile over the matched people.
 
     People crouch, sit and bend, but they do not stretch: standing is near the upper end of what is seen, not at its mean.
@@ -174,7 +188,9 @@ def body_lengths(at_a: Sightings, at_b: Sightings, R_ba: Floats, t_ba: Floats) -
     return float(np.quantile(length[front], 0.65))
 
 
-def _judged(h: PairHypothesis, at_a: Sightings, at_b: Sightings, focal: Floats, body_m: float) -> PairHypothesis:
+def _judged(
+    h: PairHypothesis, at_a: UprightObservations, at_b: UprightObservations, focal: Floats, person_height_m: float
+) -> PairHypothesis:
     """The hypothesis with its inliers counted alike for both routes: people whose two midpoints meet, at a plausible size."""
     if len(at_a) == 0:
         return PairHypothesis(h.a, h.b, h.R_ba, h.t_ba, h.route, h.matches, h.matches)
@@ -189,6 +205,6 @@ def _judged(h: PairHypothesis, at_a: Sightings, at_b: Sightings, focal: Floats, 
         miss_b = np.arccos(np.clip((in_b * middle_b).sum(axis=1) / reach_b, -1, 1))
         size_a, size_b = at_a.extent_px / focal[h.a], at_b.extent_px / focal[h.b]
         met = (miss_a < 0.15 * size_a + 2 / focal[h.a]) & (miss_b < 0.15 * size_b + 2 / focal[h.b])
-        tall = np.minimum(reach_a * size_a, reach_b * size_b) / body_m
-        met &= (tall > 0.35) & (np.maximum(reach_a * size_a, reach_b * size_b) / body_m < 2.0)
+        tall = np.minimum(reach_a * size_a, reach_b * size_b) / person_height_m
+        met &= (tall > 0.35) & (np.maximum(reach_a * size_a, reach_b * size_b) / person_height_m < 2.0)
     return PairHypothesis(h.a, h.b, h.R_ba, h.t_ba, h.route, int(np.count_nonzero(met)), len(at_a))

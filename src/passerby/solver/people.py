@@ -18,16 +18,16 @@ from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, Verdict
 from passerby.geometry.relative_pose import PairHypothesis
-from passerby.solver.cues import report_pull
+from passerby.solver.cues import scale_cue_weights
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise, wrong_lenses
-from passerby.solver.initialisation import Fit, PeopleOptions, Start, choose, descend
+from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages, select_initial_rig
 from passerby.solver.lens_check import check_focals, check_shapes
 from passerby.solver.pairs import MIN_MATCHES
-from passerby.solver.people_state import PeopleState
-from passerby.solver.pose_graph import components, heading_rotation
-from passerby.solver.refined_lenses import far_lenses, lens_figures, refined_lenses
+from passerby.solver.people_state import AdjustmentState
+from passerby.solver.pose_graph import connected_components, heading_rotation
+from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
 from passerby.solver.systematic import StatedFocals
-from passerby.solver.uncertainty import RigCovariance, correlation_inflation, rig_covariance, with_learnt_stance
+from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, rig_covariance
 
 __all__ = ["PeopleOptions", "solve_people"]
 
@@ -61,8 +61,8 @@ def solve_people(
         EvidenceError: no two cameras saw enough of the same people at the same instants.
     """
     options = options or PeopleOptions()
-    first = Start.prepare(rig, observations, cues, options, rng, guesses)
-    groups = components(len(rig), first.hypotheses, MIN_MATCHES)
+    first = Initialisation.prepare(rig, observations, cues, options, rng, guesses)
+    groups = connected_components(len(rig), first.hypotheses, MIN_MATCHES)
     if len(groups[0]) < 2:
         raise EvidenceError(
             f"no two cameras share {MIN_MATCHES} sightings of the same people that fit one motion: check the identities and "
@@ -73,20 +73,20 @@ def solve_people(
     if len(groups[0]) < len(rig):
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
-        start = Start.prepare(inside, observations, cues, options, rng, among)
-    choice = choose(start, options, rng)
-    fit = descend(start, choice.state, options, rng)
+        start = Initialisation.prepare(inside, observations, cues, options, rng, among)
+    choice = select_initial_rig(start, options, rng)
+    fit = refine_in_stages(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
         if start.near(fit.start):
             break
         # A first guess with quite wrong lenses may be another arrangement, or have left people out.
-        start = Start.prepare(start.stated, observations, cues, options, rng, among, fit.result.state.lens)
+        start = Initialisation.prepare(start.stated, observations, cues, options, rng, among, fit.result.state.lens)
         try:
-            choice = choose(start, options, rng)
+            choice = select_initial_rig(start, options, rng)
         except EvidenceError:
             reasons.append(_NO_GUESS_ANEW)
             break
-        fit = descend(start, choice.state, options, rng)
+        fit = refine_in_stages(start, choice.state, options, rng)
     start = fit.start
     covariance, cue_report, lenses = _sure(start, fit, cues)
     seen = start.rig, fit.model.problem, fit.result.state, covariance.inflation
@@ -110,20 +110,20 @@ def solve_people(
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(reasons), figures)
 
 
-def _sure(start: Start, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[str, Any], dict[str, Any]]:
+def _sure(start: Initialisation, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[str, Any], dict[str, Any]]:
     """The covariance of the cameras, what the scale rests on, and what became of the lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
-    report, sigma = report_pull(
+    report, sigma = scale_cue_weights(
         cues, knowledge.cues, state.centre, state.globals[1:].reshape(-1, 3), state.heights[seen], knowledge.height_mean[seen],
         knowledge.height_sd[seen], start.evidence.identities[seen],
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
     terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
-    inflation = correlation_inflation(fit.model, start.evidence, terms)
-    terms = with_learnt_stance(terms, fit.result.normal)
-    lenses = refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
+    inflation = design_effect(fit.model, start.evidence, terms)
+    terms = add_learnt_stance(terms, fit.result.normal)
+    lenses = decide_refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
     refined = "focal" in start.unknowns.parts
     focals = None if refined else StatedFocals.of(start.rig, fit.model.problem, state)
     covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, focals)
@@ -142,7 +142,7 @@ def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, Any]) -> Rig:
     return replace(rig, cameras=tuple(cameras))
 
 
-def _placed(rig: Rig, state: PeopleState, covariance: RigCovariance) -> Rig:
+def _placed(rig: Rig, state: AdjustmentState, covariance: RigCovariance) -> Rig:
     """The rig with the first camera above the origin, looking along +y."""
     turn = heading_rotation(state.R[0])
     shift = -turn @ np.array([*state.centre[0, :2], 0.0])

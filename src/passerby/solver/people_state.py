@@ -11,7 +11,7 @@ from passerby.common.arrays import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class UprightObservations:
     """M upright people seen: the rays of a highest and of a lowest point, as boxes or as head and ankles give them."""
 
     camera: Ints
@@ -46,14 +46,14 @@ class Sightings:
     def __len__(self) -> int:
         return len(self.camera)
 
-    def take(self, rows: NDArray[np.generic]) -> Sightings:
+    def take(self, rows: NDArray[np.generic]) -> UprightObservations:
         """The sightings of the given rows."""
         columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
-        return Sightings(**{name: column[rows] for name, column in columns.items()})
+        return UprightObservations(**{name: column[rows] for name, column in columns.items()})
 
 
 @dataclass(frozen=True, eq=False)
-class PeopleState:
+class AdjustmentState:
     """A point in the space of unknowns."""
 
     R: Floats
@@ -76,7 +76,7 @@ class PeopleState:
     lens: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     """(C, L) by how much lenses differ from the stated ones (`LensUnknowns`); no columns where they are not refined."""
 
-    def scaled(self, scale: float) -> PeopleState:
+    def scaled(self, scale: float) -> AdjustmentState:
         """All lengths of cameras, people and joints times `scale`, the standing heights too."""
         return replace(
             self, centre=self.centre * scale, globals=np.concatenate([self.globals[:1], self.globals[1:] * scale]),

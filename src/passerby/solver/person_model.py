@@ -21,7 +21,7 @@ from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_ja
 from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, HIGH, LOW, Noise, Priors, body_ends
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Step, Term
-from passerby.solver.people_state import PeopleState, Sightings
+from passerby.solver.people_state import AdjustmentState, UprightObservations
 
 CAMERA_SIZE = POSE_SIZE + 1
 PRINCIPAL_POINT_SIZE = 2
@@ -47,7 +47,7 @@ class PeopleProblem:
     """The person model over given sightings."""
 
     n_cameras: int
-    sightings: Sightings
+    sightings: UprightObservations
     joints: PointObservations
     person: Ints
     """(N,) the person of each person-instant."""
@@ -114,7 +114,7 @@ class PeopleProblem:
         """Standard deviations (M,) that let go of sightings which show a part of the person."""
         return np.asarray(sigma if self.whole is None else sigma / np.sqrt(self.whole))
 
-    def terms(self, state: PeopleState, *, jacobians: bool) -> list[Term]:
+    def terms(self, state: AdjustmentState, *, jacobians: bool) -> list[Term]:
         """Residuals at a state: sightings, joints, stance, heights, slack, foot shift and scale cues."""
         out = []
         if len(self.sightings):
@@ -127,7 +127,7 @@ class PeopleProblem:
             out += self.cues.terms(state, self.layout)
         return out
 
-    def _sighting_terms(self, state: PeopleState, jacobians: bool) -> list[Term]:
+    def _sighting_terms(self, state: AdjustmentState, jacobians: bool) -> list[Term]:
         s, shift = self.sightings, state.globals[FOOT_SHIFT]
         R, C, body = state.R[s.camera], state.centre[s.camera], state.people[s.block]
         person = self.person[s.block]
@@ -211,7 +211,7 @@ class PeopleProblem:
         longer = 1 + change[:, 0]
         return moved + residual * change[:, :1], by_d * longer[:, None, None], by_lens
 
-    def _stance_terms(self, state: PeopleState) -> list[Term]:
+    def _stance_terms(self, state: AdjustmentState) -> list[Term]:
         """Feet on the ground; the highest point at the person's standing height, as far as the person may be standing.
 
         All are shares of the person's height: in metres they would reward a world that shrinks.
@@ -240,7 +240,7 @@ class PeopleProblem:
             )  # fmt: skip
         return terms
 
-    def _joint_term(self, state: PeopleState, jacobians: bool) -> Term:
+    def _joint_term(self, state: AdjustmentState, jacobians: bool) -> Term:
         o, loss = self.joints, Cauchy(self.noise.loss)
         R = state.R[o.camera]
         d = (R @ (state.joints[o.point] - state.centre[o.camera])[:, :, None])[:, :, 0]
@@ -261,7 +261,7 @@ class PeopleProblem:
             by_camera[:, :, self.camera_size - self.n_lens :] = by_lens / o.sigma_px[:, None, None]
         return Term(residual, loss, camera=o.camera, by_camera=by_camera, family=JOINT, block=o.point, by_block=by_point)
 
-    def _shared_priors(self, state: PeopleState) -> list[Term]:
+    def _shared_priors(self, state: AdjustmentState) -> list[Term]:
         # Slack that all cameras have in common is the same as a scale: no picture tells them apart, so the mean is held at 0,
         # and what it may be goes into the scale's sigma instead.
         slack = self._mean_held(state.slack, SLACK, self.priors.slack, MEAN_SLACK_SD)
@@ -280,7 +280,7 @@ class PeopleProblem:
                  by_group=(1 / self.height_sd)[:, None]),
         ]  # fmt: skip
 
-    def _lens_priors(self, state: PeopleState) -> list[Term]:
+    def _lens_priors(self, state: AdjustmentState) -> list[Term]:
         """Each lens is about what it is stated to be, or quite another one."""
         if self.lens_core is None:
             return []
@@ -303,12 +303,12 @@ class PeopleProblem:
         J[n, 0, of_camera * self.camera_size + unknown] = 1 / (n * mean_sd)
         return Term(np.concatenate([values / sd, [values.mean() / mean_sd]])[:, None], by_shared=J)
 
-    def retract(self, state: PeopleState, step: Step) -> PeopleState:
+    def retract(self, state: AdjustmentState, step: Step) -> AdjustmentState:
         """The state moved by a step."""
         n_cameras = self.n_cameras * self.camera_size
         by_camera = step.shared[:n_cameras].reshape(-1, self.camera_size)
         R, centre = retract_poses(state.R, state.centre, by_camera[:, :POSE_SIZE])
-        return PeopleState(
+        return AdjustmentState(
             R, centre, state.slack + by_camera[:, SLACK], state.globals + step.shared[n_cameras:],
             state.heights + step.groups, state.people + step.blocks[UPRIGHT], state.joints + step.blocks[JOINT],
             state.time + by_camera[:, TIME] if self.timed else state.time,

@@ -23,7 +23,7 @@ _CYCLE_SHARE = 0.25
 _ALONE = 0.02
 
 
-def components(n_cameras: int, hypotheses: Sequence[PairHypothesis], min_inliers: int) -> list[list[int]]:
+def connected_components(n_cameras: int, hypotheses: Sequence[PairHypothesis], min_inliers: int) -> list[list[int]]:
     """Groups of cameras joined by hypotheses with enough inliers, the largest first (the smaller numbers first among
     equals).
     """
@@ -36,7 +36,7 @@ def components(n_cameras: int, hypotheses: Sequence[PairHypothesis], min_inliers
     return sorted(groups, key=lambda group: (-len(group), group[0]))
 
 
-def cycle_support(hypotheses: Sequence[PairHypothesis], n_cameras: int) -> Floats:
+def cycle_consistency(hypotheses: Sequence[PairHypothesis], n_cameras: int) -> Floats:
     """How well each hypothesis agrees with the ways through third cameras: the mean over these of the best agreement, 0 to
     1.
     """
@@ -64,11 +64,11 @@ def _agreement(h: PairHypothesis, first: PairHypothesis, second: PairHypothesis)
     return float(np.exp(-0.5 * (turn**2 + shift**2)))
 
 
-def candidate_trees(
+def spanning_trees(
     hypotheses: Sequence[PairHypothesis], group: Sequence[int], n_cameras: int
 ) -> list[tuple[str, list[PairHypothesis]]]:
     """Spanning trees of a group: of all routes by agreement, and of each route alone; duplicates left out."""
-    support = cycle_support(hypotheses, n_cameras)
+    support = cycle_consistency(hypotheses, n_cameras)
     inliers = np.array([h.inliers for h in hypotheses], dtype=np.float64)
     share = inliers / np.array([max(h.matches, 1) for h in hypotheses])
     by_agreement = share * np.sqrt(inliers) * (_ALONE + support)
@@ -112,7 +112,7 @@ def poses_of_tree(tree: Sequence[PairHypothesis], root: int) -> dict[int, Pose]:
     return poses
 
 
-def levelled(poses: dict[int, Pose], levels: Sequence[Level | None]) -> dict[int, Pose]:
+def gravity_aligned(poses: dict[int, Pose], levels: Sequence[Level | None]) -> dict[int, Pose]:
     """The poses in a world with z up and the ground at z = 0, as the cameras' own levels agree on it (medians)."""
     ups = {c: poses[c].R_cw.T @ level.up for c, level in enumerate(levels) if level is not None and c in poses}
     if not ups:

@@ -13,7 +13,7 @@ from passerby.core.cameras import Lens, Rig
 from passerby.solver.lens_check import size_drift
 from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import LensUnknowns
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 
 # A lens that moved by more than so many standard deviations of one that was never calibrated is another one, or nobody fits it.
@@ -33,8 +33,8 @@ class RefinedLenses:
     """The same by the sightings alone, whatever is stated."""
 
 
-def refined_lenses(
-    unknowns: LensUnknowns, stated: Rig, problem: PeopleProblem, state: PeopleState, inflation: float
+def decide_refined_lenses(
+    unknowns: LensUnknowns, stated: Rig, problem: PeopleProblem, state: AdjustmentState, inflation: float
 ) -> RefinedLenses | None:
     """How sure the lenses are; None where none is refined.
 

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from passerby.common.arrays import Floats, Ints
-from passerby.geometry.ray_consensus import adopt, agree
+from passerby.geometry.ray_consensus import reassign_outliers, vote_points
 from passerby.geometry.reprojection import PointObservations
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.evidence import Evidence
-from passerby.solver.occlusion import Wholeness, judge_boxes
+from passerby.solver.occlusion import Wholeness, weight_truncated_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations, Result, Stopping, Term, minimise
-from passerby.solver.people_state import PeopleState, Sightings
+from passerby.solver.people_state import AdjustmentState, UprightObservations
 from passerby.solver.person_model import JOINT, PeopleProblem
 
 # A sighting agrees within so many sigmas of its centre: the Cauchy loss deals with what is nearer.
@@ -52,9 +52,9 @@ class RigState:
     slack: Floats
     globals: Floats
     time: Floats
-    """(C,) errors of the clocks, seconds (`PeopleState`)."""
+    """(C,) errors of the clocks, seconds (`AdjustmentState`)."""
     lens: Floats
-    """(C, L) by how much lenses differ from the stated ones (`PeopleState`)."""
+    """(C, L) by how much lenses differ from the stated ones (`AdjustmentState`)."""
 
     @classmethod
     def start(cls, R: Floats, centre: Floats, height_mean: Floats, priors: Priors, marks: Floats, lens: Floats) -> RigState:
@@ -64,11 +64,11 @@ class RigState:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class AdjustmentProblem:
     """The problem of one round, and the rows of the evidence that are in it."""
 
     problem: PeopleProblem
-    state: PeopleState
+    state: AdjustmentState
     rows: Ints
     """Rows of the evidence's sightings, in the problem's order."""
     renamed: int
@@ -82,7 +82,7 @@ class Model:
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class PriorKnowledge:
     """What holds in all rounds: priors, cues, and what is expected of each person."""
 
     height_mean: Floats
@@ -95,7 +95,7 @@ class Knowledge:
     """How many times more that counts (`PeopleProblem`)."""
 
 
-def middle_rays(s: Sightings) -> tuple[Floats, Floats]:
+def middle_rays(s: UprightObservations) -> tuple[Floats, Floats]:
     """Rays (M, 3) and tangents (M, 2, 3) to the middles of the sightings."""
     ray = s.top + s.bottom
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
@@ -116,11 +116,11 @@ def _on_time(ray: Floats, tangent: Floats, velocity: Floats | None, seconds: Flo
     return np.asarray(on_time / np.linalg.norm(on_time, axis=1, keepdims=True))
 
 
-def build_model(
-    evidence: Evidence, rig: RigState, noise: Noise, knowledge: Knowledge, *, share: float,
+def build_problem(
+    evidence: Evidence, rig: RigState, noise: Noise, knowledge: PriorKnowledge, *, share: float,
     blocks: Ints | None = None, joints: Ints | None = None, stance: Floats | None = None, rename: bool = False,
     whole: Floats | None = None,
-) -> Model:  # fmt: skip
+) -> AdjustmentProblem:  # fmt: skip
     """The sightings that agree under a rig, as a problem with a state to start from.
 
     Args:
@@ -133,7 +133,7 @@ def build_model(
         joints: joints to use; all when None.
         rename: whether sightings that disagree with their person may go to another one of the same instant.
         stance: (N,) weight of standing for each person-instant of the evidence; all 1 when None.
-        whole: (M,) weight of each sighting of the evidence (`wholeness`); all 1 when None.
+        whole: (M,) weight of each sighting of the evidence (`occlusion_weights`); all 1 when None.
     """
     s, n_blocks = evidence.sightings, len(evidence.person)
     ray, tangent = middle_rays(s)
@@ -144,12 +144,12 @@ def build_model(
     middle = 0.5 * typical * float(np.median(s.top_fraction + s.bottom_fraction)) if len(s) else 0.0
     candidate = np.ones(len(s), bool) if blocks is None else np.isin(s.block, blocks)
     c = np.flatnonzero(candidate)
-    consensus = agree(
+    consensus = vote_points(
         s.camera[c], s.block[c], ray[c], tangent[c], tolerance[c], n_blocks, rig.R, rig.centre, height=(middle, 0.25 * typical)
     )
     block = np.where(consensus.inlier, s.block[c], -1)
     if rename:
-        block = adopt(
+        block = reassign_outliers(
             consensus, s.camera[c], s.block[c], evidence.frame[s.block[c]], evidence.frame, ray[c], tangent[c], tolerance[c],
             rig.R, rig.centre,
         )  # fmt: skip
@@ -169,12 +169,12 @@ def build_model(
         knowledge.lens_weight,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
-    state = PeopleState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens)
+    state = AdjustmentState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens)
     renamed = int(np.count_nonzero(s.block[rows] != block))
-    return Model(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
+    return AdjustmentProblem(problem, state, rows, renamed, used, joint_rows, joint_used, evidence.joint_kind[joint_used])
 
 
-def _expected_extents(s: Sightings, person: Ints, rig: RigState, points: Floats, noise: Noise) -> Floats:
+def _expected_extents(s: UprightObservations, person: Ints, rig: RigState, points: Floats, noise: Noise) -> Floats:
     """(M,) pixels that the people seen have, as far as that is known beforehand.
 
     What was seen is noisy; somebody who stands where the rays of all cameras meet has a known extent, but may be bent. The mean
@@ -211,7 +211,7 @@ def _agreeing_joints(
     c = np.flatnonzero(candidate)
     seen = o.take(c)
     ray = _on_time(seen.bearing, seen.tangent, seen.velocity, rig.time[seen.camera])
-    consensus = agree(
+    consensus = vote_points(
         seen.camera, seen.point, ray, seen.tangent, 2.0 + share * seen.sigma_px, evidence.n_joints, rig.R, rig.centre
     )
     rows = c[consensus.inlier]
@@ -227,17 +227,17 @@ def _agreeing_joints(
     return taken, consensus.points[used], rows, used
 
 
-def adjust(model: Model, stopping: Stopping) -> Result[PeopleState]:
+def minimise_problem(model: AdjustmentProblem, stopping: Stopping) -> Result[AdjustmentState]:
     """Descend to the optimum of a model."""
     return minimise(model.problem, model.state, stopping)
 
 
-def rig_of(state: PeopleState) -> RigState:
+def rig_of(state: AdjustmentState) -> RigState:
     """What the next round starts from."""
     return RigState(state.R, state.centre, state.heights, state.slack, state.globals, state.time, state.lens)
 
 
-def wholeness(model: Model, state: PeopleState, n_sightings: int) -> Wholeness:
+def occlusion_weights(model: AdjustmentProblem, state: AdjustmentState, n_sightings: int) -> Wholeness:
     """How whole the people are in each of the evidence's `n_sightings`; those that are not in the model count as whole."""
     problem = replace(model.problem, whole=None)
     s = problem.sightings
@@ -251,16 +251,16 @@ def wholeness(model: Model, state: PeopleState, n_sightings: int) -> Wholeness:
     typical = (share / np.median(share[box]))[box]
     middle = centre[box, 1] * share[box] / typical
     half = 0.5 * height[box, 0] * problem.height_sigma()[box] / typical
-    judged = judge_boxes(middle - half, middle + half)
+    judged = weight_truncated_boxes(middle - half, middle + half)
     weight[model.rows[box]] = judged.weight
     return Wholeness(weight, judged.broken)
 
 
-def learn_noise(model: Model, result: Result[PeopleState], broken: float = 0.0) -> Noise:
+def learn_noise(model: AdjustmentProblem, result: Result[AdjustmentState], broken: float = 0.0) -> Noise:
     """The sightings' noise from their residuals, each divided by the root of its redundancy.
 
     The redundancy is the share of a residual that the fit does not absorb (Foerstner 1979); medians keep outliers out. Boxes
-    whose noise is all rounding keep the floor. `broken` is the share of broken edges that `wholeness` found.
+    whose noise is all rounding keep the floor. `broken` is the share of broken edges that `occlusion_weights` found.
     """
     problem, noise = model.problem, model.problem.noise
     terms = problem.terms(result.state, jacobians=True)
@@ -305,7 +305,7 @@ def _box_noise(problem: PeopleProblem, term: Term, V_inverse: Floats, box: NDArr
     return float(np.hypot(base, np.sqrt(more))), float(np.sqrt(max(share, 1e-6)))
 
 
-def _learn_joints(model: Model, term: Term, normal: NormalEquations) -> Noise:
+def _learn_joints(model: AdjustmentProblem, term: Term, normal: NormalEquations) -> Noise:
     """The noise of joints: one share for all, and a factor for each joint of the body in each camera.
 
     Detectors find eyes better than hips, and a hip better from the front than from the side: half of each factor's logarithm

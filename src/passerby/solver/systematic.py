@@ -16,9 +16,9 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.solver.lens_columns import by_focal, lens_columns, widened, widened_layout
+from passerby.solver.lens_columns import by_focal, lens_columns, widen_terms, widened_layout
 from passerby.solver.optimizer.least_squares import Layout, NormalEquations, Term
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import UPRIGHT, PeopleProblem
 
 Weighted = Callable[[Term], Term]
@@ -32,7 +32,9 @@ Fitted by maximum likelihood to the errors of 61 simulated scenes of all presets
 """
 
 
-def with_systematic(problem: PeopleProblem, state: PeopleState, terms: Sequence[Term]) -> tuple[list[Term], Layout, Ints, Ints]:
+def add_systematic_errors(
+    problem: PeopleProblem, state: AdjustmentState, terms: Sequence[Term]
+) -> tuple[list[Term], Layout, Ints, Ints]:
     """The terms with columns for what is systematic, at the end of each camera's block.
 
     Args:
@@ -71,7 +73,7 @@ def with_systematic(problem: PeopleProblem, state: PeopleState, terms: Sequence[
     return out, wide, own, of_cameras[:, layout.camera_size :]
 
 
-def _depth(problem: PeopleProblem, state: PeopleState) -> Floats:
+def _depth(problem: PeopleProblem, state: AdjustmentState) -> Floats:
     """(M,) logarithm of people's distance over the ground, less its mean in the camera, over its root mean square there.
 
     0 where all are equally far.
@@ -95,7 +97,7 @@ class StatedFocals:
     """(C, C) of these logarithms; 0 for the lenses that are taken to be right."""
 
     @classmethod
-    def of(cls, rig: Rig, problem: PeopleProblem, state: PeopleState) -> StatedFocals | None:
+    def of(cls, rig: Rig, problem: PeopleProblem, state: AdjustmentState) -> StatedFocals | None:
         """Those of a rig at an optimum; None where no lens states a `focal_sd`."""
         sd = np.array([camera.lens.focal_sd or 0.0 for camera in rig])
         if not sd.any():
@@ -114,7 +116,7 @@ class StatedFocals:
             weighted: weights a term as those are that `inverse` is made of.
         """
         layout, places = widened_layout(problem, 1)
-        H = NormalEquations(layout, [weighted(widened(term, problem, self.columns)) for term in terms]).reduce().H
+        H = NormalEquations(layout, [weighted(widen_terms(term, problem, self.columns)) for term in terms]).reduce().H
         moved = inverse @ H[: len(inverse), places[:, 0]]
         return np.asarray(moved @ self.covariance @ moved.T)
 

@@ -19,10 +19,10 @@ from passerby.core.cameras import PoseSigma
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, VAGUE, Free, held_system, placement_freedoms, similarity_freedoms
 from passerby.solver.optimizer.least_squares import NormalEquations, Term
-from passerby.solver.people_state import PeopleState
+from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import TIME, UPRIGHT, PeopleProblem
-from passerby.solver.refinement import Model
-from passerby.solver.systematic import SIGMAS, StatedFocals, with_systematic
+from passerby.solver.refinement import AdjustmentProblem
+from passerby.solver.systematic import SIGMAS, StatedFocals, add_systematic_errors
 
 CHUNK_INSTANTS = 40
 """Residuals of one person in one camera count as independent over stretches of so many instants."""
@@ -78,7 +78,7 @@ def _pose_sigma(block: Floats) -> PoseSigma:
 
 
 def rig_covariance(
-    terms: Sequence[Term], problem: PeopleProblem, state: PeopleState, inflation: float, scale_sigma: float,
+    terms: Sequence[Term], problem: PeopleProblem, state: AdjustmentState, inflation: float, scale_sigma: float,
     lens_sigma: Floats | None = None, focals: StatedFocals | None = None,
 ) -> RigCovariance:  # fmt: skip
     """The covariance of all cameras.
@@ -93,7 +93,7 @@ def rig_covariance(
         focals: focal lengths that are guesses, held in the adjustment; None where none is.
     """
     layout = problem.layout
-    widened, wide, own_columns, biases = with_systematic(problem, state, [deflated(term, inflation) for term in terms])
+    widened, wide, own_columns, biases = add_systematic_errors(problem, state, [downweight(term, inflation) for term in terms])
     H_all = NormalEquations(wide, widened).reduce().H
     H, H_cb = H_all[np.ix_(own_columns, own_columns)], H_all[np.ix_(own_columns, biases.ravel())]
     size = layout.camera_size
@@ -116,7 +116,7 @@ def rig_covariance(
     # The adjustment knows the spread of single heights, but not what all people and boxes have in common.
     beyond = 0.0 if free.scale else max(scale_sigma**2 - of_freedoms[SCALE, SCALE], 0.0)
     if focals is not None:
-        guessed = focals.moved(inverse, problem, terms, partial(deflated, inflation=inflation))
+        guessed = focals.moved(inverse, problem, terms, partial(downweight, inflation=inflation))
         covariance, cameras = covariance + guessed, cameras + guessed[np.ix_(system.own, system.own)]
         of_freedoms = along @ cameras @ along.T
     metric = cameras + beyond * np.outer(freedoms.moves[:, SCALE], freedoms.moves[:, SCALE])
@@ -184,7 +184,7 @@ def _time_sigmas(covariance: Floats, size: int, n_cameras: int) -> Floats:
     return np.asarray(TIME_EXCESS * np.sqrt(np.maximum(variance, 0.0)))
 
 
-def deflated(term: Term, inflation: float) -> Term:
+def downweight(term: Term, inflation: float) -> Term:
     """The term at its robust weights; rows about people and joints, which follow one another, count less by the inflation."""
     squared = np.einsum("mk,mk->m", term.residual, term.residual)
     weight = term.loss.weight(squared) if term.loss is not None else np.ones(len(squared))
@@ -206,7 +206,7 @@ def _scaled(term: Term, root: Floats) -> Term:
     )  # fmt: skip
 
 
-def with_learnt_stance(terms: Sequence[Term], normal: NormalEquations) -> list[Term]:
+def add_learnt_stance(terms: Sequence[Term], normal: NormalEquations) -> list[Term]:
     """The terms, those on feet and standing heights at the noise that they show instead of the one that they were given.
 
     What was given has room for kerbs, slopes and crooked people. Where feet stay on one plane the ground is known better, and
@@ -232,7 +232,7 @@ def _blocks(covariance: Floats, n_cameras: int) -> Floats:
     return np.array([covariance[c * 6 : c * 6 + 6, c * 6 : c * 6 + 6] for c in range(n_cameras)])
 
 
-def correlation_inflation(model: Model, evidence: Evidence, terms: list[Term]) -> float:
+def design_effect(model: AdjustmentProblem, evidence: Evidence, terms: list[Term]) -> float:
     """How many times less the residuals tell than as many independent ones would (the design effect).
 
     A person's gait, clothes and posture shift the boxes of one camera alike for a while. The variance of the sums over such
@@ -248,7 +248,7 @@ def correlation_inflation(model: Model, evidence: Evidence, terms: list[Term]) -
     return MODEL_EXCESS * max(1.0, max(_design_effect(term, key) for term in terms[:2]))
 
 
-def _joint_inflation(model: Model) -> float:
+def _joint_inflation(model: AdjustmentProblem) -> float:
     """Without uprights: joints of one kind in one camera count as one stretch."""
     return MODEL_EXCESS * float(max(1, len(model.problem.joints.camera) // 2000))
 

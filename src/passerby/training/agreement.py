@@ -51,7 +51,7 @@ REASONS = ("sure", "cut off by the border", "in one camera only", "does not meet
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement:
+class GeometricAgreement:
     """What became of N boxes, and where G people are at their instants."""
 
     reason: Ints
@@ -72,7 +72,7 @@ class Agreement:
     """By how much the usual sigmas were multiplied."""
 
 
-def agreement(places: Places) -> Agreement:
+def verify_boxes(places: Places) -> GeometricAgreement:
     """Judge all boxes that have an identity."""
     spread = _spread(places)
     places = replace(places, covariance=spread**2 * places.covariance)
@@ -87,7 +87,7 @@ def agreement(places: Places) -> Agreement:
     rank[order] = np.arange(len(order))
     group = np.where(group >= 0, rank[group] if len(rank) else -1, -1)
     reason = np.concatenate([part.reason for part in parts])
-    return Agreement(reason, group, step[order], identity[order], place[order], sure[order], near[order], spread)
+    return GeometricAgreement(reason, group, step[order], identity[order], place[order], sure[order], near[order], spread)
 
 
 def pairs_within(key: Ints) -> tuple[Ints, Ints]:
@@ -166,8 +166,8 @@ def _shared(groups: _Groups, rows: Ints) -> Ints:
     return rows[number[groups.group[rows]] > 1]
 
 
-def _judged(places: Places) -> Agreement:
-    """`agreement` of a block; groups are sorted by instant."""
+def _judged(places: Places) -> GeometricAgreement:
+    """`verify_boxes` of a block; groups are sorted by instant."""
     groups, step, identity = _Groups.of(places)
     reason = np.where(groups.group < 0, UNIDENTIFIED, np.where(places.whole, SURE, CUT))
     mine, theirs = _rivals(places)
@@ -182,7 +182,7 @@ def _judged(places: Places) -> Agreement:
     _overrule(groups, reason, crowded, NEAR)
     _overrule(groups, reason, near, NEAR)
     sure = np.bincount(groups.group[reason == SURE], minlength=groups.count) > 1
-    return Agreement(reason, groups.group, step, identity, place, np.asarray(sure), near, 1.0)
+    return GeometricAgreement(reason, groups.group, step, identity, place, np.asarray(sure), near, 1.0)
 
 
 def _leave_out(groups: _Groups, step: Ints, reason: Ints, mine: Ints, theirs: Ints) -> None:

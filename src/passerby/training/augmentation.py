@@ -17,7 +17,7 @@ ERASED_COLOUR = tuple(255.0 * mean for mean in reversed(IMAGENET_MEAN))
 TRIES = 20
 
 
-def varied(picture: Picture, options: TrainOptions, rng: np.random.Generator) -> Picture:
+def augment(picture: Picture, options: TrainOptions, rng: np.random.Generator) -> Picture:
     """(H, W, 3) a variation of a picture: colour, place, mirrored, a part erased, as the options say. The draws do not depend
     on the picture.
     """

@@ -82,7 +82,7 @@ class DataSet:
     """What was left out, and why: one line each."""
 
 
-def mixed(sets: Sequence[CropSet]) -> CropSet:
+def mix_sets(sets: Sequence[CropSet]) -> CropSet:
     """All pictures as one set. People and cameras of the same name are the same; names begin with the data set's.
 
     People of two sets are surely apart.

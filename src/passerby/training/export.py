@@ -24,13 +24,13 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.observations import Vectors
 from passerby.interchange.storage.atomic import write_bytes
-from passerby.perception.crops import stretched, tellable
+from passerby.perception.crops import is_recognisable, stretch_crop
 from passerby.perception.own_networks import IMAGENET, PREFIX, own_network
 from passerby.perception.pictures import Picture
 from passerby.perception.reid import BATCH, ReidEmbedder
 from passerby.training.network import ReidNetwork
 from passerby.training.options import TrainOptions
-from passerby.training.pictures import as_batch, normalised
+from passerby.training.pictures import as_batch, normalise_pictures
 
 ORIGIN = "trained."
 """How the metadata begin that tell where a network comes from; nothing reads them but people."""
@@ -50,7 +50,7 @@ View = tuple[Picture, Floats]
 
 
 @dataclass(frozen=True)
-class Agreement:
+class ExportAgreement:
     """How far two runs of a network on the same N pictures are apart, in unit vectors."""
 
     pictures: int
@@ -84,9 +84,9 @@ class ExportReport:
     """Of ONNX."""
     dimensions: int
     """Length of a vector."""
-    random: Agreement
+    random: ExportAgreement
     """On pictures of noise."""
-    real: Agreement | None
+    real: ExportAgreement | None
     """On the given pictures; None where there were none."""
     too_small: int = 0
     """Given pictures that are too small for any embedder to tell something from them; they were left out."""
@@ -142,7 +142,7 @@ def export_network(
     """
     exported = copy.deepcopy(network).to("cpu", torch.float32).eval()
     given = [(picture, _whole(picture)) for picture in pictures or ()]
-    large = [view for view in given if tellable(*view).all()]
+    large = [view for view in given if is_recognisable(*view).all()]
     noise = _noise(options)
     size = (options.width, options.height)
     expected = [torch_vectors(exported, size, views) for views in (noise, large) if views]
@@ -167,11 +167,13 @@ def torch_vectors(network: ReidNetwork, size: tuple[int, int], views: Sequence[V
     The network must be in evaluation mode. Raises `InputError` where it gives numbers that are not finite.
     """
     device = next(network.parameters()).device
-    crops = [stretched(picture, box, size) for picture, boxes in views for box in boxes]
+    crops = [stretch_crop(picture, box, size) for picture, boxes in views for box in boxes]
     parts = []
     with torch.inference_mode():
         for start in range(0, len(crops), BATCH):
-            parts.append(network.embed(normalised(as_batch(crops[start : start + BATCH]).to(device))).double().cpu().numpy())
+            parts.append(
+                network.embed(normalise_pictures(as_batch(crops[start : start + BATCH]).to(device))).double().cpu().numpy()
+            )
     raw = np.concatenate(parts)
     if not np.isfinite(raw).all():
         raise InputError("the network gives numbers that are not finite: its training has failed; export an earlier checkpoint")
@@ -179,7 +181,7 @@ def torch_vectors(network: ReidNetwork, size: tuple[int, int], views: Sequence[V
     return np.asarray(np.where(length > 0, raw / np.where(length > 0, length, 1.0), 0.0), dtype=np.float32)
 
 
-def agreement(reference: Vectors, found: Vectors) -> Agreement:
+def compare_outputs(reference: Vectors, found: Vectors) -> ExportAgreement:
     """How far unit vectors (N, D) are from the reference ones (N, D) of the same N pictures; N at least 1."""
     a, b = reference.astype(np.float64), found.astype(np.float64)
     largest_swap = 0.0
@@ -189,15 +191,15 @@ def agreement(reference: Vectors, found: Vectors) -> Agreement:
         ranked = distance[order]
         largest_swap = max(largest_swap, float((np.maximum.accumulate(ranked) - ranked).max()))
     cosine = float((a * b).sum(axis=1).min())
-    return Agreement(len(a), float(np.abs(a - b).max()), min(cosine, 1.0), largest_swap)
+    return ExportAgreement(len(a), float(np.abs(a - b).max()), min(cosine, 1.0), largest_swap)
 
 
-def _compared(expected: Vectors, embedder: ReidEmbedder, views: Sequence[View], place: str) -> Agreement:
+def _compared(expected: Vectors, embedder: ReidEmbedder, views: Sequence[View], place: str) -> ExportAgreement:
     """The agreement of what PyTorch gave with what the file gives; raises `InputError` where there is none.
 
     `place` begins the error: which network, on what.
     """
-    result = agreement(expected, np.concatenate([embedder(picture, boxes) for picture, boxes in views]))
+    result = compare_outputs(expected, np.concatenate([embedder(picture, boxes) for picture, boxes in views]))
     if result.largest_difference > MAX_DIFFERENCE:
         raise InputError(
             f"{place}, the ONNX file gives other vectors than PyTorch: they differ by {result.largest_difference:.2g}, more "

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from passerby.core.observations import Vectors
-from passerby.perception.crops import stretched
+from passerby.perception.crops import stretch_crop
 from passerby.perception.own_networks import IMAGENET
 from passerby.perception.pictures import Picture
 from passerby.training.crops import CropSet
@@ -24,7 +24,7 @@ def load_picture(path: Path, size: tuple[int, int]) -> Picture:
     """(H, W, 3) BGR, a picture file stretched to `size`, its width and height. Raises `InputError` where it cannot be read."""
     picture = read_picture(path)
     height, width = picture.shape[:2]
-    return stretched(picture, np.array([0.0, 0.0, width, height]), size)
+    return stretch_crop(picture, np.array([0.0, 0.0, width, height]), size)
 
 
 def as_batch(pictures: Sequence[Picture]) -> Tensor:
@@ -32,7 +32,7 @@ def as_batch(pictures: Sequence[Picture]) -> Tensor:
     return torch.from_numpy(np.stack(pictures))
 
 
-def normalised(batch: Tensor) -> Tensor:
+def normalise_pictures(batch: Tensor) -> Tensor:
     """(N, 3, H, W) of float, RGB, normalised as ImageNet's pictures, from (N, H, W, 3) of uint8, BGR."""
     mean = torch.tensor(IMAGENET.mean, device=batch.device)
     std = torch.tensor(IMAGENET.std, device=batch.device)
@@ -48,7 +48,7 @@ def embed_all(network: ReidNetwork, crops: CropSet, options: TrainOptions, batch
     with torch.no_grad():
         for start in range(0, len(crops), batch):
             pictures = [load_picture(path, (options.width, options.height)) for path in crops.paths[start : start + batch]]
-            vectors = network.embed(normalised(as_batch(pictures).to(device)))
+            vectors = network.embed(normalise_pictures(as_batch(pictures).to(device)))
             found.append(functional.normalize(vectors.float(), dim=1).cpu().numpy())
     return np.concatenate(found)
 

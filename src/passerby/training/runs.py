@@ -15,7 +15,7 @@ from passerby.common.progress import Progress, silent
 from passerby.core.observations import Vectors
 from passerby.evaluation.retrieval import RetrievalScore
 from passerby.training.checkpoints import Checkpoint, load_checkpoint
-from passerby.training.crops import CropSet, DataSet, mixed
+from passerby.training.crops import CropSet, DataSet, mix_sets
 from passerby.training.curves import EpochRecord, TrainingLog, write_curves
 from passerby.training.embedding import leave_one_out, score_crops
 from passerby.training.export import ExportReport, export_network
@@ -48,10 +48,10 @@ def course(sets: Sequence[DataSet], options: TrainOptions) -> Course:
 
     Raises `InputError` where no set has anybody to learn from.
     """
-    learnt = mixed([one.train for one in sets])
+    learnt = mix_sets([one.train for one in sets])
     if not len(learnt):
         raise InputError(f"{', '.join(one.name for one in sets)}: nobody to learn from: give data with a training part")
-    query, gallery = mixed([one.query for one in sets]), mixed([one.gallery for one in sets])
+    query, gallery = mix_sets([one.query for one in sets]), mix_sets([one.gallery for one in sets])
     if len(query):
         return Course(learnt, query, gallery, f"{len(query)} pictures searched among {len(gallery)}")
     held = round(options.hold_out * len(learnt.people))
@@ -117,7 +117,7 @@ def export_run(run: Path, path: Path, sets: Sequence[DataSet] = ()) -> ExportRep
     Raises `InputError` as `load_checkpoint` and `export_network`.
     """
     checkpoint = load_checkpoint(run)
-    crops = mixed([part for one in sets for part in (one.query, one.gallery, one.train)])
+    crops = mix_sets([part for one in sets for part in (one.query, one.gallery, one.train)])
     rows = np.unique(np.linspace(0, max(len(crops) - 1, 0), min(len(crops), COMPARED_PICTURES)).astype(np.int64))
     pictures = decoded_pictures(crops.take(rows)) if len(crops) else None
     origin = {**checkpoint.origin, "backbone": checkpoint.options.backbone, "epochs": str(checkpoint.epoch)}

@@ -1,8 +1,8 @@
 """People of a calibrated scene, cut out of its videos, of whom the geometry is sure: labels that nobody had to give.
 
 A calibration finds out who is who. What it found is checked here once more, by the rig itself and without looks: see
-`agreement` and `sure_spans`. What remains is right nearly always, which matters more than how much it is: training with the
-hardest pairs makes most of every wrong label.
+`verify_boxes` and `pseudo_labels`. What remains is right nearly always, which matters more than how much it is: training with
+the hardest pairs makes most of every wrong label.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent
 from passerby.people.ground_positions import Places, places_of
 from passerby.scene.scene import Scene
-from passerby.training.agreement import ALONE, AMBIGUOUS, BEHIND, MISFIT, NEAR, REASONS, SURE, Agreement, agreement
+from passerby.training.agreement import ALONE, AMBIGUOUS, BEHIND, MISFIT, NEAR, REASONS, SURE, GeometricAgreement, verify_boxes
 from passerby.training.calibrated import CalibratedScene, read_calibrated
 from passerby.training.crops import CropSet
 from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
 from passerby.training.data.cutting import WantedCrops, cut_crops
-from passerby.training.sure_spans import SureSpans, sure_spans
+from passerby.training.sure_spans import PseudoLabels, pseudo_labels
 
 FEWEST_PEOPLE, FEWEST_CROPS = 4, 100
 """Less does not tell a network how people differ."""
@@ -71,10 +71,10 @@ def scene_people(
     tell("reading")
     calibrated = read_calibrated(out, scene)
     tell("checking who is who")
-    body_m = calibrated.scene.scale.person_height_m
-    places = places_of(calibrated.rig, calibrated.boxes, calibrated.clocks, body_m)
-    agreed = agreement(places)
-    spans = sure_spans(places, agreed)
+    person_height_m = calibrated.scene.scale.person_height_m
+    places = places_of(calibrated.rig, calibrated.boxes, calibrated.clocks, person_height_m)
+    agreed = verify_boxes(places)
+    spans = pseudo_labels(places, agreed)
     wanted = [
         _wanted(calibrated, number, name, places, spans)
         for number, name in enumerate(calibrated.rig.names)
@@ -106,7 +106,7 @@ def scene_people(
     return ScenePeople(calibrated.scene, crops, figures, (*_notes(out, calibrated), *cut.notes))
 
 
-def _wanted(calibrated: CalibratedScene, number: int, name: str, places: Places, spans: SureSpans) -> WantedCrops:
+def _wanted(calibrated: CalibratedScene, number: int, name: str, places: Places, spans: PseudoLabels) -> WantedCrops:
     """The boxes of a camera to be cut: sure, clear, and spread over the time of each span."""
     boxes = calibrated.boxes[name]
     span = np.full(len(boxes), -1)
@@ -131,7 +131,7 @@ def _share_apart(crops: CropSet) -> float:
     return float(crops.apart.sum() / (n * (n - 1))) if crops.apart is not None and n > 1 else 0.0
 
 
-def _figures(calibrated: CalibratedScene, places: Places, agreed: Agreement, spans: SureSpans) -> dict[str, Any]:
+def _figures(calibrated: CalibratedScene, places: Places, agreed: GeometricAgreement, spans: PseudoLabels) -> dict[str, Any]:
     """What became of the boxes at the instants that were looked at."""
     identified = places.identity >= 0
     kept = spans.span >= 0

@@ -16,7 +16,17 @@ from passerby.association.sampling import first_of
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import UNKNOWN
 from passerby.people.ground_positions import Places
-from passerby.training.agreement import AMBIGUOUS, BEHIND, DISPUTED, MISFIT, NEAR, NEAR_M, SURE, Agreement, pairs_within
+from passerby.training.agreement import (
+    AMBIGUOUS,
+    BEHIND,
+    DISPUTED,
+    MISFIT,
+    NEAR,
+    NEAR_M,
+    SURE,
+    GeometricAgreement,
+    pairs_within,
+)
 
 LONGEST_GAP_S = 0.6
 """For longer nobody is taken to have kept a label unseen, unless pictures are farther apart. With a second, 24 of 1394 boxes
@@ -38,7 +48,7 @@ FEWEST_TOGETHER = 3
 
 
 @dataclass(frozen=True, eq=False)
-class SureSpans:
+class PseudoLabels:
     """S people, each a span of one identity; N boxes."""
 
     span: Ints
@@ -55,7 +65,7 @@ class SureSpans:
     """(S,)"""
 
 
-def sure_spans(places: Places, agreed: Agreement) -> SureSpans:
+def pseudo_labels(places: Places, agreed: GeometricAgreement) -> PseudoLabels:
     """Cut the boxes that are sure into spans of one identity each.
 
     Args:
@@ -83,10 +93,10 @@ def sure_spans(places: Places, agreed: Agreement) -> SureSpans:
     number = np.array([1 + np.count_nonzero(identity[:k] == who) for k, who in enumerate(identity)], dtype=np.int64)
     seen = np.unique(np.column_stack([span, places.camera])[span >= 0], axis=0)
     n_cameras = np.bincount(seen[:, 0], minlength=len(kept)).astype(np.int64)
-    return SureSpans(span, identity, number, ends, _apart(agreed, group_span, len(kept)), n_cameras)
+    return PseudoLabels(span, identity, number, ends, _apart(agreed, group_span, len(kept)), n_cameras)
 
 
-def _spans(step_s: float, agreed: Agreement) -> Ints:
+def _spans(step_s: float, agreed: GeometricAgreement) -> Ints:
     """(G,) a number for each run of sure instants of one identity between which nothing can have happened; else -1."""
     sure = np.flatnonzero(agreed.sure & ~agreed.near)
     if not len(sure):
@@ -105,7 +115,7 @@ def _spans(step_s: float, agreed: Agreement) -> Ints:
     return spans
 
 
-def _met_unseen(agreed: Agreement, first: Ints, second: Ints) -> NDArray[np.bool_]:
+def _met_unseen(agreed: GeometricAgreement, first: Ints, second: Ints) -> NDArray[np.bool_]:
     """(K,) whether somebody else is near the straight way of a person from one sure instant to the next, unsure in between."""
     missing = agreed.step[second] - agreed.step[first] - 1
     gap = np.repeat(np.arange(len(first)), missing)
@@ -129,7 +139,7 @@ def _met_unseen(agreed: Agreement, first: Ints, second: Ints) -> NDArray[np.bool
     return met
 
 
-def _beside_doubt(places: Places, agreed: Agreement) -> NDArray[np.bool_]:
+def _beside_doubt(places: Places, agreed: GeometricAgreement) -> NDArray[np.bool_]:
     """(N,) boxes of an identity within `DOUBT_S` of a doubtful one of the same camera: labels slip before it is noticed."""
     order = np.lexsort((places.step, places.camera, places.identity))
     order = order[places.identity[order] != UNKNOWN]
@@ -146,7 +156,7 @@ def _beside_doubt(places: Places, agreed: Agreement) -> NDArray[np.bool_]:
     return beside
 
 
-def _without_passing(span: Ints, places: Places, agreed: Agreement) -> Ints:
+def _without_passing(span: Ints, places: Places, agreed: GeometricAgreement) -> Ints:
     """The spans without cameras that saw them for a moment only, without instants in one camera, and without short ones."""
     span = _in_two_cameras(span, places)
     rows = np.flatnonzero(span >= 0)
@@ -178,7 +188,7 @@ def _in_two_cameras(span: Ints, places: Places) -> Ints:
     return np.where(np.concatenate([enough, of_nobody])[span, places.camera], span, -1)
 
 
-def _apart(agreed: Agreement, group_span: Ints, n_spans: int) -> NDArray[np.bool_]:
+def _apart(agreed: GeometricAgreement, group_span: Ints, n_spans: int) -> NDArray[np.bool_]:
     """(S, S) spans with common instants at most of which they are far from each other."""
     rows = np.flatnonzero(group_span >= 0)
     rows = rows[np.argsort(agreed.step[rows], kind="stable")]

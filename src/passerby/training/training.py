@@ -25,7 +25,7 @@ from torch.utils.data import DataLoader, Dataset
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.interchange.storage.atomic import write_text
-from passerby.training.augmentation import varied
+from passerby.training.augmentation import augment
 from passerby.training.backbones import open_backbone
 from passerby.training.checkpoints import CHECKPOINT, Checkpoint, load_checkpoint, save_checkpoint
 from passerby.training.crops import CropSet
@@ -33,7 +33,7 @@ from passerby.training.curves import EpochRecord
 from passerby.training.losses import Loss, ReidLoss
 from passerby.training.network import ReidNetwork
 from passerby.training.options import TrainOptions
-from passerby.training.pictures import load_picture, normalised
+from passerby.training.pictures import load_picture, normalise_pictures
 from passerby.training.sampling import BatchSampler, Draw
 
 RUN_FILE = "run.toml"
@@ -72,7 +72,7 @@ class _Pictures(Dataset[tuple[Tensor, int]]):
         row, epoch, place = draw
         picture = load_picture(self._crops.paths[row], (self._options.width, self._options.height))
         rng = np.random.default_rng((self._options.seed, epoch, place))
-        return torch.from_numpy(varied(picture, self._options, rng)), int(self._crops.person[row])
+        return torch.from_numpy(augment(picture, self._options, rng)), int(self._crops.person[row])
 
 
 def train(
@@ -213,7 +213,7 @@ class _Training:
                 group["lr"] = rate
             self._optimizer.zero_grad(set_to_none=True)
             with self._accelerator.autocast():
-                answers = self._model(normalised(pictures))
+                answers = self._model(normalise_pictures(pictures))
             loss: Loss = self._loss(answers, person)
             values = torch.stack([loss.total, loss.identity, loss.triplet]).detach().double().cpu().numpy()
             if not np.isfinite(values).all():

@@ -38,7 +38,7 @@ def lens_with(*coefficients, fisheye=False, matrix=MATRIX):
 )
 def test_the_simplest_model_that_holds_a_lens(coefficients, first):
     losses = Losses()
-    lens, model = lm.expressed(Camera("C", lens_with(*coefficients)), PINHOLES, losses)
+    lens, model = lm.express_lens(Camera("C", lens_with(*coefficients)), PINHOLES, losses)
     assert model is first
     assert losses.told == ()
     rays = np.random.default_rng(0).uniform((-0.6, -0.35, 1), (0.6, 0.35, 1), (50, 3))
@@ -46,15 +46,15 @@ def test_the_simplest_model_that_holds_a_lens(coefficients, first):
 
 
 def test_a_fisheye_is_no_pinhole_nor_the_other_way_round():
-    assert lm.held(lens_with(fisheye=True), lm.TILTED_14) is None
-    assert lm.held(lens_with(), lm.FISHEYE) is None
+    assert lm.reduce_to_model(lens_with(fisheye=True), lm.TILTED_14) is None
+    assert lm.reduce_to_model(lens_with(), lm.FISHEYE) is None
 
 
 def test_unequal_focal_lengths_and_a_middle_elsewhere_are_no_small_thing():
-    assert lm.held(lens_with(), replace(lm.PINHOLE, one_focal=True)) is None
-    assert lm.held(lens_with(), replace(lm.PINHOLE, centred=True)) is None
+    assert lm.reduce_to_model(lens_with(), replace(lm.PINHOLE, one_focal=True)) is None
+    assert lm.reduce_to_model(lens_with(), replace(lm.PINHOLE, centred=True)) is None
     square = np.array([[900.0, 0, 639.5], [0, 900, 359.5], [0, 0, 1]])
-    assert lm.held(lens_with(matrix=square), replace(lm.PINHOLE, one_focal=True, centred=True)) is not None
+    assert lm.reduce_to_model(lens_with(matrix=square), replace(lm.PINHOLE, one_focal=True, centred=True)) is not None
 
 
 def fine_error(lens, other):
@@ -80,7 +80,7 @@ def test_the_told_error_is_true_of_any_lens(seed, model):
         lens_with(*rng.normal(0, (0.02, 0.01, 0.003, 0.001)), fisheye=True, matrix=fisheye),
     ):
         losses = Losses()
-        found, _ = lm.expressed(Camera("C", lens), (model,), losses)
+        found, _ = lm.express_lens(Camera("C", lens), (model,), losses)
         stated = float(re.search(r"up to ([\d.e+-]+) px off", losses.told[0])[1])
         assert fine_error(lens, found) <= stated
         if model.one_focal:
@@ -114,7 +114,7 @@ def test_a_rational_model_that_divides_by_zero_in_the_picture_is_no_fit():
 
 def test_a_lens_without_any_ray_is_an_error():
     with pytest.raises(InputError, match=r"camera C: its lens .* cannot even be fitted"):
-        lm.expressed(Camera("C", lens_with(-3.0, 0, 0, 0, matrix=np.diag([30.0, 30, 1]))), (lm.PINHOLE,), Losses())
+        lm.express_lens(Camera("C", lens_with(-3.0, 0, 0, 0, matrix=np.diag([30.0, 30, 1]))), (lm.PINHOLE,), Losses())
 
 
 @pytest.mark.parametrize(("pixels", "told"), [(0.0123, "0.013"), (1.0, "1.1"), (123.4, "130"), (9.85, "10"), (0, "1e-09")])

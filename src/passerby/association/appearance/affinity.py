@@ -8,21 +8,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from passerby.association.appearance.discriminability import (
-    Usefulness,
-    appearance_llr,
-    camera_usefulness,
-    different_similarities,
-    pair_usefulness,
+    Discriminability,
+    appearance_log_likelihood_ratios,
+    between_camera_discriminability,
+    similarities_of_different_people,
+    within_camera_discriminability,
 )
-from passerby.association.appearance.embeddings import TrackletFeatures, Votes, match_boxes, tracklet_features, votes
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.appearance.embeddings import TrackletFeatures, Votes, count_votes, match_boxes, tracklet_features
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import Boxes
 
 
 @dataclass(frozen=True, eq=False)
-class CameraLooks:
+class CameraAffinity:
     """One camera's tracklets as they look, thinned to the grid of time."""
 
     boxes: Boxes
@@ -32,44 +32,44 @@ class CameraLooks:
     features: TrackletFeatures
     different: Floats
     """Similarities of people who are surely two."""
-    usefulness: Usefulness | None
+    usefulness: Discriminability | None
     n_tracklets: int
 
 
 @dataclass(frozen=True, eq=False)
-class PairLooks:
+class PairAffinity:
     """What looks say of two cameras."""
 
-    likeness: Floats
+    affinity: Floats
     """(T_a, T_b) log-likelihood ratio of being one person, by tracklet numbers."""
-    usefulness: Usefulness | None
+    usefulness: Discriminability | None
     votes: Votes
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class AppearanceAffinity:
     """The looks of all cameras; None for a camera without embeddings."""
 
-    cameras: tuple[CameraLooks | None, ...]
-    pairs: dict[tuple[int, int], PairLooks] = field(default_factory=dict)
+    cameras: tuple[CameraAffinity | None, ...]
+    pairs: dict[tuple[int, int], PairAffinity] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, cameras: Sequence[PreparedCamera], rng: np.random.Generator) -> Looks | None:
+    def of(cls, cameras: Sequence[CameraTracklets], rng: np.random.Generator) -> AppearanceAffinity | None:
         """The looks of the cameras' tracklets; None where fewer than two cameras have embeddings."""
         found = tuple(_camera_looks(camera, rng) for camera in cameras)
-        if sum(looks is not None for looks in found) < 2:
+        if sum(appearance is not None for appearance in found) < 2:
             return None
-        looks = cls(found)
+        appearance = cls(found)
         for a in range(len(found)):
             for b in range(a + 1, len(found)):
                 pair = _pair_looks(found[a], found[b], rng)
                 if pair is not None:
-                    looks.pairs[a, b] = pair
-        return looks
+                    appearance.pairs[a, b] = pair
+        return appearance
 
-    def likeness(self) -> dict[tuple[int, int], Floats]:
+    def affinity(self) -> dict[tuple[int, int], Floats]:
         """The pairs whose looks tell anything."""
-        return {key: pair.likeness for key, pair in self.pairs.items() if pair.likeness.any()}
+        return {key: pair.affinity for key, pair in self.pairs.items() if pair.affinity.any()}
 
     def features_of(self, a: int, b: int) -> tuple[TrackletFeatures, TrackletFeatures]:
         """The features of a pair that has looks."""
@@ -79,12 +79,12 @@ class Looks:
         return first.features, second.features
 
 
-def _camera_looks(camera: PreparedCamera, rng: np.random.Generator) -> CameraLooks | None:
+def _camera_looks(camera: CameraTracklets, rng: np.random.Generator) -> CameraAffinity | None:
     boxes = camera.seen.boxes
     if boxes.embedding is None or not len(boxes):
         return None
     features = tracklet_features(boxes, rng)
-    useful = camera_usefulness(boxes, rng)
+    useful = within_camera_discriminability(boxes, rng)
     seconds = camera.clock.seconds(boxes.frame)
     step = np.round(seconds / STEP_S)
     # The nearest box of each tracklet to each grid time.
@@ -94,20 +94,25 @@ def _camera_looks(camera: PreparedCamera, rng: np.random.Generator) -> CameraLoo
     first[1:] = (np.diff(key, axis=0) != 0).any(axis=1)
     rows = np.sort(order[first & (key[:, 0] >= 0)])
     thinned = replace(boxes.take(rows), embedding=None)
-    return CameraLooks(
-        thinned, step[rows].astype(np.int64), features, different_similarities(thinned, features), useful, camera.n_tracklets
+    return CameraAffinity(
+        thinned,
+        step[rows].astype(np.int64),
+        features,
+        similarities_of_different_people(thinned, features),
+        useful,
+        camera.n_tracklets,
     )
 
 
-def _pair_looks(a: CameraLooks | None, b: CameraLooks | None, rng: np.random.Generator) -> PairLooks | None:
+def _pair_looks(a: CameraAffinity | None, b: CameraAffinity | None, rng: np.random.Generator) -> PairAffinity | None:
     if a is None or b is None:
         return None
     columns = a.boxes, b.boxes, a.features, b.features, a.instants, b.instants
-    useful = pair_usefulness(*columns, rng)
-    counted = votes(*columns, match_boxes(*columns))
-    ratio = appearance_llr(
+    useful = between_camera_discriminability(*columns, rng)
+    counted = count_votes(*columns, match_boxes(*columns))
+    ratio = appearance_log_likelihood_ratios(
         a.features, b.features, np.concatenate([a.different, b.different]), useful.weight if useful else 0.0, counted.together
     )
-    likeness = np.zeros((a.n_tracklets, b.n_tracklets))
-    likeness[np.ix_(a.features.tracklet, b.features.tracklet)] = ratio
-    return PairLooks(likeness, useful, counted)
+    affinity = np.zeros((a.n_tracklets, b.n_tracklets))
+    affinity[np.ix_(a.features.tracklet, b.features.tracklet)] = ratio
+    return PairAffinity(affinity, useful, counted)

@@ -2,10 +2,10 @@
 
 A re-identification network gives numbers for any picture, also where everybody wears the same vest. What can be known for sure:
 two halves of one tracklet are the same person, and two tracklets that one camera sees at one instant are two. *Within a camera*
-(`camera_usefulness`) that settles whether the embeddings tell people apart at all. It says nothing of whether a second camera
-finds the same differences (a background, a seat in the light can be as personal as a face), so *between two cameras*
-(`pair_usefulness`) a second question is asked: has somebody in one camera a counterpart in the other that stands out more than
-among people who are surely not the same?
+(`within_camera_discriminability`) that settles whether the embeddings tell people apart at all. It says nothing of whether a
+second camera finds the same differences (a background, a seat in the light can be as personal as a face), so *between two
+cameras* (`between_camera_discriminability`) a second question is asked: has somebody in one camera a counterpart in the other
+that stands out more than among people who are surely not the same?
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from passerby.association.appearance.embeddings import (
     SAMPLES,
     TrackletFeatures,
     common_presence,
+    normalise,
     presence,
-    sightings,
     similarities,
     tracklet_features,
-    unit,
+    tracklet_presence,
     without_camera_bias,
 )
 from passerby.common.arrays import Floats, Ints
@@ -46,7 +46,7 @@ _FIT_SAMPLE, _FIT_ROUNDS = 20_000, 60
 
 
 @dataclass(frozen=True)
-class Usefulness:
+class Discriminability:
     """The probability that looks decide a comparison with a known answer rightly; 0.5 is chance."""
 
     probability: float
@@ -59,14 +59,14 @@ class Usefulness:
         return float(np.clip(2.0 * (self.probability - 3.0 * self.sigma) - 1.0, 0.0, 1.0))
 
 
-def _usefulness(wins: Floats, independent: float) -> Usefulness | None:
+def _usefulness(wins: Floats, independent: float) -> Discriminability | None:
     if independent < _MIN_COMPARISONS:
         return None
     sigma = max(float(wins.std()), 0.5 / np.sqrt(len(wins))) / np.sqrt(independent)
-    return Usefulness(float(wins.mean()), float(sigma), len(wins))
+    return Discriminability(float(wins.mean()), float(sigma), len(wins))
 
 
-def camera_usefulness(boxes: Boxes, rng: np.random.Generator, samples: int = SAMPLES) -> Usefulness | None:
+def within_camera_discriminability(boxes: Boxes, rng: np.random.Generator, samples: int = SAMPLES) -> Discriminability | None:
     """Whether the looks tell one camera's people apart.
 
     The probability that the first third of a tracklet looks more like its own last third than like that of another tracklet
@@ -86,7 +86,7 @@ def camera_usefulness(boxes: Boxes, rng: np.random.Generator, samples: int = SAM
     if not usable.any():
         return None
     middle = (early.feature[usable].mean(axis=0) + late.feature[usable].mean(axis=0)) / 2
-    first, last = unit(early.feature - middle), unit(late.feature - middle)
+    first, last = normalise(early.feature - middle), normalise(late.feature - middle)
     usable_only = TrackletFeatures(early.tracklet, np.where(usable[:, None], early.feature, 0.0), early.n)
     i, j = _seen_together(boxes, usable_only)
     own = np.einsum("td,td->t", first, last)[i]
@@ -99,7 +99,7 @@ def camera_usefulness(boxes: Boxes, rng: np.random.Generator, samples: int = SAM
 
 def _seen_together(boxes: Boxes, features: TrackletFeatures) -> tuple[Ints, Ints]:
     """(P,), (P,) rows of two tracklets of known looks that one camera saw at one instant; each pair in both orders."""
-    _, tracklet, frame = sightings(boxes, features, boxes.frame)
+    _, tracklet, frame = tracklet_presence(boxes, features, boxes.frame)
     frames, at = np.unique(frame, return_inverse=True)
     seen = presence(tracklet, at, (len(frames), len(features.tracklet)))
     together = coo_array(seen.T @ seen)
@@ -107,7 +107,7 @@ def _seen_together(boxes: Boxes, features: TrackletFeatures) -> tuple[Ints, Ints
     return i[i != j], j[i != j]
 
 
-def different_similarities(boxes: Boxes, features: TrackletFeatures, centre: bool = True) -> Floats:
+def similarities_of_different_people(boxes: Boxes, features: TrackletFeatures, centre: bool = True) -> Floats:
     """(P,) cosines between tracklets that are surely two people: one camera saw them at one instant.
 
     Args:
@@ -121,7 +121,7 @@ def different_similarities(boxes: Boxes, features: TrackletFeatures, centre: boo
     return np.asarray(np.einsum("pd,pd->p", vectors[i[once]], vectors[j[once]]))
 
 
-def pair_usefulness(
+def between_camera_discriminability(
     a: Boxes,
     b: Boxes,
     features_a: TrackletFeatures,
@@ -130,7 +130,7 @@ def pair_usefulness(
     instants_b: Ints,
     rng: np.random.Generator,
     centre: bool = True,
-) -> Usefulness | None:
+) -> Discriminability | None:
     """Whether two cameras see the same looks.
 
     One instant of every tracklet is drawn. There, the tracklet's best match in the other camera stands out from the second
@@ -205,14 +205,14 @@ def _random_choice(mask: Mask, count: Ints | int, rng: np.random.Generator) -> M
     return np.asarray(mask & (rank < np.reshape(count, (-1, 1))))
 
 
-def _margin(looks: Floats, candidates: Floats, mask: Mask) -> Floats:
+def _margin(appearance: Floats, candidates: Floats, mask: Mask) -> Floats:
     """(R,) by how much the most similar of the allowed candidates (R, K, D) to looks (R, D) exceeds the second."""
-    similarity = np.where(mask, np.einsum("rd,rkd->rk", looks, candidates), -np.inf)
+    similarity = np.where(mask, np.einsum("rd,rkd->rk", appearance, candidates), -np.inf)
     best = np.partition(similarity, -2, axis=1)[:, -2:]
     return np.asarray(best[:, 1] - best[:, 0])
 
 
-def appearance_llr(
+def appearance_log_likelihood_ratios(
     features_a: TrackletFeatures,
     features_b: TrackletFeatures,
     different: Floats,
@@ -230,8 +230,9 @@ def appearance_llr(
     Args:
         features_a: looks of a's tracklets.
         features_b: looks of b's tracklets.
-        different: (P,) from `different_similarities` of both cameras.
-        weight: of `pair_usefulness` (`Usefulness.weight`; 0 where it is None): 0 gives zeros, 0.2 and more the full ratio.
+        different: (P,) from `similarities_of_different_people` of both cameras.
+        weight: of `between_camera_discriminability` (`Usefulness.weight`; 0 where it is None): 0 gives zeros, 0.2 and more the
+        full ratio.
         together: (T_a, T_b) `Votes.together`: the fit is made on tracklets that were seen at one instant; None: on all.
         centre: take each camera's mean feature off first.
     """

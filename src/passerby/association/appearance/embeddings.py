@@ -66,7 +66,7 @@ class Votes:
     """(T_a, T_b) number of instants at which both were seen."""
 
 
-def unit(vectors: Floats) -> Floats:
+def normalise(vectors: Floats) -> Floats:
     """(..., D) vectors of length one; what is next to nothing becomes zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.where(length > 1e-6, vectors / np.maximum(length, 1e-6), 0.0)
@@ -99,7 +99,7 @@ def tracklet_features(
         has = np.flatnonzero(chunk < chunks)
         low, high = chunk * n[has] // chunks[has], (chunk + 1) * n[has] // chunks[has]
         total[has] += embedding[rows[start[has] + rng.integers(low, high)]]
-    return TrackletFeatures(tracklets, unit(total), n)
+    return TrackletFeatures(tracklets, normalise(total), n)
 
 
 def without_camera_bias(features: TrackletFeatures) -> TrackletFeatures:
@@ -116,7 +116,7 @@ def without_camera_bias(features: TrackletFeatures) -> TrackletFeatures:
     if not known.any():
         return features
     centred = np.where(known[:, None], features.feature - features.feature[known].mean(axis=0), 0.0)
-    return TrackletFeatures(features.tracklet, unit(centred), features.n)
+    return TrackletFeatures(features.tracklet, normalise(centred), features.n)
 
 
 def similarities(a: TrackletFeatures, b: TrackletFeatures, centre: bool = True) -> Floats:
@@ -134,7 +134,7 @@ def similarities(a: TrackletFeatures, b: TrackletFeatures, centre: bool = True) 
     return np.asarray(a.feature @ b.feature.T)
 
 
-def sightings(boxes: Boxes, features: TrackletFeatures, instants: Ints) -> tuple[Ints, Ints, Ints]:
+def tracklet_presence(boxes: Boxes, features: TrackletFeatures, instants: Ints) -> tuple[Ints, Ints, Ints]:
     """The boxes that can be compared: those of tracklets with known looks, one per tracklet and instant.
 
     Returns:
@@ -172,8 +172,8 @@ def match_boxes(
         centre: take each camera's mean feature off first (the paper does not).
     """
     distance = np.sqrt(np.maximum(2.0 - 2.0 * similarities(features_a, features_b, centre), 0.0))
-    rows_a, tracklet_a, when_a = sightings(a, features_a, instants_a)
-    rows_b, tracklet_b, when_b = sightings(b, features_b, instants_b)
+    rows_a, tracklet_a, when_a = tracklet_presence(a, features_a, instants_a)
+    rows_b, tracklet_b, when_b = tracklet_presence(b, features_b, instants_b)
     common = np.intersect1d(when_a, when_b)
     from_a, to_a = np.searchsorted(when_a, common), np.searchsorted(when_a, common, side="right")
     from_b, to_b = np.searchsorted(when_b, common), np.searchsorted(when_b, common, side="right")
@@ -200,8 +200,8 @@ def common_presence(
     a: Boxes, b: Boxes, features_a: TrackletFeatures, features_b: TrackletFeatures, instants_a: Ints, instants_b: Ints
 ) -> tuple[csr_array, csr_array]:
     """(I, T_a) and (I, T_b) sparse: who is seen at each of the I instants at which both cameras see somebody of known looks."""
-    _, tracklet_a, when_a = sightings(a, features_a, instants_a)
-    _, tracklet_b, when_b = sightings(b, features_b, instants_b)
+    _, tracklet_a, when_a = tracklet_presence(a, features_a, instants_a)
+    _, tracklet_b, when_b = tracklet_presence(b, features_b, instants_b)
     common = np.intersect1d(when_a, when_b)
     out = []
     for tracklet, when, features in ((tracklet_a, when_a, features_a), (tracklet_b, when_b, features_b)):
@@ -211,7 +211,7 @@ def common_presence(
     return out[0], out[1]
 
 
-def votes(
+def count_votes(
     a: Boxes,
     b: Boxes,
     features_a: TrackletFeatures,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.ground.ground_tracks import Tolerance, ground_tracks
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
@@ -67,7 +67,7 @@ class Drift:
         return abs(self.rate) > SIGMAS * self.sigma and abs(self.seconds) > LEAST_S
 
 
-def drift_findings(cameras: Sequence[PreparedCamera], drifts: Mapping[int, Drift]) -> tuple[list[str], list[str]]:
+def drift_findings(cameras: Sequence[CameraTracklets], drifts: Mapping[int, Drift]) -> tuple[list[str], list[str]]:
     """What is told of drifting clocks: sentences that speak against the rig, and sentences that do not.
 
     Args:
@@ -94,7 +94,7 @@ def _sentence(name: str, fps: float, drift: Drift) -> str:
 
 
 def clock_drifts(
-    cameras: Sequence[PreparedCamera], poses: Sequence[Pose | None], person: Sequence[Ints], offset_s: Floats
+    cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None], person: Sequence[Ints], offset_s: Floats
 ) -> dict[int, Drift]:
     """The drift of each registered camera against the median of all; empty where too few people walk to tell, or where fewer
     than two cameras are registered, as after a refused solve.
@@ -140,7 +140,7 @@ _STRIDE = 1 << 32
 _UNKNOWNS, _ROUNDS = 8, 8
 
 
-def _view(camera: PreparedCamera, pose: Pose, person: Ints, offset_s: float) -> _View:
+def _view(camera: CameraTracklets, pose: Pose, person: Ints, offset_s: float) -> _View:
     level = Level(pose.R_cw[:, 2], float(pose.centre[2]), 0.0)
     tracks = ground_tracks(camera.bodies, level, TOLERANCE)
     turn = pose.R_cw.T @ level.R_lc.T

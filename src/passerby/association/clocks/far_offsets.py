@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.association.ground.cooccurrence import TrackPair, encounters
+from passerby.association.ground.cooccurrence import TrackPair, find_synchronous_pairs
 from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.association.ground.hough import SAME_LAG_S
 from passerby.association.ground.pair_matching import WALKING
@@ -39,7 +39,7 @@ def far_registration(a: GroundTracks, b: GroundTracks, beyond_s: float, alone_be
         alone_below: the best registration at any other lag must have less than this share of its score.
     """
     found: list[Registration] = []
-    for lag in likely_lags(TrackPair(a, b), beyond_s):
+    for lag in find_lag_candidates(TrackPair(a, b), beyond_s):
         near = register_pair(0, 1, a, replace(b, step=b.step - lag), SAME_LAG_S)
         if near.candidates and near.runner_up < alone_below:
             best = near.candidates[0]
@@ -52,7 +52,7 @@ def far_registration(a: GroundTracks, b: GroundTracks, beyond_s: float, alone_be
     return found[0]
 
 
-def likely_lags(tracks: TrackPair, beyond_s: float) -> list[int]:
+def find_lag_candidates(tracks: TrackPair, beyond_s: float) -> list[int]:
     """The lags with most votes, in grid steps, the best first, none near another; none of `beyond_s` seconds or less."""
     least = int(LEAST_OVERLAP_S / STEP_S)
     low, high = tracks.b.step[0] - tracks.a.step[-1] + least, tracks.b.step[-1] - tracks.a.step[0] - least
@@ -72,7 +72,7 @@ def likely_lags(tracks: TrackPair, beyond_s: float) -> list[int]:
 
 def _votes(tracks: TrackPair, lag: int, most_instants: int) -> float:
     """The most votes that any motion has at a lag."""
-    met = encounters(tracks, lag, most_instants, 1)
+    met = find_synchronous_pairs(tracks, lag, most_instants, 1)
     if not len(met):
         return 0.0
     velocity_a, velocity_b = tracks.a.velocity[met.a], tracks.b.velocity[met.b]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.camera_tracklets import PreparedCamera, prepare_camera
+from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock, Observations
@@ -31,7 +31,7 @@ UNKNOWN_RATE = 10.0
 """Where nobody walks."""
 
 
-def assumed_rate(rig: Rig, observations: Observations, body_m: float, rng: np.random.Generator) -> float:
+def estimate_frame_rate(rig: Rig, observations: Observations, person_height_m: float, rng: np.random.Generator) -> float:
     """Frames per second at which the people of all cameras walk as people do.
 
     Detections are tracked at several rates; that counts which comes nearest to what it finds.
@@ -39,21 +39,21 @@ def assumed_rate(rig: Rig, observations: Observations, body_m: float, rng: np.ra
     Args:
         rig: names and lenses.
         observations: frame numbers are counted alike in all cameras.
-        body_m: expected standing height, metres.
+        person_height_m: expected standing height, metres.
         rng: draws the people that levels are fitted to.
     """
     best, miss = UNKNOWN_RATE, np.inf
     for chosen in (*TRIALS, None):
         trial = best if chosen is None else chosen
         found = rate_of_walkers(
-            [prepare_camera(camera, observations[camera.name], Clock(trial), body_m, rng) for camera in rig]
+            [build_camera_tracklets(camera, observations[camera.name], Clock(trial), person_height_m, rng) for camera in rig]
         )
         if found is not None and abs(np.log(found / trial)) < miss:
             best, miss = found, abs(np.log(found / trial))
     return best
 
 
-def rate_of_walkers(cameras: Sequence[PreparedCamera]) -> float | None:
+def rate_of_walkers(cameras: Sequence[CameraTracklets]) -> float | None:
     """Frames per second by the people's pace; None where too few people walk to tell.
 
     Displacements over more and more frames are followed until they are far enough to be a walk.
@@ -76,7 +76,7 @@ def rate_of_walkers(cameras: Sequence[PreparedCamera]) -> float | None:
     return None if rate is None else float(np.clip(rate, SLOWEST, FASTEST))
 
 
-def _walks(camera: PreparedCamera) -> tuple[Ints, Ints, NDArray[np.complex128]]:
+def _walks(camera: CameraTracklets) -> tuple[Ints, Ints, NDArray[np.complex128]]:
     """(N,) tracklets, frames and places on the camera's own ground, metres; tracklet after tracklet."""
     if camera.level is None:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0, np.complex128)

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import chdtri
 
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.solution import Solution
-from passerby.core.synchronisation import common_instants
+from passerby.core.synchronisation import resample_to_common_steps
 
 WHOLE_SIGMA = 0.12
 """Largest sigma of an offset, in frames, at which its being whole says something: three of them on either side are most of a
@@ -22,28 +22,26 @@ BY_CHANCE = 0.95
 """Offsets count as whole frames unless they stray from them more than in 95 of 100 recordings that are."""
 
 
-def clocks_with(cameras: Sequence[PreparedCamera], offset_s: Floats) -> dict[str, Clock]:
+def clocks_with(cameras: Sequence[CameraTracklets], offset_s: Floats) -> dict[str, Clock]:
     """The cameras' clocks, by name, with offsets (C,) in seconds."""
     return {
         camera.name: replace(camera.clock, offset_s=float(offset)) for camera, offset in zip(cameras, offset_s, strict=True)
     }
 
 
-def at_common_instants(
-    rig: Rig, cameras: Sequence[PreparedCamera], observations: Observations, offset_s: Floats
-) -> Observations:
-    """People at instants that all cameras share (see `common_instants`), by clocks with offsets (C,) in seconds."""
+def synchronise(rig: Rig, cameras: Sequence[CameraTracklets], observations: Observations, offset_s: Floats) -> Observations:
+    """People at instants that all cameras share (see `resample_to_common_steps`), by clocks with offsets (C,) in seconds."""
     sizes = {camera.name: camera.lens.size for camera in rig}
-    return common_instants(observations, clocks_with(cameras, offset_s), sizes=sizes)
+    return resample_to_common_steps(observations, clocks_with(cameras, offset_s), sizes=sizes)
 
 
-def by_first_registered(offset_s: Floats, rig: Rig | None) -> Floats:
+def relative_to_reference(offset_s: Floats, rig: Rig | None) -> Floats:
     """(C,) the offsets against that of the first registered camera, or of the first where none is."""
     registered = [c for c, camera in enumerate(rig) if camera.pose is not None] if rig is not None else []
     return np.asarray(offset_s - offset_s[registered[0] if registered else 0])
 
 
-def corrections(solution: Solution) -> tuple[Floats, Floats]:
+def clock_corrections(solution: Solution) -> tuple[Floats, Floats]:
     """(C,) the solver's corrections of the offsets, 0 where it has none, and (C,) their sigmas, NaN there; seconds."""
     found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {})
     nothing = {"correction_s": 0.0, "sigma_s": np.nan}
@@ -51,7 +49,7 @@ def corrections(solution: Solution) -> tuple[Floats, Floats]:
     return np.array([row["correction_s"] for row in rows]), np.array([row["sigma_s"] for row in rows])
 
 
-def whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | None:
+def snap_to_whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | None:
     """The offsets in whole frames, where nothing speaks against it; else None.
 
     Cameras with a common trigger, and recordings cut from one, are whole frames apart. Taking them so then spares the solver

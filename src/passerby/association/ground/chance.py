@@ -26,7 +26,7 @@ MOST_AMBIGUOUS = 0.6
 """Of the score: a runner-up of more says enough. Strangers' runner-ups have 0.4 and more."""
 
 
-def surrogates(tracks: GroundTracks, max_lag_s: float) -> Iterator[GroundTracks]:
+def make_surrogates(tracks: GroundTracks, max_lag_s: float) -> Iterator[GroundTracks]:
     """The tracks walked backwards and, where the recording is long enough for that to be another time, half of it late."""
     first, last = int(tracks.step[0]), int(tracks.step[-1])
     yield _timed(tracks, first + last - tracks.step, tracks.tracklet, velocity=-1.0)

@@ -17,7 +17,7 @@ class TrackPair:
 
     a: GroundTracks
     b: GroundTracks
-    likeness: Floats | None = None
+    affinity: Floats | None = None
     """(T_a, T_b) log-likelihood ratio of tracklets showing one person rather than two, from their appearance."""
 
     def instants_of(self, encounters: int) -> int:
@@ -61,7 +61,7 @@ class TrackletPairs:
 
 
 @dataclass(frozen=True, eq=False)
-class Encounters:
+class SynchronousPairs:
     """Every combination of a sample of camera a and a sample of camera b at the same time: N of them."""
 
     tracks: TrackPair
@@ -86,7 +86,7 @@ class Encounters:
         return TrackletPairs(key // n_b, key % n_b, which.ravel())
 
 
-def encounters(tracks: TrackPair, lag: int, most_instants: int | None = None, stretch: int = 1) -> Encounters:
+def find_synchronous_pairs(tracks: TrackPair, lag: int, most_instants: int | None = None, stretch: int = 1) -> SynchronousPairs:
     """Encounters of two cameras.
 
     Args:
@@ -108,4 +108,6 @@ def encounters(tracks: TrackPair, lag: int, most_instants: int | None = None, st
     count = n_a * n_b
     instant = np.repeat(np.arange(len(steps)), count)
     within = np.arange(len(instant)) - np.repeat(np.cumsum(count) - count, count)
-    return Encounters(tracks, lag, low_a[instant] + within // n_b[instant], low_b[instant] + within % n_b[instant], thinned)
+    return SynchronousPairs(
+        tracks, lag, low_a[instant] + within // n_b[instant], low_b[instant] + within % n_b[instant], thinned
+    )

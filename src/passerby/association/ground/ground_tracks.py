@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.sampling import sampled
+from passerby.association.sampling import interpolate_samples
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.single_view import Level
 from passerby.people.upright_rays import Bodies
@@ -110,7 +110,7 @@ def ground_tracks(
     order = np.lexsort((bodies.seconds[use], bodies.tracklet[use]))
     tracklet, seconds = bodies.tracklet[use][order], bodies.seconds[use][order]
     place = (ground[use, 0] + 1j * ground[use, 1])[order]
-    found = sampled(tracklet, seconds, place[:, None], shortest_s=shortest_s, two_suffice=True)
+    found = interpolate_samples(tracklet, seconds, place[:, None], shortest_s=shortest_s, two_suffice=True)
     position, velocity = found.value[:, 0], found.rate[:, 0]
     order = np.argsort(found.step, kind="stable")
     order = order[np.abs(velocity[order]) < FASTEST]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.ground.cooccurrence import TrackPair, encounters
+from passerby.association.ground.cooccurrence import TrackPair, find_synchronous_pairs
 from passerby.association.ground.pair_matching import WALKING, GroundMotion
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Ints
@@ -62,7 +62,7 @@ def _around(difference: int, period: int) -> int:
     return abs((difference + period // 2) % period - period // 2)
 
 
-def likely_motions(tracks: TrackPair, max_lag_s: float, most: int) -> list[GroundMotion]:
+def hough_motion_candidates(tracks: TrackPair, max_lag_s: float, most: int) -> list[GroundMotion]:
     """The motions with most votes, the best first, distinct from each other.
 
     Args:
@@ -123,7 +123,7 @@ class _Voters:
 
 
 def _voters(tracks: TrackPair, lag: int, most_instants: int) -> _Voters:
-    met = encounters(tracks, lag, most_instants)
+    met = find_synchronous_pairs(tracks, lag, most_instants)
     velocity_a, velocity_b = tracks.a.velocity[met.a], tracks.b.velocity[met.b]
     fast_a, fast_b = np.abs(velocity_a), np.abs(velocity_b)
     sd = _VELOCITY_SD * np.maximum(1.0, 0.5 * (fast_a + fast_b))
@@ -131,8 +131,8 @@ def _voters(tracks: TrackPair, lag: int, most_instants: int) -> _Voters:
     # A position that is known poorly smears its vote over many cells.
     reach = np.hypot(tracks.a.sigma[0][met.a], tracks.b.sigma[0][met.b])
     weight = weight / np.maximum(1.0, reach / _CELL_M)
-    if tracks.likeness is not None:
-        weight = weight * np.exp(tracks.likeness[tracks.a.tracklet[met.a], tracks.b.tracklet[met.b]])
+    if tracks.affinity is not None:
+        weight = weight * np.exp(tracks.affinity[tracks.a.tracklet[met.a], tracks.b.tracklet[met.b]])
     use = np.flatnonzero((np.abs(fast_a - fast_b) < 2.5 * sd) & (weight > np.exp(_LEAST_VOICE)))
     # The velocities differ by |turn * velocity_a - velocity_b|, normally distributed; its square is written out.
     along = velocity_a[use] * velocity_b[use].conj() / sd[use] ** 2

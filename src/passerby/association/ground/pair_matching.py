@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.ground.cooccurrence import Encounters
+from passerby.association.ground.cooccurrence import SynchronousPairs
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 
@@ -49,7 +49,7 @@ class GroundMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class Matches:
+class TrackletMatches:
     """Matched tracklets and their encounters."""
 
     rows: Ints
@@ -68,7 +68,7 @@ class Matches:
     """(K,) with the agreement of each match, in samples."""
 
 
-def agreements(met: Encounters, motion: GroundMotion, factor: float = 1.0) -> Floats:
+def agreement_of_pairs(met: SynchronousPairs, motion: GroundMotion, factor: float = 1.0) -> Floats:
     """(N,) how well encounters meet when the tolerances are `factor` times as wide.
 
     1 where the two samples meet, 0 a tolerance apart, -1 beyond.
@@ -86,7 +86,7 @@ def agreements(met: Encounters, motion: GroundMotion, factor: float = 1.0) -> Fl
     return value
 
 
-def _apart(met: Encounters, motion: GroundMotion, rows: Ints | slice) -> NDArray[np.complex128]:
+def _apart(met: SynchronousPairs, motion: GroundMotion, rows: Ints | slice) -> NDArray[np.complex128]:
     """How far camera a's samples come to lie from camera b's, metres."""
     a, b = met.a[rows], met.b[rows]
     tracks_a, tracks_b = met.tracks.a, met.tracks.b
@@ -99,7 +99,7 @@ def _missed(apart: NDArray[np.complex128], whitening: Floats) -> Floats:
     return np.hypot(whitening[:, 0] * apart.real, whitening[:, 1] * apart.real + whitening[:, 2] * apart.imag)
 
 
-def _whitening(met: Encounters, turn: complex, rows: Ints) -> Floats:
+def _whitening(met: SynchronousPairs, turn: complex, rows: Ints) -> Floats:
     """(rows, 3) lower triangles W with `W^T W` the inverse of both positions' joint covariance, along camera b's axes."""
     xx = yy = xy = np.zeros(len(rows))
     for tracks, own, turned in ((met.tracks.a, met.a[rows], turn), (met.tracks.b, met.b[rows], 1.0 + 0.0j)):
@@ -117,17 +117,17 @@ def _whitening(met: Encounters, turn: complex, rows: Ints) -> Floats:
     return np.column_stack([1.0 / first, -xy / xx / second, 1.0 / second])
 
 
-def matches(met: Encounters, motion: GroundMotion, factor: float) -> Matches | None:
+def match_tracklets(met: SynchronousPairs, motion: GroundMotion, factor: float) -> TrackletMatches | None:
     """Tracklets that run together under a motion, the best first; two that overlap in time never share a partner.
 
     None where they have too few samples to tell anything.
     """
     tracks, pairs = met.tracks, met.tracklets
-    agreeing = agreements(met, motion, factor)
+    agreeing = agreement_of_pairs(met, motion, factor)
     weight = pairs.summed(agreeing)
-    likeness = np.zeros(len(pairs)) if tracks.likeness is None else tracks.likeness[pairs.a, pairs.b]
-    good = (weight > _MIN_AGREEMENT * pairs.size) & (pairs.size >= _MIN_SAMPLES) & (weight + likeness > 0)
-    chosen = _exclusive(met, good, weight + likeness)
+    affinity = np.zeros(len(pairs)) if tracks.affinity is None else tracks.affinity[pairs.a, pairs.b]
+    good = (weight > _MIN_AGREEMENT * pairs.size) & (pairs.size >= _MIN_SAMPLES) & (weight + affinity > 0)
+    chosen = _exclusive(met, good, weight + affinity)
     rows = np.flatnonzero(chosen[pairs.of_encounter])
     if len(rows) < _MIN_SAMPLES:
         return None
@@ -135,10 +135,10 @@ def matches(met: Encounters, motion: GroundMotion, factor: float) -> Matches | N
     score = float((agreeing[rows] * np.minimum(1.0, slower / WALKING)).sum())
     whitening = _whitening(met, motion.turn, rows) / factor
     miss = _missed(_apart(met, motion, rows), whitening)
-    return Matches(rows, miss, whitening, score, pairs.a[chosen], pairs.b[chosen], weight[chosen])
+    return TrackletMatches(rows, miss, whitening, score, pairs.a[chosen], pairs.b[chosen], weight[chosen])
 
 
-def _exclusive(met: Encounters, good: NDArray[np.bool_], weight: Floats) -> NDArray[np.bool_]:
+def _exclusive(met: SynchronousPairs, good: NDArray[np.bool_], weight: Floats) -> NDArray[np.bool_]:
     """(P,) which of the good tracklet pairs are kept when the best take their samples first: a sample has one partner."""
     chosen = np.zeros(len(good), dtype=bool)
     taken_a, taken_b = np.zeros(len(met.tracks.a), dtype=bool), np.zeros(len(met.tracks.b), dtype=bool)
@@ -154,7 +154,7 @@ def _exclusive(met: Encounters, good: NDArray[np.bool_], weight: Floats) -> NDAr
     return chosen
 
 
-def fitted_motion(met: Encounters, matched: Matches, start: GroundMotion, *, free_lag: bool) -> GroundMotion | None:
+def fit_motion(met: SynchronousPairs, matched: TrackletMatches, start: GroundMotion, *, free_lag: bool) -> GroundMotion | None:
     """The motion that brings matched samples together: robust linear least squares about a start.
 
     Unknowns are the turn with its scale, the shift and, if it is free, what the lag is more than the encounters' own. A lag

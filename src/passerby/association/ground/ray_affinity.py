@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.association.sampling import STEP_S, first_of, sampled
+from passerby.association.sampling import STEP_S, first_of, interpolate_samples
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.people.upright_rays import Bodies
@@ -47,7 +47,7 @@ class Spread:
 
 
 @dataclass(frozen=True, eq=False)
-class SightTracks:
+class RayTracks:
     """The tracklets of one camera sampled on the grid of time: N samples, sorted by time."""
 
     step: Ints
@@ -62,7 +62,7 @@ class SightTracks:
     pose: Pose
 
 
-def sight_tracks(bodies: Bodies, pose: Pose) -> SightTracks:
+def ray_tracks(bodies: Bodies, pose: Pose) -> RayTracks:
     """Samples of the bodies that belong to a tracklet.
 
     Args:
@@ -76,23 +76,23 @@ def sight_tracks(bodies: Bodies, pose: Pose) -> SightTracks:
     cosine = np.einsum("ni,ni->n", bodies.top[order], bodies.bottom[order])
     size = np.arccos(np.clip(cosine, -1, 1)) / np.maximum(bodies.top_fraction[order] - bodies.bottom_fraction[order], 0.2)
     columns = np.column_stack([ray @ pose.R_cw, np.log(np.maximum(size, 1e-4))])
-    found = sampled(bodies.tracklet[order], bodies.seconds[order], columns)
+    found = interpolate_samples(bodies.tracklet[order], bodies.seconds[order], columns)
     by_time = np.argsort(found.step, kind="stable")
     value, rate = found.value[by_time], found.rate[by_time]
     length = np.linalg.norm(value[:, :3], axis=1, keepdims=True)
-    return SightTracks(
+    return RayTracks(
         found.step[by_time], found.tracklet[by_time], value[:, :3] / length, rate[:, :3] / length, np.exp(value[:, 3]), pose
     )
 
 
-def meetings(a: SightTracks, b: SightTracks, lag_s: float, body_m: float) -> tuple[Ints, Ints, Floats]:
+def pairwise_ray_affinity(a: RayTracks, b: RayTracks, lag_s: float, person_height_m: float) -> tuple[Ints, Ints, Floats]:
     """How well every two tracklets of two cameras run together.
 
     Args:
         a: of the first camera.
         b: of the second camera.
         lag_s: how much more camera b's clock shows.
-        body_m: typical standing height, metres.
+        person_height_m: typical standing height, metres.
 
     Returns:
         (K,) tracklets of camera a, (K,) of camera b, and (K,) the sum over their common samples of 1 (they meet) down to -1.
@@ -104,8 +104,8 @@ def meetings(a: SightTracks, b: SightTracks, lag_s: float, body_m: float) -> tup
     ray_b = b.ray[j] + b.rate[j] * (lag_s - lag * STEP_S)
     spread = Spread()
     for _ in range(2):
-        spread = _learnt(_residuals(a, b, i, j, ray_b, body_m, spread), i, j, spread)
-    cost = _cost(_residuals(a, b, i, j, ray_b, body_m, spread))
+        spread = _learnt(_residuals(a, b, i, j, ray_b, person_height_m, spread), i, j, spread)
+    cost = _cost(_residuals(a, b, i, j, ray_b, person_height_m, spread))
     value = np.maximum(1.0 - cost / AGAINST, -1.0)
     n_b = int(b.tracklet.max()) + 1
     pair, which = np.unique(a.tracklet[i] * n_b + b.tracklet[j], return_inverse=True)
@@ -148,7 +148,7 @@ def _learnt(residuals: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
     )
 
 
-def _residuals(a: SightTracks, b: SightTracks, i: Ints, j: Ints, ray_b: Floats, body_m: float, spread: Spread) -> Floats:
+def _residuals(a: RayTracks, b: RayTracks, i: Ints, j: Ints, ray_b: Floats, person_height_m: float, spread: Spread) -> Floats:
     """(K, 5) what speaks against one person at the best of the three places, in sigmas.
 
     The two rays' misses, the height of the place, and the two sizes.
@@ -161,19 +161,19 @@ def _residuals(a: SightTracks, b: SightTracks, i: Ints, j: Ints, ray_b: Floats, 
         reach_a = (along_a - cosine * along_b) / (1 - cosine**2)
         reach_b = (cosine * along_a - along_b) / (1 - cosine**2)
         nearest = 0.5 * (from_a + reach_a[:, None] * ray_a + from_b + reach_b[:, None] * ray_b)
-        level = from_a + ((0.5 * body_m - from_a[2]) / ray_a[:, 2])[:, None] * ray_a
-    sized = from_a + (body_m / a.size[i])[:, None] * ray_a
+        level = from_a + ((0.5 * person_height_m - from_a[2]) / ray_a[:, 2])[:, None] * ray_a
+    sized = from_a + (person_height_m / a.size[i])[:, None] * ray_a
     best = np.full((len(i), 5), 1e3)
     for place in (nearest, level, sized):
         found = np.empty((len(i), 5))
-        found[:, 2] = (place[:, 2] - 0.5 * body_m) / spread.height_m
+        found[:, 2] = (place[:, 2] - 0.5 * person_height_m) / spread.height_m
         for k, (centre, ray, size) in enumerate(((from_a, ray_a, a.size[i]), (from_b, ray_b, b.size[j]))):
             to = place - centre
             reach = np.linalg.norm(to, axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
                 sine = np.linalg.norm(np.cross(ray, to), axis=1) / reach
                 found[:, k] = sine / np.hypot(spread.middle * size, MIDDLE_FLOOR_RAD)
-                found[:, 3 + k] = np.log(reach * size / body_m) / spread.size
+                found[:, 3 + k] = np.log(reach * size / person_height_m) / spread.size
             found[np.einsum("ki,ki->k", ray, to) <= 0, k] = 1e3
         found = np.where(np.isfinite(found), found, 1e3)
         better = _cost(found) < _cost(best)

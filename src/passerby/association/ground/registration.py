@@ -13,11 +13,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from passerby.association.ground.chance import CLEAR_OF_CHANCE, CLEAR_SCORE, CLEAR_SHARE, MOST_AMBIGUOUS, surrogates
-from passerby.association.ground.cooccurrence import Encounters, TrackPair, encounters
+from passerby.association.ground.chance import CLEAR_OF_CHANCE, CLEAR_SCORE, CLEAR_SHARE, MOST_AMBIGUOUS, make_surrogates
+from passerby.association.ground.cooccurrence import SynchronousPairs, TrackPair, find_synchronous_pairs
 from passerby.association.ground.ground_tracks import GroundTracks
-from passerby.association.ground.hough import SAME_LAG_S, SAME_SHIFT_M, SAME_TURN, likely_motions
-from passerby.association.ground.pair_matching import GroundMotion, Matches, agreements, fitted_motion, matches
+from passerby.association.ground.hough import SAME_LAG_S, SAME_SHIFT_M, SAME_TURN, hough_motion_candidates
+from passerby.association.ground.pair_matching import (
+    GroundMotion,
+    TrackletMatches,
+    agreement_of_pairs,
+    fit_motion,
+    match_tracklets,
+)
 from passerby.association.sampling import STEP_S, first_of
 from passerby.common.arrays import Floats, Ints
 
@@ -99,7 +105,7 @@ class PairRegistration:
 
 
 def register_pair(
-    a: int, b: int, tracks_a: GroundTracks, tracks_b: GroundTracks, max_lag_s: float, likeness: Floats | None = None
+    a: int, b: int, tracks_a: GroundTracks, tracks_b: GroundTracks, max_lag_s: float, affinity: Floats | None = None
 ) -> PairRegistration:
     """Register two cameras by their ground tracks.
 
@@ -109,16 +115,16 @@ def register_pair(
         tracks_a: tracks of the first camera, in its own levelled frame and clock.
         tracks_b: tracks of the second camera.
         max_lag_s: largest difference of the two clocks that is searched for; 0 takes them as in step.
-        likeness: (T_a, T_b) log-likelihood ratio of tracklets (by their numbers) showing one person rather than two, from their
+        affinity: (T_a, T_b) log-likelihood ratio of tracklets (by their numbers) showing one person rather than two, from their
             appearance; None where nothing is known.
     """
     if not len(tracks_a) or not len(tracks_b):
         return PairRegistration(a, b, ())
-    tracks = TrackPair(tracks_a, tracks_b, likeness)
+    tracks = TrackPair(tracks_a, tracks_b, affinity)
     found = PairRegistration(a, b, _guesses(tracks, max_lag_s, tracks_a))
     if not found.candidates or found.candidates[0].share >= BELIEVED_SHARE or found.runner_up > MOST_AMBIGUOUS:
         return found
-    chance = [_guesses(TrackPair(tracks_a, other, None), max_lag_s, tracks_a) for other in surrogates(tracks_b, max_lag_s)]
+    chance = [_guesses(TrackPair(tracks_a, other, None), max_lag_s, tracks_a) for other in make_surrogates(tracks_b, max_lag_s)]
     return replace(found, by_chance=max((guesses[0].score for guesses in chance if guesses), default=0.0))
 
 
@@ -128,10 +134,10 @@ def _guesses(tracks: TrackPair, max_lag_s: float, tracks_a: GroundTracks) -> tup
 
     # Guesses mostly share a few lags; what is kept for one may be large.
     @lru_cache(maxsize=3)
-    def met_at(lag: int) -> Encounters:
-        return encounters(tracks, lag, most_instants, _STRETCH)
+    def met_at(lag: int) -> SynchronousPairs:
+        return find_synchronous_pairs(tracks, lag, most_instants, _STRETCH)
 
-    found = [_refined(met_at, start, max_lag_s) for start in likely_motions(tracks, max_lag_s, _CANDIDATES)]
+    found = [_refined(met_at, start, max_lag_s) for start in hough_motion_candidates(tracks, max_lag_s, _CANDIDATES)]
     ranked = sorted((guess for guess in found if guess is not None), key=lambda guess: -guess.merit)
     distinct: list[Registration] = []
     for guess in ranked:
@@ -140,14 +146,14 @@ def _guesses(tracks: TrackPair, max_lag_s: float, tracks_a: GroundTracks) -> tup
     return tuple(distinct)
 
 
-def _refined(met_at: Callable[[int], Encounters], start: GroundMotion, max_lag_s: float) -> Registration | None:
+def _refined(met_at: Callable[[int], SynchronousPairs], start: GroundMotion, max_lag_s: float) -> Registration | None:
     """Alternate between matching tracklets and the least-squares motion, from tolerant to strict."""
     motion, latest = start, max_lag_s + STEP_S
     found: Registration | None = None
     for factor in _TOLERANCES:
         met = met_at(round(motion.lag_s / STEP_S))
-        matched = matches(met, motion, factor)
-        fitted = None if matched is None else fitted_motion(met, matched, motion, free_lag=max_lag_s > 0)
+        matched = match_tracklets(met, motion, factor)
+        fitted = None if matched is None else fit_motion(met, matched, motion, free_lag=max_lag_s > 0)
         if matched is None or fitted is None:
             return None
         motion = GroundMotion(fitted.turn, fitted.shift, float(np.clip(fitted.lag_s, -latest, latest)))
@@ -155,7 +161,7 @@ def _refined(met_at: Callable[[int], Encounters], start: GroundMotion, max_lag_s
     return found
 
 
-def _registration(met: Encounters, matched: Matches, motion: GroundMotion) -> Registration:
+def _registration(met: SynchronousPairs, matched: TrackletMatches, motion: GroundMotion) -> Registration:
     middle = complex(np.mean(met.tracks.a.position[met.a[matched.rows]]))
     share = _share(met, matched, motion)
     return Registration(
@@ -164,7 +170,7 @@ def _registration(met: Encounters, matched: Matches, motion: GroundMotion) -> Re
     )  # fmt: skip
 
 
-def _share(met: Encounters, matched: Matches, motion: GroundMotion) -> float:
+def _share(met: SynchronousPairs, matched: TrackletMatches, motion: GroundMotion) -> float:
     """How much of what should be seen by both cameras is: the clearest sign of a right motion, however crowded it is."""
     found = expected = 0
     sides = (
@@ -190,7 +196,7 @@ def _same(guess: Registration, other: Registration, tracks_a: GroundTracks) -> b
     return bool(apart < SAME_SHIFT_M and turned < SAME_TURN and abs(guess.lag_s - other.lag_s) < SAME_LAG_S)
 
 
-def agreement(
+def score_motion(
     tracks_a: GroundTracks, tracks_b: GroundTracks, turn: complex, shift: complex, lag_s: float
 ) -> tuple[Ints, Ints, Floats, Ints]:
     """How well every two tracklets of two cameras run together under a motion.
@@ -202,15 +208,15 @@ def agreement(
         (K,) tracklets of camera a, (K,) tracklets of camera b, (K,) the sum over their common samples of the agreement (1 where
         they meet, 0 a tolerance apart, -1 beyond), and (K,) the number of these samples.
     """
-    met = encounters(TrackPair(tracks_a, tracks_b), round(lag_s / STEP_S))
+    met = find_synchronous_pairs(TrackPair(tracks_a, tracks_b), round(lag_s / STEP_S))
     motion = GroundMotion(turn, shift, lag_s)
-    value = agreements(met, motion, _WIDEST)
+    value = agreement_of_pairs(met, motion, _WIDEST)
     usual = _usual_miss(met, value)
-    value = agreements(met, motion, float(np.clip(usual / _USUAL_MISS, 1.0, _WIDEST)))
+    value = agreement_of_pairs(met, motion, float(np.clip(usual / _USUAL_MISS, 1.0, _WIDEST)))
     return met.tracklets.a, met.tracklets.b, met.tracklets.summed(value), met.tracklets.size
 
 
-def _usual_miss(met: Encounters, value: Floats) -> float:
+def _usual_miss(met: SynchronousPairs, value: Floats) -> float:
     """The median miss, in tolerances, of samples that are each other's nearest; 0 where there are too few.
 
     Args:

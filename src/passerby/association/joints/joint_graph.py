@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.association.associate import SAMPLE_WORTH, Pairs, Tracklets
-from passerby.association.camera_tracklets import PreparedCamera
+from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.graph import ViewGraph
 from passerby.association.joints.joint_pairs import JointRegistration, SamePerson, register_joints
 from passerby.association.joints.joint_tracks import GRID_S, JointTracks
@@ -45,7 +45,7 @@ class JointJob:
     rng: np.random.Generator
 
 
-def registered_by_joints(
+def register_by_joints(
     joints: Sequence[JointTracks], graph: ViewGraph, rng: np.random.Generator, executor: Executor | None, tell: Progress
 ) -> list[JointRegistration]:
     """Register the cameras that tracks leave apart.
@@ -73,14 +73,14 @@ def registered_by_joints(
         for (a, b), own in zip(wanted, rng.spawn(len(wanted)), strict=True)
     ]
     found = side_by_side(_registered, jobs, executor, tell, "joints of pairs")
-    return agreeing([registration for registration in found if registration is not None], len(joints))
+    return consistent_registrations([registration for registration in found if registration is not None], len(joints))
 
 
 def _registered(job: JointJob) -> JointRegistration | None:
     return register_joints(job.a, job.b, job.in_a, job.in_b, job.rng, job.lag_steps)
 
 
-def agreeing(registrations: Sequence[JointRegistration], n_cameras: int) -> list[JointRegistration]:
+def consistent_registrations(registrations: Sequence[JointRegistration], n_cameras: int) -> list[JointRegistration]:
     """The same, where two ways between cameras contradict each other the worse no longer `used`, or neither."""
     out = list(registrations)
     while True:
@@ -125,7 +125,7 @@ def _contradicts(one: JointRegistration, way: dict[int, Way]) -> bool:
     return bool(angle_between(one.R_ba @ way[one.a][1], way[one.b][1]) > CONTRADICTION)
 
 
-def joined_graph(graph: ViewGraph, registrations: Sequence[JointRegistration]) -> ViewGraph:
+def add_joint_edges(graph: ViewGraph, registrations: Sequence[JointRegistration]) -> ViewGraph:
     """The view graph with the groups that used registrations join as one, their clocks with them."""
     if not any(one.used for one in registrations):
         return graph
@@ -143,7 +143,7 @@ def joined_graph(graph: ViewGraph, registrations: Sequence[JointRegistration]) -
     return replace(graph, groups=ordered, offset_s=offset_s)
 
 
-def joined_by_joints(cameras: Sequence[PreparedCamera], registrations: Sequence[JointRegistration]) -> list[str]:
+def joined_by_joints(cameras: Sequence[CameraTracklets], registrations: Sequence[JointRegistration]) -> list[str]:
     """A sentence where cameras were joined by joints: their clocks were not searched for."""
     joined = sorted({c for one in registrations if one.used for c in (one.a, one.b)})
     if not joined:
@@ -164,7 +164,7 @@ def known_pairs(tracklets: Tracklets, registrations: Sequence[JointRegistration]
     return np.array(i, dtype=np.int64), np.array(j, dtype=np.int64), np.array(weight, dtype=np.float64)
 
 
-def mirrored_tracklets(tracklets: Tracklets, registrations: Sequence[JointRegistration]) -> Bools:
+def find_mirrored_tracklets(tracklets: Tracklets, registrations: Sequence[JointRegistration]) -> Bools:
     """(T,) in which tracklets left and right are exchanged: the fewer ones of each person."""
     edges = [
         (int(tracklets.first[one.a]) + person.i, int(tracklets.first[one.b]) + person.j, person)
@@ -189,15 +189,15 @@ def _worth(person: SamePerson) -> float:
     return person.score * person.seconds
 
 
-def joint_hypothesis(one: JointRegistration, a: PreparedCamera, b: PreparedCamera, body_m: float) -> PairHypothesis:
-    """The registration in metres, as far as its people are as tall as `body_m`."""
+def joint_hypothesis(one: JointRegistration, a: CameraTracklets, b: CameraTracklets, person_height_m: float) -> PairHypothesis:
+    """The registration in metres, as far as its people are as tall as `person_height_m`."""
     lengths = [_body_lengths(one, a, b, person) for person in one.people]
     found = np.concatenate([*lengths, np.zeros(0)])
-    scale = body_m / float(np.quantile(found, BODY_QUANTILE)) if len(found) else body_m
+    scale = person_height_m / float(np.quantile(found, BODY_QUANTILE)) if len(found) else person_height_m
     return PairHypothesis(one.a, one.b, one.R_ba, scale * one.t_ba, "joints", one.joints, one.joints)
 
 
-def _body_lengths(one: JointRegistration, a: PreparedCamera, b: PreparedCamera, person: SamePerson) -> Floats:
+def _body_lengths(one: JointRegistration, a: CameraTracklets, b: CameraTracklets, person: SamePerson) -> Floats:
     """(N,) length of a whole body in units of the baseline, wherever both cameras saw it at one time."""
     in_a, in_b = (camera.bodies.take(camera.bodies.tracklet == t) for camera, t in ((a, person.i), (b, person.j)))
     if not len(in_a) or not len(in_b):

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.association.joints.joint_tracks import GRID_S, JointTracks, mirrored
+from passerby.association.joints.joint_tracks import GRID_S, JointTracks, mirrored_order
 from passerby.common.arrays import Bools, Floats
 from passerby.common.errors import EvidenceError
 from passerby.geometry.rotations import angle_between, direction_angle
@@ -168,7 +168,7 @@ def _common(
     at_a, at_b = at_a[pick] + rows_a.start, at_b[pick] + rows_b.start
     rays_b, found_b = in_b.rays[at_b], in_b.found[at_b]
     if swap:
-        order = mirrored(in_b.names)
+        order = mirrored_order(in_b.names)
         rays_b, found_b = rays_b[:, order], found_b[:, order]
     size = 0.5 * float(np.median(in_a.size[at_a]) + np.median(in_b.size[at_b]))
     return _Common(in_a.rays[at_a], rays_b, in_a.found[at_a] & found_b, size, seconds), (in_a.found[at_a], found_b)

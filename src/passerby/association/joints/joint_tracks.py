@@ -101,7 +101,7 @@ def _on_grid(tracklet: Ints, at: Floats) -> tuple[Ints, Floats, Ints]:
     return before, share, step
 
 
-def mirrored(names: tuple[str, ...]) -> Ints:
+def mirrored_order(names: tuple[str, ...]) -> Ints:
     """(J,) each joint's place after left and right have changed sides."""
     place = {name: index for index, name in enumerate(names)}
     swap = {"left": "right", "right": "left"}
@@ -112,13 +112,13 @@ def mirrored(names: tuple[str, ...]) -> Ints:
     return np.array(out, dtype=np.int64)
 
 
-def unmirrored(keypoints: Keypoints, exchanged: Bools) -> Keypoints:
+def swap_left_and_right(keypoints: Keypoints, exchanged: Bools) -> Keypoints:
     """The joints with left and right set right in the tracklets (T,) where they are exchanged."""
     rows = keypoints.identity > UNKNOWN
     rows[rows] = exchanged[keypoints.identity[rows]]
     if not rows.any():
         return keypoints
-    order = mirrored(keypoints.joints)
+    order = mirrored_order(keypoints.joints)
     xy, score = keypoints.xy.copy(), keypoints.score.copy()
     xy[rows], score[rows] = xy[rows][:, order], score[rows][:, order]
     return replace(keypoints, xy=xy, score=score)

@@ -33,7 +33,7 @@ HALF = 4
 
 
 @dataclass(frozen=True)
-class Resemblance:
+class EmbeddingSimilarity:
     """Cosines between a box and the sum of a tracklet's earlier embeddings: mean and standard deviation of either kind."""
 
     same: tuple[float, float]
@@ -64,7 +64,7 @@ class Resemblance:
         return np.asarray(np.where(length > 0, np.clip(ratio, -strongest, strongest), 0.0))
 
 
-def measure_resemblance(boxes: Boxes) -> Resemblance | None:
+def learn_similarity(boxes: Boxes) -> EmbeddingSimilarity | None:
     """Measure the cosines within tracklets and between tracklets seen at once; None where they tell too little.
 
     Args:
@@ -87,7 +87,7 @@ def measure_resemblance(boxes: Boxes) -> Resemblance | None:
     return _resemblance(same, other, FEWEST)
 
 
-def resemblance_of_halves(early: Floats, late: Floats, long: Mask, one: Ints, two: Ints) -> Resemblance | None:
+def similarity_of_halves(early: Floats, late: Floats, long: Mask, one: Ints, two: Ints) -> EmbeddingSimilarity | None:
     """The same of whole tracklets: either half of one is of one person, halves of two that are seen at once are of two.
 
     Args:
@@ -104,11 +104,11 @@ def resemblance_of_halves(early: Floats, late: Floats, long: Mask, one: Ints, tw
     return _resemblance(_cosines(early[known], late[known]), other, FEWEST_HALVES)
 
 
-def _resemblance(same: Floats, other: Floats, fewest: int) -> Resemblance | None:
+def _resemblance(same: Floats, other: Floats, fewest: int) -> EmbeddingSimilarity | None:
     """Of cosines of either kind; None where they are too few or too alike."""
     if min(len(same), len(other)) < fewest:
         return None
-    found = Resemblance(_centre_and_spread(same), _centre_and_spread(other))
+    found = EmbeddingSimilarity(_centre_and_spread(same), _centre_and_spread(other))
     apart = (found.same[0] - found.other[0]) / np.hypot(found.same[1], found.other[1])
     return found if apart > TELLING else None
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from passerby.association.tracking.embedding_model import Resemblance
+from passerby.association.tracking.embedding_model import EmbeddingSimilarity
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import Boxes, Vectors
 
@@ -84,20 +84,20 @@ class Tracks:
 
 
 def agreed_links(
-    boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, resemblance: Resemblance | None
+    boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None
 ) -> tuple[Ints, Ints]:
     """(L,) and (L,) the rows of boxes and of those that continue them, found forwards and backwards in time alike.
 
     Arguments as of `link`.
     """
-    after = link(boxes, seconds, weak, costs, resemblance)
-    before = link(boxes, -seconds, weak, costs, resemblance)
+    after = link(boxes, seconds, weak, costs, similarity)
+    before = link(boxes, -seconds, weak, costs, similarity)
     here = np.flatnonzero(after >= 0)
     here = here[before[after[here]] == here]
     return here, after[here]
 
 
-def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, resemblance: Resemblance | None) -> Ints:
+def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None) -> Ints:
     """(N,) for every box the row of the box that continues it, -1 where there is none or none beyond doubt.
 
     Args:
@@ -105,17 +105,17 @@ def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, resemblanc
         seconds: (N,) time of each box, equal within a frame; negated times track backwards.
         weak: (N,) boxes that may continue a tracklet but not begin one.
         costs: when a link stands.
-        resemblance: what the embeddings tell; None to leave them out.
+        similarity: what the embeddings tell; None to leave them out.
     """
     following = np.full(len(boxes), -1, dtype=np.int64)
-    everything = first_seen(boxes, seconds, resemblance is not None)
+    everything = first_seen(boxes, seconds, similarity is not None)
     tracks = everything.take(np.zeros(0, dtype=np.int64))
     order = np.argsort(seconds, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(seconds[order])) + 1) if len(order) else ():
         now, seen = seconds[rows[0]], everything.take(rows)
         tracks = tracks.take(now - tracks.time <= costs.max_gap_s * (1 + 1e-9))
         predicted = predict(tracks, now)
-        gain = _gains(tracks, predicted, seen, weak[rows], costs, resemblance)
+        gain = _gains(tracks, predicted, seen, weak[rows], costs, similarity)
         of_track, of_box, clear = _decide(gain, costs.margin)
         sure = clear & (tracks.row[of_track] >= 0)
         following[tracks.row[of_track[sure]]] = rows[of_box[sure]]
@@ -162,7 +162,7 @@ def predict(tracks: Tracks, now: float | Floats) -> Tracks:
 
 
 def _gains(
-    tracks: Tracks, predicted: Tracks, seen: Tracks, weak: Mask, costs: LinkCosts, resemblance: Resemblance | None
+    tracks: Tracks, predicted: Tracks, seen: Tracks, weak: Mask, costs: LinkCosts, similarity: EmbeddingSimilarity | None
 ) -> Floats:
     """(T, D) how much likelier each link is than leaving both unlinked, as -2 log likelihood: negative, or 0 for no link."""
     height = np.exp(tracks.shape[:, 0])[:, None]
@@ -173,8 +173,8 @@ def _gains(
     reshaped = ((seen.shape - tracks.shape[:, None]) / SHAPE_SD) ** 2
     cost = (TAIL + 2) * np.log1p(apart / TAIL) + 2 * np.log(2 * np.pi * variance)
     cost = cost + (TAIL + 1) * np.log1p(reshaped / TAIL).sum(axis=-1) + np.where(weak, WEAK_COST, 0.0)
-    if resemblance is not None:
-        cost = cost + resemblance.cost(tracks.appearance, seen.appearance)
+    if similarity is not None:
+        cost = cost + similarity.cost(tracks.appearance, seen.appearance)
     return np.asarray(np.where(possible, np.minimum(cost - costs.unlinked, 0.0), 0.0))
 
 

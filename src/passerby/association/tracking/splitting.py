@@ -35,7 +35,7 @@ the appearance of one who turns round moves by less."""
 
 @dataclass(frozen=True)
 class SplittingOptions:
-    """Options of `split`. Raises `InputError` for a value out of range."""
+    """Options of `split_tracklets`. Raises `InputError` for a value out of range."""
 
     max_gap_s: float = 1.0
     """Longest time between two boxes of a tracklet; at low frame rates neighbouring samples always hold together."""
@@ -62,7 +62,7 @@ def sample_interval_s(frame: Ints, fps: float) -> float:
     return sampling_step(frame) / fps
 
 
-def split(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> Boxes:
+def split_tracklets(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> Boxes:
     """Split the tracklets of one camera where they may change person.
 
     Args:
@@ -98,13 +98,13 @@ def split(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> 
     return replace(boxes, identity=identity)
 
 
-def continuations(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> tuple[Ints, Ints]:
+def find_continuations(boxes: Boxes, fps: float, options: SplittingOptions | None = None) -> tuple[Ints, Ints]:
     """Tracklets of one camera that go on as another one, beyond doubt: a user's tracker lost the person for a moment.
 
     Args:
         boxes: boxes with tracklet numbers; -1 belongs to none.
         fps: frames per second of the frame numbers.
-        options: as for `split`.
+        options: as for `split_tracklets`.
 
     Returns:
         (K,) tracklets and (K,) those that continue them.

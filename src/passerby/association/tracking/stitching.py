@@ -17,8 +17,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from passerby.association.correlation_clustering import overlapping
-from passerby.association.tracking.embedding_model import HALF, resemblance_of_halves
+from passerby.association.correlation_clustering import find_overlaps
+from passerby.association.tracking.embedding_model import HALF, similarity_of_halves
 from passerby.association.tracking.linking import SHAPE_SD, START_SPEED_SD, TAIL, Tracks, first_seen, predict, update
 from passerby.association.tracking.matching import clear_matches
 from passerby.association.tracking.splitting import sample_interval_s
@@ -38,8 +38,8 @@ ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class MendingOptions:
-    """Options of `mend`. Raises `InputError` for a value out of range."""
+class StitchingOptions:
+    """Options of `stitch_tracklets`. Raises `InputError` for a value out of range."""
 
     max_gap_s: float = 4.0
     """Longest time out of sight; by then a walker may be anywhere within two body heights, and looks must tell."""
@@ -53,7 +53,7 @@ class MendingOptions:
                 raise InputError(f"mending of tracklets: {name} = {value} is out of range: give a number above 0")
 
 
-def mend(boxes: Boxes, fps: float, options: MendingOptions | None = None) -> Boxes:
+def stitch_tracklets(boxes: Boxes, fps: float, options: StitchingOptions | None = None) -> Boxes:
     """Join the tracklets of one camera that are most likely one person who was out of sight for a moment.
 
     Args:
@@ -65,7 +65,7 @@ def mend(boxes: Boxes, fps: float, options: MendingOptions | None = None) -> Box
         The same rows in the same order; a tracklet has the number of the one that it continues. Raises `InputError` for an fps
         that is not above 0.
     """
-    options = options or MendingOptions()
+    options = options or StitchingOptions()
     sample_interval_s(boxes.frame, fps)  # refuses a wrong fps
     # Sorted by all that a box is, so that the order of the rows decides nothing.
     order = np.lexsort((*boxes.ltwh.T, boxes.frame, boxes.identity))
@@ -90,10 +90,10 @@ def mend(boxes: Boxes, fps: float, options: MendingOptions | None = None) -> Box
     return replace(boxes, identity=identity)
 
 
-def successions(boxes: Boxes, fps: float, options: MendingOptions | None = None) -> tuple[Ints, Ints]:
+def find_stitches(boxes: Boxes, fps: float, options: StitchingOptions | None = None) -> tuple[Ints, Ints]:
     """The same as pairs of tracklets: (K,) tracklets and (K,) those that go on where they end."""
     rows = np.flatnonzero(boxes.identity != UNKNOWN)
-    mended = mend(boxes, fps, options).identity[rows]
+    mended = stitch_tracklets(boxes, fps, options).identity[rows]
     tracklets = np.unique(np.column_stack([boxes.identity[rows], mended]), axis=0)
     begin = np.full(len(tracklets), np.iinfo(np.int64).max)
     np.minimum.at(begin, np.searchsorted(tracklets[:, 0], boxes.identity[rows]), boxes.frame[rows])
@@ -119,7 +119,7 @@ class _Ends:
         return cls(replace(first, velocity=-first.velocity), last, -first.time, last.time)
 
 
-def _links(boxes: Boxes, fps: float, options: MendingOptions) -> tuple[Ints, Ints]:
+def _links(boxes: Boxes, fps: float, options: StitchingOptions) -> tuple[Ints, Ints]:
     """Tracklets (K,) and those (K,) that continue them; all are numbered from 0 without a gap."""
     ends = _Ends.of(boxes, boxes.frame / fps)
     before, after = _candidates(ends.begin_s, ends.end_s, options.max_gap_s)
@@ -203,8 +203,8 @@ def _look_cost(boxes: Boxes, ends: _Ends, before: Ints, after: Ints) -> Floats:
     sums = np.add.reduceat(boxes.embedding[order], places, axis=0, dtype=np.float64)
     late = np.cumsum(1 + long) - 1
     early = np.where(long[:, None], sums[np.maximum(late - 1, 0)], 0.0)
-    one, two = overlapping(ends.begin_s, ends.end_s, 0.0)
-    found = resemblance_of_halves(early, sums[late], long, one, two)
+    one, two = find_overlaps(ends.begin_s, ends.end_s, 0.0)
+    found = similarity_of_halves(early, sums[late], long, one, two)
     if found is None:
         return np.zeros(len(before))
     whole = early + sums[late]

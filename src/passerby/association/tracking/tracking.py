@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from passerby.association.tracking.embedding_model import Resemblance, measure_resemblance
+from passerby.association.tracking.embedding_model import EmbeddingSimilarity, learn_similarity
 from passerby.association.tracking.linking import LinkCosts, agreed_links
-from passerby.association.tracking.splitting import SplittingOptions, sample_interval_s, split
+from passerby.association.tracking.splitting import SplittingOptions, sample_interval_s, split_tracklets
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes
@@ -81,18 +81,20 @@ def track(boxes: Boxes, fps: float, options: TrackingOptions | None = None) -> B
     part, weak = boxes.take(rows), weak[rows]
     number = _agreed_tracklets(part, weak, fps, costs, None)
     if part.embedding is not None:
-        resemblance = measure_resemblance(replace(part, identity=number))
-        if resemblance is not None:
-            number = _agreed_tracklets(part, weak, fps, costs, resemblance)
-    divided = split(replace(part, identity=number), fps, SplittingOptions(max_gap_s=options.max_gap_s, cross_check=False))
+        similarity = learn_similarity(replace(part, identity=number))
+        if similarity is not None:
+            number = _agreed_tracklets(part, weak, fps, costs, similarity)
+    divided = split_tracklets(
+        replace(part, identity=number), fps, SplittingOptions(max_gap_s=options.max_gap_s, cross_check=False)
+    )
     identity = np.full(len(boxes), UNKNOWN)
     identity[rows] = _renumbered(divided, options.min_boxes)
     return replace(boxes, identity=identity)
 
 
-def _agreed_tracklets(part: Boxes, weak: Mask, fps: float, costs: LinkCosts, resemblance: Resemblance | None) -> Ints:
+def _agreed_tracklets(part: Boxes, weak: Mask, fps: float, costs: LinkCosts, similarity: EmbeddingSimilarity | None) -> Ints:
     """(N,) numbers of the chains of links that are found forwards and backwards alike."""
-    here, there = agreed_links(part, part.frame / fps, weak, costs, resemblance)
+    here, there = agreed_links(part, part.frame / fps, weak, costs, similarity)
     graph = coo_array((np.ones(len(here)), (here, there)), shape=(len(part), len(part)))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 

@@ -26,7 +26,7 @@ from passerby.interchange.output_folder import (
 from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import forget_halves, write_text
 from passerby.interchange.storage.json_text import plain, to_json
-from passerby.interchange.storage.transaction import together
+from passerby.interchange.storage.transaction import transaction
 from passerby.interchange.storage.whole_folder import whole_folder
 
 OLD_FRAME = {"trajectories": "passerby track"}
@@ -54,7 +54,7 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     with_report = (out / REPORT_FILE).is_file()
     old = [name for name in OLD_FRAME if (out / name).exists()]
     if target.resolve() == out.resolve():
-        with together(out, [REPORT_FILE]) as new:
+        with transaction(out, [REPORT_FILE]) as new:
             _write_moved(new, report, aligned)
             forget_halves(out / REPORT_FILE)
         _report_again(with_report, out, tell)

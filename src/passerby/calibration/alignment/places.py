@@ -20,7 +20,7 @@ UNKNOWN_ORIENTATION_DEG = 0.2
 """Of a rig without sigmas."""
 
 
-def sightings(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[KnownPoint, Camera, Floats]], list[str]]:
+def visible_points(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[KnownPoint, Camera, Floats]], list[str]]:
     """Each sighting with its camera and its ray in the rig's world; notes on those that cannot be used."""
     rows, lost = [], dict[str, int]()
     for point in points:

@@ -17,7 +17,7 @@ from passerby.scene.world_files import _files
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class AlignedSolution:
     """A solution in the frame that the scene wants."""
 
     rig: Rig
@@ -26,7 +26,7 @@ class Placed:
     findings: tuple[str, ...] = ()
 
 
-def set_world(rig: Rig, wanted: WorldTable) -> Aligned:
+def align_rig(rig: Rig, wanted: WorldTable) -> Aligned:
     """The rig in the wanted frame; paths as they can be opened.
 
     Raises:
@@ -47,20 +47,20 @@ def set_world(rig: Rig, wanted: WorldTable) -> Aligned:
     return align_to_camera(rig, wanted.camera, wanted.towards)
 
 
-def in_world(scene: Scene, solution: Solution) -> Placed:
+def align_to_scene(scene: Scene, solution: Solution) -> AlignedSolution:
     """A solution in the frame that the scene wants; where that cannot be, in its own frame, with a finding that says so."""
     table = scene.world
     if table is None or not len(solution.rig.posed()):
-        return Placed(solution.rig, solution.figures)
+        return AlignedSolution(solution.rig, solution.figures)
     paths = {key: None if path is None else scene.resolve(path) for key, path in _files(scene).items()}
     wanted = table.model_copy(update=paths)
     try:
-        aligned = set_world(solution.rig, wanted)
+        aligned = align_rig(solution.rig, wanted)
     except (InputError, EvidenceError) as error:
         told = f"{scene.place}: [world]: the rig stays in its own frame, since {error}"
-        return Placed(solution.rig, solution.figures, findings=(told,))
+        return AlignedSolution(solution.rig, solution.figures, findings=(told,))
     findings = tuple(f"{scene.place}: [world]: {note}" for note in aligned.notes)
-    return Placed(aligned.rig, scaled_figures(solution.figures, aligned.motion.scale), aligned.figures, findings)
+    return AlignedSolution(aligned.rig, scaled_figures(solution.figures, aligned.motion.scale), aligned.figures, findings)
 
 
 def scaled_figures(figures: Mapping[str, Any], scale: float) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from passerby.calibration.alignment.places import CLICK_SD_PX, angle_sd, camera_of, local_places, position_sds, sightings
+from passerby.calibration.alignment.places import CLICK_SD_PX, angle_sd, camera_of, local_places, position_sds, visible_points
 from passerby.calibration.alignment.residuals import (
     WEAK_SCALE,
     doubts,
@@ -89,7 +89,7 @@ def align_to_points(
         InputError: a camera that the rig does not have, a pixel outside its picture, left-handed coordinates.
         EvidenceError: the points are too few, or too close together, for what is to be fitted.
     """
-    rows, notes = sightings(rig, points)
+    rows, notes = visible_points(rig, points)
     names = [(point.name, camera.name) for point, camera, _ in rows]
     known = list(dict.fromkeys(point.name for point, _, _ in rows))
     _enough(len(known), [point.xyz for point, _, _ in rows], with_scale, tilt, "point", notes)

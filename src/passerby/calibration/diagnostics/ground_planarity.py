@@ -15,12 +15,12 @@ HARMFUL_M = 0.22
 """A rise that is larger speaks against the rig. PETS2009's lawn and kerbs rise by 0.20 m, which costs the vertical 0.3 deg."""
 
 
-def shape_of(solution: Solution, instants: Observations, body_m: float) -> GroundShape | None:
+def shape_of(solution: Solution, instants: Observations, person_height_m: float) -> GroundShape | None:
     """The shape of the ground by a rig and the people that it was made from; None where too few places tell."""
     if len(solution.rig.posed()) < 2:
         return None
     middles = identified_middles(solution.rig, instants)
-    people = people_without(EVERYBODY, solution.rig, middles, body_m)
+    people = people_without(EVERYBODY, solution.rig, middles, person_height_m)
     return ground_shape(people, instants.fps or USUAL_FPS)
 
 

@@ -52,7 +52,7 @@ class Matched:
     """(K,) row of `own`, ascending."""
     person: Ints
     """(K,) row of `people`."""
-    body_m: float
+    person_height_m: float
     given: bool
     """Whether the sightings' identities are the people's."""
 
@@ -63,16 +63,18 @@ class Matched:
         """The sightings (M,) that are marked."""
         number = np.cumsum(rows) - 1
         kept = rows[self.row]
-        return Matched(self.own.take(rows), self.people, number[self.row[kept]], self.person[kept], self.body_m, self.given)
+        return Matched(
+            self.own.take(rows), self.people, number[self.row[kept]], self.person[kept], self.person_height_m, self.given
+        )
 
 
-def matched(own: Middles, people: People, body_m: float, *, given: bool) -> Matched:
+def matched(own: Middles, people: People, person_height_m: float, *, given: bool) -> Matched:
     """A camera's sightings with the people of their instants.
 
     Args:
         own: sightings, in the order of their instants.
         people: by the other cameras.
-        body_m: typical standing height, metres.
+        person_height_m: typical standing height, metres.
         given: whether the sightings' identities are the people's.
     """
     instants = np.unique(own.instant[np.isin(own.instant, people.instant)])
@@ -88,7 +90,7 @@ def matched(own: Middles, people: People, body_m: float, *, given: bool) -> Matc
         same = own.identity[row] == people.identity[person]
         row, person = row[same], person[same]
     used = np.unique(row)
-    return Matched(own.take(used), people, np.searchsorted(used, row), person, body_m, given)
+    return Matched(own.take(used), people, np.searchsorted(used, row), person, person_height_m, given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,7 @@ def _residuals(m: Matched, pose: Pose, pairs: Ints) -> tuple[Floats, Floats, Flo
     # Whoever is of the wrong size is another person.
     distance = np.maximum(np.linalg.norm(d, axis=1), 0.3)
     pixels = np.linalg.norm(tangent, axis=(1, 2)) / np.sqrt(2.0)
-    size = np.log(m.own.extent_px[row] * distance / (pixels * m.body_m)) / SIZE_SD
+    size = np.log(m.own.extent_px[row] * distance / (pixels * m.person_height_m)) / SIZE_SD
     behind = np.einsum("ki,ki->k", ray, d) < 0.3 * distance
     return residual, information, by_pose, np.where(behind, 1e6, square + np.maximum(size**2 - 4.0, 0.0))
 

@@ -13,7 +13,7 @@ from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Observations
-from passerby.core.overlap import missing_overlap, shared_people
+from passerby.core.overlap import count_shared_observations, missing_overlap
 from passerby.core.solution import Solution
 from passerby.geometry.triangulation import triangulate
 
@@ -79,7 +79,7 @@ def _against_people(solution: Solution, observations: Observations, basis: Scale
 
 def _apart(observations: Observations, given: bool, why: Mapping[str, str], *, nothing_known: bool) -> list[str]:
     """What keeps cameras apart, one sentence for each group of them."""
-    found = missing_overlap(shared_people(observations), given=given)
+    found = missing_overlap(count_shared_observations(observations), given=given)
     if not given and len(found) == 1 and found[0].startswith("no two cameras") and not nothing_known:
         return []  # that identities were not found has been said, and why
     return [why.get(text.split(" shares nobody")[0].removeprefix("camera "), text) for text in found]

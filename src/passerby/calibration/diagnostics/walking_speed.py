@@ -96,22 +96,22 @@ def _too_fast(median: float, basis: ScaleBasis) -> str:
     )
 
 
-def doubts_of_heights(heights: Any, scale: float, body_m: float) -> list[str]:
+def doubts_of_heights(heights: Any, scale: float, person_height_m: float) -> list[str]:
     """A sentence where known places, which set the scale, make people taller or shorter than people are.
 
     Args:
         heights: identity -> standing height by the solver's scale, metres; None where it tells none.
         scale: what all lengths were multiplied by.
-        body_m: how tall people are on average.
+        person_height_m: how tall people are on average.
     """
     if not isinstance(heights, Mapping) or not heights:
         return []
     tall = scale * float(np.median(list(heights.values())))
-    if abs(tall / body_m - 1) <= MOST_OFF:
+    if abs(tall / person_height_m - 1) <= MOST_OFF:
         return []
     return [
-        f"the places under [world] make people {tall:.2f} m tall, who are {body_m:.2f} m by [scale]: check their units and "
-        "coordinates, and whether the boxes reach from head to feet"
+        f"the places under [world] make people {tall:.2f} m tall, who are {person_height_m:.2f} m by [scale]: check their "
+        "units and coordinates, and whether the boxes reach from head to feet"
     ]
 
 

@@ -44,12 +44,12 @@ def align(
     left out.
     """
     from passerby.calibration.alignment.folder import write_aligned
-    from passerby.calibration.alignment.scene_world import set_world
+    from passerby.calibration.alignment.scene_world import align_rig
     from passerby.cli.terminal import stages
     from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE, read_folder_rig
     from passerby.interchange.rig_toml import read_rig, write_rig
     from passerby.interchange.storage.json_text import to_json
-    from passerby.interchange.storage.transaction import working_in
+    from passerby.interchange.storage.transaction import folder_lock
 
     wanted = _wanted(camera, towards, points, positions, scale, tilt)
     folder = rig if rig.is_dir() else rig.parent if (rig.parent / CALIBRATION_FILE).is_file() and rig.name == RIG_FILE else None
@@ -57,9 +57,9 @@ def align(
     to_file = out.suffix.lower() == ".toml" and not out.is_dir()
     _check_target(source, out, folder, to_file)
     in_place = not to_file and folder is not None and out.resolve() == folder.resolve()
-    with working_in(out, "passerby align") if in_place else nullcontext():
+    with folder_lock(out, "passerby align") if in_place else nullcontext():
         try:
-            aligned = set_world(read_rig(source) if folder is None else read_folder_rig(folder), wanted)
+            aligned = align_rig(read_rig(source) if folder is None else read_folder_rig(folder), wanted)
         except EvidenceError as error:
             raise EvidenceError(f"{points or positions or source}: {error}", error.reasons) from None
         notes = list(aligned.notes)

@@ -35,7 +35,7 @@ def demo(
     from passerby.common.parallel import local_processes
     from passerby.evaluation.metrics import compare
     from passerby.interchange.rig_toml import read_rig
-    from passerby.interchange.storage.transaction import working_in
+    from passerby.interchange.storage.transaction import folder_lock
     from passerby.scene.scene import Scene
     from passerby.scene.tables import PerceptionTable
     from passerby.simulation import SimulationOptions, simulate, write_scene
@@ -45,7 +45,7 @@ def demo(
     with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages() as tell:
         folder = out or Path(temporary)
         processes = local_processes(0, options.n_cameras, options.n_cameras)
-        with working_in(folder / "out", "passerby demo"), processes as executor:
+        with folder_lock(folder / "out", "passerby demo"), processes as executor:
             tell("simulating")
             path = write_scene(simulate(options), folder / "scene", video=RenderOptions(), executor=executor, tell=tell)
             scene = Scene.load(path).with_perception(PerceptionTable(detector=detector, embedder=embedder))

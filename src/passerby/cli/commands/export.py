@@ -68,7 +68,7 @@ def _own_people(folder: Path) -> Trajectories | None:
 
 def _ways(tracks: Path) -> Trajectories:
     """People's ways from a CSV file or an output folder."""
-    from passerby.calibration.following import follow
+    from passerby.calibration.following import trajectories_of_result
     from passerby.cli.terminal import stages
     from passerby.interchange.output_folder import read_output
     from passerby.interchange.trajectories_csv import read_trajectories
@@ -78,4 +78,4 @@ def _ways(tracks: Path) -> Trajectories:
     if tracks.is_file():
         return read_trajectories(tracks)
     with stages() as tell:
-        return follow(read_output(tracks), tell=tell)
+        return trajectories_of_result(read_output(tracks), tell=tell)

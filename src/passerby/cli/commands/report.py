@@ -22,12 +22,12 @@ def report(
     from passerby.cli.terminal import stages
     from passerby.interchange.output_folder import REPORT_FILE
     from passerby.interchange.storage.atomic import forget_halves
-    from passerby.interchange.storage.transaction import working_in
+    from passerby.interchange.storage.transaction import folder_lock
     from passerby.report.contents import contents_from
     from passerby.report.page import write_report
 
     path = calibrated / REPORT_FILE if out is None else out
-    alone = working_in(calibrated, "passerby report") if out is None and calibrated.is_dir() else nullcontext()
+    alone = folder_lock(calibrated, "passerby report") if out is None and calibrated.is_dir() else nullcontext()
     with stages(verbose or bool(context.obj)) as tell, alone:
         tell("reading")
         contents = contents_from(calibrated)

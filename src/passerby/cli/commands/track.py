@@ -51,13 +51,13 @@ def track(
     Places that no camera saw, between others, have 0 cameras. With the true positions and the true cameras: how far the ways
     lie from the truth, by the estimated and by the true cameras.
     """
-    from passerby.calibration.following import folder_clocks, track_options, ways_by
+    from passerby.calibration.following import folder_clocks, track_options, trajectories_by_rig
     from passerby.cli.terminal import stages
     from passerby.interchange.output_folder import read_output
     from passerby.interchange.rig_toml import read_rig
     from passerby.interchange.storage.atomic import write_text
     from passerby.interchange.storage.json_text import to_json
-    from passerby.interchange.storage.transaction import together, working_in
+    from passerby.interchange.storage.transaction import folder_lock, transaction
     from passerby.interchange.trajectories_csv import read_ground_positions, write_trajectories
     from passerby.report.trajectories_page import trajectories_page
 
@@ -70,7 +70,7 @@ def track(
         options, clocks = track_options(folder, method, max_gap), folder_clocks(folder, fps)
         rig = read_rig(true_rig) if true_rig is not None else None
         places = read_ground_positions(truth) if truth is not None else None
-        found = ways_by(folder, folder.rig, clocks, options, tell)
+        found = trajectories_by_rig(folder, folder.rig, clocks, options, tell)
         figures: dict[str, Any] = {"verdict": folder.verdict, **found.figures}
         if rig is not None and places is not None:
             known = _ground_truth(places.identity, places.frame, places.xy, truth_fps or next(iter(clocks.values())).fps)
@@ -79,7 +79,7 @@ def track(
         target = out or calibrated / FOLDER
         name = str(folder.report.get("name") or calibrated.resolve().name)
         page = trajectories_page(found, folder.rig, f"{name}: ways over the ground", _note(figures))
-        with working_in(target, "passerby track"), together(target) as new:
+        with folder_lock(target, "passerby track"), transaction(target) as new:
             write_trajectories(new / CSV_FILE, found)
             write_text(new / HTML_FILE, page)
     if json:
@@ -104,7 +104,7 @@ def _judged(
     truth: GroundTruth, reference: str | None, tell: Progress,
 ) -> dict[str, Any]:  # fmt: skip
     """The errors, by the estimated cameras in both placements, and by the true ones."""
-    from passerby.calibration.following import ways_by
+    from passerby.calibration.following import trajectories_by_rig
     from passerby.core.cameras import Rig
     from passerby.evaluation.trajectories import between, judge, placements
 
@@ -113,7 +113,7 @@ def _judged(
     motions = placements(folder.rig, true_rig, reference)
     out: dict[str, Any] = {name: judge(found, truth, motion, same_ids=same).to_dict() for name, motion in motions.items()}
     shared = Rig(tuple(camera for camera in true_rig.posed() if camera.name in folder.rig.names))
-    by_true = ways_by(folder, shared, clocks, options, tell)
+    by_true = trajectories_by_rig(folder, shared, clocks, options, tell)
     out["true_cameras"] = judge(by_true, truth, same_ids=same).to_dict()
     out["from_true_cameras"] = {name: between(found, by_true, motion).to_dict() for name, motion in motions.items()}
     return out

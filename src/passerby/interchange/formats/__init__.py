@@ -12,7 +12,7 @@ from passerby.core.cameras import Rig
 from passerby.interchange.formats.format import Export, Format, Given, People
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.storage.atomic import write_bytes
-from passerby.interchange.storage.transaction import together, working_in
+from passerby.interchange.storage.transaction import folder_lock, transaction
 
 __all__ = [
     "Export",
@@ -97,7 +97,7 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
         losses.forbid(str(path), name)
     if form.target == "folder" and one is None:
         _refuse_others(path, files, name)
-        with working_in(path, "passerby export"), together(path) as new:
+        with folder_lock(path, "passerby export"), transaction(path) as new:
             for below, content in files.items():
                 write_bytes(new / below, content)
         return losses.told

@@ -26,7 +26,7 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.colmap_files import ColmapCamera, ColmapImage, as_binary, as_text, read_model
 from passerby.interchange.formats.colmap_models import MODELS, WRITTEN, lens_of, nearest_to, parameters_of
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import expressed
+from passerby.interchange.formats.lens_models import express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 
@@ -48,7 +48,7 @@ def _parts(export: Export, losses: Losses) -> tuple[list[ColmapCamera], list[Col
     names = tame_names(rig.names, _NOT_IN_NAMES)
     for number, camera in enumerate(rig, start=1):
         assert camera.pose is not None
-        lens, model = expressed(camera, tuple(WRITTEN), losses)
+        lens, model = express_lens(camera, tuple(WRITTEN), losses)
         cameras.append(ColmapCamera(number, WRITTEN[model], lens.size, tuple(parameters_of(lens, model))))
         x, y, z, w = Rotation.from_matrix(np.array(camera.pose.R_cw)).as_quat(canonical=True).tolist()
         translation = tuple(camera.pose.t_cw.tolist())

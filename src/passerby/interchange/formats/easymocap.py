@@ -26,7 +26,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import RADTAN_5, expressed
+from passerby.interchange.formats.lens_models import RADTAN_5, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.formats.values import (
@@ -39,7 +39,7 @@ from passerby.interchange.formats.values import (
     table,
 )
 from passerby.interchange.rotation_vectors import rotation_of
-from passerby.interchange.storage.safe_parsing import NotParsed, json_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 NAMES, TRUE_NAMES = "names", "passerby_names"
@@ -51,7 +51,7 @@ FORBIDDEN = re.compile(r"[^A-Za-z0-9_-]")
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """Both files."""
     rig = export.posed(losses)
-    lenses = {camera.name: expressed(camera, (RADTAN_5,), losses)[0] for camera in rig}
+    lenses = {camera.name: express_lens(camera, (RADTAN_5,), losses)[0] for camera in rig}
     names = tame_names(rig.names, FORBIDDEN)
     # In quotes: OpenCV's own writer leaves those out where its reader then finds numbers (1e5).
     head = f"{HEAD}{NAMES}:\n" + "".join(f'  - "{name}"\n' for name in names.values())
@@ -112,7 +112,7 @@ def _content(path: Path) -> dict[Any, Any]:
 def _true_names(told: Any, names: list[str]) -> list[str]:
     """The names before they had to change; `names` where the file does not tell."""
     try:
-        found = json_of(told) if isinstance(told, str) else None
+        found = parse_json(told) if isinstance(told, str) else None
     except NotParsed:
         return names
     if isinstance(found, list) and len(found) == len(names) and all(isinstance(name, str) and name for name in found):

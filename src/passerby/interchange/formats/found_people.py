@@ -12,7 +12,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.interchange.formats.format import People
-from passerby.interchange.formats.skeletons import known_joints, ordered_joints, told_counts
+from passerby.interchange.formats.skeletons import known_joints, list_joint_counts, ordered_joints
 
 VISIBILITIES = (0.0, 1.0, 2.0)
 HIDDEN_CONFIDENCE = 0.5
@@ -179,7 +179,9 @@ def _names(length: int, given: tuple[str, ...] | None, place: str) -> tuple[str,
     if given is not None and length != 3 * len(given):
         raise InputError(f"{place}: keypoints have {length} numbers, but the category has {len(given)} joints of 3 each")
     if names is None or length % 3:
-        raise InputError(f"{place}: {length} numbers a person (x, y and confidence of each joint): joints are {told_counts()}")
+        raise InputError(
+            f"{place}: {length} numbers a person (x, y and confidence of each joint): joints are {list_joint_counts()}"
+        )
     return names
 
 

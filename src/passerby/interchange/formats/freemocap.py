@@ -30,7 +30,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import FISHEYE, RATIONAL_8, TILTED_14, expressed
+from passerby.interchange.formats.lens_models import FISHEYE, RATIONAL_8, TILTED_14, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.values import padded
 from passerby.interchange.gathering import gathered_rig
@@ -54,7 +54,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 def _table(camera: Camera, losses: Losses) -> dict[str, Any]:
     """One camera."""
     assert camera.pose is not None
-    lens, _ = expressed(camera, (RATIONAL_8, TILTED_14, FISHEYE), losses)
+    lens, _ = express_lens(camera, (RATIONAL_8, TILTED_14, FISHEYE), losses)
     if not lens.fisheye:
         coefficients = padded(lens.distortions, max(LEAST_COEFFICIENTS, lens.distortions.size))
         lens = Lens(lens.size, lens.matrix, np.array(coefficients))

@@ -30,7 +30,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Colour, Drawing, Frustum, Way, draw
 from passerby.interchange.formats.format import Export, Format
-from passerby.interchange.formats.lens_models import PINHOLE, expressed
+from passerby.interchange.formats.lens_models import PINHOLE, express_lens
 from passerby.interchange.formats.losses import Losses
 
 PERSPECTIVE = replace(PINHOLE, name="a perspective camera with its axis in the middle", centred=True)
@@ -129,7 +129,7 @@ def _built(rig: Export, losses: Losses) -> tuple[dict[str, Any], _Builder]:
 def _camera(built: _Builder, frustum: Frustum, losses: Losses) -> tuple[int, int]:
     """The nodes of a camera and of its frustum, beside each other: some readers lose what hangs below a camera."""
     camera = frustum.camera
-    lens, _ = expressed(camera, (PERSPECTIVE,), losses, " (the frustum keeps the true lens)")
+    lens, _ = express_lens(camera, (PERSPECTIVE,), losses, " (the frustum keeps the true lens)")
     (width, height), matrix = lens.size, lens.matrix
     perspective = {
         "yfov": 2 * math.atan(height / (2 * matrix[1, 1])),

@@ -31,7 +31,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.kalibr_models import INTRINSICS, projection
-from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5, expressed, how_far, nearest_lens
+from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_4, RADTAN_5, express_lens, how_far, nearest_lens
 from passerby.interchange.formats.lens_rays import Rays
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import LETTER, tame_names
@@ -60,7 +60,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     previous: Floats | None = None
     for index, camera in enumerate(rig):
         assert camera.pose is not None
-        lens, _ = expressed(camera, (RADTAN_4, FISHEYE), losses)
+        lens, _ = express_lens(camera, (RADTAN_4, FISHEYE), losses)
         world_to_camera = homogeneous(camera.pose)
         if previous is None:
             place = {"T_cam_world": world_to_camera.tolist()}

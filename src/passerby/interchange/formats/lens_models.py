@@ -55,7 +55,7 @@ OPENCV = (TILTED_14, FISHEYE_SKEWED)
 """What `cv2.projectPoints` (which knows no skew) and `cv2.fisheye.projectPoints` (which does) take."""
 
 
-def expressed(camera: Camera, models: Sequence[LensModel], losses: Losses, place: str = "") -> tuple[Lens, LensModel]:
+def express_lens(camera: Camera, models: Sequence[LensModel], losses: Losses, place: str = "") -> tuple[Lens, LensModel]:
     """A camera's lens in the first model that holds it; else in the one that comes nearest, which is a loss.
 
     Args:
@@ -68,7 +68,7 @@ def expressed(camera: Camera, models: Sequence[LensModel], losses: Losses, place
         The lens without anything that the model lacks, and the model.
     """
     for model in models:
-        lens = held(camera.lens, model)
+        lens = reduce_to_model(camera.lens, model)
         if lens is not None:
             return lens, model
     rays = Rays.of(camera.lens)
@@ -79,7 +79,7 @@ def expressed(camera: Camera, models: Sequence[LensModel], losses: Losses, place
     return lens, model
 
 
-def held(lens: Lens, model: LensModel) -> Lens | None:
+def reduce_to_model(lens: Lens, model: LensModel) -> Lens | None:
     """The lens without what the model lacks; None where that is another lens."""
     if lens.fisheye != model.fisheye:  # a fisheye without distortion is no pinhole either
         return None
@@ -92,13 +92,13 @@ def nearest_lens(rays: Rays, models: Iterable[LensModel], start: Lens, place: st
 
     Raises `InputError`, beginning with `place`, where no model comes near.
     """
-    fits = [(lens, model) for model in models if (lens := fitted(rays, model, start)) is not None]
+    fits = [(lens, model) for model in models if (lens := fit_lens_model(rays, model, start)) is not None]
     if not fits:
         raise InputError(f"{place}: its lens ({describe(start)}) cannot even be fitted: choose another format")
     return min(fits, key=lambda fit: _beyond_and_error(rays, fit[0]))
 
 
-def fitted(rays: Rays, model: LensModel, start: Lens) -> Lens | None:
+def fit_lens_model(rays: Rays, model: LensModel, start: Lens) -> Lens | None:
     """The lens of a model that has rays nearest to their pixels, least squares; None where that comes to nothing.
 
     Args:
@@ -128,7 +128,9 @@ def fitted(rays: Rays, model: LensModel, start: Lens) -> Lens | None:
     except (InputError, np.linalg.LinAlgError):
         return None
     if _has_pole(lens, used):
-        return fitted(rays, replace(model, coefficients=tuple(k for k in model.coefficients if k not in _DENOMINATOR)), start)
+        return fit_lens_model(
+            rays, replace(model, coefficients=tuple(k for k in model.coefficients if k not in _DENOMINATOR)), start
+        )
     return lens
 
 
@@ -208,10 +210,10 @@ def _within(lens: Lens, model: LensModel) -> Lens:
         matrix[:2, 2] = (np.array(lens.size) - 1) / 2
     left = np.zeros_like(coefficients)
     left[keep] = coefficients[keep]
-    return Lens(lens.size, matrix, trimmed(left, model.fisheye), model.fisheye)
+    return Lens(lens.size, matrix, trim_coefficients(left, model.fisheye), model.fisheye)
 
 
-def trimmed(coefficients: Floats, fisheye: bool, fewest: int = 0) -> Floats:
+def trim_coefficients(coefficients: Floats, fisheye: bool, fewest: int = 0) -> Floats:
     """As few coefficients as hold the same lens, as many as OpenCV takes (0, 4, 5, 8, 12, 14), but at least `fewest`."""
     needed = max(int(np.max(np.flatnonzero(coefficients), initial=-1)) + 1, fewest)
     lengths = FISHEYE_DISTORTION_LENGTHS if fisheye else PINHOLE_DISTORTION_LENGTHS
@@ -241,4 +243,4 @@ def _lens(like: Lens, model: LensModel, numbers: Floats) -> Lens:
         matrix[0, 1] = next(values)
     coefficients = np.zeros(4 if model.fisheye else 14)
     coefficients[list(model.coefficients)] = list(values)
-    return Lens(like.size, matrix, trimmed(coefficients, model.fisheye), model.fisheye)
+    return Lens(like.size, matrix, trim_coefficients(coefficients, model.fisheye), model.fisheye)

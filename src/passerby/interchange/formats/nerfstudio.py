@@ -29,7 +29,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, LensModel, expressed
+from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, LensModel, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.formats.values import (
@@ -63,7 +63,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 def _frame(camera: Camera, tame: str, models: tuple[LensModel, ...], losses: Losses) -> dict[str, Any]:
     """One camera."""
     assert camera.pose is not None
-    lens, _ = expressed(camera, models, losses)
+    lens, _ = express_lens(camera, models, losses)
     if lens.fisheye:
         distortion = dict(zip(("k1", "k2", "k3", "k4"), padded(lens.distortions, 4), strict=True)) | {"p1": 0.0, "p2": 0.0}
     else:

@@ -45,7 +45,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import PINHOLE, expressed
+from passerby.interchange.formats.lens_models import PINHOLE, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.formats.values import (
@@ -58,7 +58,7 @@ from passerby.interchange.formats.values import (
 )
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.json_text import to_json
-from passerby.interchange.storage.safe_parsing import NotParsed, json_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 
 CAMERAS, CALIBRATION = "camInfo", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")
@@ -130,7 +130,7 @@ def _sensor(camera: Camera, name: str, losses: Losses) -> dict[str, Any]:
 
 def _pinhole(camera: Camera, losses: Losses) -> Lens:
     """The camera's lens without distortion."""
-    return expressed(camera, (PINHOLE, SKEWED) if camera.lens.matrix[0, 1] else (PINHOLE,), losses)[0]
+    return express_lens(camera, (PINHOLE, SKEWED) if camera.lens.matrix[0, 1] else (PINHOLE,), losses)[0]
 
 
 def _extrinsics(camera: Camera) -> Floats:
@@ -171,7 +171,7 @@ def _told(text: str) -> dict[str, Any]:
     """What Passerby's comment tells; empty where there is none."""
     found = _COMMENT.search(text)
     try:
-        told = json_of(found[1]) if found else {}
+        told = parse_json(found[1]) if found else {}
     except NotParsed:
         told = {}
     return told if isinstance(told, dict) else {}

@@ -28,7 +28,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import natural_key
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import OPENCV, expressed, trimmed
+from passerby.interchange.formats.lens_models import OPENCV, express_lens, trim_coefficients
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.opencv_lens import ENDINGS, LARGEST_BYTES, first_value, lens_in, numbers_of, read_values
@@ -80,14 +80,16 @@ def _storage() -> Iterator[tuple[cv2.FileStorage, list[str]]]:
 
 def _put(storage: cv2.FileStorage, camera: Camera, number: int, losses: Losses) -> None:
     """A rig's camera with that number."""
-    lens, _ = expressed(camera, OPENCV, losses)
+    lens, _ = express_lens(camera, OPENCV, losses)
     if _bears(camera.name):
         storage.write("camera_name", camera.name)
     storage.write("camera_number", number)
     storage.write("image_width", lens.size[0])
     storage.write("image_height", lens.size[1])
     storage.write("camera_matrix", np.array(lens.matrix))
-    storage.write("distortion_coefficients", trimmed(lens.distortions, lens.fisheye, 4 if lens.fisheye else 5)[:, None])
+    storage.write(
+        "distortion_coefficients", trim_coefficients(lens.distortions, lens.fisheye, 4 if lens.fisheye else 5)[:, None]
+    )
     storage.write("fisheye_model", int(lens.fisheye))
     if camera.pose is not None:
         storage.write("R", np.array(camera.pose.R_cw))

@@ -34,7 +34,7 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Format, Given
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, xml_of
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_xml
 
 METRES = 1e-3
 SUBPIXELS = 64.0
@@ -53,7 +53,7 @@ def read(path: Path, given: Given) -> Rig:
     """
     text = read_text(path, "a calibration of Qualisys Track Manager (.qca.txt)")
     try:
-        root = xml_of(text)
+        root = parse_xml(text)
     except NotParsed as error:
         raise InputError(f"{path}: is not XML: {error}: export the calibration from QTM again") from None
     elements = root.findall(".//cameras/camera")

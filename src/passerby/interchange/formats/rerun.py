@@ -33,7 +33,7 @@ from passerby.core.cameras import Camera, PoseSigma
 from passerby.core.trajectories import Trajectories
 from passerby.interchange.formats.drawing import GROUND_COLOUR, Drawing, Frustum, Way, draw
 from passerby.interchange.formats.format import Export, Format
-from passerby.interchange.formats.lens_models import PINHOLE, expressed
+from passerby.interchange.formats.lens_models import PINHOLE, express_lens
 from passerby.interchange.formats.losses import Losses
 
 APPLICATION = "passerby"
@@ -95,7 +95,7 @@ def _log_ground(rr: Any, recording: Any, drawing: Drawing) -> None:
 def _log_camera(rr: Any, recording: Any, frustum: Frustum, losses: Losses) -> None:
     """A camera, its true frustum and its sigma."""
     camera = frustum.camera
-    lens, _ = expressed(camera, (PINHOLE,), losses, " (Rerun has no other; the lines of its frustum keep the true lens)")
+    lens, _ = express_lens(camera, (PINHOLE,), losses, " (Rerun has no other; the lines of its frustum keep the true lens)")
     matrix = np.array(lens.matrix)
     matrix[:2, 2] += HALF_A_PIXEL
     path = ["world", "cameras", camera.name]

@@ -36,7 +36,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, RATIONAL_8, expressed
+from passerby.interchange.formats.lens_models import FISHEYE, RADTAN_5, RATIONAL_8, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import LETTER, tame_names
 from passerby.interchange.formats.values import (
@@ -106,7 +106,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 def _info(camera: Camera, name: str, losses: Losses) -> dict[str, Any]:
     """One camera's `camera_info`."""
-    lens, model = expressed(camera, (RADTAN_5, RATIONAL_8, FISHEYE), losses)
+    lens, model = express_lens(camera, (RADTAN_5, RATIONAL_8, FISHEYE), losses)
     kind = {RADTAN_5: "plumb_bob", RATIONAL_8: "rational_polynomial", FISHEYE: "equidistant"}[model]
     coefficients = padded(lens.distortions, DISTORTIONS[kind][-1])
     return {

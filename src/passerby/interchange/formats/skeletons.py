@@ -46,6 +46,6 @@ def ordered_joints(names: tuple[str, ...]) -> tuple[str, ...]:
     return (*(name for name in BODY_17 if name in names), *(name for name in names if name not in BODY_17))
 
 
-def told_counts() -> str:
+def list_joint_counts() -> str:
     """The numbers of joints that are known, for a message."""
     return "17 (COCO), 18 (OpenPose's COCO), 25 (BODY_25), 26 or 136 (Halpe) or 133 (COCO-WholeBody)"

@@ -30,7 +30,14 @@ import tomli_w
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import FISHEYE_SKEWED, RATIONAL_8, TILTED_14, LensModel, expressed, trimmed
+from passerby.interchange.formats.lens_models import (
+    FISHEYE_SKEWED,
+    RATIONAL_8,
+    TILTED_14,
+    LensModel,
+    express_lens,
+    trim_coefficients,
+)
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.gathering import gathered_rig
@@ -84,8 +91,8 @@ def _write_caliscope(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 def _table(camera: Camera, models: Sequence[LensModel], losses: Losses, fewest: int) -> dict[str, Any]:
     """A camera in a model that the reader knows, with at least so many coefficients."""
-    lens, _ = expressed(camera, models, losses)
-    distortions = trimmed(lens.distortions, lens.fisheye, 4 if lens.fisheye else fewest)
+    lens, _ = express_lens(camera, models, losses)
+    distortions = trim_coefficients(lens.distortions, lens.fisheye, 4 if lens.fisheye else fewest)
     return table_of(replace(camera, lens=Lens(lens.size, lens.matrix, distortions, lens.fisheye), sigma=None))
 
 

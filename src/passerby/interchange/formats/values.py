@@ -16,7 +16,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Pose
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import FLOAT, NotParsed, json_of, leaves, yaml_of
+from passerby.interchange.storage.safe_parsing import FLOAT, NotParsed, leaves, parse_json, parse_safe_yaml
 
 ROTATION_TOLERANCE = 1e-3
 """Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
@@ -37,7 +37,7 @@ def load_yaml(path: Path, kind: str) -> Any:
 def parse_yaml(path: Path, text: str) -> Any:
     """The first document of YAML text, a matrix of OpenCV as a table; `path` is for messages. Raises `InputError`."""
     try:
-        return yaml_of(text)
+        return parse_safe_yaml(text)
     except NotParsed as error:
         raise InputError(f"{path}: {error}: is it another kind of file?") from None
 
@@ -56,7 +56,7 @@ def matrix_data(values: dict[Any, Any], key: str) -> Any:
 def load_json(path: Path, kind: str) -> Any:
     """The content of a JSON file. Raises `InputError` for a file that cannot be read or is not JSON."""
     try:
-        return json_of(read_text(path, f"{kind} (JSON)"))
+        return parse_json(read_text(path, f"{kind} (JSON)"))
     except NotParsed as error:
         cause, told = error.__cause__, f"is not JSON: {error}"
         if isinstance(cause, JSONDecodeError):

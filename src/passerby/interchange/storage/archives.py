@@ -62,7 +62,7 @@ class Archive:
     @contextmanager
     def _opened(self, name: str) -> Iterator[tuple[IO[bytes], tuple[int, ...], np.dtype[Any], int]]:
         """An array's file, its shape and type, and how many bytes follow its header."""
-        with told(), self._file.open(name + ENDING) as file:
+        with as_not_parsed(), self._file.open(name + ENDING) as file:
             version = npy.read_magic(file)
             read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
             if read is None:
@@ -84,10 +84,10 @@ def is_single_array(path: Path, kind: str) -> bool:
 
 
 @contextmanager
-def opened(path: Path, kind: str) -> Iterator[Archive]:
+def open_archive(path: Path, kind: str) -> Iterator[Archive]:
     """A file of arrays. Raises `InputError` where there is no file, `NotParsed` where it is no archive."""
     check_is_file(path, kind)
-    with told():
+    with as_not_parsed():
         if path.stat().st_size == 0:
             raise NotParsed("it is empty")
         with zipfile.ZipFile(path) as file:
@@ -95,7 +95,7 @@ def opened(path: Path, kind: str) -> Iterator[Archive]:
 
 
 @contextmanager
-def told() -> Iterator[None]:
+def as_not_parsed() -> Iterator[None]:
     """Whatever zipfile and numpy raise becomes `NotParsed`."""
     try:
         yield

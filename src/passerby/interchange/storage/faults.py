@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from passerby.common.errors import InputError, cut
-from passerby.interchange.storage.safe_parsing import NotParsed, file_bytes, toml_of
+from passerby.interchange.storage.safe_parsing import NotParsed, file_bytes, parse_toml
 
 LISTED_FAULTS = 20
 """So many faults of one file are told one by one; a broken exporter breaks every row alike."""
@@ -54,6 +54,6 @@ def read_text(path: str | Path, kind: str) -> str:
 def read_toml(path: str | Path, kind: str = "a configuration (TOML)") -> dict[str, Any]:
     """The tables of a TOML file. Raises `InputError` as `read_text` does, and for text that is not TOML."""
     try:
-        return toml_of(read_text(path, kind))
+        return parse_toml(read_text(path, kind))
     except NotParsed as error:
         raise InputError(f"{path}: is not TOML: {error}") from None

@@ -24,7 +24,7 @@ folder between the two. A count of tries would do on a quiet machine only: on a 
 
 
 @contextmanager
-def alone_in(folder: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
+def lock_folder(folder: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
     """Keep a folder for this process while the block runs.
 
     The folder is made where it is missing, and removed again where nothing was put into it. Where the file system knows no
@@ -50,7 +50,7 @@ def alone_in(folder: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
 
 @contextmanager
 def lock_file(path: Path, place: Path, work: str, wait_s: float = 0.0) -> Iterator[None]:
-    """Hold the lock `path`, which stands for `place`; arguments and errors as of `alone_in`."""
+    """Hold the lock `path`, which stands for `place`; arguments and errors as of `lock_folder`."""
     file = _taken(path, place, wait_s)
     try:
         _sign(file, work)
@@ -62,7 +62,7 @@ def lock_file(path: Path, place: Path, work: str, wait_s: float = 0.0) -> Iterat
         file.close()
 
 
-def locked(file: IO[bytes]) -> bool:
+def try_lock(file: IO[bytes]) -> bool:
     """Try to lock a file, which lasts until it is closed. False where another process has it."""
     try:
         if sys.platform == "win32":
@@ -84,7 +84,7 @@ def _taken(path: Path, place: Path, wait_s: float) -> IO[bytes]:
     while True:
         file = _opened(path, place)
         try:
-            free = locked(file)
+            free = try_lock(file)
         except OSError:  # a file system without locks
             return file
         if free and _still_named(file, path):

@@ -85,7 +85,7 @@ def check_is_file(path: Path, kind: str) -> None:
         )
 
 
-def unopenable(path: Path) -> str | None:
+def path_problem(path: Path) -> str | None:
     """Why no file can be called so, or None; one that is only missing, or that may not be read, is told when it is read."""
     try:
         path.stat()
@@ -97,7 +97,7 @@ def unopenable(path: Path) -> str | None:
     return None
 
 
-def toml_of(text: str) -> dict[str, Any]:
+def parse_toml(text: str) -> dict[str, Any]:
     """The tables of TOML. Raises `NotParsed`."""
     _check_numbers(text)
     if max((line.count(".") for line in text.splitlines()), default=0) > MOST_DOTS:
@@ -108,7 +108,7 @@ def toml_of(text: str) -> dict[str, Any]:
         raise NotParsed(_told(error)) from None
 
 
-def json_of(text: str) -> Any:
+def parse_json(text: str) -> Any:
     """The value of JSON. Raises `NotParsed`, whose cause is the `JSONDecodeError` where it is one."""
     _check_numbers(text)
     try:
@@ -117,7 +117,7 @@ def json_of(text: str) -> Any:
         raise NotParsed(_told(error)) from error
 
 
-def xml_of(text: str) -> ElementTree.Element:
+def parse_xml(text: str) -> ElementTree.Element:
     """The root of XML. Raises `NotParsed`; also for entities, of which a few may stand for gigabytes or for other files."""
     if "<!ENTITY" in text:
         raise NotParsed("it declares entities, which no such file needs")
@@ -127,7 +127,7 @@ def xml_of(text: str) -> ElementTree.Element:
         raise NotParsed(_told(error)) from None
 
 
-def yaml_of(text: str) -> Any:
+def parse_safe_yaml(text: str) -> Any:
     """The first document of YAML, a matrix of OpenCV's as a table. Raises `NotParsed`, which tells the line first."""
     if len(text) > LARGEST_YAML:
         raise NotParsed(f"is not YAML: it has more than {LARGEST_YAML} characters, which no calibration has")

@@ -2,7 +2,7 @@
 
 The new files are written into a folder of their own, `.writing`. Its renaming to `.written` decides: before, the old files are
 what counts, after, the new ones. Then each takes its place; whoever comes to a folder that a killed process left in between
-ends that first (`settle`).
+ends that first (`recover`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 
 from passerby.common.errors import InputError
 from passerby.interchange.storage.atomic import PART, cannot_write, sync_folder, write_text
-from passerby.interchange.storage.locks import alone_in
+from passerby.interchange.storage.locks import lock_folder
 
 WRITING, WRITTEN = ".writing", ".written"
 GONE = ".gone.json"
@@ -27,12 +27,12 @@ WAIT_S = 10.0
 
 
 @contextmanager
-def working_in(folder: Path, work: str) -> Iterator[None]:
+def folder_lock(folder: Path, work: str) -> Iterator[None]:
     """Keep a folder for this process while the block runs, and end first what a killed one has begun there.
 
     Arguments and errors as of `locks.alone_in`.
     """
-    with alone_in(folder, work):
+    with lock_folder(folder, work):
         try:
             finish(folder)
             shutil.rmtree(folder / WRITING, ignore_errors=True)
@@ -42,10 +42,10 @@ def working_in(folder: Path, work: str) -> Iterator[None]:
 
 
 @contextmanager
-def together(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
+def transaction(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
     """A new folder to write files into; when the block ends without an exception, all of them take their places in `folder`.
 
-    Only one process at a time may do so: hold the folder's lock (`working_in`).
+    Only one process at a time may do so: hold the folder's lock (`folder_lock`).
 
     Args:
         folder: made where it is missing; files in it with other names stay.
@@ -78,7 +78,7 @@ def together(folder: Path, gone: Iterable[str] = ()) -> Iterator[Path]:
         shutil.rmtree(new, ignore_errors=True)
 
 
-def settle(folder: Path, work: str) -> None:
+def recover(folder: Path, work: str) -> None:
     """End what a killed process has begun in a folder; nothing to do in nearly all cases.
 
     Args:
@@ -91,7 +91,7 @@ def settle(folder: Path, work: str) -> None:
     if not (folder / WRITTEN).is_dir():
         return
     try:
-        with alone_in(folder, work, WAIT_S):
+        with lock_folder(folder, work, WAIT_S):
             finish(folder)
     except OSError as error:
         raise cannot_write(folder, error) from error

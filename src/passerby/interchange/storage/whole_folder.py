@@ -79,7 +79,7 @@ def _take_place(new: Path, target: Path, old: Path) -> None:
     """Give a folder its name; one that has it goes to `old`, or to where the new one was. Raises `OSError`."""
     if not target.exists():
         new.rename(target)
-    elif not exchanged(new, target):
+    elif not exchange_folders(new, target):
         target.rename(old)
         try:
             new.rename(target)
@@ -88,7 +88,7 @@ def _take_place(new: Path, target: Path, old: Path) -> None:
             raise
 
 
-def exchanged(one: Path, other: Path) -> bool:
+def exchange_folders(one: Path, other: Path) -> bool:
     """Let two folders change places at once, so that there is no moment without either; False where the system cannot."""
     try:
         rename = ctypes.CDLL(None, use_errno=True).renameat2

@@ -73,19 +73,19 @@ class Way:
     """(M,) distance of each box's ray from the body's middle, metres; NaN for one that is not accepted."""
 
 
-def follow(people: Sequence[Seen], instants: Floats, max_gap_s: float, body_m: float, foot_shift: float) -> list[Way]:
+def follow(people: Sequence[Seen], instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float) -> list[Way]:
     """The ways of several identities, each by itself; only their smoothing is done side by side.
 
     Args:
         people: their boxes.
         instants: (T',) all instants of the recording, ascending, those of the people among them.
         max_gap_s: longest time without an agreeing box that is bridged.
-        body_m: typical standing height, metres.
+        person_height_m: typical standing height, metres.
         foot_shift: how much nearer to a camera the lowest visible point is than the body's axis, as a share of the height.
     """
-    walks = [_begun(seen, body_m, foot_shift) for seen in people]
+    walks = [_begun(seen, person_height_m, foot_shift) for seen in people]
     for number in range(ROUNDS):
-        walks = [_stepped(walk, instants, max_gap_s, body_m, foot_shift) for walk in walks]
+        walks = [_stepped(walk, instants, max_gap_s, person_height_m, foot_shift) for walk in walks]
         smoothed = _smoothed(walks, instants)
         if number < ROUNDS - 1:
             walks = [_judged(walk, instants, *way) for walk, way in zip(walks, smoothed, strict=True)]
@@ -129,20 +129,20 @@ class _Walk:
     """(W,) and the number of the stretch of each."""
 
 
-def _begun(seen: Seen, body_m: float, foot_shift: float) -> _Walk:
+def _begun(seen: Seen, person_height_m: float, foot_shift: float) -> _Walk:
     """Before the first round: the boxes have voted."""
-    alone, covariance, _ = stand_alone(seen.rays, body_m, foot_shift * body_m)
+    alone, covariance, _ = stand_alone(seen.rays, person_height_m, foot_shift * person_height_m)
     covariance = covariance[:, :2, :2]
     accepted = vote(seen.instant, seen.camera, seen.seconds, alone[:, :2], covariance)
-    state = _State(_mean_bodies(seen, alone, accepted), body_m, np.ones(len(accepted)))
+    state = _State(_mean_bodies(seen, alone, accepted), person_height_m, np.ones(len(accepted)))
     nothing = np.zeros(0, np.int64)
     return _Walk(seen, alone[:, :2], covariance, accepted, np.ones(len(seen.seconds)), state, nothing, nothing)
 
 
-def _stepped(walk: _Walk, instants: Floats, max_gap_s: float, body_m: float, foot_shift: float) -> _Walk:
+def _stepped(walk: _Walk, instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float) -> _Walk:
     """Solved with the boxes accepted so far."""
     row, part = _asked(walk.seen, walk.accepted, instants, max_gap_s)
-    return replace(walk, state=_solve(walk.seen, walk.accepted, walk.state, foot_shift, body_m), row=row, part=part)
+    return replace(walk, state=_solve(walk.seen, walk.accepted, walk.state, foot_shift, person_height_m), row=row, part=part)
 
 
 def _judged(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> _Walk:
@@ -166,7 +166,7 @@ def _mean_bodies(seen: Seen, alone: Floats, accepted: Bools) -> Floats:
     return np.asarray(total / np.maximum(count, 1)[:, None])
 
 
-def _solve(seen: Seen, accepted: Bools, state: _State, foot_shift: float, body_m: float) -> _State:
+def _solve(seen: Seen, accepted: Bools, state: _State, foot_shift: float, person_height_m: float) -> _State:
     """The bodies by the accepted boxes, the person's height, and how noisy the cameras are."""
     rows = np.flatnonzero(accepted)
     instant, n = seen.instant[rows], len(seen.seconds)
@@ -179,7 +179,7 @@ def _solve(seen: Seen, accepted: Bools, state: _State, foot_shift: float, body_m
         information = _sums(instant, (found.information * weight[:, None, None]).reshape(-1, 9), n).reshape(-1, 3, 3)
         pull = _sums(instant, found.pull * weight[:, None], n)
         top = stand(information, pull, np.full(n, height), np.full(n, FREE_SD))[0][:, 2]
-        height = _height(top[count > 1], body_m)
+        height = _height(top[count > 1], person_height_m)
         sd = STANCE_SD * height
         sd_here = sd * np.sqrt(1 + ((top - height) / (2 * sd)) ** 2)
         solved, covariance = stand(information, pull, np.full(n, height), sd_here)
@@ -193,12 +193,12 @@ def _solve(seen: Seen, accepted: Bools, state: _State, foot_shift: float, body_m
     return _State(body, height, spread, covariance[:, :2, :2], count > 0, miss)
 
 
-def _height(top: Floats, body_m: float) -> float:
+def _height(top: Floats, person_height_m: float) -> float:
     """The standing height by highest points that two cameras or more saw; the usual one where there are too few."""
     if len(top) < MIN_INSTANTS:
-        return body_m
+        return person_height_m
     every = max(1, len(top) // HEIGHT_INSTANTS)
-    return float(np.clip(standing_share(top[::every] / body_m), *STATURES)) * body_m
+    return float(np.clip(standing_share(top[::every] / person_height_m), *STATURES)) * person_height_m
 
 
 def _spread(camera: Ints, residual: Floats, count: Ints) -> Floats:

@@ -14,7 +14,7 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Clock, Observations
-from passerby.core.synchronisation import common_instants, common_time_steps
+from passerby.core.synchronisation import common_time_steps, resample_to_common_steps
 from passerby.core.trajectories import Trajectories
 from passerby.people.bodies import Rays, rays_of
 from passerby.people.trajectories.identity_trajectory import Seen, follow
@@ -67,9 +67,9 @@ def trajectories(
 ) -> Trajectories:  # fmt: skip
     """Everybody's way over the ground.
 
-    Cameras whose clocks differ are brought to common instants first (`common_instants`). Then each identity by itself: the
-    boxes of an instant and of its neighbours vote where the person is, those that disagree (another person's, a half hidden
-    one's) are left out; the rest is solved for a body on the ground, and the places are smoothed.
+    Cameras whose clocks differ are brought to common instants first (`resample_to_common_steps`). Then each identity by
+    itself: the boxes of an instant and of its neighbours vote where the person is, those that disagree (another person's, a
+    half hidden one's) are left out; the rest is solved for a body on the ground, and the places are smoothed.
 
     Args:
         rig: cameras without a pose are left out.
@@ -91,7 +91,7 @@ def trajectories(
     watched = Observations({name: observations[name] for name in names}, observations.fps)
     steps = common_time_steps(watched, clocks)
     clock = steps.clock
-    common = common_instants(watched, clocks, sizes=sizes, grid=clock)
+    common = resample_to_common_steps(watched, clocks, sizes=sizes, grid=clock)
     boxes = [_identified(common[name].boxes) for name in names]
     frames = np.unique(np.concatenate([seen.frame for seen in boxes]))
     if not len(frames):

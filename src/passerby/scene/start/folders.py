@@ -15,7 +15,7 @@ from passerby.common.text import natural_key
 from passerby.perception.pieces import JOIN_PICTURES, JOIN_PIECES, PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
 from passerby.perception.video_probe import VideoInfo
 from passerby.scene.start.names import camera_names
-from passerby.scene.start.recordings import Length, numbered, pieces_among
+from passerby.scene.start.recordings import Length, is_numbered_series, pieces_among
 
 VIDEO_FOLDERS = ("video", "videos")
 
@@ -117,7 +117,7 @@ def _refuse_pieces(folder: Path, pieces: list[Path]) -> None:
 def _refuse_deeper(folder: Path) -> None:
     """Raise `InputError` for a folder without videos that has pieces of recordings further down, or still pictures."""
     videos = files_below(folder, VIDEO_ENDINGS)
-    if numbered(videos):
+    if is_numbered_series(videos):
         _refuse_pieces(folder, videos)
     pictures = files_below(folder, PICTURE_ENDINGS)
     if len(pictures) > 1 and not videos:
@@ -143,7 +143,7 @@ def _clips(folder: Path, notes: list[str], length: Length) -> list[tuple[str, Pa
     else:
         notes += [f"left out: {path}: the cameras are taken to be the subfolders" for path in own]
         for inner, (first, *more) in held.items():
-            _refuse_pieces(folder, held[inner] if numbered(held[inner]) else pieces_among(held[inner], length))
+            _refuse_pieces(folder, held[inner] if is_numbered_series(held[inner]) else pieces_among(held[inner], length))
             if more:
                 notes.append(
                     f"left out: {', '.join(path.name for path in more)} in {inner}: a camera has one video, and "

@@ -19,7 +19,7 @@ from passerby.interchange.rig_toml import METADATA, read_lens
 from passerby.interchange.storage.faults import read_toml
 from passerby.scene.scene import CAMERA_NAME
 from passerby.scene.start.folders import FoundCamera, visible_files, visible_folders
-from passerby.scene.start.names import camera_names, matched
+from passerby.scene.start.names import camera_names, match_names
 
 FOLDERS = ("calib", "intrinsic")
 FIRST_NAMES = ("intrinsic", "calib", "rig")
@@ -72,7 +72,7 @@ def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], 
     found: dict[str, CameraLens] = {}
     for group in groups:
         left = [camera for camera in cameras if camera.name not in found or found[camera.name].lens is None]
-        pairs = matched([camera.name for camera in left], [table.names for table in group])
+        pairs = match_names([camera.name for camera in left], [table.names for table in group])
         used = False
         for index, other in pairs.items():
             lens = _camera_lens(group[other], left[index], notes)
@@ -90,7 +90,7 @@ def find_lenses(folder: Path, cameras: Sequence[FoundCamera], notes: list[str], 
 
 def _worth(group: list[_Table], cameras: Sequence[FoundCamera]) -> tuple[int, bool, int]:
     """For how many cameras a group has a lens; then rig files first, then the order of `FIRST_NAMES`."""
-    pairs = matched([camera.name for camera in cameras], [table.names for table in group])
+    pairs = match_names([camera.name for camera in cameras], [table.names for table in group])
     name = group[0].source.name.lower()
     rank = next((index for index, start in enumerate(FIRST_NAMES) if name.startswith(start)), len(FIRST_NAMES))
     return sum(group[other].lens is not None for other in pairs.values()), group[0].rig, -rank

@@ -1,6 +1,6 @@
 """Cameras' names: made from the names of files, and matched with the names in a calibration.
 
-The rules are few and dull, so that a name can be foretold: see `camera_names` and `matched`.
+The rules are few and dull, so that a name can be foretold: see `camera_names` and `match_names`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def camera_names(texts: Sequence[str]) -> list[str]:
     return _different([valid_name(name) for name in names])
 
 
-def matched(cameras: Sequence[str], others: Sequence[Sequence[str]]) -> dict[int, int]:
+def match_names(cameras: Sequence[str], others: Sequence[Sequence[str]]) -> dict[int, int]:
     """Which of the other things belongs to which camera: index of the camera to index of the other, each at most once.
 
     Args:

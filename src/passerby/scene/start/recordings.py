@@ -68,7 +68,7 @@ def pieces_among(videos: Sequence[Path], length: Length) -> list[Path]:
     return []
 
 
-def numbered(videos: Sequence[Path]) -> bool:
+def is_numbered_series(videos: Sequence[Path]) -> bool:
     """Whether the videos in one camera's folder are called by nothing but numbers: 000, 001, 002."""
     return sum(_NUMBERS.fullmatch(path.stem) is not None for path in videos) >= NUMBERED
 

@@ -49,7 +49,7 @@ from passerby.solver.geopose.star import (
     posed_cameras,
     reference_of,
     scale_from_lengths,
-    solve_star,
+    solve_star_graph,
     star_solution,
 )
 
@@ -106,7 +106,7 @@ def solve_geopose(
         return metres(people, [pair])[0]
 
     notes = [extents.note] if extents.note else []
-    star = solve_star(rig, points, options, scale_of_pair, rng, notes)
+    star = solve_star_graph(rig, points, options, scale_of_pair, rng, notes)
     people = measured(star.pairs)
     scale = metres(people, star.pairs)
     people = people.scaled(scale[0])

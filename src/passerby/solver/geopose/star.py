@@ -34,7 +34,7 @@ MIN_PARALLAX_DEG = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Star:
+class StarReconstruction:
     """The reference and the cameras that could be registered with it, after the global adjustment."""
 
     reference: int
@@ -51,14 +51,14 @@ class Star:
     """Why other cameras could not be registered."""
 
 
-def solve_star(
+def solve_star_graph(
     rig: Rig,
     points: ImagePoints,
     options: GeoPoseOptions,
     scale_of_pair: Callable[[PairGeometry], float],
     rng: np.random.Generator,
     notes: Sequence[str] = (),
-) -> Star:
+) -> StarReconstruction:
     """Register every camera with the reference, merge the points, adjust all together.
 
     Args:
@@ -95,7 +95,7 @@ def solve_star(
     adjusted = global_bundle_adjustment(rig, points, label, pairs, merged, reference, options)
     final = [replace(pair, pose=pose) for pair, pose in zip(pairs, adjusted.poses[1:], strict=True)]
     count = int(np.isfinite(merged).all(axis=1).sum())
-    return Star(reference, final, adjusted, count, disagreement, tuple(reasons))
+    return StarReconstruction(reference, final, adjusted, count, disagreement, tuple(reasons))
 
 
 def reference_of(rig: Rig, options: GeoPoseOptions) -> int:
@@ -120,7 +120,7 @@ def scale_from_lengths(rig: Rig, lengths: Sequence[KnownLength], reference: int,
 def star_solution(
     method: str,
     rig: Rig,
-    star: Star,
+    star: StarReconstruction,
     scale: Scale,
     world: Similarity,
     sigma_factor: float,
@@ -132,7 +132,7 @@ def star_solution(
     Args:
         method: name of the solver.
         rig: names and lenses.
-        star: of `solve_star`.
+        star: of `solve_star_graph`.
         scale: of all cameras together.
         world: from the reference camera's frame, metres, to the world's.
         sigma_factor: by how much the adjustment's formal sigmas are too small.
@@ -154,7 +154,7 @@ def star_solution(
     return Solution(method, replace(solved, verdict=verdict), verdict, tuple(reasons), told)
 
 
-def doubts(rig: Rig, star: Star, what: str, other: str) -> list[str]:
+def doubts(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[str]:
     """What speaks against the result, one sentence each.
 
     Args:

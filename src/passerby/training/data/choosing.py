@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
-from passerby.perception.crops import tellable
+from passerby.perception.crops import is_recognisable
 from passerby.perception.pictures import Picture
 
 PER_PERSON = 24
@@ -41,7 +41,7 @@ def clear_boxes(frame: Ints, ltwh: Floats, size: tuple[int, int]) -> NDArray[np.
         covered[first[near & ~lower]] = True
     clear = np.zeros(len(order), dtype=np.bool_)
     clear[order] = ~covered
-    return np.asarray(clear & tellable(shown, ltwh))
+    return np.asarray(clear & is_recognisable(shown, ltwh))
 
 
 def spread(frame: Ints, person: Ints, usable: NDArray[np.bool_], at_most: int = PER_PERSON) -> Ints:

@@ -28,11 +28,11 @@ from passerby.common.errors import InputError
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress, silent
 from passerby.interchange.storage.atomic import PART, cannot_write, write_text
-from passerby.perception.kept import alone, fingerprint, hash_of_arrays, key_of
+from passerby.perception.kept import cache_lock, fingerprint, hash_of_arrays, key_of
 from passerby.perception.pictures import Frame, Picture
 from passerby.perception.video import VideoReader, probe
 from passerby.training.crops import CropSet
-from passerby.training.data.pictures import decoded, picture_files
+from passerby.training.data.pictures import decode_pictures, picture_files
 
 REVISION = 1
 """Counted up whenever other crops are cut than before, so that an older version's are not taken for them."""
@@ -114,7 +114,7 @@ def source_size(source: Path) -> tuple[int, int]:
     if not source.is_dir():
         return probe(source).size
     for path in picture_files(source):
-        picture = decoded(path)
+        picture = decode_pictures(path)
         if picture is not None:
             return picture.shape[1], picture.shape[0]
     raise InputError(f"{source}: holds no picture that can be read: the video's pictures are needed there")
@@ -152,7 +152,7 @@ def _cut(job: _Job, tell: Callable[[int, int], None] | None = None) -> tuple[lis
     if not len(job.wanted.frame):
         return [], []
     folder = job.shelf / job.key
-    with alone(job.shelf):
+    with cache_lock(job.shelf):
         index = _kept(folder)
         if index is None:
             index = _made(job, folder, tell)
@@ -225,7 +225,7 @@ def _pictures(wanted: WantedCrops) -> Iterator[Frame]:
     first, last = int(wanted.frame.min()), int(wanted.frame.max())
     if wanted.source.is_dir():
         for number, path in _numbered(wanted).items():
-            picture = decoded(path)
+            picture = decode_pictures(path)
             if picture is not None:
                 yield Frame(number, 0.0, picture)
         return

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from passerby.common.errors import InputError
 from passerby.training.data.listing import UNKNOWN_CAMERA, Listed, Listing
-from passerby.training.data.pictures import picture_files, told
+from passerby.training.data.pictures import describe_faults, picture_files
 from passerby.training.data.published import MARKET_NAME
 
 TRAIN, QUERY, GALLERY = "train", "query", "gallery"
@@ -81,11 +81,11 @@ def _people(path: Path, notes: list[str]) -> list[Listed]:
         if not files:
             empty.append(folder)
         rows += [Listed(file, folder.name, UNKNOWN_CAMERA) for file in files]
-    notes += told(empty, f"{len(empty)} folder{'s' * (len(empty) > 1)} without pictures")
+    notes += describe_faults(empty, f"{len(empty)} folder{'s' * (len(empty) > 1)} without pictures")
     if not rows:
         raise InputError(f"{path}: holds no folder with pictures in it: a folder per person is needed there")
     loose = picture_files(path)
-    notes += told(loose, f"{len(loose)} pictures in no person's folder, left out")
+    notes += describe_faults(loose, f"{len(loose)} pictures in no person's folder, left out")
     return rows
 
 

@@ -13,7 +13,7 @@ from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress
 from passerby.training.crops import DISTRACTOR, JUNK, CropSet, DataSet
-from passerby.training.data.pictures import faults_of_pictures, told
+from passerby.training.data.pictures import describe_faults, faults_of_pictures
 
 UNKNOWN_CAMERA = "unknown-camera"
 """What the camera of a set is called whose file names tell none; no two of its pictures are known to be by the same one."""
@@ -68,7 +68,9 @@ def _readable(parts: list[list[Listed]], notes: list[str], tell: Progress) -> li
     faults = faults_of_pictures([row.path for row in rows], tell)
     for fault in sorted(set(faults.values())):
         bad = [rows[number].path for number in sorted(faults) if faults[number] == fault]
-        notes += told(bad, f"{len(bad)} picture{'s' * (len(bad) > 1)} that {_PLURAL[fault] if len(bad) > 1 else fault}")
+        notes += describe_faults(
+            bad, f"{len(bad)} picture{'s' * (len(bad) > 1)} that {_PLURAL[fault] if len(bad) > 1 else fault}"
+        )
     kept, start = [], 0
     for part in parts:
         kept.append([row for number, row in enumerate(part, start) if number not in faults])
@@ -85,7 +87,7 @@ def without_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
     single = sorted(str(person) for person, n in count.items() if n < 2)
     if not single:
         return rows
-    notes += told(single, f"{len(single)} people with one picture each, kept out of the training")
+    notes += describe_faults(single, f"{len(single)} people with one picture each, kept out of the training")
     return [row for row in rows if count[row.person] > 1]
 
 
@@ -93,7 +95,7 @@ def _note_overlap(parts: list[list[Listed]], notes: list[str]) -> None:
     """Tell of people to be searched for who are also learnt from."""
     train, query = ({row.person for row in part} for part in parts[:2])
     both = sorted(str(person) for person in train & query)
-    notes += told(both, f"{len(both)} people are in both train and query, so the figures flatter")
+    notes += describe_faults(both, f"{len(both)} people are in both train and query, so the figures flatter")
 
 
 def _numbered(parts: list[list[Listed]]) -> list[tuple[list[Listed], list[str], list[str]]]:

@@ -33,13 +33,13 @@ def picture_files(folder: Path) -> list[Path]:
 
 def read_picture(path: Path) -> Picture:
     """(H, W, 3) BGR. Raises `InputError` for a file that is no whole picture."""
-    picture = decoded(path)
+    picture = decode_pictures(path)
     if picture is None:
         raise InputError(f"{path}: is not a picture that can be read: copy it again, or delete it")
     return picture
 
 
-def decoded(path: Path) -> Picture | None:
+def decode_pictures(path: Path) -> Picture | None:
     """(H, W, 3) BGR; None for a file that cannot be read, is empty, cut off, or no picture."""
     try:
         content = path.read_bytes()
@@ -66,7 +66,7 @@ def faults_of_pictures(paths: Sequence[Path], tell: Progress = silent) -> dict[i
     return faults
 
 
-def told(files: Sequence[Path | str], what: str) -> list[str]:
+def describe_faults(files: Sequence[Path | str], what: str) -> list[str]:
     """A note about faulty files: the first `NAMED` by name, then how many more; nothing where there are none."""
     if not files:
         return []
@@ -76,7 +76,7 @@ def told(files: Sequence[Path | str], what: str) -> list[str]:
 
 def _fault(path: Path) -> str | None:
     """What is wrong with a picture."""
-    picture = decoded(path)
+    picture = decode_pictures(path)
     if picture is None:
         return "cannot be read"
     # What is smaller tells nothing of anybody (`perception.crops.tellable`).

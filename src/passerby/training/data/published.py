@@ -13,7 +13,7 @@ from pathlib import Path
 from passerby.common.errors import InputError
 from passerby.interchange.storage.faults import read_text
 from passerby.training.data.listing import DISTRACTOR, JUNK, Listed, Listing
-from passerby.training.data.pictures import picture_files, told
+from passerby.training.data.pictures import describe_faults, picture_files
 
 MARKET_FOLDERS = {"train": "bounding_box_train", "query": "query", "gallery": "bounding_box_test"}
 MARKET_NAME = re.compile(r"(-1|[0-9]+)_c([0-9]+)")
@@ -51,12 +51,12 @@ def market(path: Path) -> Listing:
             parts[part].append(Listed(file, _market_person(named[1]), f"c{named[2]}"))
         if not parts[part]:
             raise InputError(f"{path / folder}: holds no picture named as 0002_c1s1_000451_03.jpg: unpack the data set again")
-    listing.notes += told(strange, f"{len(strange)} files not named PERSON_cCAMERA..., left out")
+    listing.notes += describe_faults(strange, f"{len(strange)} files not named PERSON_cCAMERA..., left out")
     listing.gallery = parts["gallery"]
     for part in ("train", "query"):
         kept = [row for row in parts[part] if isinstance(row.person, str)]
         setattr(listing, part, kept)
-        listing.notes += told(
+        listing.notes += describe_faults(
             [row.path for row in parts[part] if not isinstance(row.person, str)], f"pictures of nobody in {part}, left out"
         )
     return listing

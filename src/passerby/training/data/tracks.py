@@ -20,13 +20,13 @@ from passerby.core.observations import UNKNOWN, Boxes
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
 from passerby.interchange.storage.faults import read_text
 from passerby.perception.pieces import VIDEO_ENDINGS
-from passerby.scene.doubled_rows import without_doubles
+from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.scene import Scene
 from passerby.scene.start.folders import VIDEO_FOLDERS, visible_files, visible_folders
 from passerby.training.crops import DataSet
 from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
 from passerby.training.data.cutting import WantedCrops, cut_crops, source_size
-from passerby.training.data.pictures import told
+from passerby.training.data.pictures import describe_faults
 
 TEXT_FOLDERS = ("truth", "identities", "tracks")
 """Where the text of videos is looked for, unless it lies beside them."""
@@ -93,7 +93,11 @@ def tracked_people(
         crops = replace(crops, apart=_seen_together(cameras, persons, len(people)))
     count = np.bincount(crops.person, minlength=len(people))
     few = [person for person, n in zip(crops.people, count.tolist(), strict=True) if n < 2]
-    told_of = [*notes, *cut.notes, *told(few, f"{len(few)} people without two clear pictures, kept out of the training")]
+    told_of = [
+        *notes,
+        *cut.notes,
+        *describe_faults(few, f"{len(few)} people without two clear pictures, kept out of the training"),
+    ]
     if not (count >= 2).any():
         places = ", ".join(str(camera.source) for camera in cameras)
         raise InputError(
@@ -177,7 +181,7 @@ def cameras_of_folder(path: Path) -> tuple[list[TrackedCamera], list[str]]:
             f"{videos[0].name}), or into {path / 'tracks'}"
         )
     without = [video for video in videos if video not in texts]
-    notes = [*told(without, f"{len(without)} videos without tracks, left out")]
+    notes = [*describe_faults(without, f"{len(without)} videos without tracks, left out")]
     return [TrackedCamera(video.stem, video, _boxes_of(text, notes)) for video, text in texts.items()], notes
 
 
@@ -186,7 +190,7 @@ def _boxes_of(path: Path, notes: list[str]) -> Boxes:
 
     Raises `InputError` for a file that cannot be read, or in which people stand twice too often.
     """
-    boxes, doubled = without_doubles(read_boxes(path, doubles=True))
+    boxes, doubled = remove_duplicates(read_boxes(path, doubles=True))
     if doubled is not None and doubled.is_rule:
         raise InputError(doubled.sentence(str(path)))
     notes += [] if doubled is None else [doubled.sentence(str(path))]
