@@ -51,7 +51,7 @@ class Fate:
 
 def _watch_over(fate: Fate) -> None:
     """Let the fate know what happens in this process."""
-    from passerby.calibration import results
+    from passerby.calibration import calibration
     from passerby.cli import terminal
     from passerby.common import parallel
     from passerby.interchange.storage import atomic
@@ -69,8 +69,8 @@ def _watch_over(fate: Fate) -> None:
     opening.learn_background = fate.before("background", opening.learn_background)
     # In the middle of a file, behind it, and between those of the result.
     atomic.os = _Os(fate)
-    results.write_rig = fate.before("rig", results.write_rig)
-    results.write_boxes = fate.before("tracks", results.write_boxes)
+    calibration.write_rig = fate.before("rig", calibration.write_rig)
+    calibration.write_boxes = fate.before("tracks", calibration.write_boxes)
     terminal._Log = lambda: lambda stage, done=0, total=0, *, part="": fate(stage) if not part else None
 
 

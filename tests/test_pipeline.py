@@ -1,15 +1,13 @@
 """The order of the stages, and what becomes of a solver's answer; the solver is a stand-in here."""
 
 import json
-import sys
 from dataclasses import dataclass, replace
-from types import ModuleType
 
 import numpy as np
 import pytest
 
 import passerby
-from passerby.calibration import pipeline
+from passerby.calibration import scene_solver
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, PoseSigma
@@ -48,11 +46,9 @@ class Solver:
 @pytest.fixture
 def solver(monkeypatch):
     solver = Solver()
-    monkeypatch.setattr(pipeline, "PeopleOptions", Options)
-    monkeypatch.setattr(pipeline, "solve_people", solver)
-    module = ModuleType("passerby.solver.geopose.geopose")
-    module.GeoPoseOptions, module.solve_geopose = Options, solver
-    monkeypatch.setitem(sys.modules, module.__name__, module)
+    for options, solve in (("PeopleOptions", "solve_people"), ("GeoPoseOptions", "solve_geopose")):
+        monkeypatch.setattr(scene_solver, options, Options)
+        monkeypatch.setattr(scene_solver, solve, solver)
     return solver
 
 

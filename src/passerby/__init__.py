@@ -55,7 +55,6 @@ __all__ = [
     "Scene",
     "Trajectories",
     "Verdict",
-    "__version__",
     "align",
     "calibrate",
     "calibrate_observations",

@@ -51,11 +51,11 @@ class SceneSolver:
             refine_time: the clocks' errors are unknowns.
         """
         options = self.options
-        if isinstance(options, PeopleOptions):
-            options = replace(options, refine_time=options.refine_time or refine_time)
-            if passing:
-                sightings = min(options.max_sightings, PASSING_SIGHTINGS)
-                options = replace(options, max_sightings=sightings, tolerance=max(options.tolerance, PASSING_TOLERANCE))
+        if isinstance(options, PeopleOptions) and refine_time:
+            options = replace(options, refine_time=True)
+        if isinstance(options, PeopleOptions) and passing:
+            sightings = min(options.max_sightings, PASSING_SIGHTINGS)
+            options = replace(options, max_sightings=sightings, tolerance=max(options.tolerance, PASSING_TOLERANCE))
         return solve_scene(self.scene, self.rig, synchronised, options, self.rng, guesses)
 
 
