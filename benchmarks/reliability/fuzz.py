@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from paper.page import table
-
 from reliability.page import Line, Part
 from reliability.runs import ROOT, Wanted
 

@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from metrics.identities import IdentityAgreement, identity_agreement
 
+from metrics.identities import IdentityAgreement, identity_agreement
 from passerby.association.associate import OVERLAP_S, Tracklets, cluster_by_pairwise_poses, cluster_by_rig
 from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets
 from passerby.association.graph import ViewGraph, view_graph

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from metrics.tracklets import score_tracklets
 
+from metrics.tracklets import score_tracklets
 from passerby.association.tracking.stitching import StitchingOptions, find_stitches, stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.common.errors import InputError

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tomli_w
-from metrics.identities import identity_agreement
 
 import passerby
+from metrics.identities import identity_agreement
 from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.simulation import SimulationOptions, simulate, write_scene

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper.kept import Kept
 
+from paper.kept import Kept
 from passerby.cli.main import run
 from passerby.cli.terminal import _Log
 from passerby.common.errors import InputError

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from metrics.tracklets import score_tracklets
 
+from metrics.tracklets import score_tracklets
 from passerby.association.tracking.stitching import stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.calibration.calibration import Calibration

@@ -7,8 +7,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from metrics.identities import identity_agreement
 
+from metrics.identities import identity_agreement
 from passerby.common.errors import InputError
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes

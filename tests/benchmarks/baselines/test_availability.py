@@ -9,9 +9,9 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+
 from baselines import MATCHERS, Unavailable, available, open_matcher
 from baselines.disk_lightglue import TORCHVISION, stand_in
-
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from support.scenes.textured_planes import looking, pictures

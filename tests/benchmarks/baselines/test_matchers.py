@@ -7,16 +7,16 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-import baselines
 import numpy as np
 import pytest
+
+import baselines
 from baselines import Matches, Picture, open_matcher
 from baselines.matching import Features, Remembered, nearest_matches
 from baselines.pooling import pooled_points
 from baselines.wxbs import describe_views, single, tilted, verified
 from metrics.epipolar import epipolar_distances
 from paper.geopose_points import solve_correspondences
-
 from passerby.core.cameras import Rig
 from passerby.core.scale_cues import KnownLength
 from passerby.evaluation.metrics import compare

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from baselines.matching import Matches
 from baselines.pooling import pooled_points
-
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from support.scenes.textured_planes import looking

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from metrics.detections import score_boxes
 
+from metrics.detections import score_boxes
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes
 

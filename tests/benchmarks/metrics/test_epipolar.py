@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from metrics.epipolar import epipolar_distances
 
+from metrics.epipolar import epipolar_distances
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose
 

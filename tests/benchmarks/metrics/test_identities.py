@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from metrics.identities import identity_agreement
 
+from metrics.identities import identity_agreement
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes, Clock
 

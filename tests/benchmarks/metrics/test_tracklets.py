@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from metrics.tracklets import score_tracklets
 
+from metrics.tracklets import score_tracklets
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from paper.annotations import marked_length, marked_points, named_by_hand
 
+from paper.annotations import marked_length, marked_points, named_by_hand
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes

@@ -5,9 +5,9 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+
 from paper import parts
 from paper.page import Page
-
 from passerby.cli import main
 
 run_paper = pytest.importorskip("run_paper")

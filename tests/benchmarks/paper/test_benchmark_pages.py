@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
 from paper import noise
 from paper.conditions import Condition
 from paper.page import Wanted
 from paper.plots import Axis
 from paper.sweep import curve_page, sweep
-
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
 

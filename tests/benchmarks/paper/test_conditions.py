@@ -7,12 +7,12 @@ from multiprocessing import get_context
 
 import numpy as np
 import pytest
+
 from paper import conditions
 from paper import kept as kept_module
 from paper.conditions import Condition, run_conditions
 from paper.kept import Kept
 from paper.thinning import thinned
-
 from passerby.common.errors import InputError
 from passerby.common.progress import silent
 from passerby.core.overlap import count_shared_observations, person_instants

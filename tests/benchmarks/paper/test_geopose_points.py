@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from paper.geopose_points import solve_correspondences
 
+from paper.geopose_points import solve_correspondences
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.scale_cues import KnownLength

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+
 from baselines import Matches
 from paper.match_picture import GREEN, MOST_DRAWN, RED, as_jpeg, draw_matches, right
-
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from paper import pixels
 from paper.page import Page, Wanted
 from paper.paper_figures import POSES, REPROJECTIONS, SCENES
@@ -12,7 +13,6 @@ from paper.pixel_jobs import Done, Job, jobs, run_job
 from paper.pixel_real import panoptic, wildtrack
 from paper.pixel_rows import NOT_RUN, ROWS, PixelOutcome, run_row
 from paper.pixel_stage import Stage
-
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
 

@@ -5,6 +5,7 @@ import re
 from xml.etree import ElementTree
 
 import pytest
+
 from paper.plots import Axis, Line, Panel, _set_levels, error_plot
 
 matplotlib = pytest.importorskip("matplotlib")

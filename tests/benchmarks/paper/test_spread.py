@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from paper.conditions import Outcome
 from paper.spread import HEAD, quartiles, spread_cells
 
