@@ -83,8 +83,8 @@ def test_nothing_in_the_source_runs_what_a_file_says(module):
         if name == "torch.load":
             assert given.get("weights_only") == "True"
         if name in ("yaml.load_all", "ElementTree.fromstring", "ElementTree.parse", "tomllib.loads", "cv2.FileStorage"):
-            own = ("interchange/untrusted.py", "benchmark/", "perception/catalogue.py", "interchange/formats/opencv_yaml.py")
-            assert module.relative_to(PACKAGE).as_posix().startswith(own), f"{name}: use interchange.untrusted"
+            own = ("interchange/storage/safe_parsing.py", "perception/catalogue.py", "interchange/formats/opencv_yaml.py")
+            assert module.relative_to(PACKAGE).as_posix().startswith(own), f"{name}: use interchange.storage.safe_parsing"
 
 
 def test_pickled_objects_run_nothing(tmp_path):
