@@ -118,7 +118,7 @@ def test_embeddings_follow_the_known_people_in_mode_given(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("looks", "told"),
+    ("appearance", "told"),
     [
         (None, "B.npz: no such file"),
         ({"count": 12}, "B.npz: 12 embeddings for 20 boxes: give one row for each row of {}/B.txt, in its order"),
