@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from command import Calibrated, calibrate
-from paper.page import Page, errors, number, reached, table
-
 from datasets import DATA_SETS, DataSet, folder_of, write_scene
+from paper.page import Page, errors, number, reached, table
 
 NOT_HERE = "not run: data not here"
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+
 from accuracy import NOT_HERE
 from association_runs import (
     BOX_NOISE,
@@ -35,10 +36,9 @@ from association_tables import (
     real_rows,
 )
 from command import DOUBTFUL, run_program
+from datasets import data_set, folder_of
 from paper.page import Page, load, number, table, yes
 from simulations import PRESETS, WORKERS
-
-from datasets import data_set, folder_of
 
 Result = TypeVar("Result")
 Simulated = dict[str, dict[str, list[Found]]]

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import tomli_w
-from command import ONE_THREAD, Calibrated, calibrate, passerby
-from metrics.identities import IdentityAgreement, identity_agreement
 
+from command import ONE_THREAD, Calibrated, calibrate, passerby
 from datasets import DataSet
+from metrics.identities import IdentityAgreement, identity_agreement
 from passerby.core.observations import Boxes, Clock
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.interchange.rig_toml import read_rig

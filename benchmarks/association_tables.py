@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
 from association_runs import Found, RealCase
 from command import Calibrated
 from paper.page import errors, number, reached, table
-from simulations import complete, figures
-
 from passerby.common.arrays import Floats
+from simulations import complete, figures
 
 Bounds = tuple[float, float]
 

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
-from paper.goals import Goal
 
+from paper.goals import Goal
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes, write_boxes
 

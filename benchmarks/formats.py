@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from datasets import ROOT
 from format_tools.rigs import cases_of, read_back
 from paper.page import Page
-
-from datasets import ROOT
 from passerby.interchange.formats import all_formats
 
 HERE = Path(__file__).resolve().parent / "format_tools"

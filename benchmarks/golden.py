@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
-from command import ONE_THREAD, passerby
 
+from command import ONE_THREAD, passerby
 from datasets import DATA_SETS, ROOT, folder_of, write_scene
 
 GOLDEN = ROOT / "tests" / "golden"

@@ -16,7 +16,9 @@ from typing import TypeVar
 
 from accuracy import NOT_HERE
 from command import Calibrated
+from datasets import data_set, folder_of, models_folder
 from paper.page import Page, load, table
+from passerby.scene.tables import WATCHED_FPS
 from perception_runs import (
     BOXES,
     METHODS,
@@ -52,9 +54,6 @@ from perception_tables import (
     tracklet_rows,
 )
 from simulations import PRESETS, WORKERS
-
-from datasets import data_set, folder_of, models_folder
-from passerby.scene.tables import WATCHED_FPS
 
 Result = TypeVar("Result")
 Runs = Mapping[str, Watched]

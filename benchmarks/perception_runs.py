@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import tomli_w
+
 from command import ONE_THREAD, Calibrated, Run, calibrate, judge, passerby, run_program
+from datasets import models_folder
 from metrics.detections import BoxScore, score_boxes
 from metrics.tracklets import TrackletScore, score_tracklets
-
-from datasets import models_folder
 from passerby.association.tracking.stitching import stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.common.errors import InputError

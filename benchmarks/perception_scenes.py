@@ -7,8 +7,8 @@ from pathlib import Path
 
 import av
 import numpy as np
-from paper.rendered import FPS, SECONDS, render_key, rendered
 
+from paper.rendered import FPS, SECONDS, render_key, rendered
 from passerby.core.cameras import Camera, Rig
 from passerby.interchange.video_writer import VideoWriter
 from passerby.simulation import SimulationOptions, simulate

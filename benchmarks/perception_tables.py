@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+
 from association_tables import KEYS
 from command import Calibrated, Run
 from metrics.detections import BoxScore

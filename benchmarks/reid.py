@@ -11,13 +11,12 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from accuracy import NOT_HERE
+from datasets import models_folder
 from paper.page import Page, load, table
 from reid_runs import RETAIL, STRIPES, Team, Trained, adapted, evaluate, real_crops, speed, train, untrained
 from reid_scenes import CROWD, CROWD_FPS, CROWD_SECONDS, HALF_SECONDS, TEAM, TEAM_FPS, crowd
 from reid_tables import TRAINED_HEAD, crops_tables, crowd_tables, team_tables, trained_row
 from simulations import PRESETS, WORKERS
-
-from datasets import models_folder
 
 NOT_RUN, NO_TORCH = "not run", "not run: the extra `passerby[reid]` is not installed"
 CLOTHES = ("individual", "alike")

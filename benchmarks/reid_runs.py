@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
+
 from command import ONE_THREAD, Calibrated, judge, passerby, run_program
+from datasets import ROOT, models_folder
 from metrics.identities import IdentityAgreement
+from passerby.interchange.rig_toml import read_rig
 from perception_runs import absolute, calibrated, write
 from reid_scenes import HALVES, team
 from reid_scores import LooksScore, appearance, identities, true_boxes
-
-from datasets import ROOT, models_folder
-from passerby.interchange.rig_toml import read_rig
 
 RETAIL = "person-reid-retail-0248"
 STRIPES = "stripes"

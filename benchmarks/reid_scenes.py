@@ -10,9 +10,6 @@ from itertools import islice
 from pathlib import Path
 
 from command import ONE_THREAD, passerby
-from perception_scenes import render_key
-from simulations import WORKERS
-
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.video_writer import VideoWriter
@@ -20,6 +17,8 @@ from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.rendering import RenderOptions
 from passerby.simulation.rendering.camera import CameraJob, camera_job, pictures
 from passerby.simulation.write import write_scene
+from perception_scenes import render_key
+from simulations import WORKERS
 
 CROWD, CROWD_SECONDS, CROWD_FPS = 20, 20.0, 1.0
 """A second apart everybody has turned or taken a step, so that every picture is worth its rendering."""

@@ -8,11 +8,10 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+
 from metrics.detections import paired
 from metrics.identities import IdentityAgreement, identity_agreement
-from numpy.typing import NDArray
-from perception_runs import used_boxes
-
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.appearance.embeddings import match_boxes
 from passerby.association.camera_tracklets import build_tracklets
@@ -22,6 +21,7 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
+from perception_runs import used_boxes
 
 OVERLAP = 0.5
 """Intersection over union from which on a found box shows the person of a true one."""

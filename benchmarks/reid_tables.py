@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+
 from command import Calibrated
 from paper.page import errors, number, table, yes
 from perception_tables import in_rig

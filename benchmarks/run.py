@@ -13,14 +13,13 @@ from functools import partial
 from pathlib import Path
 
 import accuracy
-import speed
-import swaps
-from paper.page import Page, signed, write_page
-
 import association
 import perception
 import reid
+import speed
+import swaps
 from datasets import ROOT
+from paper.page import Page, signed, write_page
 
 
 def _peers(scratch: Path, quick: bool) -> Iterable[Page]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import typer
-from paper.command import benchmark
 
+from paper.command import benchmark
 from passerby.cli.main import main
 
 app = typer.Typer(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
 from command import Calibrated
 from paper.goals import PRESETS
 

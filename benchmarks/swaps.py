@@ -10,12 +10,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+
 from accuracy import NOT_HERE
 from command import ONE_THREAD, Calibrated, calibrate
+from datasets import DataSet, data_set, folder_of, swap_identities, write_scene
 from paper.page import Page, errors, table, yes
 from simulations import WORKERS, figures
-
-from datasets import DataSet, data_set, folder_of, swap_identities, write_scene
 
 SHARE = 0.3
 LARGEST_RATIO = 1.3

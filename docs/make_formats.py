@@ -2,7 +2,7 @@
 
     python docs/make_formats.py
 
-`tests/interchange/formats/test_page.py` fails where the committed page is not what this writes.
+`tests/docs/test_formats_page.py` fails where the committed page is not what this writes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """What all tests share."""
 
 import importlib
-import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -10,6 +9,8 @@ from types import ModuleType
 
 import pytest
 from hypothesis import settings
+
+from support.paths import BENCHMARKS, DATA
 
 # Jobs in the background of a shell ignore Ctrl-C, and so would the programs that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -35,17 +36,15 @@ def no_log_of_slow_runs() -> Iterator[None]:
 @pytest.fixture(scope="session")
 def data_root() -> Path:
     """The folder of the real data sets; the test is skipped where there is none."""
-    named = os.environ.get("PASSERBY_DATA")
-    root = Path(named) if named else Path(__file__).parents[2] / "shared" / "data"
-    if not root.is_dir():
-        pytest.skip(f"no real data: {root} does not exist; set PASSERBY_DATA to their folder")
-    return root
+    if not DATA.is_dir():
+        pytest.skip(f"no real data: {DATA} does not exist; set PASSERBY_DATA to their folder")
+    return DATA
 
 
 @pytest.fixture(scope="module")
 def bench() -> Iterator[Callable[[str], ModuleType]]:
     """Imports a module of the benchmarks, whose names (`datasets`, `tables`) are none for anybody else."""
-    before, benchmarks = set(sys.modules), str(Path(__file__).parents[1] / "benchmarks")
+    before, benchmarks = set(sys.modules), str(BENCHMARKS)
     sys.path.insert(0, benchmarks)
     yield importlib.import_module
     sys.path.remove(benchmarks)

@@ -16,5 +16,5 @@ gives the largest difference from `Case.pixels`, in OpenCV's pixels (`Case.large
 itself, it writes what it has read to `Case.back`; Passerby reads that, and must have every point where it was.
 
 `python benchmarks/formats.py` makes the environments, `python benchmarks/run.py --only formats` runs all modules here and
-writes `docs/results/formats.md`, and `tests/interchange/formats/test_tools.py` those whose tool is installed.
+writes `docs/results/formats.md`, and `tests/benchmarks/format_tools/test_tools.py` those whose tool is installed.
 """

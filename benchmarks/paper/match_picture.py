@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+
 from baselines.matching import Matches, Picture, bgr
 from metrics.epipolar import RIGHT_PX, epipolar_distances
-
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera
 

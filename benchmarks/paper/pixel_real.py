@@ -14,9 +14,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import tomli_w
-from baselines.pooling import pooled_points
 
 from baselines import Matcher, Matches, Picture, Unavailable, open_matcher
+from baselines.pooling import pooled_points
 from paper.annotations import marked_length
 from paper.match_picture import as_jpeg, draw_matches
 from paper.pixel_rows import MATCH_SIGMA_PX, NOT_RUN, PixelOutcome, Solved, counted, judged, solved

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from baselines.pooling import pooled_points
 
 from baselines import MATCHERS, Matches, Unavailable, open_matcher
+from baselines.pooling import pooled_points
 from paper.annotations import marked_points
 from paper.conditions import FAILED, Outcome, with_pose_errors
 from paper.geopose_points import solve_correspondences

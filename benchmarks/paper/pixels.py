@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
-from metrics.epipolar import RIGHT_PX
-
 from baselines import MATCHERS
+from metrics.epipolar import RIGHT_PX
 from paper.match_picture import MOST_DRAWN
 from paper.page import Page, Wanted, number, table, yes
 from paper.paper_figures import POSES, REPROJECTIONS, SCENES

@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from paper.page import Page
-
 from peers.cases import (
     BOX_NOISE,
     CONDITIONS,

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from statistics import median
 
 from paper.page import errors, number, table, yes
-
 from peers.judging import Result
 
 PASSERBY, CALISCOPE = "Passerby", "caliscope"

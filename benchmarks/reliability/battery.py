@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from paper.page import table
-
 from reliability import hostile, ordinary
 from reliability.hostile import HOSTILE
 from reliability.judging import MOST_DEG, MOST_M, MOST_SIGMAS

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from paper.page import table
 
 from datasets import DATA_SETS, write_scene
+from paper.page import table
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.pipeline import calibrate

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from paper.page import table
 
+from paper.page import table
 from reliability.disturbed import DISTURBANCES, SkippedError, calibration, program
 from reliability.machine import Fault
 from reliability.page import Line, Part

@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from paper.page import table
-
 from reliability.page import Line, Part
 from reliability.runs import ROOT, Wanted
 
@@ -47,10 +46,10 @@ def run(wanted: Wanted) -> Part:
     """Run the marked tests, and those of untrusted files."""
     cases = QUICK_CASES if wanted.quick else int(os.environ.get("PASSERBY_FUZZ_CASES", CASES))
     with TemporaryDirectory() as folder:
-        status = _tests(wanted, "tests/fuzz/test_readers.py", ["-m", "fuzz"], cases, Path(folder))
+        status = _tests(wanted, "tests/interchange/untrusted/test_readers.py", ["-m", "fuzz"], cases, Path(folder))
         records = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(Path(folder).glob("*.json"))]
         report = Path(folder) / "untrusted.xml"
-        _tests(wanted, "tests/fuzz/test_untrusted.py", [f"--junitxml={report}"], cases, Path(folder))
+        _tests(wanted, "tests/interchange/untrusted/test_untrusted.py", [f"--junitxml={report}"], cases, Path(folder))
         checks, failed = _counted(report)
     faults = sum(record.get("faults", 0) for record in records)
     whole = [record for record in records if record["share"] == 1.0]

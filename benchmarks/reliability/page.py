@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from paper.page import Page, table, write_page
-
 from passerby.interchange.storage.atomic import write_text
 from reliability.runs import code_digest
 

@@ -8,9 +8,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from metrics.identities import IdentityAgreement, identity_agreement
 
-from ground_walkers import bodies_at
+from metrics.identities import IdentityAgreement, identity_agreement
 from passerby.association.associate import OVERLAP_S, Tracklets, cluster_by_pairwise_poses, cluster_by_rig
 from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets
 from passerby.association.graph import ViewGraph, view_graph
@@ -20,6 +19,7 @@ from passerby.core.cameras import Pose
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.scene import SimulatedScene
+from support.scenes.walkers_on_plane import bodies_at
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ground_walkers import Station, seen_by, walkers
 from passerby.association.graph import view_graph
 from passerby.association.ground.chance import make_surrogates
 from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.association.ground.registration import BELIEVED_SHARE, register_pair
 from passerby.association.sampling import STEP_S
+from support.scenes.walkers_on_plane import Station, seen_by, walkers
 
 A, B = Station(0.4, -12.0 - 3.0j), Station(2.2, 4.0 + 11.0j)
 

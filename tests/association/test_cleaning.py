@@ -11,7 +11,7 @@ from passerby.association.cleaning import reassign_detections
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Clock
 from passerby.people.upright_rays import Bodies, bodies_of
-from person_scenes import observe, ring
+from support.scenes.people_and_rigs import observe, ring
 
 FPS = 5.0
 FRAMES = np.arange(1, 21)

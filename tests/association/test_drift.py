@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from ground_walkers import Walker, standing, walkers
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import Clock
 from passerby.people.upright_rays import bodies_of
-from person_scenes import observe, ring
+from support.scenes.people_and_rigs import observe, ring
+from support.scenes.walkers_on_plane import Walker, standing, walkers
 
 FPS = 10.0
 SECONDS = 60.0

@@ -6,10 +6,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ground_walkers import UP
 from passerby.association.ground.cooccurrence import TrackPair, find_synchronous_pairs
 from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
 from passerby.geometry.single_view import Level
+from support.scenes.walkers_on_plane import UP
 
 SAMPLES = st.lists(st.tuples(st.integers(-6, 6), st.integers(0, 3)), max_size=15)
 

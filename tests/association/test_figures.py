@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ground_walkers import UP, Station, bodies_at, walkers
 from passerby.association.associate import Tracklets
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.figures import association_figures
@@ -18,6 +17,7 @@ from passerby.association.ground.registration import register_pair
 from passerby.association.initial_association import InitialAssociation
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.geometry.single_view import Level
+from support.scenes.walkers_on_plane import UP, Station, bodies_at, walkers
 
 LEVEL = Level(UP, 4.0, 0.125)
 STATIONS = Station(turn=0.4, place=-6 - 8j), Station(turn=-1.2, place=7 - 6j, delay_s=0.8), Station(turn=2.0, place=1 + 9j)

@@ -7,9 +7,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from ground_walkers import Station
 from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph, view_graph
 from passerby.association.ground.registration import PairRegistration, Registration
+from support.scenes.walkers_on_plane import Station
 
 STATIONS = [
     Station(0.3, -12.0 - 2.0j, 0.0),

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ground_walkers import UP, bodies_at
 from passerby.association.ground.ground_tracks import MAX_REACH_HEIGHTS, GroundTracks, Tolerance, ground_tracks
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
+from support.scenes.walkers_on_plane import UP, bodies_at
 
 HEIGHT = 4.0
 LEVEL = Level(UP, HEIGHT, 0.0)

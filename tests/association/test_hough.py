@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ground_walkers import UP, Station, Walker, seen_by, walkers
 from passerby.association.ground.cooccurrence import TrackPair
 from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
 from passerby.association.ground.hough import SAME_LAG_S, hough_motion_candidates
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
+from support.scenes.walkers_on_plane import UP, Station, Walker, seen_by, walkers
 
 A = Station(0.4, -12.0 - 3.0j)
 CELL_M = 1.5

@@ -16,7 +16,7 @@ from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.evaluation.metrics import compare
 from passerby.solver.people import solve_people
-from people_on_spot import moving_on_spot, ring, seen
+from support.scenes.people_on_spot import moving_on_spot, ring, seen
 
 TURNS = Rotation.random(4, random_state=5).as_matrix()
 

@@ -7,7 +7,7 @@ from passerby.association.joints.joint_pairs import register_joints
 from passerby.association.joints.joint_tracks import joint_tracks
 from passerby.core.observations import Clock
 from passerby.geometry.rotations import angle_between, direction_angle
-from people_on_spot import moving_on_spot, ring, seen
+from support.scenes.people_on_spot import moving_on_spot, ring, seen
 
 ONE = np.array([[0.0, 0.0]])
 THREE = np.array([[0.0, 0.0], [1.2, 0.3], [-0.6, 1.1]])

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ground_walkers import bodies_at
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.sampling import STEP_S
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
+from support.scenes.walkers_on_plane import bodies_at
 
 PEOPLE, DIMENSIONS = 10, 64
 FPS = 10.0

@@ -11,7 +11,7 @@ from passerby.association.ground.ray_affinity import RayTracks, pairwise_ray_aff
 from passerby.association.sampling import STEP_S
 from passerby.core.cameras import Pose
 from passerby.people.upright_rays import Bodies
-from person_scenes import looking_at
+from support.scenes.people_and_rigs import looking_at
 
 BODY_M = 1.72
 FAR = looking_at((9.0, -3.0, 3.0), (0, 0, 1))

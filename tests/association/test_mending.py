@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from metrics.tracklets import score_tracklets
-from simulated_scenes import scene
 
+from metrics.tracklets import score_tracklets
 from passerby.association.tracking.stitching import StitchingOptions, find_stitches, stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
+from support.scenes.simulated import scene
 
 FPS = 10.0
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ground_walkers import UP, Station, bodies_at, standing, walkers
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.clocks.frame_rate import FASTEST, SLOWEST, UNKNOWN_RATE, estimate_frame_rate, rate_of_walkers
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
 from passerby.geometry.single_view import Level
-from person_scenes import simulated
+from support.scenes.people_and_rigs import simulated
+from support.scenes.walkers_on_plane import UP, Station, bodies_at, standing, walkers
 
 HEIGHT_M = 4.0
 

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ground_walkers import UP, Station, seen_by, walkers
 from passerby.association.ground.cooccurrence import SynchronousPairs, TrackPair, find_synchronous_pairs
 from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
 from passerby.association.ground.pair_matching import GroundMotion, agreement_of_pairs, fit_motion, match_tracklets
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
+from support.scenes.walkers_on_plane import UP, Station, seen_by, walkers
 
 A, B = Station(0.4, -12.0 - 3.0j), Station(2.0, 9.0 + 5.0j, delay_s=0.7)
 ON_THE_GRID = replace(B, delay_s=STEP_S)

@@ -11,7 +11,7 @@ import pytest
 from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets, build_tracklets
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.simulation import SimulatedScene
-from person_scenes import simulated
+from support.scenes.people_and_rigs import simulated
 
 FPS = 5.0
 

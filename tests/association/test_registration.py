@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ground_walkers import UP, Station, Walker, seen_by, standing, walkers
 from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
 from passerby.association.ground.registration import PairRegistration, Registration, register_pair, score_motion
 from passerby.association.sampling import STEP_S
 from passerby.geometry.single_view import Level
+from support.scenes.walkers_on_plane import UP, Station, Walker, seen_by, standing, walkers
 
 A = Station(0.4, -12.0 - 3.0j)
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_scenes import scene
 
 from passerby.association.tracking.embedding_model import learn_similarity
 from passerby.association.tracking.splitting import SplittingOptions, split_tracklets
@@ -13,6 +12,7 @@ from passerby.association.tracking.tracking import TrackingOptions, track
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
+from support.scenes.simulated import scene
 
 FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.05, "cameras": 2, "seconds": 20.0}
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ground_walkers import UP, Station, Walker, bodies_at, standing, walkers
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import ground_tracks
@@ -25,7 +24,8 @@ from passerby.association.registration_failures import (
 from passerby.core.cameras import Pose
 from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level
-from person_scenes import looking_at
+from support.scenes.people_and_rigs import looking_at
+from support.scenes.walkers_on_plane import UP, Station, Walker, bodies_at, standing, walkers
 
 LEVEL = Level(UP, 4.0, 0.0)
 SECONDS = 60.0

@@ -11,12 +11,12 @@ import pytest
 from scipy.io import savemat
 from typer.testing import CliRunner
 
-from cmc_sets import write_cmc
 from passerby.cli.main import app
 from passerby.common.errors import InputError
 from passerby.datasets import read_published
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
+from support.datasets.cmc import write_cmc
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import tomllib
 import numpy as np
 import pytest
 
-import tsai_sets
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Rig
@@ -17,6 +16,7 @@ from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.perception.video import VideoReader
+from support.datasets import tsai as tsai_sets
 
 
 @pytest.fixture(scope="module")

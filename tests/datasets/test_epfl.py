@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-import tsai_sets
 from passerby.common.errors import InputError
 from passerby.datasets.epfl import read, read_grid
 from passerby.interchange.rig_toml import write_rig
+from support.datasets import tsai as tsai_sets
 
 
 @pytest.fixture(scope="module")

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from grid_sets import annotation, write_multiviewx, write_wildtrack
 from passerby.cli.main import app
 from passerby.common.errors import InputError
 from passerby.datasets import read_published
 from passerby.datasets.published import Published
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
-from walking_rigs import Walk
+from support.datasets.grids import annotation, write_multiviewx, write_wildtrack
+from support.scenes.walking_area import Walk
 
 WRITERS = {"wildtrack": write_wildtrack, "multiviewx": write_multiviewx}
 

@@ -11,7 +11,6 @@ import pytest
 from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
-from joint_sets import FIRST, People, write_panoptic, write_tum
 from passerby.cli.main import app
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
@@ -22,6 +21,7 @@ from passerby.datasets.skeletons import Skeletons, projected
 from passerby.datasets.tum import JOINTS
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
+from support.datasets.joints import FIRST, People, write_panoptic, write_tum
 
 
 def assert_cameras(found: Published, truth: People, tolerance_px: float = 1e-4) -> None:

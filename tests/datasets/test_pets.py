@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-import tsai_sets
 from passerby.common.errors import InputError
 from passerby.datasets.pets import read
+from support.datasets import tsai as tsai_sets
 
 
 @pytest.fixture(scope="module")

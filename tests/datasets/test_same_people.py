@@ -2,10 +2,10 @@
 
 import numpy as np
 
-import tsai_sets
 from passerby.core.cameras import Camera, Rig
 from passerby.datasets.published import GroundTruth
 from passerby.datasets.same_people import with_identities_of
+from support.datasets import tsai as tsai_sets
 
 
 def annotated():

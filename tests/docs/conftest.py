@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from filmed import film, puppets
 from passerby.cli.main import run
 from passerby.common.progress import silent
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
+from support.scenes.puppet_videos import film, puppets
 
 Folders = Callable[[str], Path]
 

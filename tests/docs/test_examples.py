@@ -15,12 +15,12 @@ from typing import Any
 
 import pytest
 
-from documentation import ROOT, Block, blocks_of, pages
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError
 from passerby.interchange.rig_toml import read_rig
 from passerby.perception.own_networks import Description
 from passerby.scene.scene import Scene
+from support.documentation import ROOT, Block, blocks_of, pages
 
 RUN = ("sh", "console", "python")
 TOOLS = frozenset({"ls", "cat", "head", "mkdir", "cp", "mv"})

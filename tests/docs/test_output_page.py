@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from documentation import DOCS
+from support.documentation import DOCS
 
 NAMES = ("C1", "C2", "C3")
 ELSEWHERE = {"scene": "reference/scene-file.md", "options": "reference/scene-file.md", "association": "association.md"}

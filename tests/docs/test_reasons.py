@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from documentation import DOCS, ROOT
+from support.documentation import DOCS, ROOT
 
 SOURCE = ROOT / "src" / "passerby"
 MODULES = (

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from documentation import DOCS
+from support.documentation import DOCS
 
 
 @pytest.fixture(scope="module")

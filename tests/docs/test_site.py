@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from documentation import DOCS, ROOT, without_code
+from support.documentation import DOCS, ROOT, without_code
 
 ALL = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 OFFLINE = ("fonts.googleapis", "fonts.gstatic", "unpkg.com", "cdn.", "cdnjs", "jsdelivr")

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import PoseSigma, Rig
 from passerby.evaluation.metrics import compare
-from person_scenes import ring as ring_of
+from support.scenes.people_and_rigs import ring as ring_of
 
 
 def with_sigmas(rig: Rig, position_m: float = 0.05, orientation_deg: float = 0.5) -> Rig:

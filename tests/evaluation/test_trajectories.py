@@ -11,7 +11,7 @@ from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
 from passerby.evaluation.trajectories import GroundTruth, between, judge, placements
 from passerby.geometry.similarity import Similarity
-from person_scenes import ring
+from support.scenes.people_and_rigs import ring
 
 TIMES = np.arange(40) / 5.0
 

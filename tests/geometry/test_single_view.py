@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from passerby.geometry.rotations import direction_angle
 from passerby.geometry.single_view import Level, _Fit, level_camera
-from person_scenes import LENS
+from support.scenes.people_and_rigs import LENS
 
 BODY = 1.72
 

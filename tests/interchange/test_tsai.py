@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose
 from passerby.interchange.tsai import WORST_PX, fitted_distortions, is_tsai, read_tsai
-from tsai_sets import Tsai
+from support.datasets.tsai import Tsai
 
 
 def camera(kappa1, sx=1.0, size=(720, 576), focal=20.16, **other):

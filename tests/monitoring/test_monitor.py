@@ -11,7 +11,7 @@ import passerby
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_rig
-from walkers_watched import calibrated, knocked, true_rig, walkers, write_watched
+from support.scenes.walkers_for_monitor import calibrated, knocked, true_rig, walkers, write_watched
 
 RIG = true_rig()
 GIVEN = calibrated(RIG)

@@ -9,7 +9,7 @@ from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground
 from passerby.people.resection import resect
 from passerby.people.rig_observations import poses_of, sightings_of
-from walkers_watched import calibrated, knocked, only, true_rig, walkers
+from support.scenes.walkers_for_monitor import calibrated, knocked, only, true_rig, walkers
 
 RIG = true_rig()
 GIVEN = calibrated(RIG)

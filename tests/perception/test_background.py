@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from figures_on_ground import COLOURS, HEIGHT, WIDTH, Figure, ground, picture, recording
 from passerby.common.errors import EvidenceError, InputError
 from passerby.perception.background import (
     BackgroundDetector,
@@ -18,6 +17,7 @@ from passerby.perception.background import (
     plan_sampling,
 )
 from passerby.perception.pictures import Frame
+from support.scenes.pictures_of_figures import COLOURS, HEIGHT, WIDTH, Figure, ground, picture, recording
 
 COUNT = 30
 

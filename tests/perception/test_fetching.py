@@ -8,10 +8,10 @@ import time
 
 import pytest
 
-from model_server import BODY, SHA256, keep_to, serving
 from passerby.common.errors import InputError
 from passerby.perception import fetching
 from passerby.perception.fetching import UnreachableError, fetch
+from support.networks.model_server import BODY, SHA256, keep_to, serving
 
 FETCH = """
 import sys

@@ -1,5 +1,4 @@
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,12 +7,13 @@ import numpy as np
 import pytest
 from onnx import TensorProto
 
-from crop_models import brightest, fixed, network, stripe_means
 from passerby.common.errors import InputError
 from passerby.core.observations import BODY_17
 from passerby.perception.crops import enlarge_box, sample_crop
 from passerby.perception.joint_checks import MIN_JOINTS, MIN_SCORE, OUTSIDE, plausible_joints
 from passerby.perception.keypoints import HeatmapKeypoints, MovenetKeypoints, SimccKeypoints, open_keypoints
+from support.networks.crop_networks import brightest, fixed, network, stripe_means
+from support.paths import MODELS
 
 PICTURE = np.zeros((480, 640, 3), dtype=np.uint8)
 BOX = np.array([[200.0, 100.0, 90.0, 240.0]])
@@ -240,8 +240,7 @@ def test_identity_tells_networks_and_conventions_apart(tmp_path):
 # Measured: 0.015 and 0.014. The reference lies on a grid of 5 px, 0.006 of the person's height.
 @pytest.mark.parametrize(("size", "bound"), [("lightning", 0.025), ("thunder", 0.02)])
 def test_movenet_on_a_real_person(data_root, size, bound):
-    models = Path(os.environ.get("PASSERBY_MODELS") or Path(__file__).parents[3] / "shared" / "models")
-    path, folder = models / f"movenet-{size}.onnx", data_root / "pose2sim_single"
+    path, folder = MODELS / f"movenet-{size}.onnx", data_root / "pose2sim_single"
     for needed in (path, folder):
         if not needed.exists():
             pytest.skip(f"{needed} does not exist; set PASSERBY_MODELS and PASSERBY_DATA")

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from model_server import BODY, SHA256, entry, keep_to, know_only, serving
 from passerby.common.errors import InputError
 from passerby.perception.catalogue import catalogue, default_of
 from passerby.perception.fetching import sha256_of
 from passerby.perception.model_files import cache_folder, find_model, model_folders
 from passerby.perception.networks import InputConvention
-
-REAL = os.environ.get("PASSERBY_MODELS") or Path(__file__).parents[3] / "shared" / "models"
+from support.networks.model_server import BODY, SHA256, entry, keep_to, know_only, serving
+from support.paths import MODELS
 
 
 @pytest.fixture
@@ -181,7 +180,7 @@ def test_a_folder_that_is_none(server, tmp_path, monkeypatch, by):
 
 
 def test_the_real_files(cache, monkeypatch):
-    folder = Path(REAL)
+    folder = Path(MODELS)
     if not folder.is_dir():
         pytest.skip(f"no model files: {folder} does not exist; set PASSERBY_MODELS to their folder")
     monkeypatch.setenv("PASSERBY_OFFLINE", "1")

@@ -6,11 +6,11 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from model_server import keep_to
 from passerby.common.errors import InputError
 from passerby.perception.fetching import sha256_of
 from passerby.perception.model_files import find_model
 from passerby.perception.networks import InputConvention
+from support.networks.model_server import keep_to
 
 
 @pytest.fixture(autouse=True)

@@ -2,12 +2,12 @@
 
 import pytest
 
-from crop_models import stripe_means
-from model_server import entry, keep_to, know_only
 from passerby.common.errors import InputError
 from passerby.perception.networks import Network
 from passerby.perception.plan import STRIPES, Plan, foresee, make_plan
-from yolox_files import constant_file, raw_rows
+from support.networks.crop_networks import stripe_means
+from support.networks.model_server import entry, keep_to, know_only
+from support.networks.yolox import constant_file, raw_rows
 
 
 @pytest.fixture

@@ -1,4 +1,3 @@
-import os
 from pathlib import Path
 
 import cv2
@@ -6,9 +5,10 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
-from crop_models import fixed, network, port, saved, stripe_means
 from passerby.common.errors import InputError
 from passerby.perception.reid import ReidEmbedder
+from support.networks.crop_networks import fixed, network, port, saved, stripe_means
+from support.paths import MODELS
 
 COLOURS = np.array([[10, 200, 30], [250, 40, 90], [60, 60, 220], [120, 180, 0]], dtype=np.uint8)  # BGR, head to foot
 IMAGENET = {"scale": 1 / 255, "mean": (0.485, 0.456, 0.406), "std": (0.229, 0.224, 0.225)}
@@ -134,8 +134,7 @@ def test_boxes_of_another_shape_are_refused(tmp_path):
 
 
 def test_a_real_network_finds_the_same_people_in_another_camera(data_root):
-    models = Path(os.environ.get("PASSERBY_MODELS") or Path(__file__).parents[3] / "shared" / "models")
-    path = models / "person-reidentification-retail-0248.onnx"
+    path = MODELS / "person-reidentification-retail-0248.onnx"
     crops = data_root / "reid_crops" / "val"
     for needed in (path, crops):
         if not needed.exists():

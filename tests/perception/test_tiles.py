@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from passerby.perception.pictures import Frame
 from passerby.perception.tiles import ENOUGH_SCALE, MOST_MAGNIFICATION, hinted, is_untruncated, merge, tile_windows
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
-from yolox_files import bright_file, network
+from support.networks.yolox import bright_file, network
 
 NETWORK = (416, 416)
 

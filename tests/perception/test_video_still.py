@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
-from filmed import wall, write_video
 from passerby.common.errors import InputError
 from passerby.perception.video import VideoReader, probe
 from passerby.perception.video_still import still
+from support.scenes.puppet_videos import wall, write_video
 
 SIZE = (160, 96)
 COUNT = 700

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from filmed import wall, write_video
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.interchange.video_writer import VideoWriter
@@ -18,6 +17,7 @@ from passerby.perception.pictures import Detections
 from passerby.perception.plan import Plan
 from passerby.perception.video import probe
 from passerby.perception.watching import CameraJob, watch_camera
+from support.scenes.puppet_videos import wall, write_video
 
 SIZE, FPS, COUNT = (160, 120), 10.0, 50
 SEGMENT = 8

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,7 +16,8 @@ from passerby.perception.letterbox import fit_window
 from passerby.perception.networks import InputConvention, Network
 from passerby.perception.pictures import Frame
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
-from yolox_files import bright_file, constant_file, decoded, network, raw_rows, row_of
+from support.networks.yolox import bright_file, constant_file, decoded, network, raw_rows, row_of
+from support.paths import MODELS
 
 GREY = Frame(1, 0.0, np.full((96, 128, 3), 90, dtype=np.uint8))
 
@@ -179,11 +178,9 @@ def test_identity_is_plain_and_changes_with_what_decides(tmp_path):
 
 @pytest.fixture(scope="module")
 def nano() -> Network:
-    named = os.environ.get("PASSERBY_MODELS")
-    root = Path(named) if named else Path(__file__).parents[3] / "shared" / "models"
-    if not (root / "yolox_nano.onnx").is_file():
-        pytest.skip(f"no network: {root / 'yolox_nano.onnx'} does not exist; set PASSERBY_MODELS to the folder of models")
-    return network(root / "yolox_nano.onnx")
+    if not (MODELS / "yolox_nano.onnx").is_file():
+        pytest.skip(f"no network: {MODELS / 'yolox_nano.onnx'} does not exist; set PASSERBY_MODELS to the folder of models")
+    return network(MODELS / "yolox_nano.onnx")
 
 
 @pytest.mark.real

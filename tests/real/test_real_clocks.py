@@ -16,7 +16,7 @@ from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.solver.people import PeopleOptions
-from person_scenes import solve
+from support.scenes.people_and_rigs import solve
 
 pytestmark = pytest.mark.real
 FPS = 7.0

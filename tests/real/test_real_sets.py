@@ -17,7 +17,7 @@ from passerby.evaluation.metrics import Comparison, compare
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from person_scenes import solve
+from support.scenes.people_and_rigs import solve
 
 pytestmark = pytest.mark.real
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
-from metrics.tracklets import score_tracklets
 
+from metrics.tracklets import score_tracklets
 from passerby.association.tracking.stitching import stitch_tracklets
 from passerby.association.tracking.tracking import track
 from passerby.calibration.calibration import Calibration
@@ -19,6 +18,7 @@ from passerby.interchange.rig_toml import read_rig
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
+from support.paths import MODELS
 
 pytestmark = [pytest.mark.real, pytest.mark.slow]
 
@@ -27,11 +27,9 @@ PETS_FPS = 7.0
 
 @pytest.fixture(scope="module")
 def models() -> Path:
-    named = os.environ.get("PASSERBY_MODELS")
-    folder = Path(named) if named else Path(__file__).parents[3] / "shared" / "models"
-    if not (folder / "yolox_nano.onnx").is_file():
-        pytest.skip(f"no networks in {folder}: set PASSERBY_MODELS to the folder of models")
-    return folder
+    if not (MODELS / "yolox_nano.onnx").is_file():
+        pytest.skip(f"no networks in {MODELS}: set PASSERBY_MODELS to the folder of models")
+    return MODELS
 
 
 def pets_scene(folder: Path, data: Path, perception: str) -> Path:

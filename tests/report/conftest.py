@@ -1,11 +1,6 @@
-"""Modules beside the tests can be imported; calibrations that several tests tell of are made once."""
-
-import sys
-from pathlib import Path
+"""Calibrations that several tests tell of are made once."""
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")
@@ -21,6 +16,6 @@ def scene(tmp_path_factory):
 @pytest.fixture(scope="session")
 def calibrated(scene):
     """(calibration, output folder) of the scene's boxes."""
-    from reported import solved, without
+    from support.report.pages import solved, without
 
     return solved(scene, "boxes", lambda text: without(text, "keypoints"))

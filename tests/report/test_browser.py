@@ -8,10 +8,10 @@ import time
 from dataclasses import replace
 
 import pytest
-from reported import busy_place, named, without_poses
 
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
+from support.report.pages import busy_place, named, without_poses
 
 playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 

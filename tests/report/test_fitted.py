@@ -4,13 +4,13 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from drawn import contents, only_boxes, only_joints, simulated
 
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.fitted import fit_people
 from passerby.report.sampling import STEP_S, STRETCHES, sample_observations
 from passerby.report.upright import Bodies, body_model, model_boxes
+from support.report.drawings import contents, only_boxes, only_joints, simulated
 
 
 def exact(made, slack=0.0, foot_shift=0.1):

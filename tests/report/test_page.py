@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reported import Page, busy_place, named, solved, without, without_poses
 
 from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
+from support.report.pages import Page, busy_place, named, solved, without, without_poses
 
 SECTIONS = (
     "summary", "cameras", "rig", "views", "graph", "timeline", "heights", "scale", "distances", "stages", "settings", "files",
@@ -102,7 +102,7 @@ def test_a_refused_one_has_dashes_and_says_why_in_every_section(calibrated):
 
 
 def test_a_scene_that_shares_nobody_is_refused_and_told(tmp_path):
-    from scenes import rows, write_scene
+    from support.scenes.handmade_files import rows, write_scene
 
     path = write_scene(tmp_path, files={"A.txt": rows(identities=(1,)), "B.txt": rows(identities=(2,))})
     assert run(["calibrate", str(path), "-o", str(tmp_path / "out")]) == 3

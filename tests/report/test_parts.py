@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from reported import busy_place
 
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import contents_from
@@ -19,6 +18,7 @@ from passerby.report.mends import Point, point_of, points_of, sentence
 from passerby.report.seen import lanes_of, merge_spells, seen_in
 from passerby.report.view_graph import links_of
 from passerby.report.weak_points import outstanding, weak_points
+from support.report.pages import busy_place
 
 
 @given(st.text())

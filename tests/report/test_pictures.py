@@ -6,9 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from drawn import SVG, contents, distance_to, layer, of_class, only_boxes, only_joints, parsed, scripts, simulated, strokes
 
-from filmed import pictures, puppets, write_video
 from passerby.core.cameras import Rig
 from passerby.core.observations import BODY_17, Boxes, CameraObservations, Observations
 from passerby.report.backdrop import MOST_CHARACTERS, WIDEST_PX, data_uri
@@ -16,6 +14,20 @@ from passerby.report.contents import Contents
 from passerby.report.fitted import fit_people
 from passerby.report.ground_layer import grid_lines, grid_region, grid_spacing
 from passerby.report.pictures import camera_picture
+from support.report.drawings import (
+    SVG,
+    contents,
+    distance_to,
+    layer,
+    of_class,
+    only_boxes,
+    only_joints,
+    parsed,
+    scripts,
+    simulated,
+    strokes,
+)
+from support.scenes.puppet_videos import pictures, puppets, write_video
 
 HOSTILE = '"><script>alert(1)</script><img src=x onerror="alert(2)">&lt;b&gt;\u202e\x00\n' + "x" * 300
 

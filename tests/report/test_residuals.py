@@ -4,10 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawn import contents, layer, longer, of_class, only_boxes, only_joints, parsed, scripts, simulated, with_lens
 
 from passerby.report.fitted import fit_people
 from passerby.report.residuals import FEWEST, Residuals, residual_cells, residual_map, residuals_of
+from support.report.drawings import (
+    contents,
+    layer,
+    longer,
+    of_class,
+    only_boxes,
+    only_joints,
+    parsed,
+    scripts,
+    simulated,
+    with_lens,
+)
 
 
 def cells_of(made, change, name, seen):

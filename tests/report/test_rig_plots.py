@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawn import contents, only_boxes, simulated
 from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
@@ -24,6 +23,7 @@ from passerby.report.rig_geometry import (
 )  # fmt: skip
 from passerby.report.rig_labels import told as told_name
 from passerby.report.rig_plots import rig_from_above, rig_in_space
+from support.report.drawings import contents, only_boxes, simulated
 
 HOSTILE = ('<a href="javascript:alert(1)">A</a>', "<b>B</b>&lt;i&gt;&#60;", "%{x}$\\frac{1}{2}$", "x" * 300 + "\n\x00")
 

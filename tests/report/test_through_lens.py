@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from drawn import distance_to
 from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose
 from passerby.report.through_lens import View, simplify_polyline, spacing_of
+from support.report.drawings import distance_to
 
 LENSES = {
     "pinhole": Lens((1280, 720), np.array([[800.0, 0, 639.5], [0, 800.0, 359.5], [0, 0, 1]]), np.zeros(0)),

@@ -8,7 +8,6 @@ from dataclasses import replace
 import av
 import numpy as np
 import pytest
-from simulated_scenes import scene
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Rig
@@ -23,6 +22,7 @@ from passerby.simulation.rendering.drawing import PeoplePainter
 from passerby.simulation.rendering.light import SHADOW, Light
 from passerby.simulation.rendering.mesh import template
 from passerby.simulation.rendering.shadows import ShadowCaster
+from support.scenes.simulated import scene
 
 STILL = RenderOptions(noise=0.0, light_drift=0.0, blur_px=0.0)
 NO_GRAIN = np.zeros((128, 128), dtype=np.float32)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_scenes import edges_of, scene
 
 from passerby.core.observations import UNKNOWN
+from support.scenes.simulated import edges_of, scene
 
 FREE = {"occlusion": False, "preset": "construction"}
 

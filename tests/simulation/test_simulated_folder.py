@@ -7,15 +7,15 @@ import tomllib
 
 import numpy as np
 import pytest
-from metrics.identities import identity_agreement
-from simulated_scenes import scene
 
+from metrics.identities import identity_agreement
 from passerby.common.errors import InputError
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.scene import Scene
 from passerby.simulation import write_scene
+from support.scenes.simulated import scene
 
 FAULTS = {"seconds": 3.0, "box_noise": 0.02, "false_boxes": 0.1, "identity_swaps": 0.2, "clock_offsets": 0.2}
 

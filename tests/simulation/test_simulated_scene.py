@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_scenes import edges_of, scene
 
 from passerby.common.errors import InputError
 from passerby.simulation import PRESETS, SimulationOptions, simulate
 from passerby.simulation.motion import PAD_S
+from support.scenes.simulated import edges_of, scene
 
 PICTURES = {"terrace": (720, 576), "basketball": (720, 576), "construction": (1352, 760)}
 EVERY_PRESET = pytest.mark.parametrize("preset", list(PRESETS))

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from metrics.identities import identity_agreement
-from simulated_scenes import scene
 
+from metrics.identities import identity_agreement
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.areas import AREA_DISTANCE_M, share_out
 from passerby.simulation.tracklets import renumber
+from support.scenes.simulated import scene
 
 FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.1, "identity_swaps": 0.2}
 CUT = {"unrelated_ids": True, "tracklet_seconds": 4.0}

@@ -19,7 +19,7 @@ from passerby.solver.pose_graph import (
     poses_of_tree,
     spanning_trees,
 )
-from person_scenes import ring
+from support.scenes.people_and_rigs import ring
 
 POSES = [camera.pose for camera in ring(5) if camera.pose is not None]
 

@@ -11,7 +11,7 @@ from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.solver.occlusion import weight_truncated_boxes
-from person_scenes import part, simulated, solve
+from support.scenes.people_and_rigs import part, simulated, solve
 
 PER_PX = np.sqrt(1 / 6)
 """Standard deviation of a box's centre where both of its corners are off by up to one pixel either way."""

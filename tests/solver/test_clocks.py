@@ -17,7 +17,7 @@ from passerby.people.image_motion import image_velocity
 from passerby.simulation import SimulatedScene
 from passerby.solver.evidence import gather_evidence
 from passerby.solver.people import PeopleOptions
-from person_scenes import observe, part, ring, simulated, solve
+from support.scenes.people_and_rigs import observe, part, ring, simulated, solve
 
 TIMED = PeopleOptions(refine_time=True)
 

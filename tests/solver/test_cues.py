@@ -27,7 +27,7 @@ from passerby.solver.cues import (
     triangulate_marks,
 )
 from passerby.solver.people import PeopleOptions
-from person_scenes import part, simulated, solve
+from support.scenes.people_and_rigs import part, simulated, solve
 
 TRUTH = simulated("terrace", seconds=8.0)
 SEEN = part(TRUTH.observations)

@@ -10,7 +10,7 @@ import pytest
 from passerby.core.observations import BODY_17, Boxes, CameraObservations, Keypoints, Observations
 from passerby.people.segments import nominal_heights
 from passerby.solver.evidence import Evidence, gather_evidence
-from person_scenes import LENS, part, ring, simulated
+from support.scenes.people_and_rigs import LENS, part, ring, simulated
 
 RIG = ring(3)
 WIDTH, HEIGHT = LENS.size

@@ -17,8 +17,8 @@ from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import rig_covariance
-from person_scenes import part, simulated, solve, without_poses
-from upper_bodies import in_turns, without_joints
+from support.scenes.people_and_rigs import part, simulated, solve, without_poses
+from support.scenes.upper_bodies import in_turns, without_joints
 
 QUICK = PeopleOptions(coarse_people=100, coarse_joints=600, max_joints=8000)
 TRUTH = simulated("terrace", seconds=12.0)

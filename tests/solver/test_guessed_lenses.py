@@ -20,8 +20,8 @@ from passerby.scene.scene import Scene
 from passerby.solver.lens_unknowns import FOCAL_CORE, LensUnknowns
 from passerby.solver.people import PeopleOptions
 from passerby.solver.systematic import covariance_of_guesses
-from person_scenes import LENS, part, simulated, solve, without_poses
-from scenes import lens, write_scene
+from support.scenes.handmade_files import lens, write_scene
+from support.scenes.people_and_rigs import LENS, part, simulated, solve, without_poses
 
 OPTIONS = PeopleOptions(max_sightings=4000, coarse_people=200)
 

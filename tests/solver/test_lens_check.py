@@ -15,7 +15,7 @@ from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.lens_check import COMMON, FARTHEST, KNOWN_FOCAL, MIN_INSTANTS, FocalCheck, common_change
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleOptions
-from person_scenes import part, simulated, solve, without_poses
+from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 
 SOLVING = PeopleOptions(max_sightings=4000, max_joints=5000)
 

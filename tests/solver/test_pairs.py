@@ -15,7 +15,7 @@ from passerby.geometry.single_view import Level
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.initialisation import level_of
 from passerby.solver.pairs import body_lengths, pair_hypotheses, shared_rows
-from person_scenes import observe, part, ring, simulated
+from support.scenes.people_and_rigs import observe, part, ring, simulated
 
 BODY = 1.72
 PAIRS = [(a, b) for a in range(4) for b in range(a + 1, 4)]

@@ -17,7 +17,7 @@ from passerby.evaluation.metrics import Comparison, compare
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
 from passerby.solver.people import PeopleOptions, solve_people
-from person_scenes import part, simulated, solve, without_poses
+from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 
 PRESETS = ("terrace", "basketball", "construction")
 # Similarity errors with 2 % box noise over 20 seconds: the largest of three seeds was 23.8, 16.7 and 24.3 mm, and 0.158, 0.050

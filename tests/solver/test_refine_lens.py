@@ -22,7 +22,7 @@ from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState, UprightObservations
 from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
 from passerby.solver.refined_lenses import far_lenses, lens_notes
-from person_scenes import LENS, looking_at, part, simulated, solve, without_poses
+from support.scenes.people_and_rigs import LENS, looking_at, part, simulated, solve, without_poses
 
 BOTH = LensUnknowns(("focal", "principal_point"))
 

@@ -19,7 +19,7 @@ from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import RigCovariance, rig_covariance
-from person_scenes import part, simulated, solve, without_poses
+from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 
 QUICK = PeopleOptions(coarse_people=100)
 

@@ -10,7 +10,7 @@ import pytest
 from passerby.core.observations import Boxes, CameraObservations
 from passerby.evaluation.metrics import compare
 from passerby.solver.occlusion import CLEAN, LEAST_WEIGHT, weight_truncated_boxes
-from person_scenes import part, simulated, solve
+from support.scenes.people_and_rigs import part, simulated, solve
 
 
 def test_clean_edges_are_weighed_alike() -> None:

@@ -2,7 +2,9 @@ import cv2
 import numpy as np
 import pytest
 
-from facing_cameras import (
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
     MATRIX,
@@ -17,8 +19,6 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.common.errors import InputError
-from passerby.core.cameras import Rig
 
 # As EasyMocap's own writer has it: six digits, Windows' line ends, no picture size.
 INTRI = """%YAML:1.0\r

@@ -4,9 +4,20 @@ import cv2
 import numpy as np
 import pytest
 
-from facing_cameras import CENTRE, NASTY_NAMES, PIXELS, POINTS, SIZE, facing, read_back, same_cameras, turned_rig, written
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens, Rig
+from support.scenes.handmade_rigs import (
+    CENTRE,
+    NASTY_NAMES,
+    PIXELS,
+    POINTS,
+    SIZE,
+    facing,
+    read_back,
+    same_cameras,
+    turned_rig,
+    written,
+)
 
 # As FreeMoCap 1.8.2 dumps a group of cameras (toml 0.10.2).
 DUMPED = """\

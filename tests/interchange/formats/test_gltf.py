@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drawn_rigs import BENT, CENTRED, FISHEYE, NASTY, rig, ways
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
 from passerby.interchange.formats import Export, export
+from support.scenes.rigs_to_draw import BENT, CENTRED, FISHEYE, NASTY, rig, ways
 
 Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """From the rig's world to glTF's: (x, y, z) becomes (x, z, -y)."""

@@ -3,7 +3,9 @@ import numpy as np
 import pytest
 import yaml
 
-from facing_cameras import (
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
     NASTY_NAMES,
@@ -16,8 +18,6 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.common.errors import InputError
-from passerby.core.cameras import Rig
 
 # From the sample in Kalibr's wiki (yaml formats), shortened.
 CHAIN = """\

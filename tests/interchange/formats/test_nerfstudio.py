@@ -4,7 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from facing_cameras import (
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
     NASTY_NAMES,
@@ -18,8 +20,6 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Pose, Rig
 
 # As docs/quickstart/data_conventions.md of nerfstudio shows it: one lens at the top, for all frames.
 DOCUMENTED = {

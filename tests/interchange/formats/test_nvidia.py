@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 import yaml
 
-from facing_cameras import (
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
     NASTY_NAMES,
@@ -19,8 +21,6 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Pose, Rig
 
 # K [R | t] of `facing()`, by hand: rows 1000 x + 960 z, -1100 (z - 2.5) + 540 (y + 3), y + 3.
 NORTH = [[1000.0, 960, 0, -1120], [0, 540, -1100, 4370], [0, 1, 0, 3]]

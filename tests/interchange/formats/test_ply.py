@@ -6,11 +6,11 @@ import re
 import numpy as np
 import pytest
 
-from drawn_rigs import BENT, CENTRED, FISHEYE, NASTY, SKEWED, rig, ways
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.colours import camera_colour, person_colour
 from passerby.interchange.formats import Export, export
+from support.scenes.rigs_to_draw import BENT, CENTRED, FISHEYE, NASTY, SKEWED, rig, ways
 
 TYPES = {"float": "<f4", "uchar": "u1", "int": "<i4"}
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drawn_rigs import ALONG_Y, BENT, CENTRED, FISHEYE, NASTY, rig, ways
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.interchange.formats import Export, export
+from support.scenes.rigs_to_draw import ALONG_Y, BENT, CENTRED, FISHEYE, NASTY, rig, ways
 
 OFF_CENTRE = Lens((640, 480), np.array([[500.0, 0, 330], [0, 480, 230], [0, 0, 1]]), np.zeros(0))
 

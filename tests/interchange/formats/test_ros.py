@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from facing_cameras import (
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Rig
+from support.scenes.handmade_rigs import (
     CENTRE,
     LOOKING_NORTH,
     NASTY_NAMES,
@@ -20,8 +22,6 @@ from facing_cameras import (
     turned_rig,
     written,
 )
-from passerby.common.errors import InputError
-from passerby.core.cameras import Camera, Lens, Rig
 
 # As camera_calibration writes it (ost.yaml).
 OST = """\

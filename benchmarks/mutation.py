@@ -1,0 +1,257 @@
+"""What the tests notice: seeded faults, one at a time, in a copy of the sources, and the tests of their room run on each.
+
+`python benchmarks/mutation.py build/mutation.jsonl` draws the faults by the seed, runs the quick tests of the fault's room
+until one fails, and where none does the slow ones too. What is finished is kept in the file and not run again. `--list` only
+shows the faults, `--report` only what is kept. The tests run with the interpreter that runs this, one process at a time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import json
+import os
+import random
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src" / "passerby"
+ROOMS = ("solver", "association", "geometry", "people", "interchange", "scene", "calibration")
+TESTED_BY = {"people": ("people", "monitoring", "solver")}
+"""Rooms whose tests are a room's too: most of what it does is seen in what they make of it."""
+CPU_S = 900
+"""Processor time after which a fault that makes the tests run on and on counts as noticed."""
+OPPOSITE: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
+}  # fmt: skip
+NEXT: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt,
+}  # fmt: skip
+REVERSED: dict[type[ast.AST], type[ast.AST]] = {
+    ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+}  # fmt: skip
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+COMMUTING = ("max", "min", "maximum", "minimum", "fmax", "fmin", "hypot", "isinstance")
+ONE_SIDED = (ast.Sub, ast.Div, ast.MatMult)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One change of one expression."""
+
+    room: str
+    path: str  # below src/passerby
+    line: int
+    kind: str
+    before: str
+    after: str
+    start: int  # characters of the file that `after` takes the place of
+    end: int
+
+    @property
+    def name(self) -> str:
+        """What is changed, and where."""
+        return f"{self.path}:{self.line}: {self.kind}: {self.before} -> {self.after}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("record", type=Path, nargs="?", default=ROOT / "build" / "mutation.jsonl", help="what is finished")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=50, help="faults, spread over the rooms")
+    parser.add_argument("--rooms", nargs="*", default=ROOMS, choices=ROOMS)
+    parser.add_argument("--list", action="store_true", help="show the faults only")
+    parser.add_argument("--report", action="store_true", help="show what is kept only")
+    parser.add_argument("--again", action="store_true", help="run the quick tests again on what they did not notice")
+    wanted = parser.parse_args()
+    faults = [fault for fault in drawn(wanted.seed, wanted.count) if fault.room in wanted.rooms]
+    if wanted.list:
+        print("\n".join(fault.name for fault in faults))
+        return
+    if not wanted.report:
+        run_all(faults, wanted.record, again=wanted.again)
+    print(report(faults, kept(wanted.record)))
+
+
+def drawn(seed: int, count: int) -> list[Fault]:
+    """So many faults of all rooms in turn, the same for the same seed and sources."""
+    rng = random.Random(seed)
+    stocks = {room: sorted(faults_in(room), key=lambda fault: (fault.path, fault.start, fault.kind)) for room in ROOMS}
+    chosen: list[Fault] = []
+    for number in range(count):
+        room = ROOMS[number % len(ROOMS)]
+        kinds = sorted({fault.kind for fault in stocks[room]})
+        # Every kind as likely as another; else most faults would be of constants.
+        kind = rng.choice(kinds)
+        fault = rng.choice([fault for fault in stocks[room] if fault.kind == kind])
+        stocks[room] = [other for other in stocks[room] if (other.path, other.line) != (fault.path, fault.line)]
+        chosen.append(fault)
+    return chosen
+
+
+def faults_in(room: str) -> Iterator[Fault]:
+    """All faults that one room's modules can be given."""
+    for path in sorted((SOURCE / room).rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        lines = [0]
+        for line in text.splitlines(keepends=True):
+            lines.append(lines[-1] + len(line.encode()))
+        for node in calculations(ast.parse(text)):
+            start = lines[node.lineno - 1] + node.col_offset
+            end = lines[(node.end_lineno or node.lineno) - 1] + (node.end_col_offset or 0)
+            for kind, changed in changes(node):
+                yield Fault(
+                    room, path.relative_to(SOURCE).as_posix(), node.lineno, kind, ast.unparse(node),
+                    f"({ast.unparse(changed)})", start, end,
+                )  # fmt: skip
+
+
+def calculations(tree: ast.AST) -> Iterator[ast.expr]:
+    """Expressions inside functions, but for annotations, messages, and what raises errors."""
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef):
+            for statement in function.body:
+                yield from _expressions(statement)
+
+
+def _expressions(node: ast.AST) -> Iterator[ast.expr]:
+    if isinstance(node, ast.Raise | ast.JoinedStr | ast.FunctionDef | ast.ClassDef | ast.Assert):
+        return
+    if isinstance(node, ast.Subscript):
+        # Indices and slices are left: numpy refuses most faults in them at once.
+        yield from _expressions(node.value)
+        return
+    if isinstance(node, ast.expr):
+        yield node
+    for name, value in ast.iter_fields(node):
+        if name in ("annotation", "returns"):
+            continue
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST):
+                yield from _expressions(child)
+
+
+def changes(node: ast.expr) -> Iterator[tuple[str, ast.expr]]:
+    """(kind, expression) of every fault that an expression can be given."""
+    if isinstance(node, ast.BinOp):
+        if type(node.op) in OPPOSITE:
+            yield "sign or inverse", _with(node, op=OPPOSITE[type(node.op)]())
+        if isinstance(node.op, ast.Add | ast.Sub) and not isinstance(node.right, ast.Constant) and "'" not in ast.unparse(node):
+            yield "dropped term", node.left
+        if isinstance(node.op, ONE_SIDED):
+            yield "swapped operands", _with(node, left=node.right, right=node.left)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
+        yield "sign or inverse", node.operand
+    elif isinstance(node, ast.Compare) and len(node.ops) == 1:
+        if type(node.ops[0]) in NEXT and any(_counts(side) for side in (node.left, node.comparators[0])):
+            yield "off by one", _with(node, ops=[NEXT[type(node.ops[0])]()])
+        if type(node.ops[0]) in REVERSED:
+            yield "reversed condition", _with(node, ops=[REVERSED[type(node.ops[0])]()])
+    elif isinstance(node, ast.BoolOp):
+        yield "dropped condition", _with(node, values=node.values[:-1]) if len(node.values) > 2 else node.values[0]
+    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        yield "wrong constant", ast.Constant(node.value + 1 if isinstance(node.value, int) else node.value * 1.5 + 1e-3)
+    elif isinstance(node, ast.IfExp):
+        yield "swapped operands", _with(node, body=node.orelse, orelse=node.body)
+    elif isinstance(node, ast.Call) and len(node.args) == 2 and not _commutes(node):
+        yield "swapped operands", _with(node, args=node.args[::-1])
+
+
+def _counts(node: ast.expr) -> bool:
+    """Whether this is a number of things: of real numbers `<` and `<=` hardly differ."""
+    text = ast.unparse(node)
+    return (isinstance(node, ast.Constant) and isinstance(node.value, int)) or text.startswith("len(") or text.isupper()
+
+
+def _commutes(node: ast.Call) -> bool:
+    name = ast.unparse(node.func).rsplit(".", 1)[-1]
+    return name in COMMUTING or any(isinstance(arg, ast.Starred) for arg in node.args)
+
+
+def _with(node: ast.expr, **fields: object) -> ast.expr:
+    changed = copy.copy(node)
+    for name, value in fields.items():
+        setattr(changed, name, value)
+    return changed
+
+
+def run_all(faults: list[Fault], record: Path, *, again: bool) -> None:
+    """Run the tests on every fault that is not yet kept, and keep what they noticed."""
+    record.parent.mkdir(parents=True, exist_ok=True)
+    for fault in faults:
+        before = kept(record).get(fault.name)
+        if before is not None and not (again and not before["quick"]):
+            continue
+        quick, seconds, first = noticed(fault, ["-m", "not slow"])
+        slow = before["slow"] if before is not None else False if quick else noticed(fault, ["-m", "slow"])[0]
+        line = {"fault": fault.name, "quick": quick, "slow": slow, "cpu_s": round(seconds), "by": first}
+        with record.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+        print("quick" if quick else "slow" if slow else "NOT ", f"{seconds:4.0f} s", fault.name, "|", first, flush=True)
+
+
+def noticed(fault: Fault, options: list[str]) -> tuple[bool, float, str]:
+    """Whether a test of the fault's room fails, the processor's seconds, and the first test that fails."""
+    with tempfile.TemporaryDirectory() as folder:
+        sources = Path(folder) / "src"
+        shutil.copytree(SOURCE, sources / "passerby", ignore=shutil.ignore_patterns("__pycache__"))
+        path = sources / "passerby" / fault.path
+        text = path.read_bytes()
+        path.write_bytes(text[: fault.start] + fault.after.encode() + text[fault.end :])
+        command = [
+            sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--no-header",
+            f"--basetemp={folder}/tests", *options, *(f"tests/{room}" for room in TESTED_BY.get(fault.room, (fault.room,))),
+        ]  # fmt: skip
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(
+            command, cwd=ROOT, capture_output=True, text=True, check=False, preexec_fn=limit,
+            env=os.environ | {"PYTHONPATH": str(sources), "PYTHONDONTWRITEBYTECODE": "1"} | ONE_THREAD,
+        )  # fmt: skip
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    first = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    if done.returncode in (0, 5):  # 5: no test of that kind
+        return False, seconds, ""
+    return True, seconds, first[0].split(" - ")[0] if first else f"exit status {done.returncode}"
+
+
+def limit() -> None:
+    """In the process of the tests."""
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S))
+
+
+def kept(record: Path) -> dict[str, dict[str, object]]:
+    """What is finished, the last word on each fault."""
+    if not record.is_file():
+        return {}
+    lines = [json.loads(line) for line in record.read_text(encoding="utf-8").splitlines()]
+    return {line["fault"]: line for line in lines}
+
+
+def report(faults: list[Fault], finished: dict[str, dict[str, object]]) -> str:
+    """A table of rooms, and the faults that the quick tests did not notice."""
+    rows = ["| room | faults | noticed by quick tests | by slow ones only | by none |", "|---|---|---|---|---|"]
+    done = [(fault, finished[fault.name]) for fault in faults if fault.name in finished]
+    for room in (*ROOMS, "all"):
+        counts: Counter[str] = Counter()
+        for fault, line in done:
+            if room in (fault.room, "all"):
+                counts["quick" if line["quick"] else "slow" if line["slow"] else "none"] += 1
+        rows.append(f"| {room} | {counts.total()} | {counts['quick']} | {counts['slow']} | {counts['none']} |")
+    missed = [
+        f"- {'by slow tests only' if line['slow'] else 'by none'}: {fault.name}" for fault, line in done if not line["quick"]
+    ]
+    return "\n".join([*rows, "", *missed])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,181 @@
+"""The order of the stages, and what becomes of a solver's answer; the solver is a stand-in here."""
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.calibration import scene_solver
+from passerby.cli.main import run
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Pose, PoseSigma
+from passerby.core.solution import Solution
+from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.rig_toml import read_rig
+from support.scenes.handmade_files import lens, rows, write_scene
+
+
+@dataclass(frozen=True)
+class Options:
+    rounds: int = 3
+    reference: str | None = None
+
+
+class Solver:
+    """Places the cameras in a row; `lost` get no pose."""
+
+    def __init__(self):
+        self.verdict, self.lost, self.error, self.figures = "accepted", (), None, {"rms": np.float64(0.5), "none": float("nan")}
+        self.calls = []
+
+    def __call__(self, rig, observations, cues, options, *, rng, guesses=()):
+        self.calls.append((rig, observations, cues, options, rng))
+        if self.error:
+            raise self.error
+        cameras = [
+            replace(camera, pose=Pose(np.eye(3), np.array([index, 0, 2.0])), sigma=PoseSigma(0.01, 0.2))
+            if camera.name not in self.lost
+            else camera
+            for index, camera in enumerate(rig)
+        ]
+        return Solution("people", replace(rig, cameras=tuple(cameras)), self.verdict, (), self.figures)
+
+
+@pytest.fixture
+def solver(monkeypatch):
+    solver = Solver()
+    for options, solve in (("PeopleOptions", "solve_people"), ("GeoPoseOptions", "solve_geopose")):
+        monkeypatch.setattr(scene_solver, options, Options)
+        monkeypatch.setattr(scene_solver, solve, solver)
+    return solver
+
+
+def test_three_lines_of_python(tmp_path, solver):
+    calibration = passerby.calibrate(write_scene(tmp_path))
+    calibration.write(tmp_path / "out")
+    assert calibration.accepted
+
+    rig = read_rig(tmp_path / "out" / "rig.toml")
+    assert rig.verdict == "accepted"
+    assert rig["B"].pose.t_cw.tolist() == [1, 0, 2]
+    assert rig["B"].sigma.position_m == pytest.approx(0.01)
+    assert np.array_equal(read_boxes(tmp_path / "out" / "tracks" / "A.txt").ltwh, read_boxes(tmp_path / "A.txt").ltwh)
+    report = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert report["verdict"] == "accepted"
+    assert report["passerby"] == passerby.__version__
+    assert report["figures"] == {"rms": 0.5, "none": None, "moved": [], "ground": None}
+    assert report["options"] == {"rounds": 3, "reference": None}
+    assert report["cameras"][1]["centre_m"] == [-1, 0, -2]
+    assert report["cameras"][1]["boxes"] == 20
+    assert "seconds" not in report
+
+
+def test_the_solver_gets_lenses_without_poses_and_known_people(tmp_path, solver):
+    posed = lens("A") + "rotation = [0.1, 0.2, 0.3]\ntranslation = [1, 2, 3]\n" + lens("B")
+    files = {"rig.toml": posed, "A.txt": rows() + "11,-1,9,9,9,9,1,-1,-1,-1\n"}
+    extra = "[scene]\nfps = 7\n[solver]\noptions = { rounds = 5 }\n[scale]\nperson_height_m = 1.6\n"
+    passerby.calibrate(str(write_scene(tmp_path, files=files, extra=extra)), seed=4)
+    rig, observations, cues, options, rng = solver.calls[0]
+    assert all(camera.pose is None for camera in rig)
+    assert len(observations["A"].boxes) == 20
+    assert observations.fps == 7
+    assert cues.population.mean_m == 1.6
+    assert options.rounds == 5
+    assert rng.integers(10**9) == np.random.default_rng(4).integers(10**9)
+
+
+def test_geopose_gets_its_reference(tmp_path, solver):
+    passerby.calibrate(write_scene(tmp_path, extra="[solver]\nmethod = 'geopose'\nreference = 'B'"))
+    assert solver.calls[0][3].reference == "B"
+
+
+def test_the_same_input_gives_the_same_bytes(tmp_path, solver):
+    scene = write_scene(tmp_path)
+    passerby.calibrate(scene).write(tmp_path / "one")
+    passerby.calibrate(scene).write(tmp_path / "two")
+    passerby.calibrate(scene).write(tmp_path / "two")
+    one, two = ({path.name: path.read_bytes() for path in (tmp_path / name).rglob("*.*")} for name in ("one", "two"))
+    assert sorted(one) == ["A.txt", "B.txt", "calibration.json", "report.html", "rig.toml"]
+    assert one == two
+
+
+def test_a_refusal_is_written_and_ends_with_status_3(tmp_path, solver, capsys):
+    solver.error = EvidenceError("too little", ("all people walk on one line: record them elsewhere too",))
+    scene, out = write_scene(tmp_path), tmp_path / "out"
+    assert run(["calibrate", str(scene), "-o", str(out)]) == 3
+    assert capsys.readouterr().err == "refused: all people walk on one line: record them elsewhere too\n"
+    report = json.loads((out / "calibration.json").read_text())
+    assert report["verdict"] == "refused"
+    assert report["reasons"] == ["all people walk on one line: record them elsewhere too"]
+    rig = read_rig(out / "rig.toml")
+    assert rig.verdict == "refused"
+    assert all(camera.pose is None for camera in rig)
+
+
+def test_a_refused_rerun_replaces_the_accepted_rig(tmp_path, solver):
+    scene, out = write_scene(tmp_path), tmp_path / "out"
+    assert run(["calibrate", str(scene), "-o", str(out)]) == 0
+    solver.error = EvidenceError("too little")
+    assert run(["calibrate", str(scene), "-o", str(out)]) == 3
+    assert read_rig(out / "rig.toml")["A"].pose is None
+
+
+def test_a_rig_that_lacks_a_camera_is_not_accepted(tmp_path, solver):
+    solver.lost = ("C",)
+    calibration = passerby.calibrate(write_scene(tmp_path, ("A", "B", "C")))
+    assert calibration.verdict == calibration.rig.verdict == "doubtful"
+    assert calibration.reasons[0].startswith("camera C could not be registered")
+
+
+def test_a_camera_that_shares_nobody_is_named(tmp_path, solver, capsys):
+    solver.lost = ("C",)
+    scene = write_scene(tmp_path, ("A", "B", "C"), files={"C.txt": rows(identities=(8, 9))})
+    assert run(["calibrate", str(scene), "-o", str(tmp_path / "out")]) == 3
+    assert "camera C shares nobody with A, B" in capsys.readouterr().err
+
+
+def test_nobody_shared_at_all_is_refused_before_the_solver(tmp_path, solver):
+    calibration = passerby.calibrate(write_scene(tmp_path, files={"B.txt": rows(identities=(8, 9))}))
+    assert calibration.verdict == "refused"
+    assert "no two cameras share a person at the same instant" in calibration.reasons[0]
+    assert not solver.calls
+
+
+def test_unknown_options_name_the_nearest(tmp_path, solver):
+    with pytest.raises(InputError, match=r"\[solver.options\]: unknown key 'round': did you mean 'rounds'"):
+        passerby.calibrate(write_scene(tmp_path, extra="[solver.options]\nround = 3"))
+
+
+def test_options_of_the_wrong_kind_are_told(tmp_path, solver):
+    with pytest.raises(InputError, match=r"\[solver.options\] rounds is 'many': "):
+        passerby.calibrate(write_scene(tmp_path, extra="[solver.options]\nrounds = 'many'"))
+
+
+def test_json_on_the_command_line(tmp_path, solver, capsys):
+    assert run(["calibrate", str(write_scene(tmp_path)), "-o", str(tmp_path / "out"), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["verdict"] == "accepted"
+    assert set(report["seconds"]) == {"reading", "solving"}
+
+
+def test_a_bug_is_told_as_one(tmp_path, solver, capsys):
+    solver.error = ZeroDivisionError("oops")
+    assert run(["calibrate", str(write_scene(tmp_path)), "-o", str(tmp_path / "out")]) == 1
+    errors = capsys.readouterr().err.splitlines()
+    assert errors[0].startswith("Traceback")
+    assert errors[-1].startswith("error: a bug in Passerby: ZeroDivisionError: oops")
+
+
+def test_an_interruption_ends_cleanly(tmp_path, solver, capsys):
+    solver.error = KeyboardInterrupt()
+    assert run(["calibrate", str(write_scene(tmp_path)), "-o", str(tmp_path / "out")]) == 130
+    assert capsys.readouterr().err == "error: interrupted\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_cannot_be_written(tmp_path, solver, capsys):
+    (tmp_path / "file").write_text("in the way")
+    assert run(["calibrate", str(write_scene(tmp_path)), "-o", str(tmp_path / "file")]) == 2
+    assert "cannot be written" in capsys.readouterr().err

@@ -1,0 +1,163 @@
+"""Cameras of which a detector looked at every n-th frame: calibrate, track and monitor meet at the samples that exist."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import tomli_w
+
+import passerby
+from passerby.core.observations import CameraObservations, Observations
+from passerby.evaluation.metrics import compare
+from passerby.people.trajectories.trajectories import trajectories
+from passerby.simulation import SimulationOptions, simulate, write_scene
+from support.scenes.walkers_for_monitor import calibrated, write_watched
+
+
+def sampled(simulated, every, phases):
+    """The scene as seen in every `every`-th frame, each camera from frame 1 + its phase on."""
+    cameras, true = {}, {}
+    for phase, (name, seen) in zip(phases, simulated.observations.cameras.items(), strict=True):
+        kept = [(part.frame - 1) % every == phase for part in (seen.boxes, seen.keypoints)]
+        cameras[name] = CameraObservations(seen.boxes.take(kept[0]), seen.keypoints.take(kept[1]))
+        true[name] = simulated.true_identities[name][kept[0]]
+    return replace(simulated, observations=replace(simulated.observations, cameras=cameras), true_identities=true)
+
+
+def calibration_of(scene, folder, association):
+    path = write_scene(scene, folder / "scene")
+    path.write_text(tomli_w.dumps({**tomllib.loads(path.read_text()), "association": association}))
+    return passerby.calibrate(path)
+
+
+def assert_near_truth(calibration, simulated):
+    """Stated sigmas within the rig are 10 to 20 mm."""
+    assert calibration.verdict == "accepted", calibration.reasons
+    errors = compare(calibration.rig, simulated.rig)
+    assert not errors.missing
+    assert errors.similarity.mean_position_mm < 40
+    assert errors.similarity.mean_orientation_deg < 0.3
+
+
+def assert_clocks(calibration, simulated, within_s):
+    clocks, true = calibration.association.clocks, simulated.clock_offsets
+    for name in true:
+        assert clocks[name].offset_s - clocks["C1"].offset_s == pytest.approx(true[name] - true["C1"], abs=within_s)
+
+
+OFFSETS_S = (0.0, 0.513, -0.787)
+
+
+@pytest.fixture(scope="module")
+def thirty():
+    """Thirty frames a second, clocks that differ by no whole number of samples."""
+    return simulate(SimulationOptions(cameras=3, people=6, seconds=30.0, fps=30.0, box_noise=0.02, clock_offsets=OFFSETS_S))
+
+
+@pytest.mark.parametrize("every", [3, 6])
+def test_clocks_are_found_from_every_nth_frame(thirty, tmp_path, every):
+    scene = sampled(thirty, every, (0, 0, 0))
+    found = calibration_of(scene, tmp_path, {"mode": "given", "max_offset_s": 2.0})
+    assert_near_truth(found, thirty)
+    assert_clocks(found, thirty, 0.03)
+
+
+def test_identities_are_found_from_every_nth_frame(thirty, tmp_path):
+    options = replace(thirty.options, unrelated_ids=True)
+    scene = sampled(simulate(options), 6, (0, 0, 0))
+    found = calibration_of(scene, tmp_path, {"mode": "trajectory", "max_offset_s": 2.0})
+    assert_near_truth(found, thirty)
+    assert_clocks(found, thirty, 0.04)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("every", [1, 2, 3, 6])
+@pytest.mark.parametrize("fps", [5.0, 12.5, 25.0, 50.0, 60.0])
+@pytest.mark.parametrize("mode", ["given", "trajectory"])
+def test_every_rate_of_frames_and_of_samples(tmp_path, fps, every, mode):
+    options = SimulationOptions(
+        cameras=3, people=6, seconds=40.0, fps=fps, box_noise=0.02, clock_offsets=OFFSETS_S, unrelated_ids=mode != "given"
+    )
+    simulated = simulate(options)
+    found = calibration_of(sampled(simulated, every, (0, 0, 0)), tmp_path, {"mode": mode, "max_offset_s": 2.0})
+    assert len(found.rig.posed()) == 3
+    # Less than a sample a second is little; then the rig may be doubtful, but no camera is lost.
+    assert found.accepted or fps / every < 1
+    assert_clocks(found, simulated, 0.05 if fps / every > 1 else 0.15)
+
+
+@pytest.fixture(scope="module")
+def synchronised():
+    """Twelve frames a second by clocks that agree."""
+    return simulate(SimulationOptions(people=6, seconds=60.0, fps=12.0, box_noise=0.02))
+
+
+PHASES = 0, 2, 4, 5
+
+
+def test_other_frames_of_clocks_that_agree_meet_all_the_same(synchronised, tmp_path):
+    scene = sampled(synchronised, 6, PHASES)
+    found = calibration_of(scene, tmp_path, {"mode": "given", "max_offset_s": 0.0})
+    assert_near_truth(found, synchronised)
+    frames = [set(found.instants[name].boxes.frame.tolist()) for name in found.rig.names]
+    assert len(set.intersection(*frames)) > 80
+
+
+def test_without_a_frame_rate_the_samples_meet_and_no_rate_is_made_up(synchronised, tmp_path):
+    path = write_scene(sampled(synchronised, 6, PHASES), tmp_path / "scene")
+    content = tomllib.loads(path.read_text())
+    content["scene"].pop("fps")
+    path.write_text(tomli_w.dumps({**content, "association": {"mode": "given"}}))
+    found = passerby.calibrate(path)
+    assert_near_truth(found, synchronised)
+    assert found.instants.fps is None
+
+
+def test_people_are_followed_by_cameras_that_were_sampled_at_other_frames(synchronised):
+    seen = sampled(synchronised, 6, PHASES).observations
+    found = trajectories(synchronised.rig, Observations(seen.cameras), synchronised.true_clocks)
+    assert np.mean(found.cameras >= 2) > 0.8
+    # Frames are those of the camera whose samples are the time steps.
+    assert set(np.unique((found.frame - 1) % 6)) in [{phase} for phase in PHASES]
+    np.testing.assert_allclose(found.time_s, (found.frame - 1) / 12.0, atol=1e-9)
+    people = {int(identity): column for column, identity in enumerate(synchronised.identities)}
+    true = np.array([
+        synchronised.ground_positions[frame - 1, people[who]]
+        for frame, who in zip(found.frame.tolist(), found.identity.tolist(), strict=True)
+    ])  # fmt: skip
+    assert np.nanmedian(np.linalg.norm(found.xyz[:, :2] - true, axis=1)) < 0.1
+
+
+def test_the_monitor_can_tell_from_cameras_that_were_sampled_at_other_frames(synchronised, tmp_path):
+    seen = sampled(synchronised, 6, PHASES).observations
+    rig, scene = write_watched(tmp_path, calibrated(synchronised.rig), seen, fps=12.0)
+    found = passerby.monitor(rig, scene)
+    assert {found.state(name) for name in synchronised.rig.names} == {"steady"}, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["given", "trajectory"])
+def test_phones_of_different_and_of_uneven_rates(tmp_path, mode):
+    """30, 50 and 60 frames a second and pictures at uneven times, of each about five a second looked at."""
+    rates, every = (30.0, 50.0, 60.0, 100.0), (6, 10, 12, 20)
+    options = SimulationOptions(
+        people=6, seconds=40.0, box_noise=0.02, camera_fps=rates, clock_offsets=(0.0, 0.513, -0.787, 1.291),
+        unrelated_ids=mode != "given",
+    )  # fmt: skip
+    simulated = simulate(options)
+    rng, cameras, true = np.random.default_rng(5), {}, {}
+    for name, fps, step in zip(simulated.rig.names, rates, every, strict=True):
+        frames = np.arange(1, int(40 * fps) + 1, step)
+        if fps == 100.0:
+            frames = np.unique(frames + rng.integers(-4, 5, len(frames)).clip(1 - frames))
+        seen = simulated.observations[name]
+        kept = [np.isin(part.frame, frames) for part in (seen.boxes, seen.keypoints)]
+        cameras[name] = CameraObservations(seen.boxes.take(kept[0]), seen.keypoints.take(kept[1]))
+        true[name] = simulated.true_identities[name][kept[0]]
+    scene = replace(simulated, observations=replace(simulated.observations, cameras=cameras), true_identities=true)
+    found = calibration_of(scene, tmp_path, {"mode": mode, "max_offset_s": 2.0})
+    assert_near_truth(found, simulated)
+    assert_clocks(found, simulated, 0.05)

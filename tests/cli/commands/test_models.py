@@ -1,0 +1,136 @@
+"""`passerby models`: what it prints and how it ends."""
+
+import json
+
+import pytest
+import typer
+
+from passerby.cli import main as cli
+from passerby.cli.commands.models import models_app
+from passerby.common.errors import InputError
+from support.networks.model_server import BODY, SHA256, entry, keep_to, know_only, serving
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    return keep_to(tmp_path, monkeypatch)
+
+
+@pytest.fixture
+def server(cache, monkeypatch):
+    with serving() as server:
+        known = [
+            entry("tiny", url=server.url),
+            entry("second", url=server.url, default=False),
+            entry("joints", "keypoints", bytes=25_051_237),
+        ]
+        know_only(known, monkeypatch)
+        yield server
+
+
+@pytest.fixture
+def run(capsys):
+    def run(*arguments):
+        typer.main.get_command(models_app).main(list(arguments), prog_name="models", standalone_mode=False)
+        return capsys.readouterr().out
+
+    return run
+
+
+def lines(text):
+    return [line.split() for line in text.splitlines()]
+
+
+def test_list(server, run, cache):
+    listed = lines(run("list"))
+    assert ["joints", "keypoints", "25.1", "MB", "Apache-2.0", "not", "here"] in listed
+    assert ["tiny", "detector", "0.3", "MB", "Apache-2.0", "auto", "not", "here"] in listed
+    assert ["looked", "for", "in", str(cache)] in listed
+    run("fetch")
+    assert ["tiny", "detector", "0.3", "MB", "Apache-2.0", "auto", str(cache / "tiny.onnx")] in lines(run("list"))
+
+
+def test_without_a_verb_the_models_are_listed(server, run, capsys):
+    assert run() == run("list")
+    assert cli.run(["models"]) == 0
+    told = capsys.readouterr()
+    assert "tiny" in told.out
+    assert not told.err
+
+
+def test_a_group_without_a_verb_shows_its_help(capsys):
+    assert cli.run(["reid"]) == 0
+    told = capsys.readouterr()
+    assert "finetune" in told.out
+    assert not told.err
+
+
+def test_list_as_json(server, run, cache, tmp_path):
+    folder = tmp_path / "models"
+    folder.mkdir()
+    (folder / "tiny.onnx").write_bytes(BODY)
+    told = json.loads(run("list", "--json", "--models", str(folder)))
+    assert told["folders"] == [str(folder), str(cache)]
+    tiny, _, joints = told["models"]
+    assert tiny["path"] == str(folder / "tiny.onnx")
+    assert (tiny["sha256"], tiny["bytes"], tiny["url"], tiny["default"]) == (SHA256, len(BODY), server.url, True)
+    assert (joints["path"], joints["url"], joints["role"]) == (None, None, "keypoints")
+
+
+def test_fetch_what_auto_means(server, run, cache):
+    assert run("fetch") == f"tiny: fetched to {cache / 'tiny.onnx'}\n"
+    assert (cache / "tiny.onnx").read_bytes() == BODY
+    assert not (cache / "second.onnx").exists()
+    assert run("fetch", "tiny") == f"tiny: already in {cache / 'tiny.onnx'}\n"
+    assert server.asked == [None]
+
+
+def test_fetch_all_that_can_be_had(server, run, cache):
+    told = json.loads(run("fetch", "--all", "--json"))
+    assert [(item["name"], item["fetched"]) for item in told["models"]] == [("tiny", True), ("second", True)]
+    assert (cache / "second.onnx").read_bytes() == BODY
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["joints"], "joints: no address serves it: put joints.onnx into"),
+        (["nothing"], "nothing: is no model that Passerby knows: there are tiny, second, joints$"),
+        (["tiny", "--all"], "names and --all contradict each other"),
+    ],
+)
+def test_fetch_what_cannot_be_had(server, run, arguments, message):
+    with pytest.raises(InputError, match=message):
+        run("fetch", *arguments)
+
+
+def test_fetch_without_a_network(server, run, monkeypatch):
+    monkeypatch.setenv("PASSERBY_OFFLINE", "1")
+    with pytest.raises(InputError, match="tiny: cannot be fetched: PASSERBY_OFFLINE is set"):
+        run("fetch")
+
+
+def test_verify(server, run, cache, capsys):
+    assert json.loads(run("verify", "--json")) == {"checked": [], "absent": ["tiny", "second", "joints"]}
+    run("fetch", "--all")
+    told = lines(run("verify"))
+    assert ["tiny", "right", str(cache / "tiny.onnx")] in told
+    assert ["joints", "not", "here"] in told
+    (cache / "second.onnx").write_bytes(BODY[:-1])
+    with pytest.raises(InputError, match=r"second\.onnx: is not second: SHA-256 [0-9a-f]{64} instead") as caught:
+        run("verify")
+    assert caught.value.exit_status == 2
+    told = lines(capsys.readouterr().out)
+    assert ["second", "WRONG", str(cache / "second.onnx")] in told
+    assert ["tiny", "right", str(cache / "tiny.onnx")] in told
+
+
+def test_verify_sees_every_copy(server, run, cache, tmp_path, capsys):
+    folder = tmp_path / "models"
+    folder.mkdir()
+    (folder / "tiny.onnx").write_bytes(BODY)
+    cache.mkdir(parents=True)
+    (cache / "tiny.onnx").write_bytes(b"")
+    with pytest.raises(InputError, match=str(cache / "tiny.onnx")):
+        run("verify", "--json", "--models", str(folder))
+    assert [item["right"] for item in json.loads(capsys.readouterr().out)["checked"]] == [True, False]

@@ -1,0 +1,314 @@
+"""Videos that cannot be used, through the command line: the exit status, and one line that tells what, where and the mend."""
+
+import itertools
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from passerby.cli.main import run
+from passerby.common import parallel
+from passerby.scene.scene import Scene
+from support.scenes.puppet_videos import film, pictures, puppets, scene_file, wall, write_video
+
+BAD, DOUBTFUL = 2, 3
+
+
+@pytest.fixture(scope="module")
+def made():
+    return puppets(12.0, 5.0, 2, 3)
+
+
+@pytest.fixture(scope="module")
+def good(made, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("good")
+    film(made, folder)
+    return folder
+
+
+@pytest.fixture
+def scene(good, tmp_path, monkeypatch):
+    """A function that makes a scene file whose camera C1 has the video bad.mp4, or whatever the keywords say."""
+    monkeypatch.setattr(parallel, "pays", lambda *measures: False)
+    for path in good.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+
+    def of(cameras=None, **options):
+        return scene_file(tmp_path, cameras or {"C1": "bad.mp4", "C2": "C2.mp4"}, **options)
+
+    return of
+
+
+def refused(capsys, scene, command, *told):
+    """The command ends with status 2 and one line that tells all this, and writes no result."""
+    out = scene.parent / "out"
+    assert run([command, str(scene), *(["-o", str(out)] if command == "calibrate" else [])]) == BAD
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    for part in told:
+        assert part in line
+    assert not [path for path in out.rglob("*") if path.is_file() and "perception" not in path.parts]
+    assert not list(out.rglob("*.part"))
+    return line
+
+
+def whole(good):
+    return (good / "C1.mp4").read_bytes()
+
+
+def without_index(content):
+    """An MP4 as a recorder leaves it whose battery ran out: `ftyp` and `mdat`, but no `moov`."""
+    found, place = b"", 0
+    while place < len(content):
+        length = int.from_bytes(content[place : place + 4], "big")
+        found += content[place : place + length] if content[place + 4 : place + 8] != b"moov" else b""
+        place += length
+    return found
+
+
+def still(count=60, size=(360, 288)):
+    return (wall(size, 1) for _ in range(count))
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (lambda good: b"", "holds 0 bytes: copy the video again"),
+        (lambda good: b"a letter to a friend\n" * 500, "is not a video that can be read"),
+        (lambda good: np.random.default_rng(0).bytes(50_000), "is not a video that can be read"),
+        (lambda good: whole(good).replace(b"avc1", b"xyz9"), "its video codec is unknown and cannot be decoded: convert it"),
+        (lambda good: without_index(whole(good)), "the recording was cut off before its index (moov) was written"),
+    ],
+    ids=["empty", "text", "noise", "codec", "no index"],
+)
+def test_no_video(scene, good, tmp_path, capsys, command, content, told):
+    (tmp_path / "bad.mp4").write_bytes(content(good))
+    refused(capsys, scene(), command, f"error: {tmp_path}/bad.mp4: ", told, "(the video of camera C1)")
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+@pytest.mark.parametrize("kind", ["missing", "folder"])
+def test_no_file(scene, tmp_path, capsys, command, kind):
+    if kind == "folder":
+        (tmp_path / "bad.mp4").mkdir()
+    told = "is a folder: name a video file" if kind == "folder" else "no such file: a video is needed here; check the path"
+    refused(capsys, scene(), command, f"{tmp_path}/bad.mp4: ", told, "(the video of camera C1)")
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+@pytest.mark.parametrize(
+    ("video", "told"),
+    [
+        ("pieces", "is a folder of 2 videos, not one: recordings in pieces are not read yet: join each camera's into one file"),
+        ("recordings", "is a folder of 2 videos, not one: recordings in pieces are not read yet"),
+        ("pieces/*.mp4", "stands for many files, not one: recordings in pieces are not read yet"),
+        ("pieces/%03d.mp4", "stands for many files, not one: recordings in pieces are not read yet"),
+        ("pieces/00[01].mp4", "stands for many files, not one: recordings in pieces are not read yet"),
+        ("pieces/00[78].mp4", "no such file: a video is needed here"),
+        ("stills", "is a folder of pictures: still pictures are not read yet: make one video of each camera's"),
+        ("stills/%06d.png", "stands for many files, not one: still pictures are not read yet"),
+        ("stills/000001.png", "is not a video (piped png sequence), but one picture: still pictures are not read yet"),
+        ("one", "is a folder: name a video file"),
+    ],
+)
+def test_pieces_and_pictures_for_a_video(scene, good, tmp_path, capsys, command, video, told):
+    for place in ("pieces", "recordings/2024-05-01/13", "stills", "one"):
+        (tmp_path / place).mkdir(parents=True)
+    for place in ("pieces", "recordings/2024-05-01/13"):
+        for name in ("000.mp4", "001.mp4"):
+            (tmp_path / place / name).symlink_to(good / "C1.mp4")
+    (tmp_path / "one" / "000.mp4").symlink_to(good / "C1.mp4")
+    for number in (1, 2):
+        cv2.imwrite(str(tmp_path / "stills" / f"{number:06d}.png"), np.zeros((48, 64, 3), np.uint8))
+    line = refused(
+        capsys, scene({"C1": video, "C2": "C2.mp4"}), command, f"{tmp_path}/{video}: {told}", "(the video of camera C1)"
+    )
+    assert ("ffmpeg -f" in line) == ("not one" in line or "one picture" in line or "of pictures" in line)
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda picture: cv2.resize(picture, (180, 144)), "180 x 144{}the video is scaled by 0.5; multiply the lens's size"),
+        (lambda picture: cv2.rotate(picture, cv2.ROTATE_90_CLOCKWISE), "288 x 360{}the video is turned by 90 degrees"),
+        (lambda picture: picture[:, :200], "200 x 288{}give the lens of this video"),
+    ],
+    ids=["scaled", "turned", "cut"],
+)
+def test_pictures_of_another_size_than_the_lens(scene, tmp_path, capsys, command, change, told):
+    write_video(tmp_path / "bad.mp4", (change(picture) for picture in still()), 5.0)
+    refused(capsys, scene(), command, f"{tmp_path}/bad.mp4: camera C1: its pictures are ",
+            told.format(", its lens is calibrated for 360 x 288: "), "rig.toml, [C1])")  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_a_video_much_shorter_than_the_others(scene, tmp_path, capsys, command):
+    write_video(tmp_path / "bad.mp4", still(11), 5.0)
+    refused(
+        capsys, scene(), command, "bad.mp4: camera C1: the video is 2.2 s long, that of camera C2 12.0 s: was it cut short?"
+    )
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_two_cameras_with_one_video(scene, tmp_path, capsys, command):
+    (tmp_path / "link.mp4").symlink_to(tmp_path / "C2.mp4")
+    path = scene({"C1": "C2.mp4", "C2": "link.mp4"})
+    refused(capsys, path, command, f"{path}: [cameras.C2] video link.mp4 is camera C1's too: give each camera its own")
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_identities_cannot_be_given_by_a_video(scene, capsys, command):
+    path = scene({"C1": "C1.mp4", "C2": "C2.mp4"}, extra='[association]\nmode = "given"')
+    refused(capsys, path, command, f"{path}: [cameras.C1]: has only a video", 'under [association] set mode = "combined"')
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_a_video_that_was_cut_off(scene, good, made, tmp_path, capsys, suffix):
+    bad = tmp_path / f"bad{suffix}"
+    source = good / "C1.mp4" if suffix == ".mp4" else write_video(tmp_path / "whole.mkv", pictures(made, "C1"), 5.0)
+    bad.write_bytes(source.read_bytes()[: source.stat().st_size * 3 // 5])
+    path = scene({"C1": bad.name, "C2": "C2.mp4"})
+    told = (
+        f"{bad}: camera C1: the video ends after ",
+        " s of the 12.0 s that the file promises: it was cut off: copy the video",
+    )
+    first = refused(capsys, path, "calibrate", *told)
+    # The other camera's results are kept, and the same is told from those of the broken one.
+    assert list((tmp_path / "out" / "perception" / "C2").glob("people-*"))
+    assert refused(capsys, path, "calibrate", *told) == first
+
+
+def test_a_camera_that_moves(scene, tmp_path, capsys):
+    fine = np.random.default_rng(5).normal(128, 60, (80, 100, 3)).clip(0, 255).astype(np.uint8)
+    wide = cv2.resize(fine, (500, 400), interpolation=cv2.INTER_LINEAR)
+    moved = (wide[50:338, left : left + 360].copy() for left in [40] * 30 + [75] * 30)
+    write_video(tmp_path / "bad.mp4", moved, 5.0)
+    line = refused(
+        capsys, scene(), "calibrate", f"{tmp_path}/bad.mp4: camera C1: the camera moves ",
+        "and stays there: static cameras are needed", "delete [cameras.C1]",
+    )  # fmt: skip
+    assert 6.0 <= float(line.split("the camera moves ")[1].split()[0]) <= 7.6
+
+
+def test_three_pictures(scene, made, tmp_path, capsys):
+    for name in ("C1", "C2"):
+        write_video(tmp_path / f"three{name}.mp4", itertools.islice(pictures(made, name), 3), 5.0)
+    path = scene({"C1": "threeC1.mp4", "C2": "threeC2.mp4"})
+    refused(capsys, path, "calibrate", "threeC1.mp4: 3 pictures are too few", "give a recording with 5 or more", "camera C1",
+            "(and 1 more fault)")  # fmt: skip
+
+
+def test_nobody_anywhere(scene, tmp_path, capsys):
+    for name in ("C1", "C2"):
+        write_video(tmp_path / f"empty{name}.mp4", still(), 5.0)
+    path = scene({"C1": "emptyC1.mp4", "C2": "emptyC2.mp4"})
+    refused(capsys, path, "calibrate", f"{path}: no camera saw anybody: nobody was found in their videos")
+    run(["check", str(path)])
+    assert not capsys.readouterr().err, "check does not watch videos"
+
+
+def test_nobody_in_one_of_three(scene, good, tmp_path, capsys):
+    rig = (good / "rig.toml").read_text()
+    third = rig[rig.index("[C2]") :].replace("[C2]", "[C3]").replace('"C2"', '"C3"').replace("[C2.", "[C3.")
+    third = third[: third.index("[metadata]")] if "[metadata]" in third else third
+    (tmp_path / "third.toml").write_text(third)
+    write_video(tmp_path / "empty.mp4", still(), 5.0)
+    tracks = {name: f'intrinsics = "rig.toml"\ndetections = "{name}.txt"' for name in ("C1", "C2")}
+    path = scene_file(tmp_path, {name: lines.split("\n")[1] for name, lines in tracks.items()} | {"C3": "empty.mp4"}, extra="""
+[scene]
+fps = 5
+[association]
+max_offset_s = 0""")  # fmt: skip
+    path.write_text(
+        path.read_text().replace('[cameras.C3]\nintrinsics = "rig.toml"', '[cameras.C3]\nintrinsics = "third.toml"')
+    )
+    out = tmp_path / "out"
+    assert run(["calibrate", str(path), "-o", str(out), "--json"]) in (0, DOUBTFUL)
+    told = json.loads(capsys.readouterr().out)
+    assert [camera["registered"] for camera in told["cameras"]] == [True, True, False]
+    assert any(
+        "camera C3 saw nobody: nobody was found in its video, it cannot be calibrated" in note for note in told["findings"]
+    )
+
+
+@pytest.mark.parametrize("rows", [8, 16])
+def test_rows_that_a_codec_cuts_off_are_a_note(scene, tmp_path, capsys, rows):
+    """1080 rows of a lens for 1088 are usual; 16 rows, a whole block, are not."""
+    write_video(tmp_path / "bad.mp4", (picture[:-rows] for picture in still()), 5.0)
+    status = run(["check", str(scene())])
+    out, errors = capsys.readouterr()
+    if rows == 8:
+        assert status == 0
+        assert "note: " in out
+        assert "bad.mp4: camera C1: its pictures are 360 x 280, the lens's 360 x 288: the last columns or rows are taken" in out
+    else:
+        assert status == BAD
+        assert "360 x 272" in errors
+
+
+@pytest.mark.parametrize(
+    ("detector", "told"),
+    [
+        ("yolox-nan", "[perception] detector = 'yolox-nan': yolox-nan: is no model that Passerby knows: there are yolox-nano"),
+        ("x.onnx", "x.onnx: no such file: the path of an .onnx file is needed for the detector"),
+        ("C1.txt.onnx", "C1.txt.onnx: this is no ONNX file"),
+    ],
+)
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_a_network_that_cannot_be_used(scene, tmp_path, capsys, command, detector, told):
+    (tmp_path / "C1.txt.onnx").write_text("1,1,2,3")
+    path = scene({"C1": "C1.mp4", "C2": "C2.mp4"}, perception=f'detector = "{detector}"\nembedder = "stripes"')
+    refused(capsys, path, command, f"error: {path}: [perception] detector = ", told)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_an_output_folder_that_cannot_be_one(scene, tmp_path, capsys, inside):
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "out" if inside else tmp_path / "file"
+    assert run(["calibrate", str(scene({"C1": "C1.mp4", "C2": "C2.mp4"})), "-o", str(out)]) == BAD
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "cannot be written" in line
+    assert "choose a folder that you may write to" in line
+
+
+def test_what_check_tells_of_videos(scene, capsys):
+    path = scene({"C1": "C1.mp4", "C2": 'detections = "C2.txt"\nfps = 5'})
+    assert run(["check", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    first, second = lines[2].split(), lines[3].split()
+    assert first == ["C1", "360x288", "h264", "360x288", "5", "fps", "12.0", "s", "-", "-", "-", "-", "video", "-", "5", "ok"]
+    assert second[:4] == ["C2", "360x288", "-", "-"]
+    assert lines[4] == "from the videos: people by background, looks by stripes"
+    assert lines[-1] == "all well"
+    assert run(["check", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["perception"] == {"detector": "background", "embedder": "stripes"}
+    assert told["cameras"][0]["video"] == {
+        "file": str(path.parent / "C1.mp4"), "size": [360, 288], "codec": "h264", "fps": 5.0, "variable": False, "pictures": 60,
+        "seconds": 12.0, "watched": True,
+    }  # fmt: skip
+    assert "video" not in told["cameras"][1]
+
+
+def test_check_tells_what_is_to_be_fetched(scene, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("PASSERBY_MODELS", raising=False)
+    path = scene({"C1": "C1.mp4", "C2": "C2.mp4"}, perception='detector = "auto"\nembedder = "none"')
+    assert run(["check", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "from the videos: people by yolox-nano\n" in out
+    assert (
+        "note: yolox-nano is not on this computer: `passerby models fetch` gets it, and so does calibrating; background" in out
+    )
+
+
+def test_check_looks_for_networks_only_where_a_video_needs_them(scene, capsys):
+    cameras = {name: f'detections = "{name}.txt"\nfps = 5' for name in ("C1", "C2")}
+    path = scene(cameras, perception='detector = "nowhere.onnx"')
+    assert run(["check", str(path)]) == 0
+    assert "from the videos" not in capsys.readouterr().out
+    assert Scene.load(path).perception.detector == "nowhere.onnx"

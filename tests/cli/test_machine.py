@@ -1,0 +1,193 @@
+"""Full disks, folders that may not be written, clocks that jump, bits that rot."""
+
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from paper.kept import Kept
+from passerby.cli.main import run
+from passerby.cli.terminal import _Log
+from passerby.common.errors import InputError
+from passerby.perception import watching
+from passerby.perception.kept import SUMMARY, StageCache, fingerprint
+from passerby.perception.plan import make_plan
+from passerby.perception.video import expected_count
+from passerby.perception.video_probe import probe
+from passerby.perception.watching import CameraJob, watch_camera, work_of
+from support.scenes.handmade_files import write_scene
+from support.scenes.puppet_videos import film, puppets
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("arguments", [["formats"], ["--version"]])
+def test_output_that_takes_no_more_is_no_bug(arguments):
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "passerby", *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("error: standard output or a temporary file: cannot be written or read (No space left")
+    assert ended.stderr.count("\n") == 1
+
+
+@pytest.fixture
+def read_only(tmp_path):
+    """A folder that nobody may write, root neither."""
+    folder = tmp_path / "read_only"
+    folder.mkdir()
+    (folder / "mine").write_text("mine")
+    if os.geteuid():
+        folder.chmod(0o555)
+        yield folder
+        folder.chmod(0o755)
+        return
+    mounted = [["mount", "--bind", str(folder), str(folder)], ["mount", "-o", "remount,bind,ro", str(folder)]]
+    if shutil.which("mount") is None or any(
+        subprocess.run(one, capture_output=True, check=False).returncode for one in mounted
+    ):
+        subprocess.run(["umount", str(folder)], capture_output=True, check=False)
+        pytest.skip("root may write everywhere, and may not mount here")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=False)
+
+
+def test_a_folder_that_may_not_be_written_is_told_before_anything_is_computed(read_only, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("passerby.calibration.pipeline.calibrate", None)
+    scene = write_scene(tmp_path)
+    commands = (["calibrate", str(scene), "-o", str(read_only)], ["simulate", "-o", str(read_only / "in"), "--seconds", "2"],
+                ["report", str(read_only)])  # fmt: skip
+    for command in commands:
+        assert run(command) == 2
+        errors = capsys.readouterr().err
+        assert errors.startswith(f"error: {read_only}")
+        assert "cannot be written" in errors
+        assert errors.count("\n") == 1
+    assert [path.name for path in read_only.iterdir()] == ["mine"]
+
+
+@pytest.fixture
+def stage(tmp_path):
+    kept = StageCache(tmp_path / "stage", "key")
+    kept.save(0, {"a": np.arange(3.0), "b": np.array([True, False])})
+    kept.finish({"pictures": 2, "moves": []})
+    return kept
+
+
+def test_any_byte_of_what_is_kept_that_rots_is_found_out(stage):
+    path = stage.folder / "000000.npz"
+    content = path.read_bytes()
+    assert stage.load(0) is not None
+    for place in range(len(content)):
+        path.write_bytes(content[:place] + bytes([content[place] ^ (1 << place % 8)]) + content[place + 1 :])
+        assert stage.load(0) is None, place
+    for length in range(len(content)):
+        path.write_bytes(content[:length])
+        assert stage.load(0) is None, length
+
+
+def test_any_byte_of_a_summary_that_rots_is_found_out(stage):
+    path = stage.folder / SUMMARY
+    content, known = path.read_bytes(), stage.summary()
+    for place in range(len(content)):
+        for bit in range(8):
+            path.write_bytes(content[:place] + bytes([content[place] ^ (1 << bit)]) + content[place + 1 :])
+            # Another kind of line end changes nothing.
+            assert stage.summary() in (None, known), (place, bit)
+            assert stage.summary() is None or content[place : place + 1] == b"\n"
+    for length in range(len(content) - 1):
+        path.write_bytes(content[:length])
+        assert stage.summary() is None
+
+
+def test_damaged_outcomes_of_a_benchmark_are_made_again(tmp_path):
+    Kept(tmp_path).put("a", {"mm": 12.5, "inf": float("inf")})
+    [path] = tmp_path.iterdir()
+    content = path.read_bytes()
+    known = Kept(tmp_path).get("a")
+    assert known == {"mm": 12.5, "inf": float("inf")}
+    for place in range(len(content) - 1):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        assert Kept(tmp_path).get("a") == (known if content[place : place + 1] == b"\n" else None), place
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    """A second and a half of one camera."""
+    folder = tmp_path_factory.mktemp("filmed")
+    made = puppets(3.0, 5.0, 2, 3)
+    film(made, folder, made.rig.names[:1])
+    return folder / f"{made.rig.names[0]}.mp4"
+
+
+def test_another_video_of_the_same_size_and_time_is_another_one(video, tmp_path):
+    copy = tmp_path / video.name
+    shutil.copy2(video, copy)
+    assert fingerprint(copy) == fingerprint(video)
+    content = bytearray(copy.read_bytes())
+    content[random.Random(0).randrange(len(content))] ^= 1
+    copy.write_bytes(content)
+    shutil.copystat(video, copy)
+    assert copy.stat().st_mtime_ns == video.stat().st_mtime_ns
+    assert fingerprint(copy) != fingerprint(video)
+
+
+def test_a_video_that_changes_while_it_is_watched_is_told(video, tmp_path, monkeypatch):
+    copy = tmp_path / video.name
+    shutil.copy2(video, copy)
+    monkeypatch.setattr(watching, "SEGMENT", 4)
+    plan = make_plan("background", "none", "none", models=None, base=tmp_path)
+    job = CameraJob("C1", probe(copy), 5.0, plan, tmp_path / "shelf")
+
+    learning = work_of(job) - expected_count(job.info, job.rate)
+
+    def touch(done, total):
+        if done == learning + 6:
+            os.utime(copy, (1.0, 1.0))
+
+    with pytest.raises(InputError, match="camera C1: was changed while it was watched: run the same command again"):
+        watch_camera(job, touch)
+    kept = [path.name for path in (tmp_path / "shelf").glob("people-*/*")]
+    assert kept == ["000000.npz"], "of what was seen before"
+
+
+JUMPING = "import random, time\nrng, true = random.Random(0), time.time\ntime.time = lambda: true() + rng.uniform(-1e9, 1e9)\n"
+
+
+def test_a_clock_that_jumps_changes_nothing(tmp_path):
+    outs = []
+    for name, site in (("steady", ""), ("jumping", JUMPING)):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "sitecustomize.py").write_text(site)
+        command = [sys.executable, "-m", "passerby", "simulate", "-o", "scene", "--seconds", "2", "--people", "2"]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}
+        subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True)
+        files = (path for path in (folder / "scene").rglob("*") if path.is_file())
+        outs.append({path.relative_to(folder): path.read_bytes() for path in files})
+    assert outs[0] == outs[1]
+    assert len(outs[0]) > 5
+
+
+def test_nothing_that_is_told_on_the_way_looks_at_the_clock_of_the_day(monkeypatch, capsys):
+    monkeypatch.setattr(time, "time", lambda: pytest.fail("the clock of the day"))
+    now = iter([0.0, 31.0, 62.0])
+    log = _Log(lambda: next(now))
+    log("watching", 10, 100)
+    log("watching", 20, 100)
+    assert "watching: 20 of 100 (20 %), about 4 min left" in capsys.readouterr().err
+
+
+def test_interrupted_json_is_never_half_of_it(tmp_path):
+    """What is told of a calibration that was cut off is an error that names the file, not a crash."""
+    text = json.dumps({"verdict": "accepted", "reasons": [], "cameras": []})
+    for length in range(0, len(text), 7):
+        (tmp_path / "calibration.json").write_text(text[:length])
+        assert run(["report", str(tmp_path)]) == 2

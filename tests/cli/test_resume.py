@@ -1,0 +1,208 @@
+"""A calibration from videos that is stopped at any moment, and goes on to the same bits."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from support.faults import killed_calibration as killed
+from support.faults.killed_calibration import calibrate, content
+from support.scenes.puppet_videos import film, puppets, scene_file
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """Two cameras, half a minute, 90 pictures each."""
+    folder = tmp_path_factory.mktemp("resume")
+    made = puppets(30.0, 3.0, 2, 4)
+    film(made, folder)
+    return scene_file(folder, {name: f"{name}.mp4" for name in made.rig.names})
+
+
+@pytest.fixture(scope="module")
+def whole(scene):
+    """A run that nothing stopped."""
+    out = scene.parent / "whole"
+    ended = calibrate(scene, out)
+    assert ended.status == 0, ended.errors
+    assert not ended.errors
+    return ended, content(out)
+
+
+def halves(out):
+    """Temporary files."""
+    return [path for path in out.rglob("*") if path.name.endswith(".part")]
+
+
+def test_killed_again_and_again_it_ends_in_the_same_bits(scene, whole, tmp_path):
+    _, files = whole
+    assert set(files) == {"rig.toml", "calibration.json", "tracks/C1.txt", "tracks/C2.txt"}
+    moments = [("background", 1), ("file", 1), ("detection", 40), ("file", 3), ("name", 4), ("picture", 100), ("embedding", 5),
+               ("people of each camera", 2), ("solving", 1), ("tracks", 2), ("rig", 1), ("file", 3)]  # fmt: skip
+    for moment in moments:
+        assert calibrate(scene, tmp_path, moment).killed, f"{moment} does not come"
+        assert not (tmp_path / "calibration.json").exists()
+    last = calibrate(scene, tmp_path)
+    assert last.seen["detection"] == 0, "all was kept"
+    assert last.seen["picture"] == 2, "the report shows one of each camera"
+    assert content(tmp_path) == files
+
+
+def test_no_more_than_a_segment_is_made_twice(scene, whole, tmp_path):
+    ended, files = whole
+    assert calibrate(scene, tmp_path, ("detection", 40)).killed
+    rest = calibrate(scene, tmp_path)
+    assert rest.seen["background"] == 1, "that of the first camera was learnt"
+    # Of the first camera, 39 pictures were done.
+    assert rest.seen["detection"] == ended.seen["detection"] - 39 // killed.SEGMENT * killed.SEGMENT
+    assert content(tmp_path) == files
+    assert not halves(tmp_path)
+
+
+@pytest.mark.parametrize("moment", [("detection", 100), pytest.param(("solving", 1), marks=pytest.mark.slow)], ids=str)
+def test_interrupted_it_says_so_and_goes_on(scene, whole, tmp_path, moment):
+    stopped = calibrate(scene, tmp_path, moment, signal.SIGINT)
+    assert stopped.status == 130
+    assert stopped.errors == "error: interrupted\n"
+    assert not content(tmp_path)
+    assert not halves(tmp_path)
+    assert calibrate(scene, tmp_path).status == 0
+    assert content(tmp_path) == whole[1]
+
+
+@pytest.mark.parametrize(
+    ("changed", "looks_anew"),
+    [
+        ("[association]\nmax_offset_s = 1\n[solver.options]\nmax_sightings = 500\n[scale]\nperson_height_m = 1.8", False),
+        ("[perception]\ndetector = 'background'\nembedder = 'none'", False),
+        ("[perception]\ndetector = 'background'\nembedder = 'stripes'\nfps = 1.5", True),
+    ],
+)
+def test_an_option_makes_again_what_depends_on_it(scene, whole, tmp_path, changed, looks_anew):
+    shutil.copytree(scene.parent / "whole", tmp_path, dirs_exist_ok=True)
+    text = scene.read_text()
+    head = text[: text.index("[perception]" if "[perception]" in changed else "[association]")]
+    tail = "\n[association]\nmax_offset_s = 0" if "[perception]" in changed else ""
+    other = scene.parent / "other.toml"
+    other.write_text(head + changed + tail)
+    again = calibrate(other, tmp_path)
+    assert again.status in (0, 3), again.errors
+    assert again.seen["detection"] == again.seen["embedding"] == (whole[0].seen["detection"] / 2 if looks_anew else 0)
+    # The background is learnt from pictures of its own, whatever is looked at afterwards.
+    assert again.seen["background"] == (2 if looks_anew else 0)
+    for camera in ("C1", "C2"):
+        kept = sorted(path.name.split("-")[0] for path in (tmp_path / "perception" / camera).iterdir())
+        assert kept == ["background", "people"] + ["looks"] * ("none" not in changed) or kept == [
+            "background",
+            "looks",
+            "people",
+        ]
+
+
+def test_two_runs_in_one_folder(scene, whole, tmp_path):
+    """Whoever comes second is told so at once, and harms nobody."""
+    plain = scene.parent / "plain.toml"
+    plain.write_text(scene.read_text().replace("stripes", "none"))
+    with ThreadPoolExecutor(3) as threads:
+        runs = [run.result() for run in [threads.submit(calibrate, which, tmp_path) for which in (scene, plain, scene)]]
+    turned_away = [ended for ended in runs if ended.status == 2]
+    assert 1 <= len(turned_away) < 3
+    for ended in turned_away:
+        assert re.fullmatch(rf"error: {tmp_path}: process \d+ on .+ \(passerby calibrate\) works there .+\n", ended.errors)
+        assert not ended.seen, "nothing was done in vain"
+    assert all(ended.status in (0, 3) for ended in runs if ended not in turned_away)
+    assert calibrate(scene, tmp_path).status == 0
+    assert content(tmp_path) == whole[1]
+
+
+def processes_of(session):
+    """The processes that belong to a session: a command and all that it started."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[3]) == session and fields[0] != "Z":
+            found.append(int(path.parent.name))
+    return found
+
+
+QUIET = """
+import math
+from passerby import cli, terminal
+terminal.LOG_AFTER_S = math.inf
+cli.main()
+"""
+"""The program `passerby`, without the lines that tell how far a run is after half a minute of wall time."""
+
+
+def stopped_after(scene, out, files, sign, group=False):
+    """Run the program with its processes, until it has kept so many files; all of it has ended then."""
+    arguments = [sys.executable, "-c", QUIET, "calibrate", str(scene), "-o", str(out)]
+    with subprocess.Popen(
+        arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as run:
+        try:
+            while run.poll() is None and sum(1 for path in out.rglob("*") if path.suffix in (".npz", ".txt")) < files:
+                time.sleep(0.01)
+            if run.poll() is None:
+                (os.killpg if group else os.kill)(run.pid, sign)
+            # Until all who hold it have ended.
+            errors = run.stderr.read()
+            until = time.monotonic() + 60
+            while processes_of(run.pid) and time.monotonic() < until:
+                time.sleep(0.05)
+            assert not processes_of(run.pid), "orphans"
+        finally:
+            if processes_of(run.pid):
+                os.killpg(run.pid, signal.SIGKILL)
+    return run.returncode, errors
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are found in /proc")
+@pytest.mark.parametrize(
+    ("files", "sign", "group"),
+    [
+        (1, signal.SIGKILL, False),
+        (5, signal.SIGINT, True),
+        *(pytest.param(n, *how, marks=pytest.mark.slow)
+          for n in (0, 2, 3, 6, 7) for how in ((signal.SIGKILL, False), (signal.SIGINT, True), (signal.SIGINT, False))),
+    ],
+)  # fmt: skip
+def test_no_process_is_left_behind(scene, whole, tmp_path, files, sign, group):
+    out = tmp_path / "out"
+    status, errors = stopped_after(scene, out, files, sign, group)
+    if sign == signal.SIGKILL:
+        assert status == -signal.SIGKILL
+    elif files:
+        assert status == 130
+        assert errors == "error: interrupted\n"
+    assert not content(out)
+    status, errors = stopped_after(scene, out, 999, signal.SIGKILL)
+    assert (status, errors) == (0, "")
+    assert content(out) == whole[1]
+
+
+EVENTS = ("picture", "detection", "embedding", "file", "name", "people of each camera", "looks", "pairs of cameras", "solving",
+          "tracks", "rig", "writing")  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.45, 0.7, 1.0])
+@pytest.mark.parametrize("event", EVENTS)
+def test_killed_at_any_moment_it_ends_in_the_same_bits(scene, whole, tmp_path, event, share):
+    ended, files = whole
+    count = ended.seen[event]
+    assert count
+    moment = event, 1 + round(share * (count - 1))
+    assert calibrate(scene, tmp_path, moment).killed
+    assert calibrate(scene, tmp_path).status == 0
+    assert content(tmp_path) == files

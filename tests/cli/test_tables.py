@@ -1,0 +1,172 @@
+"""What the command line shows of a calibration, and of the way to it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.association.result import Association
+from passerby.calibration.calibration import Calibration
+from passerby.cli.tables import show_calibration
+from passerby.cli.terminal import _Log, stages
+from passerby.common.progress import tell_note
+from passerby.core.cameras import Pose, PoseSigma, Rig
+from passerby.core.observations import Clock
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from support.scenes.handmade_files import write_scene
+
+PAIR = {
+    "cameras": ["A", "B"], "route": "tracks", "used": True, "score": 91.25, "share": 0.885, "runner_up": 0.0,
+    "matches": 120, "registered_offset_s": -1.4,
+}  # fmt: skip
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    """Two cameras, their clocks searched for; the second is not registered where `lost`."""
+
+    def made(association, lost=False):
+        scene = Scene.load(write_scene(tmp_path, extra="[scene]\nfps = 7", association=association))
+        inputs = read_inputs(scene)
+        pose, sigma = Pose(np.eye(3), np.array([0, 0, 2.0])), PoseSigma(0.01, 0.2)
+        cameras = [camera if lost and camera.name == "B" else replace(camera, pose=pose, sigma=sigma) for camera in inputs.rig]
+        clocks = {"A": Clock(7.0), "B": Clock(7.0, -1.4142)}
+        association = Association(
+            inputs.observations, inputs.observations, clocks, {"A": 0.0, "B": 0.0123}, {"pairs": [PAIR, LOOKS]}
+        )
+        return Calibration(
+            scene,
+            Rig(tuple(cameras)),
+            "accepted",
+            (),
+            inputs.observations,
+            0,
+            {},
+            {"rms": 0.5},
+            (),
+            association,
+            {"solving": 1.0},
+        )
+
+    return made
+
+
+LOOKS = PAIR | dict.fromkeys(("score", "share", "runner_up", "matches", "registered_offset_s")) | {"route": "looks"}
+SEARCHED = 'mode = "given"\nmax_offset_s = 3'
+
+
+def lines(capsys):
+    return [line.split() for line in capsys.readouterr().out.splitlines()]
+
+
+def test_clocks_that_were_searched_for_are_shown(calibration, capsys):
+    show_calibration(calibration(SEARCHED), verbose=False)
+    _, head, first, second, *_ = lines(capsys)
+    assert " ".join(head) == "camera x m y m height m sigma mm sigma deg clock s sigma s boxes joints"
+    assert first[6:8] == ["0.000", "0.000"]
+    assert second[6:8] == ["-1.414", "0.012"]
+
+
+def test_a_camera_without_a_pose_has_no_clock(calibration, capsys):
+    show_calibration(calibration(SEARCHED, lost=True), verbose=False)
+    assert lines(capsys)[3][1:8] == ["-"] * 7
+
+
+def test_clocks_that_agree_are_not_shown(calibration, capsys):
+    show_calibration(calibration('mode = "given"'), verbose=False)
+    assert "clock" not in capsys.readouterr().out
+
+
+def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
+    show_calibration(calibration(SEARCHED), verbose=False)
+    assert "runner-up" not in capsys.readouterr().out
+    show_calibration(calibration(SEARCHED), verbose=True)
+    table = lines(capsys)
+    start = table.index(["pairs", "of", "cameras"])
+    assert table[start + 1] == ["pair", "route", "score", "share", "runner-up", "matches", "offset", "s", "used"]
+    assert table[start + 2] == ["A", "+", "B", "tracks", "91.2", "0.89", "0.00", "120", "-1.40", "yes"]
+    assert table[start + 3] == ["A", "+", "B", "looks", "-", "-", "-", "-", "-", "yes"]
+
+
+def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
+    found = calibration(SEARCHED, lost=True)
+    association = replace(found.association, lost={"B": "B and A saw nobody walk at the same time"})
+    found = replace(found, association=association, verdict="doubtful", reasons=("camera B is lost: record more",))
+    show_calibration(found, verbose=False)
+    assert "nobody walk" not in capsys.readouterr().out
+    show_calibration(found, verbose=True)
+    shown = capsys.readouterr().out.splitlines()
+    assert "B: B and A saw nobody walk at the same time" in shown
+    assert "doubtful: camera B is lost: record more" in shown
+
+
+def test_what_a_measured_length_would_mend(calibration, capsys):
+    found = calibration(SEARCHED)
+    scale = {"relative_sigma": 0.047, "cues": [{"cue": "population of 3", "share": 0.9}, {"cue": "height of A", "share": 0.1}]}
+    for within, told in ((2.0, True), (8.0, False)):
+        cameras = [{"name": "A", "shape_position_sigma_mm": 1.0}, {"name": "B", "shape_position_sigma_mm": within}]
+        show_calibration(replace(found, figures={"scale": scale, "cameras": cameras}), verbose=False)
+        shown = capsys.readouterr().out
+        assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in shown
+        assert ("but for it, positions are known to 2 mm" in shown) is told
+
+
+def test_stages_are_lines_for_those_who_want_them_where_there_is_no_terminal(capsys):
+    for verbose, told in ((False, ""), (True, "reading\npairs of cameras: 21\n")):
+        with stages(verbose) as tell:
+            tell("reading")
+            for done in range(22):
+                tell("pairs of cameras", done, 21)
+        assert capsys.readouterr().err == told
+
+
+def test_stages_are_a_bar_on_a_terminal(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "100")
+    with stages() as tell:
+        tell("reading [odd name]")
+        tell("pairs of cameras", 0, 21)
+        tell("pairs of cameras", 5, 21)
+        tell("solving")
+    shown = capsys.readouterr().err
+    assert "reading [odd name]" in shown
+    assert "0 of 21" in shown
+
+
+def test_a_long_run_tells_now_and_then_how_far_it_is_where_there_is_no_terminal(capsys):
+    now = [0.0]
+    log = _Log(lambda: now[0])
+    log("reading")
+    # Twenty-nine seconds of preparation, which say nothing of the pace.
+    for second in range(150):
+        now[0] = second
+        for camera in ("C1", "C2"):
+            log("watching", max(0, second - 29), 120, part=camera)
+    log("solving")
+    now[0] = 200.0
+    log("solving")
+    told = capsys.readouterr().err.splitlines()
+    assert told == [
+        "watching: 1 of 240 (0 %)",
+        "watching: 61 of 240 (25 %), about 90 s left",
+        "watching: 121 of 240 (50 %), about 60 s left",
+        "watching: 181 of 240 (75 %), about 30 s left",
+        "solving",
+    ]
+
+
+def test_what_is_found_on_the_way_stays_on_the_terminal(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "100")
+    with stages() as tell:
+        tell("pairs of cameras", 5, 21)
+        tell_note(tell, "camera [C1] saw nobody")
+        tell("solving")
+    shown = capsys.readouterr().err
+    assert "camera [C1] saw nobody" in shown
+    assert "•" in shown
+
+
+def test_a_listener_without_notes_is_told_none():
+    tell_note(lambda stage, done=0, total=0, *, part="": None, "nothing happens")

@@ -1,0 +1,162 @@
+"""Agreement of sightings under a known rig."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from passerby.core.cameras import Rig
+from passerby.geometry.ray_consensus import Consensus, reassign_outliers, vote_points
+from support.scenes.people_and_rigs import ring
+
+N = 30
+GROUND = 0.9
+
+
+def case(
+    rig: Rig, rng: np.random.Generator, noise_px: float = 1.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(N, 3) points, and camera, block, ray and tangent of each sighting; every camera sees every point."""
+    points = np.column_stack([rng.uniform(-2.5, 2.5, (N, 2)), np.full(N, GROUND)])
+    camera, block = (grid.ravel() for grid in np.meshgrid(np.arange(len(rig)), np.arange(N), indexing="ij"))
+    rays = []
+    for item in rig:
+        pixels = item.project(points)
+        rays.append(item.lens.bearings(pixels + noise_px * rng.normal(size=pixels.shape)))
+    bearing = np.concatenate(rays)
+    return points, camera, block, bearing, rig.cameras[0].lens.tangents(bearing)
+
+
+def run(
+    rig: Rig,
+    camera: np.ndarray,
+    block: np.ndarray,
+    bearing: np.ndarray,
+    tangent: np.ndarray,
+    height: tuple[float, float] | None = None,
+) -> Consensus:
+    R, centre = (np.array([getattr(c.pose, name) for c in rig]) for name in ("R_cw", "centre"))
+    return vote_points(camera, block, bearing, tangent, np.full(len(camera), 10.0), N, R, centre, height=height)
+
+
+def swap(rows: list[tuple[int, int]], *columns: np.ndarray) -> list[np.ndarray]:
+    """Copies of the columns with pairs of rows exchanged."""
+    out = []
+    for column in columns:
+        copy = column.copy()
+        for a, b in rows:
+            copy[[a, b]] = copy[[b, a]]
+        out.append(copy)
+    return out
+
+
+def test_right_sightings_are_all_kept_and_give_the_points() -> None:
+    rig = ring(4)
+    points, *sightings = case(rig, np.random.default_rng(0))
+    found = run(rig, *sightings)
+    assert found.inlier.all()
+    np.testing.assert_allclose(found.points, points, atol=0.05)
+
+
+def test_exchanged_people_are_thrown_out_of_one_camera_only() -> None:
+    """Two pairs of people exchanged in one camera of four, as identity swaps do."""
+    rig = ring(4)
+    points, camera, block, bearing, tangent = case(rig, np.random.default_rng(1))
+    # Only people who stand apart: within the tolerance an exchange is none.
+    a, b = 0, int(np.argmax(np.linalg.norm(points - points[0], axis=1)))
+    rows = [(2 * N + a, 2 * N + b)]
+    bearing, tangent = swap(rows, bearing, tangent)
+    found = run(rig, camera, block, bearing, tangent)
+    wrong = np.zeros(len(camera), dtype=bool)
+    wrong[list(rows[0])] = True
+    np.testing.assert_array_equal(found.inlier, ~wrong)
+    np.testing.assert_allclose(found.points, points, atol=0.05)
+
+
+def test_a_third_of_wrong_sightings_is_borne() -> None:
+    rig, rng = ring(6), np.random.default_rng(2)
+    points, camera, block, bearing, tangent = case(rig, rng)
+    wrong = np.zeros(len(camera), dtype=bool)
+    for person in range(N):
+        wrong[rng.choice(6, 2, replace=False) * N + person] = True
+    astray = rig.cameras[0].lens.bearings(rng.uniform((0, 0), (1280, 720), (int(wrong.sum()), 2)))
+    bearing[wrong], tangent[wrong] = astray, rig.cameras[0].lens.tangents(astray)
+    found = run(rig, camera, block, bearing, tangent)
+    assert found.inlier[~wrong].mean() > 0.99
+    assert found.inlier[wrong].mean() < 0.05
+    assert np.median(np.linalg.norm(found.points - points, axis=1)) < 0.03
+
+
+def test_where_nothing_agrees_there_is_no_point() -> None:
+    rig = ring(3)
+    points, camera, block, bearing, tangent = case(rig, np.random.default_rng(3))
+    # Block 4: one ray up into the sky, one sideways, one into the ground.
+    for c, pixel in enumerate([(640.0, 5.0), (20.0, 700.0), (1260.0, 20.0)]):
+        ray = rig.cameras[c].lens.bearings(np.array([pixel]))
+        bearing[c * N + 4], tangent[c * N + 4] = ray[0], rig.cameras[c].lens.tangents(ray)[0]
+    found = run(rig, camera, block, bearing, tangent)
+    assert np.isnan(found.points[4]).all()
+    assert not found.inlier[block == 4].any()
+    others = np.arange(N) != 4
+    np.testing.assert_allclose(found.points[others], points[others], atol=0.06)
+
+
+def test_one_sighting_alone_and_no_sighting_at_all_are_no_point() -> None:
+    rig = ring(3)
+    _, camera, block, bearing, tangent = case(rig, np.random.default_rng(4))
+    keep = ~((block == 7) & (camera > 0)) & (block != 8)
+    found = run(rig, camera[keep], block[keep], bearing[keep], tangent[keep])
+    assert np.isnan(found.points[[7, 8]]).all()
+    assert np.isfinite(found.points[[6, 9]]).all()
+    assert not found.inlier[block[keep] == 7].any()
+    none = run(rig, camera[:0], block[:0], bearing[:0], tangent[:0])
+    assert np.isnan(none.points).all()
+
+
+def test_the_expected_height_decides_between_two_pairs() -> None:
+    """Four cameras, two of which see a bird above and two a person below: votes are equal, the height is not."""
+    rig = ring(4)
+    points, camera, block, bearing, tangent = case(rig, np.random.default_rng(5), noise_px=0.0)
+    birds = points + (0.8, -0.5, 1.3)
+    for c in (0, 2):
+        rows = camera == c
+        bearing[rows] = rig.cameras[c].lens.bearings(rig.cameras[c].project(birds))
+        tangent[rows] = rig.cameras[c].lens.tangents(bearing[rows])
+    seen = np.isfinite(bearing).all(axis=1)
+    both = np.bincount(block[seen], minlength=N) == 4
+    for height, expected in ((GROUND, points), (GROUND + 1.3, birds)):
+        found = run(rig, camera[seen], block[seen], bearing[seen], tangent[seen], height=(height, 0.3))
+        miss = np.linalg.norm(found.points - expected, axis=1)[both]
+        assert np.mean(miss < 0.05) > 0.9, f"at {height} m"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_the_sightings_is_of_no_account(seed: int) -> None:
+    rig, rng = ring(4), np.random.default_rng(seed)
+    _, camera, block, bearing, tangent = case(rig, rng, noise_px=4.0)
+    first = run(rig, camera, block, bearing, tangent)
+    order = rng.permutation(len(camera))
+    second = run(rig, camera[order], block[order], bearing[order], tangent[order])
+    np.testing.assert_array_equal(first.inlier[order], second.inlier)
+    np.testing.assert_allclose(first.points, second.points, atol=1e-9)
+
+
+def test_exchanged_people_go_back_to_whom_they_show() -> None:
+    """Two people of one instant exchanged in one camera: each sighting ends at the block it fits, all others stay."""
+    rig = ring(4)
+    points, camera, block, bearing, tangent = case(rig, np.random.default_rng(6))
+    a, b = 0, int(np.argmax(np.linalg.norm(points - points[0], axis=1)))
+    bearing, tangent = swap([(2 * N + a, 2 * N + b)], bearing, tangent)
+    consensus = run(rig, camera, block, bearing, tangent)
+    R, centre = (np.array([getattr(c.pose, name) for c in rig]) for name in ("R_cw", "centre"))
+    tolerance = np.full(len(camera), 10.0)
+    expected = block.copy()
+    expected[[2 * N + a, 2 * N + b]] = b, a
+    same = np.zeros(N, dtype=int)
+    found = reassign_outliers(consensus, camera, block, same[block], same, bearing, tangent, tolerance, R, centre)
+    np.testing.assert_array_equal(found, expected)
+    # At another instant nobody may be taken over.
+    apart = np.arange(N)
+    left = reassign_outliers(consensus, camera, block, apart[block], apart, bearing, tangent, tolerance, R, centre)
+    expected[[2 * N + a, 2 * N + b]] = -1
+    np.testing.assert_array_equal(left, expected)

@@ -1,0 +1,126 @@
+"""Whatever is written, killed or out of disk at any moment: what lies there is all old or all new."""
+
+import signal
+
+import pytest
+
+from passerby.common.errors import InputError
+from passerby.interchange.storage.atomic import forget_halves, write_text
+from passerby.interchange.storage.transaction import GONE, WRITTEN, folder_lock, recover, transaction
+from passerby.interchange.storage.whole_folder import whole_folder
+from support.faults.dying_process import BUG, TOLD, every_moment, hidden, visible
+
+FAULTS = pytest.mark.parametrize("fault", ["kill", "full"])
+
+
+def as_told(ended, fault):
+    """Whether the process ended as this fault ends one."""
+    return ended == (-signal.SIGKILL if fault == "kill" else TOLD) and ended != BUG
+
+
+@FAULTS
+def test_a_file(tmp_path, fault):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    for ended in every_moment(lambda: write_text(path, "new"), tmp_path, fault):
+        assert as_told(ended, fault)
+        assert path.read_text() in ("old", "new")
+        forget_halves(path)
+        assert not hidden(tmp_path)
+        path.write_text("old")
+    assert path.read_text() == "new"
+
+
+def set_up(folder):
+    """A folder as it was before."""
+    (folder / "deep").mkdir(parents=True, exist_ok=True)
+    for name in ("a", "deep/b", "going", "mine"):
+        (folder / name).write_text("old")
+
+
+def put(folder, text="new"):
+    """Change most of it, together."""
+    with folder_lock(folder, "a test"), transaction(folder, ["going", "never there"]) as new:
+        for name in ("a", "deep/b", "more/c"):
+            write_text(new / name, text)
+
+
+@FAULTS
+def test_files_of_a_folder_that_change_together(tmp_path, fault):
+    folder = tmp_path / "out"
+    set_up(folder)
+    old = visible(folder)
+    new = {"a": b"new", "deep/b": b"new", "more/c": b"new", "mine": b"old"}
+    seen = []
+    for ended in every_moment(lambda: put(folder), tmp_path, fault, 1 if fault == "kill" else 3):
+        assert as_told(ended, fault)
+        recover(folder, "reads")
+        seen.append(visible(folder))
+        assert seen[-1] in (old, new)
+        put(folder, "again")
+        assert not hidden(folder)
+        assert visible(folder)["a"] == b"again"
+        for path in ("more/c", "a", "deep/b"):
+            (folder / path).unlink()
+        set_up(folder)
+    assert seen[0] == old
+    if fault == "kill":
+        assert seen[-1] == new
+
+
+def test_a_reader_that_may_not_write_is_told(tmp_path, monkeypatch):
+    (tmp_path / WRITTEN).mkdir()
+    (tmp_path / WRITTEN / "a").write_text("new")
+    monkeypatch.setattr("passerby.interchange.storage.locks.Path.open", refuse)
+    with pytest.raises(InputError, match=f"{tmp_path}: cannot be written .Read-only"):
+        recover(tmp_path, "reads")
+
+
+def refuse(*arguments):
+    raise OSError(30, "Read-only file system")
+
+
+def test_a_name_in_the_way_is_found_out_before_anything_changes(tmp_path):
+    set_up(tmp_path)
+    (tmp_path / "more" / "c").mkdir(parents=True)
+    before = visible(tmp_path)
+    with pytest.raises(InputError, match="more/c is a folder"):
+        put(tmp_path)
+    assert visible(tmp_path) == before
+    assert not hidden(tmp_path)
+
+
+def test_what_is_to_go_stays_in_the_folder(tmp_path):
+    folder = tmp_path / "out"
+    (folder / WRITTEN).mkdir(parents=True)
+    (tmp_path / "precious").write_text("mine")
+    (folder / WRITTEN / GONE).write_text(f'["../precious", "{tmp_path}/precious", 3]')
+    recover(folder, "reads")
+    assert (tmp_path / "precious").read_text() == "mine"
+    assert not hidden(folder)
+
+
+def make(target, text="new"):
+    """A folder that is replaced as a whole."""
+    with whole_folder(target, "mark", "a made thing") as new:
+        for name in ("mark", "a", "b"):
+            write_text(new / name, text)
+
+
+@pytest.mark.parametrize(("fault", "at_once"), [("kill", True), ("kill", False), ("full", True)])
+def test_a_whole_folder(tmp_path, monkeypatch, fault, at_once):
+    """Also where folders cannot change places at once: what was moved away comes back with the next run."""
+    target = tmp_path / "made"
+    if not at_once:
+        monkeypatch.setattr("passerby.interchange.storage.whole_folder.exchange_folders", lambda one, other: False)
+    make(target, "old")
+    old, new = visible(target), dict.fromkeys(("a", "b", "mark"), b"new")
+    for ended in every_moment(lambda: make(target), tmp_path, fault, 1 if fault == "kill" else 3):
+        assert as_told(ended, fault)
+        if not target.exists() and not at_once:
+            with pytest.raises(RuntimeError), whole_folder(target, "mark", "a made thing"):
+                raise RuntimeError
+        assert visible(target) in (old, new)
+        make(target, "old")
+        assert [path.name for path in tmp_path.iterdir()] == ["made"]
+    assert visible(target) == new

@@ -1,0 +1,74 @@
+"""The page: everybody in both views, the cameras, offline, small, the same bytes."""
+
+import json
+import re
+
+import numpy as np
+
+from passerby.people.trajectories.trajectories import trajectories
+from passerby.report import trajectories_page as page
+from passerby.report.trajectories_page import trajectories_page
+from support.scenes.people_to_track import POLES, clocks_of, ring, watched
+
+
+def drawn(html):
+    """The traces that plotly is given."""
+    text = html[html.rindex("Plotly.newPlot(") :]
+    start = text.index("[")
+    traces, _ = json.JSONDecoder().raw_decode(text[start:])
+    return traces
+
+
+def example(people=3, seconds=12.0):
+    rig = ring(3)
+    return trajectories(rig, watched(rig, people, seconds), clocks_of(rig), POLES), rig
+
+
+def test_one_line_a_person_in_each_view_and_the_cameras():
+    found, rig = example()
+    html = trajectories_page(found, rig, "a <title>", "a note")
+    traces = drawn(html)
+    lines = [trace for trace in traces if trace["name"].startswith("person")]
+    assert sorted((trace["type"], trace["name"]) for trace in lines) == sorted(
+        (kind, f"person {number}") for kind in ("scatter", "scatter3d") for number in (1, 2, 3)
+    )
+    first = next(trace for trace in lines if trace["name"] == "person 1" and trace["type"] == "scatter3d")
+    own = found.identity == 1
+    assert np.allclose(first["x"], found.xyz[own, 0], atol=0.006)
+    assert np.allclose(first["z"], found.xyz[own, 2], atol=0.006)
+    cameras = next(trace for trace in traces if "text" in trace)
+    assert cameras["text"] == ["C1", "C2", "C3"]
+    assert "a &lt;title&gt;" in html
+    assert "a note" in html
+
+
+def test_it_needs_no_network_and_is_the_same_again():
+    found, rig = example()
+    html = trajectories_page(found, rig, "t")
+    assert html == trajectories_page(found, rig, "t")
+    assert not re.search(r"<(script|link|img)[^>]+(src|href)=", html)
+
+
+def test_parts_are_not_joined():
+    found, rig = example()
+    keep = (found.frame < 20) | (found.frame > 40)
+    part = np.where(found.frame > 40, 2, 1)
+    cut = type(found)(
+        found.identity[keep], found.frame[keep], found.time_s[keep], found.xyz[keep], found.sigma_m[keep],
+        found.cameras[keep], part[keep], found.clock,
+    )  # fmt: skip
+    line = next(trace for trace in drawn(trajectories_page(cut, rig, "t")) if trace["name"] == "person 2")
+    assert line["x"].count(None) == 1
+
+
+def test_much_is_thinned_and_says_so(monkeypatch):
+    found, rig = example()
+    whole = trajectories_page(found, rig, "t")
+    monkeypatch.setattr(page, "MOST_PLACES", 60)
+    thin = trajectories_page(found, rig, "t")
+    assert "Every 3th place" not in whole
+    assert "Every 3rd place" in thin
+    lines = [trace for trace in drawn(thin) if trace["name"].startswith("person") and trace["type"] == "scatter"]
+    assert sum(len(line["x"]) for line in lines) <= 60 + 2 * 3
+    # Ends are kept.
+    assert lines[0]["x"][-1] == round(float(found.xyz[found.identity == 1][-1, 0]), 2)

@@ -1,0 +1,211 @@
+"""What is read where identities are not given: tracklets or detections, embeddings, frame rates, cameras that saw nobody."""
+
+import json
+
+import numpy as np
+import pytest
+
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.core.observations import Clock
+from passerby.interchange.embeddings import write_embeddings
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from support.scenes.handmade_files import lens, rows, write_scene
+
+COMBINED = 'mode = "combined"'
+GIVEN = 'mode = "given"'
+DETECTIONS = rows(identities=(-1, -1))
+
+
+def read(folder, *arguments, **named):
+    return read_inputs(Scene.load(write_scene(folder, *arguments, **{"association": COMBINED, **named})))
+
+
+def with_looks(folder, *names, dimensions=4, count=20, frame=None):
+    for index, name in enumerate(names):
+        vectors = np.random.default_rng(index).normal(size=(count, dimensions))
+        write_embeddings(folder / f"{name}.npz", vectors, frame)
+
+
+CAMERA_C = '[cameras.C]\nintrinsics = "c.toml"\n'
+TWO_AND_C = {"c.toml": lens("C")}
+
+
+def test_rows_without_an_id_are_kept(tmp_path):
+    found = read(tmp_path, files={"A.txt": rows() + "11,-1,9,9,9,9,1,-1,-1,-1\n", "B.txt": DETECTIONS})
+    assert found.observations["A"].boxes.identity.tolist() == [1, 2] * 10 + [-1]
+    assert found.observations["B"].boxes.identity.tolist() == [-1] * 20
+
+
+@pytest.mark.parametrize("text", [DETECTIONS, rows(identities=(7, 9))])
+def test_detections_are_read_where_there_are_no_tracks(tmp_path, text):
+    extra = CAMERA_C + 'detections = "C.txt"'
+    found = read(tmp_path, extra=extra, files={"C.txt": text, **TWO_AND_C})
+    assert [str(who) for who in found.observations["C"].boxes.identity] == [row.split(",")[1] for row in text.splitlines()]
+
+
+def test_tracks_go_before_detections(tmp_path):
+    found = read(tmp_path, extra='detections = "C.txt"', files={"C.txt": DETECTIONS})
+    assert (found.observations["B"].boxes.identity > 0).all()
+    assert any("[cameras.B] detections are not used, since there are tracks" in finding for finding in found.findings)
+
+
+@pytest.mark.parametrize(
+    ("association", "extra", "clocks", "noted"),
+    [
+        (COMBINED, "", {}, "no frame rate is given"),
+        (COMBINED + "\nmax_offset_s = 0", "", {}, None),
+        (COMBINED, "[scene]\nfps = 25", {"A": 25, "B": 25}, None),
+        (COMBINED, "fps = 50\n[scene]\nfps = 25", {"A": 25, "B": 50}, "differ in length"),
+        (GIVEN, "", {}, None),
+        (GIVEN, "[scene]\nfps = 25", {}, None),
+        (GIVEN, "fps = 25\n[scene]\nfps = 25", {}, None),
+        (GIVEN, "fps = 28\n[scene]\nfps = 25", {"A": 25, "B": 28}, None),
+        (GIVEN + "\nmax_offset_s = 2", "[scene]\nfps = 25", {"A": 25, "B": 25}, None),
+    ],
+)
+def test_clocks_by_frame_rate(tmp_path, association, extra, clocks, noted):
+    found = read(tmp_path, association=association, extra=extra)
+    assert found.observations.clocks == {name: Clock(fps) for name, fps in clocks.items()}
+    assert found.observations.fps == (25 if "fps" in extra else None)
+    assert [noted in finding for finding in found.findings] == ([True] if noted else [])
+
+
+@pytest.mark.parametrize(
+    ("rates", "odd"),
+    [
+        ((25, 25, 25, 25), None),
+        ((25, 25, 25, 30), None),
+        ((25, 25, 25, 50), "D 0.8 s (frames 1 to 41 at 50 fps); the other cameras about 1.6 s: check fps"),
+        ((50, 50, 50, 25), "D 1.6 s (frames 1 to 41 at 25 fps); the other cameras about 0.8 s: check fps"),
+    ],
+)
+def test_a_frame_rate_that_contradicts_the_others_is_named(tmp_path, rates, odd):
+    names = ("A", "B", "C", "D")
+    scene = write_scene(tmp_path, names, association=COMBINED, files={f"{name}.txt": rows(41) for name in names})
+    text = scene.read_text()
+    for name, rate in zip(names, rates, strict=True):
+        text = text.replace(f'tracks = "{name}.txt"', f'tracks = "{name}.txt"\nfps = {rate}')
+    scene.write_text(text)
+    findings = read_inputs(Scene.load(scene)).findings
+    assert len(findings) == (odd is not None)
+    assert all(odd in finding for finding in findings)
+
+
+def test_embeddings_stay_with_their_boxes(tmp_path):
+    with_looks(tmp_path, "A", "C", frame=np.repeat(np.arange(1, 11), 2))
+    extra = CAMERA_C + 'detections = "C.txt"\nembeddings = "C.npz"'
+    scene = write_scene(tmp_path, association=COMBINED, extra=extra, files={"C.txt": DETECTIONS, **TWO_AND_C})
+    scene.write_text(scene.read_text().replace('tracks = "A.txt"', 'tracks = "A.txt"\nembeddings = "A.npz"'))
+    found = read_inputs(Scene.load(scene))
+    for index, name in enumerate("AC"):
+        vectors = np.random.default_rng(index).normal(size=(20, 4))
+        unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+        np.testing.assert_allclose(found.observations[name].boxes.embedding, unit, atol=1e-6)
+    assert found.observations["B"].boxes.embedding is None
+    assert any("camera B has no embeddings: people there are known by how they move" in finding for finding in found.findings)
+
+
+def test_embeddings_follow_the_known_people_in_mode_given(tmp_path):
+    with_looks(tmp_path, "B", count=21)
+    files = {"B.txt": "1,-1,9,9,9,9,1,-1,-1,-1\n" + rows()}
+    found = read(tmp_path, association=GIVEN, extra='embeddings = "B.npz"', files=files)
+    vectors = np.random.default_rng(0).normal(size=(21, 4))[1:]
+    unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    np.testing.assert_allclose(found.observations["B"].boxes.embedding, unit, atol=1e-6)
+    assert any('[cameras.B] embeddings are not used in mode "given"' in finding for finding in found.findings)
+
+
+@pytest.mark.parametrize(
+    ("appearance", "told"),
+    [
+        (None, "B.npz: no such file"),
+        ({"count": 12}, "B.npz: 12 embeddings for 20 boxes: give one row for each row of {}/B.txt, in its order"),
+        ({"frame": np.arange(1, 21)}, "B.npz: row 2 is of frame 2, but that row of {}/B.txt is of frame 1"),
+        ({"dimensions": 7}, "[cameras.B] embeddings have 7 dimensions, those of camera A 4: take them from the same network"),
+    ],
+)
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_embeddings_that_do_not_fit(tmp_path, capsys, appearance, told, command):
+    with_looks(tmp_path, "A")
+    if appearance is not None:
+        with_looks(tmp_path, "B", **appearance)
+    scene = write_scene(tmp_path, association=COMBINED, extra='embeddings = "B.npz"')
+    scene.write_text(scene.read_text().replace('tracks = "A.txt"', 'tracks = "A.txt"\nembeddings = "A.npz"'))
+    assert run([command, str(scene), *(["-o", str(tmp_path / "out")] if command == "calibrate" else [])]) == 2
+    assert told.format(tmp_path) in capsys.readouterr().err
+
+
+def test_appearance_needs_embeddings(tmp_path):
+    mode = 'mode = "appearance"'
+    with pytest.raises(
+        InputError, match=r"no camera has any: give each camera embeddings .*: under \[association\] set mode = .combined."
+    ):
+        read(tmp_path, association=mode)
+    with_looks(tmp_path, "B")
+    with pytest.raises(InputError, match=r"\[cameras.A\] mode .appearance. needs embeddings: give each camera"):
+        read(tmp_path, association=mode, extra='embeddings = "B.npz"')
+    files = {"C.txt": "", **TWO_AND_C}
+    with pytest.raises(InputError, match="embeddings") as caught:
+        read(tmp_path, association=mode, extra='embeddings = "B.npz"\n' + CAMERA_C + 'tracks = "C.txt"', files=files)
+    assert len(caught.value.faults) == 1  # A's; who saw nobody needs none
+
+
+def test_a_camera_that_saw_nobody_is_told_and_the_others_go_on(tmp_path):
+    found = read(tmp_path, ("A", "B", "C"), files={"C.txt": ""})
+    assert len(found.observations["C"].boxes) == 0
+    assert found.rig.names == ("A", "B", "C")
+    assert any("camera C saw nobody: its files have no rows" in finding for finding in found.findings)
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [({"B.txt": ""}, "only camera A saw anybody: a calibration needs"), ({"A.txt": "", "B.txt": ""}, "no camera saw anybody")],
+)
+def test_fewer_than_two_cameras_that_saw_anybody(tmp_path, files, told):
+    with pytest.raises(InputError, match=told):
+        read(tmp_path, files=files)
+
+
+def test_a_missing_file_is_not_told_as_an_empty_camera(tmp_path):
+    with pytest.raises(InputError, match="no such file") as caught:
+        read(tmp_path, files={"B.txt": None})
+    assert len(caught.value.faults) == 1
+
+
+def test_check_tells_tracklets_and_detections(tmp_path, capsys):
+    with_looks(tmp_path, "B")
+    files = {"B.txt": DETECTIONS, "C.txt": rows(identities=(8, 9, 10)), "D.txt": ""}
+    extra = "[scene]\nfps = 2.5"
+    scene = write_scene(tmp_path, ("A", "B", "C", "D"), association=COMBINED, files=files, extra=extra)
+    scene.write_text(scene.read_text().replace('tracks = "B.txt"', 'tracks = "B.txt"\nembeddings = "B.npz"'))
+    assert run(["check", str(scene)]) == 0
+    out = capsys.readouterr().out
+    assert "shared" not in out
+    head, *lines = (line.split() for line in out.splitlines()[1:6])
+    table = {line[0]: dict(zip(head, line, strict=True)) for line in lines}
+    assert [table[name]["tracklets"] for name in "ABCD"] == ["2", "detections", "3", "0"]
+    assert [table[name]["embeddings"] for name in "ABCD"] == ["-", "4", "-", "-"]
+    assert {table[name]["fps"] for name in "ABCD"} == {"2.5"}
+    assert "camera D saw nobody" in out
+
+    assert run(["check", str(scene), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["mode"] == "combined"
+    assert report["cameras"][1]["embedding_dimensions"] == 4
+    assert all(camera["shared"] == {} and camera["fps"] == 2.5 for camera in report["cameras"])
+
+
+def test_check_counts_who_is_shared_at_the_same_time_not_the_same_number(tmp_path, capsys):
+    """Frame 1, 3, 5 of a camera of twice the rate are the frames 1, 2, 3 of the other."""
+    files = {"A.txt": rows(5), "B.txt": rows(9, (2, 3))}
+    scene = write_scene(tmp_path, files=files, extra="fps = 20\n[scene]\nfps = 10")
+    assert run(["check", str(scene), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["cameras"][0]["shared"] == {"B": {"people": 1, "sightings": 5}}
+
+
+def test_scale_by_identity_needs_given_identities(tmp_path, capsys):
+    scene = write_scene(tmp_path, association=COMBINED, extra="[[scale.people]]\nidentity = 1\nheight_m = 1.8")
+    assert run(["check", str(scene)]) == 2
+    assert "[[scale.people]]: names identities, but mode 'combined' does not know them" in capsys.readouterr().err

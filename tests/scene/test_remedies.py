@@ -1,0 +1,245 @@
+"""Every remedy that names a setting works as it stands, in a scene file that has the table and in one that has not.
+
+The remedies are collected from the code: `under [table] set key = value`, and `set key to ...` where only the user knows the
+value. Each is followed literally, in the scene file that `passerby init` writes and in one of the cameras alone.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from passerby.calibration.pipeline import calibrate
+from passerby.calibration.scene_solver import solver_options
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.perception.plan import keypoints_to_be_had
+from passerby.report.distances import Distance, _advice
+from passerby.scene.check import SHORTEST_S, check_scene
+from passerby.scene.scene import TABLES, Scene
+from support.documentation import DOCS, ROOT
+from support.networks.model_server import BODY, entry, keep_to, know_only
+from support.scenes.puppet_videos import film, puppets, scene_file, write_video
+from support.scenes.puppet_videos import pictures as pictures_of
+
+SOURCE = ROOT / "src" / "passerby"
+VALUE = r'(?:\[[^\]]*\]|"[^"]*"|true|false|\d+(?:\.\d+)?|\{\})'
+REMEDY = re.compile(rf"under \[([\w.{{}}]+)\] set ((?:[a-z_]+ = {VALUE}(?:,? (?:and|or) |[^.;:]*?, or )?)+)")
+SETTING = re.compile(rf"([a-z_]+) = ({VALUE})")
+LEFT_OPEN = re.compile(r"under \[([\w.{}]+)\] set ([a-z_]+) to")
+OLD_FORMS = re.compile(
+    r"\[(?:association|solver|solver\.options|scene|scale|world|perception)\] [a-z_]+(?: = |\))|to \[scene\]"
+)
+"""`[association] max_offset_s = 14` is no line of TOML, and the table a second time is none either."""
+BARE = '[cameras.C1]\nintrinsics = "rig.toml"\nvideo = "C1.mp4"\n\n[cameras.C2]\nintrinsics = "rig.toml"\nvideo = "C2.mp4"\n'
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    """(place, text) of all strings of the code, `{}` in place of values; no docstrings."""
+    for path in sorted(SOURCE.rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        docstrings = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        parts = {part for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+        for node in ast.walk(tree):
+            place = f"{path.relative_to(SOURCE)}:{getattr(node, 'lineno', 0)}"
+            if isinstance(node, ast.JoinedStr):
+                yield place, "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in docstrings | parts:
+                yield place, node.value
+
+
+def remedies() -> list[tuple[str, tuple[str, ...]]]:
+    """(table, lines to write there), each once; lines that stand for a choice are remedies of their own."""
+    found = {}
+    for _, text in texts():
+        for table, told in REMEDY.findall(text):
+            lines = [f"{key} = {value if value != '{}' else '7'}".replace("{}", "C1") for key, value in SETTING.findall(told)]
+            choices = [(line,) for line in lines] if " or " in told else [tuple(lines)]
+            found |= dict.fromkeys((table.replace("{}", "C1"), choice) for choice in choices)
+    return sorted(found)
+
+
+@pytest.fixture(scope="module")
+def started(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene file as `passerby init` writes it."""
+    folder = tmp_path_factory.mktemp("started")
+    made = puppets(1.0, 5.0, 2, 2)
+    for name in ("C1", "C2"):
+        write_video(folder / f"{name}.mp4", pictures_of(made, name), made.fps)
+    assert run(["init", str(folder)]) == 0
+    return folder / "scene.toml"
+
+
+def followed(text: str, table: str, lines: tuple[str, ...]) -> str:
+    """The file after somebody did what the remedy says: the lines stand in the table, in place of those of the same keys."""
+    rows, header = text.splitlines(), f"[{table}]"
+    if f"#{header}" in rows:
+        rows[rows.index(f"#{header}")] = header
+    if header not in rows:
+        rows += ["", header]
+    begin = rows.index(header) + 1
+    end = next((k for k in range(begin, len(rows)) if re.match(r"#?\[", rows[k])), len(rows))
+    keys = "|".join(line.split(" = ")[0] for line in lines)
+    kept = [row for row in rows[begin:end] if not re.match(rf"#?(?:{keys}) =", row)]
+    return "\n".join([*rows[:begin], *lines, *kept, *rows[end:]]) + "\n"
+
+
+def test_remedies_are_found() -> None:
+    found = remedies()
+    assert ("association", ("max_offset_s = 7",)) in found
+    assert ("solver", ('refine = ["focal"]',)) in found
+    assert ("solver", ('refine = ["clock_rate"]',)) in found
+    assert ("world", ('points = "points.csv"', "tilt = true")) in found
+    assert ("cameras.C1", ("until_s = 7",)) in found
+    assert ("cameras.C1", ("from_s = 7",)) in found
+    assert len(found) >= 10
+
+
+@pytest.mark.parametrize("bare", [False, True])
+@pytest.mark.parametrize(("table", "lines"), remedies())
+def test_a_remedy_works_as_it_stands(started: Path, tmp_path: Path, table: str, lines: tuple[str, ...], bare: bool) -> None:
+    path = tmp_path / "scene.toml"
+    text = BARE if bare else started.read_text(encoding="utf-8")
+    if lines == ('mode = "given"',):  # goes with identities in files
+        text = text.replace("video = ", "tracks = ")
+    path.write_text(followed(text, table, lines), encoding="utf-8")
+    scene = Scene.load(path)
+    solver_options(scene)
+    content = tomllib.loads(path.read_text(encoding="utf-8"))
+    for part in table.split("."):
+        content = content[part]
+    for line in lines:
+        ((key, value),) = tomllib.loads(line).items()
+        assert content[key] == value
+
+
+def test_keys_whose_value_only_the_user_knows_are_keys() -> None:
+    found = {pair for _, text in texts() for pair in LEFT_OPEN.findall(text)}
+    assert ("association", "max_offset_s") in found
+    for table, key in found:
+        assert key in TABLES[tuple(table.replace("{}", "*").split("."))].model_fields, (table, key)
+
+
+def test_no_remedy_is_worded_otherwise() -> None:
+    old = [
+        f"{place}: {text}" for place, text in texts() if OLD_FORMS.search(re.sub(r"(^|\{\}: )\[perception\] \w+ = ", "", text))
+    ]
+    assert not old, "\n".join(old)
+    page = " ".join((DOCS / "troubleshooting.md").read_text(encoding="utf-8").replace("> ", " ").split())
+    assert not re.findall(r"\(\[association\] max_offset_s[^)]*\)|fitted: \[solver\]|refined: \[solver\]", page)
+
+
+def test_the_generated_scene_has_every_table_and_every_key(started: Path) -> None:
+    """Once each: what a remedy names is there to be edited. Tables that need values of the user's own are examples."""
+    text = started.read_text(encoding="utf-8")
+    for table in ("scene", "perception", "association", "solver", "scale", "solver.options", "world"):
+        assert len(re.findall(rf"(?m)^#?\[{re.escape(table)}\]", text)) == 1, table
+    for table, model in (
+        ("association", "association"),
+        ("solver", "solver"),
+        ("perception", "perception"),
+        ("scale", "scale"),
+    ):
+        own = text.split(f"\n[{table}]\n")[1].split("\n[")[0]
+        for key, field in TABLES[(model,)].model_fields.items():
+            if "Table" not in str(field.annotation) and key != "options":
+                assert len(re.findall(rf"(?m)^#?{key} = ", own)) == 1, (table, key)
+
+
+def test_a_measured_distance_can_be_appended(started: Path, tmp_path: Path) -> None:
+    shown = str(_advice([Distance("C1", "C2", 8.0, 0.1)]))
+    example = re.search(r"<code>(.*?)</code>", shown, re.DOTALL)
+    assert example is not None
+    lines = example[1].replace("&quot;", '"').replace("&#34;", '"')
+    for text in (BARE, started.read_text(encoding="utf-8")):
+        (tmp_path / "scene.toml").write_text(f"{text}\n{lines}\n", encoding="utf-8")
+        assert Scene.load(tmp_path / "scene.toml").scale.distances[0].metres == 8.0
+
+
+@pytest.mark.parametrize(
+    ("added", "told"),
+    [
+        ("[association]\nmax_offset_s = 1\n[scale]\n[ association ]  # again\nmode = 'given'\n",
+         "[association] stands twice, in lines 8 and 11: merge the two into one"),
+        ("[cameras.C1]\nfps = 3\n", "[cameras.C1] stands twice, in lines 1 and 8: merge the two into one"),
+        ("[association]\nmax_offset_s = 1\n# max_offset_s = 2\nmax_offset_s = 3\n",
+         "[association] max_offset_s stands twice, in lines 9 and 11: keep one of them"),
+        ("[scale]\n[[scale.distances]]\nmetres = 1\n[[scale.distances]]\nmetres = 2\n[scale]\n",
+         "[scale] stands twice, in lines 8 and 13"),
+    ],
+)  # fmt: skip
+def test_a_table_that_stands_twice(tmp_path: Path, added: str, told: str) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(f"{BARE}{added}", encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        Scene.load(path)
+    assert str(error.value).startswith(f"{path}: {told}")
+
+
+@pytest.mark.parametrize("wrong", ["[association\n", "refine = [\n", "[scale]\nlengths = [\n[1, 2],\n[1, 2],\n"])
+def test_other_errors_of_toml_stay_as_they_are(tmp_path: Path, wrong: str) -> None:
+    (tmp_path / "scene.toml").write_text(f"{BARE}{wrong}", encoding="utf-8")
+    with pytest.raises(InputError, match="is not TOML: "):
+        Scene.load(tmp_path / "scene.toml")
+
+
+@pytest.fixture
+def brief(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A scene of two videos of 1.7 s; a network for joints is known, and is not on this computer."""
+    keep_to(tmp_path, monkeypatch)
+    know_only([entry("joints", "keypoints"), entry("small-joints", "keypoints", bytes=len(BODY) - 1)], monkeypatch)
+    monkeypatch.setattr("passerby.perception.plan.catalogue", lambda: (entry("joints", "keypoints"),))
+    made = puppets(1.7, 10.0, 2, 5)
+    film(made, tmp_path)
+    return scene_file(tmp_path, {"C1": "C1.mp4", "C2": "C2.mp4"}, extra="[scene]")
+
+
+def put_model(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "networks").mkdir()
+    (folder / "networks" / "joints.onnx").write_bytes(BODY)
+    monkeypatch.setenv("PASSERBY_MODELS", str(folder / "networks"))
+
+
+def test_check_tells_that_videos_are_too_short(brief: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    report = check_scene(brief)
+    (lack,) = report.lacks
+    assert report.exit_status == 3
+    assert lack == (
+        f"{brief}: what cameras C1 (1.7 s), C2 (1.7 s) recorded is too short to tell cameras by how people walk, which "
+        f"takes more than {SHORTEST_S:g} s: record longer"
+    )
+    put_model(tmp_path, monkeypatch)
+    (lack,) = check_scene(brief).lacks
+    assert lack.endswith(': record longer, or go by the joints of people: under [perception] set keypoints = "joints"')
+
+
+def test_long_videos_and_known_identities_are_not_too_short(brief: Path) -> None:
+    text = brief.read_text(encoding="utf-8")
+    brief.write_text(f"{text}\n[association]\nmode = 'appearance'\n", encoding="utf-8")
+    assert check_scene(brief).lacks == ()
+    brief.write_text(f"{text}fps = 5\n", encoding="utf-8")  # the same pictures, 3.4 s
+    assert check_scene(brief).lacks == ()
+
+
+def test_a_refusal_names_the_joints_that_can_be_had(brief: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    refused = calibrate(brief)
+    assert refused.verdict == "refused"
+    assert not [reason for reason in refused.reasons if "keypoints" in reason or "larger clock offsets" in reason]
+    put_model(tmp_path, monkeypatch)
+    told = calibrate(brief).reasons
+    assert told[:-1] == refused.reasons
+    assert told[-1].endswith(': under [perception] set keypoints = "joints"')
+
+
+def test_joints_that_an_address_serves_can_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    keep_to(tmp_path, monkeypatch)
+    served = entry("served", "keypoints", url="http://127.0.0.1:9/served.onnx")
+    monkeypatch.setattr("passerby.perception.plan.catalogue", lambda: (entry("absent", "keypoints"), served))
+    assert keypoints_to_be_had(None) == "served"
+    monkeypatch.setenv("PASSERBY_OFFLINE", "1")
+    assert keypoints_to_be_had(None) is None

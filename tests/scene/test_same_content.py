@@ -1,0 +1,175 @@
+"""One camera under two names is told, whatever became of the copy; two cameras that are two are not accused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.cli.main import run
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.rig_toml import write_rig
+from passerby.scene.same_content import doubts_of_same_place, same_contents
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.options import MAX_CLOCK_OFFSET_S
+from support.scenes.handmade_files import rows, write_scene
+
+
+@cache
+def scene(preset: str = "terrace", seed: int = 1) -> SimulatedScene:
+    return simulate(SimulationOptions(preset=preset, seconds=30.0, people=6, box_noise=0.02, missing=0.05, seed=seed))
+
+
+def found_twice(boxes: Boxes, noise: float = 0.02, missing: float = 0.1) -> Boxes:
+    """The same people by another run of a detector."""
+    rng = np.random.default_rng(7)
+    boxes = boxes.take(np.flatnonzero(rng.random(len(boxes)) > missing))
+    edges = np.column_stack([boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]])
+    edges += rng.normal(0, noise, edges.shape) * boxes.ltwh[:, 3:]
+    return replace(boxes, ltwh=np.column_stack([edges[:, :2], np.maximum(edges[:, 2:] - edges[:, :2], 1.0)]))
+
+
+def half(lens: Lens) -> Lens:
+    return replace(lens, size=(lens.size[0] // 2, lens.size[1] // 2), matrix=lens.matrix * [[0.5], [0.5], [1.0]])
+
+
+def pair(change: Callable[[Boxes], Boxes], lens: Callable[[Lens], Lens] = lambda lens: lens, fps: float = 5.0) -> list[str]:
+    """The doubts about a camera and a changed copy of it."""
+    made = scene()
+    own, boxes = made.rig["C1"].lens, made.observations["C1"].boxes
+    rig = Rig((Camera("A", own), Camera("B", lens(own))))
+    seen = {"A": CameraObservations(boxes), "B": CameraObservations(change(boxes))}
+    clocks = {"A": Clock(5.0), "B": Clock(fps)}
+    return [one.sentence() for one in same_contents(rig, Observations(seen, 5.0, clocks))]
+
+
+def at(boxes: Boxes, factor: float, noise: bool = False) -> Boxes:
+    moved = replace(boxes, ltwh=boxes.ltwh * factor)
+    return found_twice(moved) if noise else moved
+
+
+@pytest.mark.parametrize(
+    ("change", "lens", "told"),
+    [
+        (lambda b: b, None, "other: give"),
+        (lambda b: replace(b, ltwh=np.round(b.ltwh)), None, "other: give"),
+        (lambda b: replace(b, identity=b.identity + 100), None, "other: give"),
+        (found_twice, None, "other: give"),
+        (lambda b: found_twice(b, 0.04), None, "other: give"),
+        (lambda b: at(b, 0.5), half, "0.50 times as large: give"),
+        (lambda b: at(b, 0.5, noise=True), half, "0.50 times as large: give"),
+        (lambda b: at(b, 0.5, noise=True), None, "0.50 times as large: give"),
+        (lambda b: replace(b, frame=b.frame + 17), None, "3.4 s later: give"),
+        (lambda b: found_twice(replace(b, frame=b.frame + 17)), None, "3.4 s later: give"),
+        (lambda b: replace(b.take(b.frame > 30), frame=b.frame[b.frame > 30] - 30), None, "6.0 s earlier: give"),
+        (lambda b: replace(b, ltwh=b.ltwh * 1.3 - [100, 50, 0, 0]), None, "1.30 times as large: give"),
+    ],
+)
+def test_a_copy_is_told(change: Callable[[Boxes], Boxes], lens: Callable[[Lens], Lens] | None, told: str) -> None:
+    (sentence,) = pair(change, lens or (lambda own: own))
+    assert "cameras A and B show the same" in sentence
+    assert told in sentence
+    assert "delete [cameras.B]" in sentence
+
+
+def test_a_copy_at_another_frame_rate_is_told() -> None:
+    (sentence,) = pair(lambda b: replace(b, frame=5 * (b.frame - 1) + 1), fps=25.0)
+    assert sentence.endswith("in the pictures of the other: give each camera a recording of its own, or delete [cameras.B]")
+
+
+@pytest.mark.parametrize("preset", ["terrace", "basketball", "construction"])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_cameras_of_a_scene_are_not_accused(preset: str, seed: int) -> None:
+    made = scene(preset, seed)
+    assert same_contents(made.rig, made.observations) == []
+
+
+def beside(rig: Rig, shift: tuple[float, float, float]) -> Rig:
+    """The first camera and one of its kind beside it, metres in its own frame."""
+    own = rig["C1"]
+    assert own.pose is not None
+    other = Pose.from_centre(own.pose.R_cw, own.pose.centre + own.pose.R_cw.T @ np.array(shift))
+    return Rig((own, Camera("C2", own.lens, other)))
+
+
+def seen_by(rig: Rig, made: SimulatedScene, noise: float) -> Observations:
+    """Whole people of a scene as boxes of two cameras that stand elsewhere."""
+    rng = np.random.default_rng(3)
+    cameras = {}
+    for camera in rig:
+        found = []
+        for t, frame in enumerate(made.frames):
+            for p, identity in enumerate(made.identities):
+                pixels = camera.project(made.joints3d[t, p])
+                if not np.isfinite(pixels).all() or (pixels < 0).any() or (pixels > camera.lens.size).any():
+                    continue
+                low, high = pixels.min(axis=0), pixels.max(axis=0)
+                edges = np.r_[low, high] + rng.normal(0, noise, 4) * (high - low)[1]
+                found.append([frame, identity, *edges[:2], *np.maximum(edges[2:] - edges[:2], 1)])
+        table = np.array(found)
+        cameras[camera.name] = CameraObservations(Boxes(table[:, 0], table[:, 1], table[:, 2:], np.ones(len(table))))
+    return Observations(cameras, 5.0)
+
+
+@pytest.mark.parametrize("shift", [(0.07, 0, 0), (0.12, 0, 0), (0.5, 0, 0), (2.0, 0, 0), (0, 0.1, 0), (0, 0.5, 0)])
+@pytest.mark.parametrize("noise", [0.01, 0.03])
+def test_a_pair_side_by_side_is_not_accused(shift: tuple[float, float, float], noise: float) -> None:
+    made = scene()
+    rig = beside(made.rig, shift)
+    assert same_contents(rig, seen_by(rig, made, noise)) == []
+
+
+def test_a_pair_that_nothing_tells_apart_is_doubted_by_its_place() -> None:
+    made = scene()
+    rig = Rig((*beside(made.rig, (0.02, 0.0, 0.0)), made.rig["C3"]))
+    few = seen_by(rig, made, 0.06)
+    (told,) = doubts_of_same_place(rig, few)
+    assert "cameras C1 and C2 stand 0.02 m apart and look the same way" in told
+    stereo = Rig((*beside(made.rig, (0.12, 0.0, 0.0)), made.rig["C3"]))
+    assert doubts_of_same_place(stereo, seen_by(stereo, made, 0.02)) == []
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_no_rig_with_one_camera_twice_is_accepted(given: bool) -> None:
+    made = scene()
+    lenses = {camera.name: camera.lens for camera in made.rig}
+    boxes = {name: made.observations[name].boxes for name in made.rig.names}
+    found = passerby.calibrate_observations(
+        lenses, boxes | {"C4": boxes["C1"]}, fps=5.0, association={"mode": "given" if given else "combined"}
+    )
+    assert found.verdict != "accepted"
+    assert any("cameras C1 and C4 show the same: 100%" in reason for reason in found.reasons)
+
+
+def test_check_tells_of_a_copy_and_exits_as_for_want_of_evidence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made = scene()
+    write_rig(tmp_path / "rig.toml", Rig(tuple(replace(camera, pose=None) for camera in made.rig)))
+    text = '[scene]\nfps = 5\n[association]\nmode = "given"\n'
+    for name, of in (("C1", "C1"), ("C2", "C2"), ("C3", "C1")):
+        write_boxes(tmp_path / f"{name}.txt", made.observations[of].boxes)
+        text += f'[cameras.{name}]\nintrinsics = "rig.toml"\ntracks = "{name}.txt"\n'
+    (tmp_path / "scene.toml").write_text(text)
+    assert run(["check", str(tmp_path / "scene.toml"), "--json"]) == 3
+    (lack,) = json.loads(capsys.readouterr().out)["lacks"]
+    assert lack.startswith("cameras C1 and C3 show the same")
+
+
+def test_one_file_of_two_cameras_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_scene(tmp_path, files={"A.txt": rows()})
+    path.write_text(path.read_text().replace('"B.txt"', '"A.txt"'))
+    assert run(["check", str(path)]) == 2
+    assert "[cameras.B] tracks A.txt is camera A's too: give each camera its own" in capsys.readouterr().err
+
+
+def test_copies_may_begin_later_than_clocks_are_searched() -> None:
+    assert MAX_CLOCK_OFFSET_S < 12
+    (sentence,) = pair(lambda b: replace(b, frame=b.frame + 60))
+    assert "12.0 s later" in sentence

@@ -1,0 +1,1 @@
+"""Small generated examples of published data sets, in their own layouts."""

@@ -1,0 +1,180 @@
+"""Reading the page as a program, and contents that are made up."""
+
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+
+from passerby.core.cameras import PoseSigma, Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.report.contents import Contents
+from support.scenes.people_and_rigs import ring
+
+PEOPLE_IN_VIEW = 4
+
+
+class Page(HTMLParser):
+    """Tables by id (rows of exact values), sections by id (their text), scripts, and all attributes of all elements."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.tables, self.heads, self.sections, self.scripts, self.elements = {}, {}, {}, [], []
+        self.title, self.text = "", ""
+        self._table = self._section = self._script = None
+        self._in_title = False
+        self.feed(html)
+
+    def handle_starttag(self, tag, attributes):
+        told = dict(attributes)
+        self.elements.append((tag, told))
+        if tag == "section":
+            self._section = told["id"]
+            self.sections[self._section] = ""
+        elif tag == "table":
+            self._table = told["id"]
+            self.tables[self._table], self.heads[self._table] = [], []
+        elif tag == "tr" and self._table:
+            self.tables[self._table].append([])
+        elif tag in ("td", "th") and self._table:
+            if "data-csv" in told:
+                self.heads[self._table].append(told["data-csv"])
+            else:
+                self.tables[self._table][-1].append(told.get("data-value"))
+        elif tag == "script":
+            self._script = told
+            self.scripts.append((told, ""))
+        elif tag == "title" and not self.title:
+            self._in_title = True
+
+    def handle_endtag(self, tag):
+        if tag == "section":
+            self._section = None
+        elif tag == "table":
+            self.tables[self._table] = [row for row in self.tables[self._table] if row]
+            self._table = None
+        elif tag == "script":
+            self._script = None
+        elif tag == "title":
+            self._in_title = False
+
+    def handle_data(self, data):
+        if self._script is not None:
+            self.scripts[-1] = (self._script, self.scripts[-1][1] + data)
+            return
+        if self._in_title:
+            self.title += data
+        self.text += data
+        if self._section:
+            self.sections[self._section] += data
+
+    def rows(self, table):
+        """The rows of a table as dictionaries by the heads."""
+        return [dict(zip(self.heads[table], row, strict=True)) for row in self.tables[table]]
+
+
+def solved(scene, name, change):
+    """Calibrate a variant of a scene: (calibration, output folder)."""
+    import passerby
+
+    path, out = scene / f"{name}.toml", scene.parent / name
+    path.write_text(change((scene / "scene.toml").read_text()))
+    calibration = passerby.calibrate(path)
+    calibration.write(out)
+    return calibration, out
+
+
+def without(text, key):
+    """A scene file without the lines that set a key."""
+    return "".join(line + "\n" for line in text.splitlines() if not line.startswith(f"{key} ="))
+
+
+def named(contents, names):
+    """The same contents with other names of the cameras."""
+    new = dict(zip(contents.rig.names, names, strict=True))
+    rig = replace(contents.rig, cameras=tuple(replace(camera, name=new[camera.name]) for camera in contents.rig))
+    told = renamed(contents.told, new)
+    seen = {new[name]: one for name, one in contents.observations.cameras.items()}
+    clocks = {new[name]: clock for name, clock in contents.clocks.items()}
+    observations = Observations(seen, contents.observations.fps, clocks)
+    return Contents(told, rig, observations, clocks, {new[name]: path for name, path in contents.videos.items()})
+
+
+def renamed(value, new):
+    """Everything that is called like a camera, called otherwise."""
+    if isinstance(value, dict):
+        return {new.get(key, key): renamed(one, new) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [renamed(one, new) for one in value]
+    return new.get(value, value) if isinstance(value, str) else value
+
+
+def without_poses(contents, reasons):
+    """The same contents as a refused calibration would have them."""
+    rig = Rig(tuple(replace(camera, pose=None, sigma=None) for camera in contents.rig), "refused")
+    gone = (
+        "centre_m", "height_m", "heading_deg", "tilt_deg", "roll_deg", "rotation", "translation_m", "position_sigma_mm",
+        "orientation_sigma_deg", "median_residual_px",
+    )  # fmt: skip
+    cameras = [{**one, **dict.fromkeys(gone), "registered": False} for one in contents.told["cameras"]]
+    told = {**contents.told, "verdict": "refused", "reasons": reasons, "cameras": cameras, "figures": {}}
+    return replace(contents, told=told, rig=rig)
+
+
+def busy_place(cameras, people, seconds, fps, seed=0):
+    """Contents of a long recording of a busy place: people come and go before every camera. Boxes are not exact."""
+    rng = np.random.default_rng(seed)
+    covariance = np.diag([0.01, 0.01, 0.01, 1e-5, 1e-5, 1e-5])
+    rig = Rig(tuple(replace(one, sigma=PoseSigma(0.17, 0.3, covariance)) for one in ring(cameras)), "accepted")
+    seen = {}
+    for camera in rig:
+        frames, identities = [], []
+        for identity in range(1, people + 1):
+            inside = _stays(rng, round(seconds * fps), PEOPLE_IN_VIEW / people, fps)
+            frames.append(inside)
+            identities.append(np.full(len(inside), identity))
+        frame, identity = np.concatenate(frames) + 1, np.concatenate(identities)
+        height = rng.uniform(60, 160, len(frame))
+        left, top = rng.uniform(0, 500, (2, len(frame)))
+        boxes = Boxes(frame, identity, np.column_stack([left, top, height / 3, height]), np.ones(len(frame)))
+        seen[camera.name] = CameraObservations(boxes)
+    clocks = {name: Clock(fps) for name in rig.names}
+    return Contents(_told(rig, seen, people, fps), rig, Observations(seen, fps, clocks), clocks, {})
+
+
+def _stays(rng, frames, share, fps):
+    """Instants at which somebody is in view: stays of 20 seconds in the mean, missed now and then."""
+    inside = []
+    for begin in np.flatnonzero(rng.uniform(size=frames) < share / (20 * fps)):
+        stay = np.arange(begin, min(frames, begin + 1 + int(rng.exponential(20 * fps))))
+        inside.append(stay[rng.uniform(size=len(stay)) < 0.9])
+    return np.unique(np.concatenate(inside)) if inside else np.zeros(0, dtype=int)
+
+
+def _told(rig, seen, people, fps):
+    """What `calibration.json` would hold."""
+    names = rig.names
+    cameras = [
+        {
+            "name": camera.name, "registered": True, "centre_m": camera.centre.tolist(), "height_m": float(camera.centre[2]),
+            "position_sigma_mm": 170.0, "orientation_sigma_deg": 0.3, "boxes": len(seen[camera.name].boxes), "keypoints": 0,
+            "people": people, "median_residual_px": 2.0, "fps": fps, "time_offset_s": 0.0, "time_offset_sigma_s": 0.01,
+        }
+        for camera in rig
+    ]  # fmt: skip
+    pairs = [
+        {"cameras": [a, b], "route": "ground", "inliers": 300, "matches": 400, "support": 0.9}
+        for place, a in enumerate(names)
+        for b in names[place + 1 :]
+    ]
+    figures = {
+        "cameras": [{"name": name, "shape_position_sigma_mm": 30.0, "median_residual_px": 2.0} for name in names],
+        "pairs": pairs,
+        "people": {"identities": people, "heights_m": {str(who): 1.5 + 0.4 * who / people for who in range(1, people + 1)}},
+        "scale": {"relative_sigma": 0.03, "cues": [{"cue": f"population of {people}", "stated_m": 1.72, "share": 1.0}]},
+        "vertical_sigma_deg": 0.2,
+    }
+    scale = {"person_height_m": 1.72, "person_height_sd_m": 0.09}
+    return {
+        "name": "busy", "verdict": "accepted", "reasons": [], "findings": [], "cameras": cameras, "method": "people", "seed": 0,
+        "association": {"mode": "given"}, "figures": figures, "scene": {"scale": scale},
+    }  # fmt: skip

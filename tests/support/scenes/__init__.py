@@ -1,0 +1,1 @@
+"""Cameras, people, pictures and videos whose truth is known."""

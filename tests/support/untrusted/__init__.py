@@ -1,0 +1,1 @@
+"""Sound examples of every file that is read, and what harms them."""

@@ -1,0 +1,233 @@
+"""Crops of a calibrated scene's own people: whom they show, what is told, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Lens, Rig
+from passerby.interchange.motchallenge import write_boxes
+from passerby.interchange.output_folder import scene_file
+from passerby.interchange.rig_toml import write_rig
+from passerby.interchange.video_writer import VideoWriter
+from passerby.training.scene_people import scene_people
+from support.scenes.people_and_rigs import observe, ring
+
+FPS, FRAMES, PEOPLE = 5.0, 60, 6
+SIZE = (640, 360)
+LENS = Lens(SIZE, np.array([[400.0, 0, 320], [0, 400.0, 180], [0, 0, 1]]), np.zeros(5))
+COLOURS = [(200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40), (200, 40, 200), (40, 200, 200)]
+CAMERAS = ("C1", "C2", "C3")
+
+
+def walkers():
+    """(T, P, 2) six people who pace along lines of their own, far enough from each other."""
+    pace = np.linspace(-0.6, 0.6, FRAMES)
+    spots = np.array([(-2.6, -1.2), (-2.6, 1.4), (0.1, -2.3), (0.1, 2.6), (2.6, -1.0), (2.7, 1.7)])
+    return spots[None] + np.stack([pace, np.zeros(FRAMES)], axis=1)[:, None]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A scene with videos, in each of which people are rectangles of their own colours, and its calibration."""
+    folder = tmp_path_factory.mktemp("yard")
+    rig = Rig(tuple(replace(camera, lens=LENS) for camera in ring(3, height=5.0)))
+    frame, identity = np.repeat(np.arange(1, FRAMES + 1), PEOPLE), np.tile(np.arange(1, PEOPLE + 1), FRAMES)
+    seen = observe(rig, walkers().reshape(-1, 2), np.full(len(frame), 1.75), frame, identity)
+    text = "[scene]\nname = 'yard'\nfps = 5.0\n"
+    (folder / "videos").mkdir()
+    for camera in rig:
+        boxes = seen[camera.name].boxes
+        write_boxes(folder / "out" / "tracks" / f"{camera.name}.txt", boxes)
+        text += f"[cameras.{camera.name}]\nintrinsics = 'rig.toml'\nvideo = 'videos/{camera.name}.mp4'\n"
+        with VideoWriter(folder / "videos" / f"{camera.name}.mp4", SIZE, FPS) as video:
+            for number in range(1, FRAMES + 1):
+                picture = np.full((SIZE[1], SIZE[0], 3), 110, np.uint8)
+                mine = np.flatnonzero(boxes.frame == number)
+                for row in mine[np.argsort(boxes.ltwh[mine, 1] + boxes.ltwh[mine, 3])]:  # the nearest last
+                    left, top, width, height = np.round(boxes.ltwh[row]).astype(int)
+                    picture[top : top + height, left : left + width] = COLOURS[boxes.identity[row] - 1]
+                video.write(picture)
+    write_rig(folder / "rig.toml", rig)
+    (folder / "scene.toml").write_text(text)
+    write_rig(folder / "out" / "rig.toml", rig)
+    cameras = [{"name": name, "boxes": len(seen[name].boxes), "fps": FPS, "time_offset_s": 0.0} for name in rig.names]
+    report = {"scene_file": str(folder / "scene.toml"), "verdict": "accepted", "reasons": [], "cameras": cameras}
+    (folder / "out" / "calibration.json").write_text(json.dumps(report))
+    return folder, rig, {name: one.boxes for name, one in seen.items()}
+
+
+@pytest.fixture
+def out(made, tmp_path):
+    """A copy of the calibration, to be spoilt."""
+    folder, rig, boxes = made
+    copy = tmp_path / "out"
+    for name, one in boxes.items():
+        write_boxes(copy / "tracks" / f"{name}.txt", one)
+    write_rig(copy / "rig.toml", rig)
+    (copy / "calibration.json").write_text((folder / "out" / "calibration.json").read_text())
+    return copy
+
+
+def change(out, **values):
+    path = out / "calibration.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+
+
+def test_crops_show_whom_they_are_said_to(made, tmp_path):
+    folder, _, boxes = made
+    told = []
+    found = scene_people(folder / "out", tmp_path, tell=lambda stage, done=0, total=0, *, part="": told.append(stage))
+    crops = found.crops
+    assert set(crops.cameras) == {f"yard/{name}" for name in CAMERAS}
+    identity = [int(name.removeprefix("yard/").split("@")[0]) for name in crops.people]
+    assert set(identity) == set(range(1, PEOPLE + 1))
+    for path, person in zip(crops.paths, crops.person.tolist(), strict=True):
+        picture = cv2.imread(str(path)).astype(float)
+        height, width = picture.shape[:2]
+        middle = picture[height // 4 : -height // 4, width // 4 : -width // 4].mean(axis=(0, 1))
+        nearest = np.abs(np.array(COLOURS) - middle).sum(axis=1).argmin()
+        assert nearest == identity[person] - 1
+    pairs = np.unique(np.column_stack([crops.person, crops.camera]), axis=0, return_counts=True)
+    assert pairs[1].max() <= 24
+    assert (np.bincount(pairs[0][:, 0]) >= 2).all()
+    for a, b in np.argwhere(crops.apart):
+        assert identity[a] != identity[b]
+    assert crops.apart.sum() >= 20
+    assert found.scene.name == "yard"
+    assert found.notes == ()
+    assert {"reading", "checking who is who"} <= set(told)
+    figures = found.figures
+    assert figures["crops"] == len(crops) == sum(figures["crops_by_camera"].values())
+    assert figures["people"] == len(crops.people)
+    assert figures["identified"] == sum(len(one) for one in boxes.values())
+    assert figures["sure"] + sum(figures["left_out"].values()) == figures["identified"]
+    assert figures["sure_share"] == figures["sure"] / figures["identified"] > 0.4
+    json.dumps(figures, allow_nan=False)
+
+
+def test_the_same_calibration_gives_the_same_crops(made, tmp_path):
+    folder, _, _ = made
+    one, two = scene_people(folder / "out", tmp_path), scene_people(folder / "out", tmp_path)
+    assert one.crops.paths == two.crops.paths
+    assert (one.crops.person == two.crops.person).all()
+    assert one.figures == two.figures
+
+
+def test_a_scene_that_was_moved_is_named(made, out, tmp_path):
+    folder, _, _ = made
+    change(out, scene_file=str(tmp_path / "gone" / "scene.toml"))
+    with pytest.raises(InputError, match=r"gone/scene\.toml: no such file.*new place"):
+        scene_people(out, tmp_path / "cache")
+    change(out, scene_file=None)
+    with pytest.raises(InputError, match="does not say where the scene file lies"):
+        scene_people(out, tmp_path / "cache")
+    assert len(scene_people(out, tmp_path / "cache", folder / "scene.toml").crops) > 100
+
+
+def test_frames_are_counted_alike_where_no_clock_is_told(made, out, tmp_path):
+    folder, _, _ = made
+    known = scene_people(folder / "out", tmp_path / "cache")
+    cameras = json.loads((out / "calibration.json").read_text())["cameras"]
+    change(out, cameras=[camera | {"fps": None, "time_offset_s": None} for camera in cameras])
+    assert len(scene_people(out, tmp_path / "cache").crops) == len(known.crops)
+
+
+def test_a_doubtful_calibration_and_a_camera_without_video_are_told(made, out, tmp_path):
+    folder, _, _ = made
+    change(out, verdict="doubtful")
+    text = (folder / "scene.toml").read_text().replace("video = 'videos/C3.mp4'", "tracks = 'C3.txt'")
+    scene = folder / "two_videos.toml"
+    scene.write_text(text)
+    found = scene_people(out, tmp_path / "cache", scene)
+    assert set(found.crops.cameras) == {"yard/C1", "yard/C2"}
+    assert "is doubtful" in found.notes[0]
+    assert "no video of camera C3" in found.notes[1]
+
+
+def test_a_refused_calibration_teaches_nothing(out, tmp_path):
+    change(out, verdict="refused", reasons=["all people walk on one line"])
+    with pytest.raises(EvidenceError, match="was refused: all people walk on one line") as error:
+        scene_people(out, tmp_path / "cache")
+    assert error.value.exit_status == 3
+    assert error.value.reasons == ("all people walk on one line",)
+
+
+def test_one_camera_teaches_nothing(made, out, tmp_path):
+    _, rig, _ = made
+    write_rig(out / "rig.toml", Rig((rig["C1"], *(replace(rig[name], pose=None) for name in ("C2", "C3")))))
+    with pytest.raises(EvidenceError, match="1 of 3 cameras have a pose"):
+        scene_people(out, tmp_path / "cache")
+
+
+@pytest.mark.parametrize("fault", ["nobody known", "three people", "a moment", "wrong poses"])
+def test_too_little_is_refused_with_figures(made, out, tmp_path, fault):
+    _, rig, boxes = made
+    for name, seen in boxes.items():
+        few = seen
+        if fault == "nobody known":
+            few = replace(seen, identity=np.full(len(seen), -1))
+        elif fault == "three people":
+            few = seen.take(seen.identity <= 3)
+        elif fault == "a moment":
+            few = seen.take(seen.frame <= 6)
+        write_boxes(out / "tracks" / f"{name}.txt", few)
+    if fault == "wrong poses":
+        turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        wrong = replace(rig["C2"], pose=rig["C2"].pose.moved(turned, np.array([1.0, 2.0, 0.0])))
+        wrong_too = replace(rig["C3"], pose=rig["C3"].pose.moved(turned.T, np.array([2.0, -1.0, 0.0])))
+        write_rig(out / "rig.toml", Rig((rig["C1"], wrong, wrong_too)))
+    with pytest.raises(EvidenceError, match=r"sure of too few people: \d+ people and \d+ crops") as error:
+        scene_people(out, tmp_path / "cache")
+    assert "identified boxes are sure" in error.value.reasons[1]
+    assert not (tmp_path / "cache" / "yard").exists()
+
+
+def test_bad_input_is_named(made, out, tmp_path):
+    folder, _, _ = made
+
+    def refused(match, scene=None):
+        with pytest.raises(InputError, match=match):
+            scene_people(out, tmp_path / "cache", scene)
+
+    with pytest.raises(InputError, match=r"nowhere/calibration\.json: no such file: name the folder"):
+        scene_people(tmp_path / "nowhere", tmp_path / "cache")
+    other = tmp_path / "other.toml"
+    other.write_text((folder / "scene.toml").read_text().replace("C3", "D3"))
+    refused(r"other\.toml: has no \[cameras\.C3\]", other)
+    other.write_text("".join(f"[cameras.{name}]\nintrinsics = 'rig.toml'\ntracks = '{name}.txt'\n" for name in CAMERAS))
+    refused(r"no calibrated camera has a video", other)
+    whole = (out / "calibration.json").read_text()
+    change(out, cameras=[{"name": name, "fps": 5.0 if name == "C1" else None} for name in CAMERAS])
+    refused("camera C2 has no fps, though others have")
+    change(out, cameras=[{"name": name, "fps": "fast"} for name in CAMERAS])
+    refused("camera C1 has fps 'fast'")
+    change(out, cameras=[{"name": "C1", "fps": 5.0}])
+    refused("it has no camera C2, which rig.toml has")
+    change(out, cameras=3)
+    refused("cameras is not a list of tables")
+    change(out, verdict=None)
+    refused("verdict is None.*calibrate again")
+    for text, match in (("[]", "it is no table"), ("{", "is not JSON")):
+        (out / "calibration.json").write_text(text)
+        refused(match)
+    (out / "calibration.json").write_text(whole)
+    (out / "tracks" / "C2.txt").unlink()
+    refused(r"C2\.txt: no such file: the tracks of camera C2")
+    (out / "tracks" / "C2.txt").write_text("1,1,5\n")
+    refused(r"C2\.txt: line 1: 3 columns")
+    (out / "rig.toml").unlink()
+    refused(r"rig\.toml: no such file")
+
+
+def test_a_calibration_says_where_its_scene_lies(made, monkeypatch):
+    folder, _, _ = made
+    monkeypatch.chdir(folder / "videos")
+    assert scene_file(Path("../scene.toml")) == (folder.resolve() / "scene.toml").as_posix()
+    assert scene_file(None) is None
