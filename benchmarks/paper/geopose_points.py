@@ -12,12 +12,13 @@ import numpy as np
 
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
+from passerby.core.figures import StarScale
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution
 from passerby.geometry.similarity import Similarity
 from passerby.solver.geopose.correspondences import ImagePoints
 from passerby.solver.geopose.pairs import GeoPoseOptions, PairGeometry
-from passerby.solver.geopose.star import Scale, doubts, reference_of, scale_from_lengths, solve_star_graph, star_solution
+from passerby.solver.geopose.star import doubts, reference_of, scale_from_lengths, solve_star_graph, star_solution
 
 # Points of a picture that are the same from all sides: the adjustment's formal sigmas stand.
 SIGMA_FACTOR = 1.0
@@ -46,7 +47,7 @@ def solve_correspondences(
     """
     reference = reference_of(rig, options)
 
-    def metres(pairs: Sequence[PairGeometry]) -> Scale:
+    def metres(pairs: Sequence[PairGeometry]) -> StarScale:
         scale = scale_from_lengths(rig, lengths, reference, pairs)
         if scale is None:
             raise EvidenceError(
@@ -54,7 +55,7 @@ def solve_correspondences(
             )
         return scale
 
-    star = solve_star_graph(rig, points, options, lambda pair: metres([pair])[0], rng)
+    star = solve_star_graph(rig, points, options, lambda pair: metres([pair]).factor, rng)
     here = Similarity(1.0, np.eye(3), np.zeros(3))
     reasons = [*star.reasons, *doubts(rig, star, "points", "other points")]
-    return star_solution("geopose", rig, star, metres(star.pairs), here, SIGMA_FACTOR, reasons, {"points": "given"})
+    return star_solution("geopose", rig, star, metres(star.pairs), here, SIGMA_FACTOR, reasons, "given")

@@ -14,6 +14,7 @@ from paper.page import table
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.pipeline import calibrate
+from passerby.core.figures import adjusted
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.write import MEAN_SD
@@ -82,22 +83,22 @@ def work(seed: int) -> dict[str, Any]:
 def in_sigmas(found: Calibration, scene: SimulatedScene, clocked: bool) -> dict[str, list[float]]:
     """By kind, the errors as multiples of their stated sigmas."""
     comparison = compare(found.rig, scene.rig)
-    figures, placed = found.figures, comparison.stated
-    shape = {camera["name"]: camera for camera in figures["cameras"]}
+    figures, placed = adjusted(found.figures), comparison.stated
+    shape = {camera.name: camera for camera in figures.cameras}
     similarity = comparison.similarity
     out: dict[str, list[float]] = {kind: [] for kind in KINDS}
-    if "undetermined" in figures:  # no sigma is stated of what nothing fixes
+    if figures.undetermined:  # no sigma is stated of what nothing fixes
         return out
     if placed is not None:
         out["position"], out["orientation"] = [*placed.position_sigmas.values()], [*placed.orientation_sigmas.values()]
     for name in comparison.names if comparison.scale_ratio is not None else ():
-        out["shape position"].append(similarity.position_mm[name] / shape[name]["shape_position_sigma_mm"])
-        out["shape orientation"].append(similarity.orientation_deg[name] / shape[name]["shape_orientation_sigma_deg"])
-    for pair in figures["distances"]:
-        a, b = (np.asarray(scene.rig[name].centre) for name in pair["cameras"])
-        out["distance"].append(abs(pair["metres"] - float(np.linalg.norm(a - b))) / pair["sigma_m"])
+        out["shape position"].append(similarity.position_mm[name] / (shape[name].shape_position_sigma_mm or np.nan))
+        out["shape orientation"].append(similarity.orientation_deg[name] / (shape[name].shape_orientation_sigma_deg or np.nan))
+    for pair in figures.distances:
+        a, b = (np.asarray(scene.rig[name].centre) for name in pair.cameras)
+        out["distance"].append(abs(pair.metres - float(np.linalg.norm(a - b))) / (pair.sigma_m or np.nan))
     if comparison.scale_ratio is not None:
-        out["scale"].append(abs(float(np.log(comparison.scale_ratio))) / figures["scale"]["relative_sigma"])
+        out["scale"].append(abs(float(np.log(comparison.scale_ratio))) / (figures.scale.relative_sigma or np.nan))
     if clocked and found.association is not None:
         out["clock"] = _clock_errors(found, scene)
     return out
@@ -127,13 +128,17 @@ def real(name: str, wanted: Wanted) -> dict[str, Any] | None:
     with tempfile.TemporaryDirectory() as scratch:
         found = calibrate(write_scene(data, folder, Path(scratch)))
     comparison = compare(found.rig, read_rig(folder / "rig.toml"))
-    shape = {camera["name"]: camera for camera in found.figures["cameras"]}
+    figures = adjusted(found.figures)
+    shape = {camera.name: camera for camera in figures.cameras}
     similarity, (floor_mm, floor_deg) = comparison.similarity, FLOORS[name]
-    position = [max(similarity.position_mm[n] - floor_mm, 0.0) / shape[n]["shape_position_sigma_mm"] for n in comparison.names]
-    turned = [
-        max(similarity.orientation_deg[n] - floor_deg, 0.0) / shape[n]["shape_orientation_sigma_deg"] for n in comparison.names
+    position = [
+        max(similarity.position_mm[n] - floor_mm, 0.0) / (shape[n].shape_position_sigma_mm or np.nan) for n in comparison.names
     ]
-    scale = float(np.log(comparison.scale_ratio or np.nan)) / found.figures["scale"]["relative_sigma"]
+    turned = [
+        max(similarity.orientation_deg[n] - floor_deg, 0.0) / (shape[n].shape_orientation_sigma_deg or np.nan)
+        for n in comparison.names
+    ]
+    scale = float(np.log(comparison.scale_ratio or np.nan)) / (figures.scale.relative_sigma or np.nan)
     return {"verdict": found.verdict, "position": position, "orientation": turned, "scale": scale}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +14,11 @@ from passerby.association.graph import ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import ground_tracks
 from passerby.association.ground.registration import register_pair
 from passerby.association.initial_association import InitialAssociation
+from passerby.core.association_figures import AssociationFigures
+from passerby.core.figures import LevelFigures
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
 from passerby.geometry.single_view import Level
+from passerby.interchange.storage.json_text import plain, to_json
 from support.scenes.walkers_on_plane import UP, Station, bodies_at, walkers
 
 LEVEL = Level(UP, 4.0, 0.125)
@@ -54,11 +56,11 @@ def cameras() -> list[CameraTracklets]:
     ]
 
 
-def figures(cameras: list[CameraTracklets], person: np.ndarray, graph: ViewGraph | None) -> dict[str, Any]:
+def figures(cameras: list[CameraTracklets], person: np.ndarray, graph: ViewGraph | None) -> AssociationFigures:
     offset_s = np.array([0.0, -0.8, 0.0])
     initial = InitialAssociation(person, offset_s, graph)
     found = association_figures(cameras, Tracklets.of(cameras), None, initial, person, offset_s)
-    assert json.loads(json.dumps(found)) == found
+    assert json.loads(to_json(found)) == plain(found)
     return found
 
 
@@ -67,41 +69,41 @@ PERSON = np.array([10, 11, 12, 13, 14, 15, 15, 14, 99, 13, 12, 77, 11, 10, 20, 2
 
 
 def test_each_camera_is_counted(cameras: list[CameraTracklets]) -> None:
-    found = figures(cameras, PERSON, None)["cameras"]
-    assert [entry["name"] for entry in found] == ["C1", "C2", "C3"]
+    found = figures(cameras, PERSON, None).cameras
+    assert [entry.name for entry in found] == ["C1", "C2", "C3"]
     for entry, own in zip(found, cameras, strict=True):
-        assert entry["tracklets"] == N_PEOPLE
-        assert entry["boxes"] == N_PEOPLE * 200 + 3
-        assert entry["tracked_boxes"] == N_PEOPLE * 200
-        assert entry["walking_samples"] == (0 if own.tracks is None else len(own.tracks.step))
-        assert entry["looks"] is None
-    assert found[0]["walking_samples"] > 0
-    assert found[0]["own_level"] == {"height_m": 4.0, "residual": 0.125}
-    assert found[2]["own_level"] is None
+        assert entry.tracklets == N_PEOPLE
+        assert entry.boxes == N_PEOPLE * 200 + 3
+        assert entry.tracked_boxes == N_PEOPLE * 200
+        assert entry.walking_samples == (0 if own.tracks is None else len(own.tracks.step))
+        assert entry.looks is None
+    assert found[0].walking_samples > 0
+    assert found[0].own_level == LevelFigures(height_m=4.0, residual=0.125)
+    assert found[2].own_level is None
 
 
 def test_people_are_counted_once_and_numbers_of_nobody_not_at_all(cameras: list[CameraTracklets]) -> None:
     """Ten to fifteen in the first camera, 77 in the second, six in the third; 99 has no box, nor has one 11."""
-    assert figures(cameras, PERSON, None)["people"] == 6 + 1 + 6
+    assert figures(cameras, PERSON, None).people == 6 + 1 + 6
 
 
 def test_a_registered_pair(cameras: list[CameraTracklets]) -> None:
     graph = graph_of(cameras)
-    (pair,) = figures(cameras, PERSON, graph)["pairs"]
+    (pair,) = figures(cameras, PERSON, graph).pairs
     guess = graph.edges[0].guess
     assert guess is not None
-    assert pair["cameras"] == ["C1", "C2"]
-    assert pair["route"] == "tracks"
-    assert pair["used"]
-    assert pair["matched_tracklets"] == 5
-    assert pair["offset_s"] == -0.8
-    assert pair["registered_offset_s"] == pytest.approx(-0.8, abs=0.1)
-    assert (pair["score"], pair["share"], pair["matches"]) == (guess.score, guess.share, guess.samples)
-    assert pair["looks"] is None
+    assert pair.cameras == ("C1", "C2")
+    assert pair.route == "tracks"
+    assert pair.used
+    assert pair.matched_tracklets == 5
+    assert pair.offset_s == -0.8
+    assert pair.registered_offset_s == pytest.approx(-0.8, abs=0.1)
+    assert (pair.score, pair.share, pair.matches) == (guess.score, guess.share, guess.samples)
+    assert pair.looks is None
 
 
 def test_nothing_is_told_of_pairs_of_which_nothing_is_known(cameras: list[CameraTracklets]) -> None:
-    assert figures(cameras, PERSON, None)["pairs"] == []
+    assert figures(cameras, PERSON, None).pairs == ()
     none = association_figures(cameras, Tracklets.of(cameras), None, None, PERSON, np.zeros(3))
-    assert none["pairs"] == []
-    assert none["people"] == 13
+    assert none.pairs == ()
+    assert none.people == 13

@@ -82,7 +82,7 @@ def test_a_rig_from_one_person_on_the_spot(exchanged):
     assert all(camera.pose is not None for camera in solution.rig)
     assert judged.mean_position_mm < 60
     assert judged.mean_orientation_deg < 1.0
-    assert {pair["route"] for pair in association.figures["pairs"]} == {"joints"}
+    assert {pair.route for pair in association.figures.pairs} == {"joints"}
     assert any("joined by the joints" in finding for finding in association.findings)
 
 
@@ -92,4 +92,4 @@ def test_cameras_that_see_different_people_on_the_spot_are_refused():
     shown = [moving_on_spot(np.zeros((1, 2)), 4.0, 25.0, rng) for _ in rig]
     solution, association = calibrated(rig, rng, shown)
     assert solution.verdict == "refused"
-    assert [(pair["route"], pair["used"]) for pair in association.figures["pairs"]] in ([], [("joints", False)])
+    assert [(pair.route, pair.used) for pair in association.figures.pairs] in ([], [("joints", False)])

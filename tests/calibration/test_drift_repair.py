@@ -42,11 +42,11 @@ def test_a_clock_that_drifts_is_set_right(association, unrelated):
     (told,) = [finding for finding in calibration.findings if "was fitted" in finding]
     assert told.startswith("the clock of C3 was fitted: ")
     assert "in place of the stated 5.20833" in told
-    fitted = calibration.figures["clock_rates"]["C3"]
-    assert fitted["stated"] == STATED
-    assert fitted["fps"] == pytest.approx(FPS, abs=min(3 * fitted["sigma"], 0.02))
-    assert calibration.association.clocks["C3"].fps == fitted["fps"]
-    assert calibration.to_dict()["cameras"][2]["fps"] == fitted["fps"]
+    fitted = calibration.figures.clock_rates["C3"]
+    assert fitted.stated == STATED
+    assert fitted.fps == pytest.approx(FPS, abs=min(3 * fitted.sigma, 0.02))
+    assert calibration.association.clocks["C3"].fps == fitted.fps
+    assert calibration.to_dict()["cameras"][2]["fps"] == fitted.fps
     judged = compare(calibration.rig, simulated.rig).similarity
     assert judged.mean_position_mm < 35  # measured 22; 39 with the drift
     assert judged.mean_orientation_deg < 0.2
@@ -64,8 +64,8 @@ def test_clocks_in_step_stay_as_stated():
     plain, fitted = (calibrated(scene(), {}, {"mode": "given"}, *refine) for refine in ((), ("clock_rate",)))
     assert fitted.verdict == plain.verdict == "accepted"
     assert not fitted.findings
-    assert {rate["fps"] for rate in fitted.figures["clock_rates"].values()} == {FPS}
-    assert "clock_rates" not in plain.figures
+    assert {rate.fps for rate in fitted.figures.clock_rates.values()} == {FPS}
+    assert plain.figures.clock_rates is None
 
 
 def test_of_two_clocks_the_first_is_believed():

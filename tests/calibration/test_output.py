@@ -11,6 +11,7 @@ from passerby.calibration.calibration import Calibration, write_calibration, wri
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose, Rig
+from passerby.core.figures import SolverFigures
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.interchange.output_folder import read_folder_rig, read_output
 from passerby.interchange.rig_toml import read_rig, write_rig
@@ -37,7 +38,7 @@ def calibration(scene, lenses, height, seeing):
     }
     posed = tuple(replace(camera, pose=Pose(np.eye(3), np.array([0.0, 0, height]))) for camera in lenses)
     rig = Rig(posed, verdict="accepted")
-    return Calibration(scene, rig, "accepted", (), Observations(seen), 0, {}, {})
+    return Calibration(scene, rig, "accepted", (), Observations(seen), 0, {}, SolverFigures())
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from passerby.calibration import scene_solver
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, PoseSigma
+from passerby.core.figures import AdjustedFigures
 from passerby.core.solution import Solution
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
@@ -23,11 +24,14 @@ class Options:
     reference: str | None = None
 
 
+FIGURES = AdjustedFigures(foot_shift=np.float64(0.5), vertical_sigma_deg=float("nan"))
+
+
 class Solver:
     """Places the cameras in a row; `lost` get no pose."""
 
     def __init__(self):
-        self.verdict, self.lost, self.error, self.figures = "accepted", (), None, {"rms": np.float64(0.5), "none": float("nan")}
+        self.verdict, self.lost, self.error, self.figures = "accepted", (), None, FIGURES
         self.calls = []
 
     def __call__(self, rig, observations, cues, options, *, rng, guesses=()):
@@ -65,7 +69,10 @@ def test_three_lines_of_python(tmp_path, solver):
     report = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert report["verdict"] == "accepted"
     assert report["passerby"] == passerby.__version__
-    assert report["figures"] == {"rms": 0.5, "none": None, "moved": [], "ground": None}
+    assert report["schema_version"] == 1
+    figures = {key: report["figures"][key] for key in ("foot_shift", "vertical_sigma_deg", "moved", "ground")}
+    assert figures == {"foot_shift": 0.5, "vertical_sigma_deg": None, "moved": [], "ground": None}
+    assert not {"undetermined", "clock_rates"} & set(report["figures"])
     assert report["options"] == {"rounds": 3, "reference": None}
     assert report["cameras"][1]["centre_m"] == [-1, 0, -2]
     assert report["cameras"][1]["boxes"] == 20

@@ -105,10 +105,10 @@ def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
     assert told.startswith("camera C2 moved at 2")
     assert "its pose is that before, what it saw after was left out; under [cameras.C2] set until_s = 20 " in told
     assert "from_s = 22 for the pose after" in told
-    (figures,) = calibration.figures["moved"]
-    assert abs(figures["seconds"][0] - 21.0) < 1.0
-    assert figures["degrees"] == pytest.approx(6.0, rel=0.3)
-    assert figures["metres"] == pytest.approx(0.3, rel=0.3)
+    (figures,) = calibration.figures.moved
+    assert abs(figures.seconds[0] - 21.0) < 1.0
+    assert figures.degrees == pytest.approx(6.0, rel=0.3)
+    assert figures.metres == pytest.approx(0.3, rel=0.3)
     assert_right(calibration, scene.rig, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)
 
 
@@ -126,4 +126,4 @@ def test_the_longer_part_is_kept():
 def test_a_still_rig_is_accepted_and_nothing_is_left_out():
     calibration = calibrated(moved(None))
     assert calibration.verdict == "accepted"
-    assert calibration.figures["moved"] == []
+    assert calibration.figures.moved == ()

@@ -24,6 +24,7 @@ from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.repairs import Repair, apply_repairs
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Pose, Rig
+from passerby.core.figures import AdjustedFigures, ClockCorrection
 from passerby.core.observations import Clock
 from passerby.core.solution import Solution
 from passerby.scene.inputs import SceneInputs
@@ -62,11 +63,12 @@ class Solver:
         if self.calls == self.refuse_at + 1:
             return refused(rig)
         timed = getattr(options, "refine_time", False)
-        none = {"correction_s": 0.0, "sigma_s": 0.01}
-        clocks = {name: dict(none) for name in rig.names} if timed else {}
-        if clocks:
-            clocks[rig.names[0]]["sigma_s"] = 0.0
-        return Solution("people", replace(self.truth, verdict="accepted"), "accepted", figures={"clocks": clocks})
+        clocks = {
+            name: ClockCorrection(correction_s=0.0, sigma_s=0.01 if name != rig.names[0] else 0.0)
+            for name in (rig.names if timed else ())
+        }
+        figures = AdjustedFigures(clocks=clocks)
+        return Solution("people", replace(self.truth, verdict="accepted"), "accepted", figures=figures)
 
 
 MODES: list[dict[str, Any]] = [
@@ -166,15 +168,15 @@ def test_lenses_from_which_no_first_guess_can_be_made_anew_leave_a_doubtful_rig(
     change = np.full((len(truth.rig), 1), np.log(1.2))
     stated = without_poses(LensUnknowns(("focal",)).rig(truth.rig, change))
     calls: list[Any] = []
-    choose = stages.select_initial_rig
+    select = stages.select_initial_rig
 
     def only_once(*args: Any) -> Any:
         calls.append(args)
         if len(calls) > 1:
             raise EvidenceError(FORCED)
-        return choose(*args)
+        return select(*args)
 
-    monkeypatch.setattr(people, "choose", only_once)
+    monkeypatch.setattr(people, "select_initial_rig", only_once)
     options = PeopleOptions(max_sightings=2000, coarse_people=200, refine_lens=("focal",))
     solution = solve(stated, part(truth.observations), options=options)
     assert len(calls) == 2

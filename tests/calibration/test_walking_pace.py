@@ -7,6 +7,7 @@ import pytest
 
 import passerby
 from passerby.calibration.diagnostics.walking_speed import doubts_of_heights, doubts_of_pace, paces, scale_basis
+from passerby.core.figures import CueFigures
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
 FPS = 5.0
@@ -86,20 +87,21 @@ def test_steady_paces_are_metres_per_second() -> None:
 
 
 def test_what_the_scale_rests_on() -> None:
-    heights = {"cue": "population of 6", "share": 0.3}
-    person = {"cue": "height of person 3", "share": 0.1}
-    camera = {"cue": "height of camera C1", "share": 0.6}
-    assert scale_basis([heights, person, camera], said=True) == "measured"
-    assert scale_basis([heights, person | {"share": 0.7}], said=True) == "stated"
-    assert scale_basis([heights | {"share": 0.9}, camera | {"share": 0.1}], said=False) == "taken"
-    assert scale_basis(None, said=False) == "taken"
+    def cue(name: str, share: float) -> CueFigures:
+        return CueFigures(cue=name, stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0, share=share)
+
+    heights, person, camera = "population of 6", "height of person 3", "height of camera C1"
+    assert scale_basis([cue(heights, 0.3), cue(person, 0.1), cue(camera, 0.6)], said=True) == "measured"
+    assert scale_basis([cue(heights, 0.3), cue(person, 0.7)], said=True) == "stated"
+    assert scale_basis([cue(heights, 0.9), cue(camera, 0.1)], said=False) == "taken"
+    assert scale_basis([], said=False) == "taken"
 
 
 def test_known_places_do_not_make_giants() -> None:
     assert doubts_of_heights({"1": 1.6, "2": 1.8}, 1.0, 1.72) == []
     (told,) = doubts_of_heights({"1": 1.6, "2": 1.8}, 1.75, 1.72)
     assert "make people 2.98 m tall, who are 1.72 m" in told
-    assert doubts_of_heights(None, 3.0, 1.72) == []
+    assert doubts_of_heights({}, 3.0, 1.72) == []
 
 
 def made(preset: str) -> SimulatedScene:

@@ -10,16 +10,18 @@ from passerby.calibration.calibration import Calibration
 from passerby.cli.tables import show_calibration
 from passerby.cli.terminal import _Log, stages
 from passerby.common.progress import tell_note
+from passerby.core.association_figures import AssociationFigures, TiedPair
 from passerby.core.cameras import Pose, PoseSigma, Rig
+from passerby.core.figures import AdjustedFigures, CueFigures, ScaleFigures, SolvedCamera
 from passerby.core.observations import Clock
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from support.scenes.handmade_files import write_scene
 
-PAIR = {
-    "cameras": ["A", "B"], "route": "tracks", "used": True, "score": 91.25, "share": 0.885, "runner_up": 0.0,
-    "matches": 120, "registered_offset_s": -1.4,
-}  # fmt: skip
+PAIR = TiedPair(
+    cameras=("A", "B"), route="tracks", used=True, score=91.25, share=0.885, runner_up=0.0, support=None, matches=120,
+    matched_tracklets=3, offset_s=-1.4, registered_offset_s=-1.4, appearance=None,
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -33,7 +35,7 @@ def calibration(tmp_path):
         cameras = [camera if lost and camera.name == "B" else replace(camera, pose=pose, sigma=sigma) for camera in inputs.rig]
         clocks = {"A": Clock(7.0), "B": Clock(7.0, -1.4142)}
         association = Association(
-            inputs.observations, inputs.observations, clocks, {"A": 0.0, "B": 0.0123}, {"pairs": [PAIR, LOOKS]}
+            inputs.observations, inputs.observations, clocks, {"A": 0.0, "B": 0.0123}, AssociationFigures(pairs=(PAIR, LOOKS))
         )
         return Calibration(
             scene,
@@ -43,7 +45,7 @@ def calibration(tmp_path):
             inputs.observations,
             0,
             {},
-            {"rms": 0.5},
+            AdjustedFigures(foot_shift=0.5),
             (),
             association,
             {"solving": 1.0},
@@ -52,7 +54,7 @@ def calibration(tmp_path):
     return made
 
 
-LOOKS = PAIR | dict.fromkeys(("score", "share", "runner_up", "matches", "registered_offset_s")) | {"route": "looks"}
+LOOKS = replace(PAIR, score=None, share=None, runner_up=None, matches=None, registered_offset_s=None, route="looks")
 SEARCHED = 'mode = "given"\nmax_offset_s = 3'
 
 
@@ -103,10 +105,15 @@ def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
 
 def test_what_a_measured_length_would_mend(calibration, capsys):
     found = calibration(SEARCHED)
-    scale = {"relative_sigma": 0.047, "cues": [{"cue": "population of 3", "share": 0.9}, {"cue": "height of A", "share": 0.1}]}
+    cues = tuple(
+        CueFigures(cue=name, stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0, share=share)
+        for name, share in (("population of 3", 0.9), ("height of A", 0.1))
+    )
+    scale = ScaleFigures(relative_sigma=0.047, cues=cues)
     for within, told in ((2.0, True), (8.0, False)):
-        cameras = [{"name": "A", "shape_position_sigma_mm": 1.0}, {"name": "B", "shape_position_sigma_mm": within}]
-        show_calibration(replace(found, figures={"scale": scale, "cameras": cameras}), verbose=False)
+        sigmas = {"A": 1.0, "B": within}
+        cameras = tuple(SolvedCamera(name=name, shape_position_sigma_mm=sigma) for name, sigma in sigmas.items())
+        show_calibration(replace(found, figures=AdjustedFigures(scale=scale, cameras=cameras)), verbose=False)
         shown = capsys.readouterr().out
         assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in shown
         assert ("but for it, positions are known to 2 mm" in shown) is told

@@ -27,7 +27,7 @@ def test_a_step_is_told_and_the_cameras_stand_right_to_each_other():
     assert calibration.verdict == "doubtful"
     assert any(reason.startswith("the people's ground is not one plane: 0.") for reason in calibration.reasons)
     assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 30  # measured 13, and 6 on level ground
-    assert calibration.figures["ground"]["chance_sigmas"] > 8
+    assert calibration.figures.ground.chance_sigmas > 8
 
 
 @pytest.mark.parametrize("ground", [level, lambda xy: 0.1 * xy[..., 1]], ids=["level", "10 % slope"])
@@ -35,7 +35,7 @@ def test_level_ground_and_an_even_slope_are_planes(ground):
     simulated, calibration = calibrated(ground)
     assert calibration.verdict == "accepted", calibration.reasons
     assert compare(calibration.rig, simulated.rig).similarity.mean_position_mm < 20  # measured 6 and 10
-    assert calibration.figures["ground"]["rise_m"] < 0.1
+    assert calibration.figures.ground.rise_m < 0.1
 
 
 def people(height: np.ndarray, places: np.ndarray) -> People:

@@ -34,8 +34,8 @@ def found_offsets(truth: Rig, seen: dict[str, CameraObservations], fps: float) -
     for _ in range(2):
         observations = resample_to_common_steps(Observations(seen), clocks)
         solution = solve(truth, observations, options=PeopleOptions(refine_time=True))
-        for name, clock in solution.figures["clocks"].items():
-            clocks[name] = replace(clocks[name], offset_s=clocks[name].offset_s + clock["correction_s"])
+        for name, clock in solution.figures.clocks.items():
+            clocks[name] = replace(clocks[name], offset_s=clocks[name].offset_s + clock.correction_s)
     return np.array([clocks[name].offset_s for name in truth.names]), solution
 
 

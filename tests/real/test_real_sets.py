@@ -89,7 +89,7 @@ def test_shelf_joints(data_root: Path) -> None:
     assert found.gravity_error_deg is not None
     assert found.gravity_error_deg < 2
     # What is not known well is said so.
-    assert solution.figures["vertical_sigma_deg"] > 0.5 * found.gravity_error_deg
+    assert solution.figures.vertical_sigma_deg > 0.5 * found.gravity_error_deg
 
 
 def test_one_person_on_the_spot(data_root: Path) -> None:
@@ -104,6 +104,6 @@ def test_one_person_on_the_spot(data_root: Path) -> None:
 def test_errors_on_real_people_are_what_the_sigmas_say(data_root: Path) -> None:
     """On the set whose truth is exact: errors within the rig against its sigmas."""
     solution, _, found = solved(data_root / "wildtrack", every=4)
-    ratio = [found.similarity.position_mm[c["name"]] / c["shape_position_sigma_mm"] for c in solution.figures["cameras"]]
+    ratio = [found.similarity.position_mm[c.name] / c.shape_position_sigma_mm for c in solution.figures.cameras]
     assert max(ratio) < 3
     assert np.sqrt(np.mean(np.square(ratio))) > 0.2

@@ -9,9 +9,10 @@ from dataclasses import replace
 
 import pytest
 
+from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
-from support.report.pages import busy_place, named, without_poses
+from support.report.pages import busy_place, changed, named, without_poses
 
 playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
@@ -125,9 +126,10 @@ def doubtful(contents):
     """The same contents, doubtful, with C2 lost."""
     lost = replace(contents.rig["C2"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C2" else one for one in contents.rig))
-    cameras = [{**one, "centre_m": None} if one["name"] == "C2" else one for one in contents.told["cameras"]]
-    told = {**contents.told, "verdict": "doubtful", "cameras": cameras, "findings": ["the sky is green"]}
-    return replace(contents, rig=rig, told={**told, "reasons": ["camera C2 shares nobody with C1: record more people"]})
+    cameras = [plain(replace(one, centre_m=None) if one.name == "C2" else one) for one in contents.document.cameras]
+    reasons = ["camera C2 shares nobody with C1: record more people"]
+    told = changed(contents, verdict="doubtful", cameras=cameras, findings=["the sky is green"], reasons=reasons)
+    return replace(told, rig=rig)
 
 
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
@@ -270,7 +272,7 @@ def test_a_table_is_copied_as_csv(laptop, contents):
     laptop.until("document.querySelector('[data-copies=cameras-table]').textContent === 'Copied'")
     rows = list(csv.DictReader(io.StringIO(laptop.told("navigator.clipboard.readText()"))))
     assert [row["Camera"] for row in rows] == list(contents.rig.names)
-    assert [float(row["x m"]) for row in rows] == [one["centre_m"][0] for one in contents.told["cameras"]]
+    assert [float(row["x m"]) for row in rows] == [one.centre_m[0] for one in contents.document.cameras]
 
 
 def test_the_keyboard_reaches_everything(laptop):
@@ -346,14 +348,8 @@ def test_without_webgl_a_note_stands_where_the_view_would_be(opened, contents):
 
 
 def test_names_run_nothing_and_are_shown_as_they_are(opened, contents):
-    shown = named(contents, HOSTILE)
-    told = {
-        **shown.told,
-        "name": HOSTILE[0],
-        "verdict": "doubtful",
-        "reasons": [f"camera {HOSTILE[1]} is odd: see {HOSTILE[2]}"],
-    }
-    one = opened(replace(shown, told=told))
+    reasons = [f"camera {HOSTILE[1]} is odd: see {HOSTILE[2]}"]
+    one = opened(changed(named(contents, HOSTILE), name=HOSTILE[0], verdict="doubtful", reasons=reasons))
     names = one.told("Array.from(document.querySelectorAll('#cameras-table tbody .name'), (name) => name.textContent)")
     assert names == list(HOSTILE)
     assert one.told("document.querySelectorAll('img').length") == 0

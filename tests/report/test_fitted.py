@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures, NoiseFigures, PeopleFigures, SolvedCamera
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.interchange.storage.json_text import plain
 from passerby.report.fitted import fit_people
 from passerby.report.sampling import STEP_S, STRETCHES, sample_observations
 from passerby.report.upright import Bodies, body_model, model_boxes
@@ -15,14 +17,12 @@ from support.report.drawings import contents, only_boxes, only_joints, simulated
 
 def exact(made, slack=0.0, foot_shift=0.1):
     """Contents whose boxes are the model's own: upright people at the true places, seen by the true cameras."""
-    told = {
-        "figures": {
-            "foot_shift": foot_shift,
-            "people": {"heights_m": {str(one): height / 0.99 for one, height in made.heights.items()}},
-            "cameras": [{"name": made.rig.names[1], "slack": slack}],
-        }
-    }
-    model = body_model(told)
+    heights = {str(one): height / 0.99 for one, height in made.heights.items()}
+    figures = AdjustedFigures(
+        foot_shift=foot_shift, people=PeopleFigures(identities=len(heights), heights_m=heights),
+        cameras=(SolvedCamera(name=made.rig.names[1], slack=slack),),
+    )  # fmt: skip
+    told, model = {"figures": plain(figures)}, body_model(figures, None)
     t, p = np.nonzero(np.isfinite(made.ground_positions[:, :, 0]))
     heights = np.array([made.heights[int(one)] for one in made.identities])
     nothing = np.zeros(len(t))
@@ -176,13 +176,12 @@ def test_clocks_that_differ_are_brought_together(unregistered):
 
 
 def test_figures_that_make_no_sense_are_not_believed():
-    strange = {
-        "figures": {
-            "foot_shift": "wide", "noise": {"centre": -1, "height": float("nan"), "box_px": None},
-            "people": {"heights_m": {"1": 900, "x": 1.7, "2": 1.8}}, "cameras": [{"name": "A", "slack": 50}, 3],
-        }
-    }  # fmt: skip
-    model, usual = body_model(strange), body_model({})
+    noise = NoiseFigures(floor_px=-1.0, box_px=1e9, centre=-1.0, height=float("nan"), joint=0.0, broken_edges=9.0)
+    strange = AdjustedFigures(
+        foot_shift=7.0, noise=noise, people=PeopleFigures(identities=3, heights_m={"1": 900.0, "x": 1.7, "2": 1.8}),
+        cameras=(SolvedCamera(name="A", slack=50.0),),
+    )  # fmt: skip
+    model, usual = body_model(strange, None), body_model(AdjustedFigures(), None)
     assert asdict(model.noise) == asdict(usual.noise)
     assert model.foot_shift == usual.foot_shift
     assert model.heights == {2: 1.8}

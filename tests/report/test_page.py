@@ -9,9 +9,11 @@ import pytest
 
 from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
+from passerby.interchange.calibration_json import read_document
+from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
-from support.report.pages import Page, busy_place, named, solved, without, without_poses
+from support.report.pages import Page, busy_place, changed, named, solved, without, without_poses
 
 SECTIONS = (
     "summary", "cameras", "rig", "views", "graph", "timeline", "heights", "scale", "distances", "stages", "settings", "files",
@@ -44,6 +46,15 @@ def test_the_table_of_cameras_is_what_calibration_json_holds(page, calibrated):
         assert {key: float(row[key]) for key in keys} == {key: one[name] for key, name in keys.items()}
 
 
+def test_every_key_of_calibration_json_is_read(calibrated, scene):
+    geopose = solved(scene, "geopose", lambda text: without(text, "keypoints").replace('"people"', '"geopose"'))[1]
+    for out, key in ((calibrated[1], "tree"), (geopose, "reference")):
+        told = json.loads((out / "calibration.json").read_text())
+        assert key in told["figures"]
+        assert plain(read_document(out)) == told
+        assert {"schema_version", "scene_file", "files"} <= told.keys()
+
+
 def test_a_calibration_and_its_folder_give_the_same_figures_and_the_same_bytes(page, calibrated):
     calibration, out = calibrated
     fresh = Page(report_page(contents_of(calibration)))
@@ -64,8 +75,8 @@ def test_the_distances_are_those_of_the_centres(page, calibrated):
 
 def test_a_doubtful_one_tells_what_is_wrong_and_what_to_do(calibrated):
     contents = contents_from(calibrated[1])
-    told = {**contents.told, "verdict": "doubtful", "reasons": ["camera C2 hangs by a thread: record longer"]}
-    summary = Page(report_page(replace(contents, told=told))).sections["summary"]
+    told = changed(contents, verdict="doubtful", reasons=["camera C2 hangs by a thread: record longer"])
+    summary = Page(report_page(told)).sections["summary"]
     assert "Doubtful" in summary
     assert "Camera C2 hangs by a thread." in summary
     assert "Record longer." in summary
@@ -79,7 +90,7 @@ def test_a_frame_that_was_set_is_told_with_what_it_rests_on(calibrated):
         "by": "positions gps.csv", "scale": 1.02, "scale_fitted": True, "turn_sigma_deg": 0.64, "place_sigma_mm": 133.0,
         "residuals": residuals, "notes": ["the scale grew by 2 %"],
     }  # fmt: skip
-    stages = Page(report_page(replace(contents, told={**contents.told, "world": world}))).sections["stages"]
+    stages = Page(report_page(changed(contents, world=world))).sections["stages"]
     for sentence in (
         "Origin and heading are set by positions gps.csv.", "The heading is known to 0.64°, the place to 0.13 m",
         "Lengths were multiplied by 1.0200.", "C1 is off by 0.08 m.", "Point <b> in C2 is off by 3.20 m, left out.",
@@ -98,7 +109,7 @@ def test_a_refused_one_has_dashes_and_says_why_in_every_section(calibrated):
         "rig": "No camera has a pose", "heights": "no heights", "scale": "was not determined", "distances": "Fewer than two",
     }.items():  # fmt: skip
         assert words in page.sections[section]
-    assert page.rows("cameras-table")[0]["Boxes"] == str(float(contents.told["cameras"][0]["boxes"]))
+    assert page.rows("cameras-table")[0]["Boxes"] == str(contents.document.cameras[0].boxes)
 
 
 def test_a_scene_that_shares_nobody_is_refused_and_told(tmp_path):
@@ -115,8 +126,8 @@ def test_a_camera_without_a_pose_is_told_with_its_reason(calibrated):
     contents = contents_from(calibrated[1])
     lost = replace(contents.rig["C3"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C3" else one for one in contents.rig))
-    told = {**contents.told, "verdict": "doubtful", "reasons": ["camera C3 shares nobody with C1: record more people"]}
-    page = Page(report_page(replace(contents, told=told, rig=rig)))
+    told = changed(contents, verdict="doubtful", reasons=["camera C3 shares nobody with C1: record more people"])
+    page = Page(report_page(replace(told, rig=rig)))
     assert "no pose: Camera C3 shares nobody with C1." in page.sections["cameras"]
     assert "3 of 4" in page.sections["summary"]
     assert [row["x m"] == "" for row in page.rows("cameras-table")] == [False, False, True, False]
@@ -158,8 +169,8 @@ def test_a_folder_of_an_older_passerby_gives_a_sound_page(calibrated, tmp_path):
 
 def test_names_are_text_and_nothing_else(calibrated):
     contents = named(contents_from(calibrated[1]), HOSTILE)
-    told = {**contents.told, "name": HOSTILE[0], "reasons": [f"camera {HOSTILE[1]} is odd"], "findings": [HOSTILE[2]]}
-    page = Page(report_page(replace(contents, told=told)))
+    told = changed(contents, name=HOSTILE[0], reasons=[f"camera {HOSTILE[1]} is odd"], findings=[HOSTILE[2]])
+    page = Page(report_page(told))
     assert [row["Camera"] for row in page.rows("cameras-table")] == list(HOSTILE)
     runs = [attributes for attributes, _ in page.scripts if attributes.get("type") != "application/json"]
     assert runs == [{}, {}]  # plotly and the page's own

@@ -18,7 +18,7 @@ from passerby.report.mends import Point, point_of, points_of, sentence
 from passerby.report.seen import lanes_of, merge_spells, seen_in
 from passerby.report.view_graph import links_of
 from passerby.report.weak_points import outstanding, weak_points
-from support.report.pages import busy_place
+from support.report.pages import busy_place, changed, document_of, with_figures
 
 
 @given(st.text())
@@ -91,7 +91,8 @@ def test_a_path_keeps_its_spelling(path):
 )
 def test_tracks_are_not_called_people(mode, used, label):
     """Who is found by how people move is one person in several pieces: 51 of these were 14 people."""
-    contents = SimpleNamespace(told={"scene": {"association": {"mode": mode}}})
+    tables = {"verdict": "accepted", "cameras": [], "scene": {"association": {"mode": mode}}}
+    contents = SimpleNamespace(document=document_of(tables))
     assert _people_label(contents, used) == label
 
 
@@ -168,12 +169,11 @@ def test_a_camera_that_stands_out_is_named_with_a_mend():
     assert outstanding({"A": 1.0, "B": 5.0}) == []
     contents = busy_place(cameras=4, people=5, seconds=60, fps=2.0)
     bad = contents.rig.names[2]
-    figures = contents.told["figures"]
-    cameras = [{**one, "shape_position_sigma_mm": 300.0} if one["name"] == bad else one for one in figures["cameras"]]
-    worse = replace(contents, told={**contents.told, "figures": {**figures, "cameras": cameras}})
+    cameras = [{"name": one.name, "shape_position_sigma_mm": 300.0 if one.name == bad else 30.0} for one in contents.rig]
+    worse = with_figures(contents, cameras=cameras)
     points = weak_points(worse, seen_in(worse))
     assert any(bad in point.what and "300 mm" in point.what and point.mend for point in points)
-    told = replace(worse, told={**worse.told, "reasons": [f"camera {bad} is uncertain: record more"]})
+    told = changed(worse, reasons=[f"camera {bad} is uncertain: record more"])
     assert not any(bad in point.what for point in weak_points(told, seen_in(told)))
     assert "3.0 %" in points[0].what
     assert "[[scale.distances]]" in points[0].mend
@@ -184,8 +184,7 @@ def test_distances_and_their_sigmas():
     first, second = contents.rig.names[:2]
     metres = float(np.linalg.norm(contents.rig[first].centre - contents.rig[second].centre))
     solved = {"cameras": [second, first], "metres": metres / 2, "sigma_m": 0.05}  # the world was scaled since
-    told = {**contents.told, "figures": {**contents.told["figures"], "distances": [solved]}}
-    found = {(one.first, one.second): one for one in distances_of(replace(contents, told=told))}
+    found = {(one.first, one.second): one for one in distances_of(with_figures(contents, distances=[solved]))}
     assert len(found) == 6
     for names, one in found.items():
         centres = [contents.rig[name].centre for name in names]
@@ -206,8 +205,7 @@ def test_links_take_the_best_route_and_tell_all():
         {"cameras": [a, b], "route": "epipolar", "inliers": 90, "matches": 100, "support": 1.0},
         {"cameras": [a, c], "route": "ground", "inliers": 50, "matches": 100, "support": 1.0},
     ]
-    told = {**contents.told, "figures": {**contents.told["figures"], "pairs": pairs}}
-    links = {(link.first, link.second): link for link in links_of(replace(contents, told=told), seen_in(contents))}
+    links = {(link.first, link.second): link for link in links_of(with_figures(contents, pairs=pairs), seen_in(contents))}
     assert links[a, b].confidence == pytest.approx(0.9)
     assert (links[a, b].word, links[a, c].word, links[b, c].word) == ("strong", "fair", "not used")
     assert links[a, b].routes == ("ground", "epipolar")

@@ -9,6 +9,7 @@ import pytest
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
+from passerby.core.figures import ClockCorrection
 from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import resample_to_common_steps
@@ -27,8 +28,8 @@ def alternated(truth: SimulatedScene, observations: Observations, passes: int) -
     clocks = dict.fromkeys(truth.rig.names, Clock(truth.options.fps))
     for _ in range(passes):
         solution = solve(truth.rig, resample_to_common_steps(observations, clocks), options=TIMED)
-        for name, clock in solution.figures["clocks"].items():
-            clocks[name] = replace(clocks[name], offset_s=clocks[name].offset_s + clock["correction_s"])
+        for name, clock in solution.figures.clocks.items():
+            clocks[name] = replace(clocks[name], offset_s=clocks[name].offset_s + clock.correction_s)
     return clocks, solution
 
 
@@ -49,9 +50,9 @@ def test_offsets_are_found_to_a_part_of_a_frame(preset: str, offset: float, fps:
     errors = clock_errors(truth, clocks)
     assert max(map(abs, errors.values())) < 0.02, errors
     assert clocks[truth.rig.names[0]] == Clock(fps)
-    for name, clock in solution.figures["clocks"].items():
-        assert abs(errors[name]) <= 3 * clock["sigma_s"]
-    assert 0.001 < max(clock["sigma_s"] for clock in solution.figures["clocks"].values()) < 0.02
+    for name, clock in solution.figures.clocks.items():
+        assert abs(errors[name]) <= 3 * clock.sigma_s
+    assert 0.001 < max(clock.sigma_s for clock in solution.figures.clocks.values()) < 0.02
     plain = solve(truth.rig, part(truth.observations))
     within, without = (compare(found.rig, truth.rig).similarity.mean_position_mm or np.inf for found in (solution, plain))
     assert within < 30
@@ -74,23 +75,23 @@ def test_right_clocks_cost_nothing() -> None:
         off, on = solve(truth.rig, seen), solve(truth.rig, seen, options=TIMED)
         errors = [compare(solution.rig, truth.rig).similarity.mean_position_mm or np.inf for solution in (off, on)]
         assert errors[1] < errors[0] + 2.0
-        assert off.figures["clocks"] == {}
-        for clock in on.figures["clocks"].values():
-            assert abs(clock["correction_s"]) <= 3 * clock["sigma_s"]
+        assert off.figures.clocks == {}
+        for clock in on.figures.clocks.values():
+            assert abs(clock.correction_s) <= 3 * clock.sigma_s
 
 
 def test_the_first_registered_camera_keeps_its_clock() -> None:
     """In another order of the cameras the same differences come out, and sigmas are of these differences."""
     truth = simulated("basketball", 12.0, 0, clock_offsets=0.1)
     seen = part(truth.observations)
-    here = solve(truth.rig, seen, options=TIMED).figures["clocks"]
+    here = solve(truth.rig, seen, options=TIMED).figures.clocks
     turned = Rig(tuple(reversed(truth.rig.cameras)))
-    there = solve(turned, seen, options=TIMED).figures["clocks"]
-    assert here["C1"] == {"correction_s": 0.0, "sigma_s": 0.0}
-    assert there["C4"] == {"correction_s": 0.0, "sigma_s": 0.0}
+    there = solve(turned, seen, options=TIMED).figures.clocks
+    assert here["C1"] == ClockCorrection(correction_s=0.0, sigma_s=0.0)
+    assert there["C4"] == ClockCorrection(correction_s=0.0, sigma_s=0.0)
     for name in truth.rig.names:
-        assert there[name]["correction_s"] == pytest.approx(here[name]["correction_s"] - here["C4"]["correction_s"], abs=0.003)
-    assert there["C1"]["sigma_s"] == pytest.approx(here["C4"]["sigma_s"], rel=0.1)
+        assert there[name].correction_s == pytest.approx(here[name].correction_s - here["C4"].correction_s, abs=0.003)
+    assert there["C1"].sigma_s == pytest.approx(here["C4"].sigma_s, rel=0.1)
 
 
 def test_without_a_frame_rate_there_is_no_time() -> None:
@@ -111,10 +112,10 @@ def test_nobody_moves_nothing_is_learnt() -> None:
         name: CameraObservations(replace(s.boxes, ltwh=s.boxes.ltwh + rng.normal(0, 1.0, s.boxes.ltwh.shape)))
         for name, s in seen.items()
     }
-    clocks = solve(rig, Observations(shaken, 5.0), options=TIMED).figures["clocks"]
+    clocks = solve(rig, Observations(shaken, 5.0), options=TIMED).figures.clocks
     for name in rig.names[1:]:
-        assert abs(clocks[name]["correction_s"]) < clocks[name]["sigma_s"]
-        assert clocks[name]["sigma_s"] > 0.1
+        assert abs(clocks[name].correction_s) < clocks[name].sigma_s
+        assert clocks[name].sigma_s > 0.1
 
 
 def test_velocities_are_those_of_an_even_motion() -> None:

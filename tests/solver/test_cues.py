@@ -77,12 +77,12 @@ def test_each_cue_pulls_the_scale_to_its_value(name: str, cues: ScaleCues, toler
     assert abs(vague_scale() - 1.2) > 0.1
     solution = solved(cues)
     assert scale_of(solution) == pytest.approx(1.2, rel=tolerance)
-    report = solution.figures["scale"]["cues"]
-    told = [item for item in report if not item["cue"].startswith("population")]
+    report = solution.figures.scale.cues
+    told = [item for item in report if not item.cue.startswith("population")]
     assert len(told) == 1
-    assert abs(told[0]["residual_sigmas"]) < 1.5
-    assert told[0]["share"] > 0.9
-    assert name.split()[0] in told[0]["cue"]
+    assert abs(told[0].residual_sigmas) < 1.5
+    assert told[0].share > 0.9
+    assert name.split()[0] in told[0].cue
 
 
 def test_shares_sum_to_one_and_go_with_the_sigmas() -> None:
@@ -95,32 +95,32 @@ def test_shares_sum_to_one_and_go_with_the_sigmas() -> None:
         ),
     )
     solution = solved(cues)
-    report = solution.figures["scale"]["cues"]
-    assert sum(item["share"] for item in report) == pytest.approx(1)
+    report = solution.figures.scale.cues
+    assert sum(item.share for item in report) == pytest.approx(1)
     first, second = report[-2:]
     assert scale_of(solution) == pytest.approx(0.8 * 1.0 + 0.2 * 1.2, abs=0.01)
-    assert first["share"] > 2 * second["share"]
+    assert first.share > 2 * second.share
     # Both are told to be contradicted: by 4 % of the distance in 2 cm, by 16 % in 4 cm.
-    assert first["residual_sigmas"] == pytest.approx(0.04 * TRUE_DISTANCE / 0.02, rel=0.3)
-    assert second["residual_sigmas"] == pytest.approx(-0.16 * TRUE_DISTANCE / 0.04, rel=0.3)
+    assert first.residual_sigmas == pytest.approx(0.04 * TRUE_DISTANCE / 0.02, rel=0.3)
+    assert second.residual_sigmas == pytest.approx(-0.16 * TRUE_DISTANCE / 0.04, rel=0.3)
 
 
 def test_a_cue_against_precise_people_is_told_with_its_residual() -> None:
     mean = float(np.mean(list(TRUTH.heights.values())))
     loose = ScaleCues(PopulationHeight(mean, 0.03), distances=(CameraDistance(("C1", "C3"), 1.6 * TRUE_DISTANCE, 2.7),))
     solution = solved(loose)
-    population, distance = solution.figures["scale"]["cues"]
-    assert population["cue"].startswith("population of")
-    assert abs(population["residual_sigmas"]) < 2
-    assert distance["residual_sigmas"] < -2
-    assert distance["share"] < 0.3
-    assert distance["measured_m"] == pytest.approx(TRUE_DISTANCE, rel=0.06)
-    assert distance["stated_m"] == pytest.approx(1.6 * TRUE_DISTANCE)
+    population, distance = solution.figures.scale.cues
+    assert population.cue.startswith("population of")
+    assert abs(population.residual_sigmas) < 2
+    assert distance.residual_sigmas < -2
+    assert distance.share < 0.3
+    assert distance.measured_m == pytest.approx(TRUE_DISTANCE, rel=0.06)
+    assert distance.stated_m == pytest.approx(1.6 * TRUE_DISTANCE)
 
 
 def test_the_scales_sigma_shrinks_with_each_cue() -> None:
     sigmas = [
-        solved(cues).figures["scale"]["relative_sigma"]
+        solved(cues).figures.scale.relative_sigma
         for cues in (
             ScaleCues(),
             ScaleCues(camera_heights=(CameraHeight("C2", TRUE_HEIGHT, 0.02),)),

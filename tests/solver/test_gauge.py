@@ -64,11 +64,11 @@ def test_upper_bodies_fix_the_shape_and_nothing_else() -> None:
     assert solution.reasons[0].startswith(ALL_FREE)
     assert np.isinf(sigmas(solution)).all()
     figures = solution.figures
-    assert figures["undetermined"] == ["scale", "vertical", "height of the ground"]
-    assert figures["scale"]["relative_sigma"] is None
-    assert figures["vertical_sigma_deg"] is None
-    assert all(pair["sigma_m"] is None for pair in figures["distances"])
-    assert all(0 < camera["shape_orientation_sigma_deg"] < 1 for camera in figures["cameras"])
+    assert figures.undetermined == ("scale", "vertical", "height of the ground")
+    assert figures.scale.relative_sigma is None
+    assert figures.vertical_sigma_deg is None
+    assert all(pair.sigma_m is None for pair in figures.distances)
+    assert all(0 < camera.shape_orientation_sigma_deg < 1 for camera in figures.cameras)
 
 
 def test_one_distance_fixes_the_scale_and_no_vertical() -> None:
@@ -76,9 +76,9 @@ def test_one_distance_fixes_the_scale_and_no_vertical() -> None:
     assert solution.verdict == "doubtful"
     assert solution.reasons[0].startswith("nothing fixes the vertical and the height of the ground: ")
     assert np.isinf(sigmas(solution)).all()
-    assert solution.figures["undetermined"] == ["vertical", "height of the ground"]
-    assert 0 < solution.figures["scale"]["relative_sigma"] < 0.01
-    assert all(pair["sigma_m"] < 0.1 for pair in solution.figures["distances"])
+    assert solution.figures.undetermined == ("vertical", "height of the ground")
+    assert 0 < solution.figures.scale.relative_sigma < 0.01
+    assert all(pair.sigma_m < 0.1 for pair in solution.figures.distances)
 
 
 def test_the_height_of_one_camera_fixes_no_scale(upper: tuple[PeopleProblem, AdjustmentState]) -> None:
@@ -141,11 +141,11 @@ def test_a_camera_that_hangs_by_pairs_alone_slides_along_its_baseline() -> None:
     pairs = in_turns(UPPER, {"C1": [0], "C2": [0], "C3": [0, 1], "C4": [1]})
     solution = solve(TRUTH.rig, pairs, distance("C1", "C2"), QUICK)
     assert "nothing fixes where camera C4 stands among the others: " in " ".join(solution.reasons)
-    assert "camera C4" in solution.figures["undetermined"]
-    shape = {c["name"]: c["shape_position_sigma_mm"] for c in solution.figures["cameras"]}
+    assert "camera C4" in solution.figures.undetermined
+    shape = {c.name: c.shape_position_sigma_mm for c in solution.figures.cameras}
     assert shape.pop("C4") is None
     assert all(0 < sigma < 50 for sigma in shape.values())
-    known = {tuple(pair["cameras"]): pair["sigma_m"] is not None for pair in solution.figures["distances"]}
+    known = {tuple(pair.cameras): pair.sigma_m is not None for pair in solution.figures.distances}
     assert known == {pair: "C4" not in pair for pair in known}
 
 
@@ -182,5 +182,5 @@ def test_whole_people_fix_all_of_it() -> None:
     rig = Rig(TRUTH.rig.cameras[:2])
     for seen in (part(TRUTH.observations), part(TRUTH.observations, boxes=False, keypoints=True)):
         solution = solve(rig, seen, options=QUICK)
-        assert "undetermined" not in solution.figures
+        assert solution.figures.undetermined is None
         assert np.isfinite(sigmas(solution)).all()

@@ -95,14 +95,14 @@ def test_scale_from_a_known_length(metres: float) -> None:
     cues = ScaleCues(lengths=(KnownLength(metres, 0.01, marks),))
     solution = solve(truth, replace(BOXES, person_height_m=2.2), cues)
     assert compare(solution.rig, truth.rig, "C1").scale_ratio == pytest.approx(1, abs=0.03)
-    assert solution.figures["scale"]["from"] == "known lengths"
+    assert solution.figures.scale.from_ == "known lengths"
 
 
 def test_joints_as_correspondences() -> None:
     truth = scene(seconds=20.0, joint_noise_px=1.0)
     solution = solve(truth, GeoPoseOptions("C1"))
     found = compare(solution.rig, truth.rig, "C1")
-    assert solution.figures["points"] == "joints"
+    assert solution.figures.points == "joints"
     assert found.similarity.mean_position_mm is not None
     assert found.similarity.mean_position_mm < 8
     assert found.ground_error_mm is not None

@@ -50,16 +50,16 @@ def test_sigmas_cover_what_a_guess_is_off_by(preset: str, factors: tuple[float, 
     errors = {
         "position": list(comparison.stated.position_sigmas.values()),
         "orientation": list(comparison.stated.orientation_sigmas.values()),
-        "scale": [np.log(comparison.scale_ratio) / solution.figures["scale"]["relative_sigma"]],
+        "scale": [np.log(comparison.scale_ratio) / solution.figures.scale.relative_sigma],
         "distance": [
-            (row["metres"] - np.linalg.norm(truth[row["cameras"][0]].centre - truth[row["cameras"][1]].centre)) / row["sigma_m"]
-            for row in solution.figures["distances"]
+            (row.metres - np.linalg.norm(truth[row.cameras[0]].centre - truth[row.cameras[1]].centre)) / row.sigma_m
+            for row in solution.figures.distances
         ],
     }  # fmt: skip
     for kind, sigmas in errors.items():
         assert np.abs(sigmas).max() < 2.5, kind
     exact = solved(preset, factors, None)
-    assert exact.figures["vertical_sigma_deg"] < solution.figures["vertical_sigma_deg"]
+    assert exact.figures.vertical_sigma_deg < solution.figures.vertical_sigma_deg
     for before, after in zip(exact.rig, solution.rig, strict=True):
         assert before.pose is not None
         assert after.pose is not None
@@ -67,8 +67,8 @@ def test_sigmas_cover_what_a_guess_is_off_by(preset: str, factors: tuple[float, 
         assert before.sigma is not None
         assert after.sigma is not None
         assert 2 * before.sigma.position_m < after.sigma.position_m
-    sigmas = [camera["shape_position_sigma_mm"] for camera in exact.figures["cameras"]]
-    assert all(wide["shape_position_sigma_mm"] > own for wide, own in zip(solution.figures["cameras"], sigmas, strict=True))
+    sigmas = [camera.shape_position_sigma_mm for camera in exact.figures.cameras]
+    assert all(wide.shape_position_sigma_mm > own for wide, own in zip(solution.figures.cameras, sigmas, strict=True))
 
 
 def test_a_guess_that_makes_a_camera_too_uncertain_is_a_doubt() -> None:

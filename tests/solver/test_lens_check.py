@@ -80,9 +80,9 @@ def stated(preset: str, factors: tuple[float, ...]) -> tuple[Solution, Rig]:
 def test_steps_of_focal_lengths_lead_to_the_true_ones(factors: tuple[float, ...]) -> None:
     """Columns at the observed points would add the noise's own square: +0.01 to +0.05 here, and +1 where people tell little."""
     solution, _ = stated("basketball", factors)
-    for camera, factor in zip(solution.figures["cameras"], factors, strict=True):
-        assert camera["focal_change"] == pytest.approx(-np.log(factor), abs=max(0.02, 0.25 * abs(np.log(factor))))
-        assert abs(camera["focal_change"] + np.log(factor)) < 3 * camera["focal_change_sigma"]
+    for camera, factor in zip(solution.figures.cameras, factors, strict=True):
+        assert camera.focal_change == pytest.approx(-np.log(factor), abs=max(0.02, 0.25 * abs(np.log(factor))))
+        assert abs(camera.focal_change + np.log(factor)) < 3 * camera.focal_change_sigma
 
 
 @pytest.mark.parametrize(

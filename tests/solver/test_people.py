@@ -184,12 +184,12 @@ def test_guesses_from_outside_are_counted_like_the_solvers_own() -> None:
         without_poses(truth.rig), apart, ScaleCues(), rng=np.random.default_rng(0), guesses=[*good, bad, nobody]
     )
     assert solution.rig.posed().names == ("C1", "C3", "C4")
-    found = {tuple(pair["cameras"]): pair for pair in solution.figures["pairs"] if pair["route"] == "tracks"}
+    found = {tuple(pair.cameras): pair for pair in solution.figures.pairs if pair.route == "tracks"}
     assert set(found) == {("C3", "C4"), ("C4", "C1"), ("C1", "C3")}
     for names in (("C3", "C4"), ("C4", "C1")):
-        assert found[names]["inliers"] > 0.9 * found[names]["matches"] > 50
-        assert found[names]["support"] > 0.5
-    assert found["C1", "C3"]["inliers"] < 0.1 * found["C1", "C3"]["matches"]
+        assert found[names].inliers > 0.9 * found[names].matches > 50
+        assert found[names].support > 0.5
+    assert found["C1", "C3"].inliers < 0.1 * found["C1", "C3"].matches
     assert errors(solution, truth.rig)[0] < 45
 
 
@@ -274,9 +274,9 @@ def test_sigmas_and_figures_are_whole() -> None:
         assert 0 < camera.sigma.position_m < 1
         assert 0 < camera.sigma.orientation_deg < 2
         assert camera.sigma.position_m**2 == pytest.approx(np.trace(camera.sigma.covariance[:3, :3]))
-    assert {camera["name"] for camera in solution.figures["cameras"]} == set(solution.rig.names)
-    assert len(solution.figures["pairs"]) >= 6
-    heights = solution.figures["people"]["heights_m"]
+    assert {camera.name for camera in solution.figures.cameras} == set(solution.rig.names)
+    assert len(solution.figures.pairs) >= 6
+    heights = solution.figures.people.heights_m
     truth = simulated("construction").heights
     scale = compare(solution.rig, simulated("construction").rig).scale_ratio
     assert scale is not None
@@ -285,7 +285,7 @@ def test_sigmas_and_figures_are_whole() -> None:
 
 
 def test_single_heights_are_found() -> None:
-    truth, heights = simulated("terrace").heights, solved("terrace").figures["people"]["heights_m"]
+    truth, heights = simulated("terrace").heights, solved("terrace").figures.people.heights_m
     assert np.corrcoef([truth[int(i)] for i in heights], list(heights.values()))[0, 1] > 0.95  # measured 0.999
 
 
@@ -310,5 +310,5 @@ def test_options_out_of_range_are_refused(options: dict[str, float]) -> None:
 def test_a_limit_on_sightings_is_kept_and_costs_little() -> None:
     rig, seen = boxes_only("construction")
     solution = solve(rig, seen, options=PeopleOptions(max_sightings=1500))
-    assert solution.figures["rounds"][-1]["sightings"] <= 1500
+    assert solution.figures.rounds[-1].sightings <= 1500
     assert errors(solution, rig)[0] < WORST["construction"][0]  # measured 17.4, with all of them 15.3

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.figures import FocalFigures, LensFigures
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.geometry.reprojection import PointObservations
@@ -150,9 +151,9 @@ def test_rays_are_made_anew_and_residuals_stay(problem_of_lenses: tuple[PeoplePr
 def test_a_wrong_focal_length_is_found_and_the_cameras_with_it() -> None:
     stated, truth = solved(((1, 1.1),), ())
     refined, _ = solved(((1, 1.1),), ("focal",))
-    parts = refined.figures["lenses"][truth.names[1]]["focal"]
-    assert parts["stated_px"] == pytest.approx(1.1 * truth[truth.names[1]].lens.focal)
-    assert abs(parts["refined_px"] - truth[truth.names[1]].lens.focal) < 3 * parts["sigma_px"]
+    parts = refined.figures.lenses[truth.names[1]].focal
+    assert parts.stated_px == pytest.approx(1.1 * truth[truth.names[1]].lens.focal)
+    assert abs(parts.refined_px - truth[truth.names[1]].lens.focal) < 3 * parts.sigma_px
     assert error_mm(refined, truth) < error_mm(stated, truth) / 3
     assert refined.verdict == "accepted"
 
@@ -162,7 +163,7 @@ def test_the_rig_file_holds_the_refined_lens(tmp_path: Path) -> None:
     name = truth.names[1]
     write_rig(tmp_path / "rig.toml", refined.rig)
     lens = read_rig(tmp_path / "rig.toml")[name].lens
-    assert lens.focal == pytest.approx(refined.figures["lenses"][name]["focal"]["refined_px"])
+    assert lens.focal == pytest.approx(refined.figures.lenses[name].focal.refined_px)
     np.testing.assert_array_equal(lens.distortions, truth[name].lens.distortions)
 
 
@@ -180,14 +181,14 @@ def test_right_lenses_stay() -> None:
     refined, _ = solved((), ("focal",))
     assert abs(factors(refined.rig, truth) - 1).max() < 0.01
     assert error_mm(refined, truth) < 2 * error_mm(stated, truth)
-    assert far_lenses(refined.figures["lenses"]) == []
+    assert far_lenses(refined.figures.lenses) == []
 
 
 def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to() -> None:
     refined, truth = solved((), ("principal_point",))
     moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]
     assert np.abs(moved).max() < 0.01 * truth[truth.names[0]].lens.size[0]
-    assert any("hardly tell" in note for note in lens_notes(refined.figures))
+    assert any("hardly tell" in note for note in lens_notes(refined.figures.lenses))
     without, _ = solved((), ())
     for name in truth.names:
         own, other = refined.rig[name].sigma, without.rig[name].sigma
@@ -198,17 +199,17 @@ def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to
 
 def test_without_refinement_nothing_is_told_of_lenses() -> None:
     solution, truth = solved((), ())
-    assert solution.figures["lenses"] == {}
-    assert lens_notes(solution.figures) == []
+    assert solution.figures.lenses == {}
+    assert lens_notes(solution.figures.lenses) == []
     np.testing.assert_array_equal(solution.rig[truth.names[0]].lens.matrix, truth[truth.names[0]].lens.matrix)
 
 
 def test_notes_say_what_was_refined() -> None:
-    focal = {"stated_px": 1000.0, "refined_px": 1043.0, "sigma_px": 4.2, "people_sigma_px": 5.0, "far": False, "told": True}
-    assert lens_notes({"lenses": {"C2": {"focal": focal}}}) == [
+    focal = FocalFigures(stated_px=1000.0, refined_px=1043.0, sigma_px=4.2, people_sigma_px=5.0, far=False, told=True)
+    assert lens_notes({"C2": LensFigures(focal=focal)}) == [
         "camera C2: focal length 1043 px instead of 1000 (+4.3 %, sigma 0.4 %)"
     ]
-    (told,) = far_lenses({"C2": {"focal": focal | {"refined_px": 1500.0, "far": True}}})
+    (told,) = far_lenses({"C2": LensFigures(focal=replace(focal, refined_px=1500.0, far=True))})
     assert "refined by +50 %" in told
 
 

@@ -98,7 +98,7 @@ def some(observations: Observations, identities: int, frames: int = 10**9) -> Ob
 
 
 def typical_sigma(solution: Solution) -> float:
-    return float(np.median([camera["shape_position_sigma_mm"] for camera in solution.figures["cameras"]]))
+    return float(np.median([camera.shape_position_sigma_mm for camera in solution.figures.cameras]))
 
 
 def test_sigmas_shrink_with_more_people_and_longer_scenes() -> None:
@@ -132,7 +132,7 @@ def test_errors_over_many_small_scenes_are_what_the_sigmas_say() -> None:
         truth = simulated("terrace", seconds=5.0, seed=100 + seed)
         solution = solve(truth.rig, part(truth.observations), options=QUICK)
         found = compare(solution.rig, truth.rig).similarity.position_mm
-        shape += [found[camera["name"]] / camera["shape_position_sigma_mm"] for camera in solution.figures["cameras"]]
+        shape += [found[camera.name] / camera.shape_position_sigma_mm for camera in solution.figures.cameras]
         for camera, pose, true in zip(solution.rig, placed(solution.rig, truth.rig), poses_of(truth.rig), strict=True):
             assert camera.sigma is not None
             metric.append(np.linalg.norm(pose.centre - true.centre) / camera.sigma.position_m)

@@ -63,4 +63,4 @@ def test_lost_heads_of_those_far_away_do_not_tilt_the_cameras(preset: str, degre
     assert found.similarity.mean_orientation_deg is not None
     assert found.similarity.mean_orientation_deg < degrees
     assert found.scale_ratio == pytest.approx(1, abs=0.04)
-    assert solution.figures["noise"]["broken_edges"] > 0.02
+    assert solution.figures.noise.broken_edges > 0.02

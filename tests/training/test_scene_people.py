@@ -211,7 +211,7 @@ def test_bad_input_is_named(made, out, tmp_path):
     change(out, cameras=[{"name": "C1", "fps": 5.0}])
     refused("it has no camera C2, which rig.toml has")
     change(out, cameras=3)
-    refused("cameras is not a list of tables")
+    refused("cameras is 3, which should be a valid list")
     change(out, verdict=None)
     refused("verdict is None.*calibrate again")
     for text, match in (("[]", "it is no table"), ("{", "is not JSON")):

@@ -1,9 +1,9 @@
-"""What association found, as plain values for reports."""
+"""What association found, as figures for reports."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,40 +13,43 @@ from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.initial_association import InitialAssociation
 from passerby.association.joints.joint_pairs import JointRegistration
 from passerby.common.arrays import Floats, Ints
+from passerby.core.association_figures import AssociationFigures, CameraTracks, TiedPair
+from passerby.core.figures import LevelFigures
 
 
 def association_figures(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, appearance: AppearanceAffinity | None,
     initial: InitialAssociation | None, person: Ints,
     offset_s: Floats,
-) -> dict[str, Any]:  # fmt: skip
-    """JSON-ready figures: cameras, pairs, people."""
-    return {
-        "cameras": [_camera(c, camera, tracklets, appearance) for c, camera in enumerate(cameras)],
-        "pairs": _pairs(cameras, tracklets, appearance, initial, person, offset_s),
-        "people": len(np.unique(person[np.isfinite(tracklets.start_s)])),
-    }
+) -> AssociationFigures:  # fmt: skip
+    """Figures of cameras, pairs, people."""
+    return AssociationFigures(
+        cameras=tuple(_camera(c, camera, tracklets, appearance) for c, camera in enumerate(cameras)),
+        pairs=tuple(_pairs(cameras, tracklets, appearance, initial, person, offset_s)),
+        people=len(np.unique(person[np.isfinite(tracklets.start_s)])),
+    )
 
 
-def _camera(c: int, camera: CameraTracklets, tracklets: Tracklets, appearance: AppearanceAffinity | None) -> dict[str, Any]:
+def _camera(c: int, camera: CameraTracklets, tracklets: Tracklets, appearance: AppearanceAffinity | None) -> CameraTracks:
     start_s = tracklets.start_s[tracklets.first[c] : tracklets.first[c + 1]]
     boxes, own = camera.seen.boxes, None if appearance is None else appearance.cameras[c]
-    return {
-        "name": camera.name,
-        "tracklets": int(np.count_nonzero(np.isfinite(start_s))),
-        "tracked_boxes": int(np.count_nonzero(boxes.identity >= 0)),
-        "boxes": len(boxes),
-        "walking_samples": 0 if camera.tracks is None else len(camera.tracks),
-        "own_level": None if camera.level is None else {"height_m": camera.level.height, "residual": camera.level.residual},
-        "looks": None if own is None or own.usefulness is None else own.usefulness.probability,
-    }
+    level = camera.level
+    return CameraTracks(
+        name=camera.name,
+        tracklets=int(np.count_nonzero(np.isfinite(start_s))),
+        tracked_boxes=int(np.count_nonzero(boxes.identity >= 0)),
+        boxes=len(boxes),
+        walking_samples=0 if camera.tracks is None else len(camera.tracks),
+        own_level=None if level is None else LevelFigures(height_m=level.height, residual=level.residual),
+        looks=None if own is None or own.usefulness is None else own.usefulness.probability,
+    )
 
 
 def _pairs(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, appearance: AppearanceAffinity | None,
     initial: InitialAssociation | None, person: Ints,
     offset_s: Floats,
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[TiedPair]:  # fmt: skip
     edges = {} if initial is None or initial.graph is None else {(e.a, e.b): e for e in initial.graph.edges}
     joints = {} if initial is None else {(one.a, one.b): one for one in initial.by_joints}
     out = []
@@ -56,47 +59,35 @@ def _pairs(
             guess = None if edge is None else edge.guess
             of_looks = None if appearance is None else appearance.pairs.get((a, b))
             of_joints = joints.get((a, b))
+            if of_joints is not None and not (of_joints.used or guess is None):
+                of_joints = None
+            if guess is None and of_looks is None and of_joints is None:
+                continue
             useful = None if of_looks is None else of_looks.usefulness
-            if of_joints is not None and (of_joints.used or guess is None):
-                entry = _by_joints(of_joints)
-                entry["matched_tracklets"] = _joined(tracklets, person, a, b)
-                entry["offset_s"] = float(offset_s[b] - offset_s[a])
-                entry["looks"] = None if useful is None else useful.probability
-                out.append({"cameras": [cameras[a].name, cameras[b].name], **entry})
-                continue
-            if guess is None and of_looks is None:
-                continue
-            out.append(
-                {
-                    "cameras": [cameras[a].name, cameras[b].name],
-                    "route": "tracks" if guess is not None else "looks",
-                    "used": edge.used if edge is not None else True,
-                    "score": None if guess is None else guess.score,
-                    "share": None if guess is None else guess.share,
-                    "runner_up": None if edge is None or guess is None else edge.runner_up,
-                    "support": None if edge is None else edge.support,
-                    "matches": None if guess is None else guess.samples,
-                    "matched_tracklets": _joined(tracklets, person, a, b),
-                    "offset_s": float(offset_s[b] - offset_s[a]),
-                    "registered_offset_s": None if guess is None else -guess.lag_s,
-                    "looks": None if useful is None else useful.probability,
-                }
+            tied = TiedPair(
+                cameras=(cameras[a].name, cameras[b].name),
+                route="tracks" if guess is not None else "looks",
+                used=edge.used if edge is not None else True,
+                score=None if guess is None else guess.score,
+                share=None if guess is None else guess.share,
+                runner_up=None if edge is None or guess is None else edge.runner_up,
+                support=None if edge is None else edge.support,
+                matches=None if guess is None else guess.samples,
+                matched_tracklets=_joined(tracklets, person, a, b),
+                offset_s=float(offset_s[b] - offset_s[a]),
+                registered_offset_s=None if guess is None else -guess.lag_s,
+                looks=None if useful is None else useful.probability,
             )
+            out.append(tied if of_joints is None else _by_joints(tied, of_joints))
     return out
 
 
-def _by_joints(one: JointRegistration) -> dict[str, Any]:
+def _by_joints(pair: TiedPair, one: JointRegistration) -> TiedPair:
     """The figures of a pair that joints registered."""
-    return {
-        "route": "joints",
-        "used": one.used,
-        "score": one.score,
-        "share": one.gain,
-        "runner_up": one.runner_up,
-        "support": None,
-        "matches": one.joints,
-        "registered_offset_s": -one.lag_s,
-    }
+    return replace(
+        pair, route="joints", used=one.used, score=one.score, share=one.gain, runner_up=one.runner_up, support=None,
+        matches=one.joints, registered_offset_s=-one.lag_s,
+    )  # fmt: skip
 
 
 def _joined(tracklets: Tracklets, person: Ints, a: int, b: int) -> int:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from passerby.association.clocks.drift import Drift
+from passerby.core.association_figures import AssociationFigures
 from passerby.core.observations import Clock, Observations
 
 
@@ -22,8 +22,8 @@ class Association:
     """Each camera's clock with its offset; the first registered camera's offset is 0."""
     sigma_s: Mapping[str, float] = field(default_factory=dict)
     """One sigma of the offsets, as far as they were refined."""
-    figures: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready: cameras, pairs (route, score, runner-up, matched tracklets, matches, offset), rounds."""
+    figures: AssociationFigures = field(default_factory=AssociationFigures)
+    """Of cameras, pairs (route, score, runner-up, matched tracklets, matches, offset), rounds."""
     lost: Mapping[str, str] = field(default_factory=dict)
     """By camera that no registration joins to another: why, in one sentence."""
     notes: tuple[str, ...] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from passerby.association.result import Association
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent, tell_note
+from passerby.core.association_figures import AssociationRound
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
@@ -200,7 +201,7 @@ class _Run:
 
     def association(
         self, person: Ints, offset_s: Floats, solution: Solution | None, initial: InitialAssociation | None,
-        rounds: list[dict[str, Any]], sigma_s: Floats | None = None,
+        rounds: list[AssociationRound], sigma_s: Floats | None = None,
     ) -> Association:  # fmt: skip
         """The result; the first registered camera's clock is the rig's."""
         offset_s = relative_to_reference(offset_s, solution.rig if solution else None)
@@ -211,7 +212,7 @@ class _Run:
         drifts = {} if solution is None else self._drifts(person, offset_s, solution)
         return Association(
             identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
-            {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, figures | {"rounds": rounds},
+            {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
             {} if graph is None else reasons_of_lost(self.cameras, graph, self.options.search_s),
             *self._told(solution, initial, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
         )  # fmt: skip
@@ -257,7 +258,7 @@ def _alternate(
 ) -> tuple[Solution, Association]:
     """Solve and associate in turns."""
     person, offset_s = initial.person, initial.offset_s
-    rounds: list[dict[str, Any]] = []
+    rounds: list[AssociationRound] = []
     solution: Solution | None = None
     for number in range(MAX_ROUNDS):
         tell(f"round {number + 1}")
@@ -275,8 +276,8 @@ def _alternate(
                 run.tracklets, run.cameras, initial.graph, poses, offset_s, person_height_m, affinity, initial.known
             )
         same = _alike(before, person)
-        rounds.append({"registered": sum(pose is not None for pose in poses), "unchanged": same})
-        tell_note(tell, f"{rounds[-1]['registered']} of {len(poses)} cameras have poses")
+        rounds.append(AssociationRound(registered=sum(pose is not None for pose in poses), unchanged=same))
+        tell_note(tell, f"{rounds[-1].registered} of {len(poses)} cameras have poses")
         if same > SETTLED:
             break
     tell("solving")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,24 +14,34 @@ from passerby._version import __version__
 from passerby.association.result import Association
 from passerby.common.errors import EvidenceError, InputError
 from passerby.common.progress import Progress
+from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera, Rig
+from passerby.core.figures import SolverFigures, adjusted
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.solution import Verdict
 from passerby.evaluation.reprojection import median_residuals
+from passerby.interchange.calibration_json import (
+    CalibrationDocument,
+    CameraEntry,
+    DeclaredScene,
+    PerceptionEntry,
+    WorldEntry,
+    entry_of,
+    parse_document,
+    read_document,
+    write_document,
+)
 from passerby.interchange.coco import write_keypoints
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.output_folder import (
-    CALIBRATION_FILE,
-    FILES,
     REPORT_FILE,
     RIG_FILE,
     TRACKS_FOLDER,
     checksums,
-    pose_figures,
     scene_file,
 )
 from passerby.interchange.rig_toml import write_rig
-from passerby.interchange.storage.atomic import forget_halves, write_text
+from passerby.interchange.storage.atomic import forget_halves
 from passerby.interchange.storage.json_text import plain, to_json
 from passerby.interchange.storage.transaction import folder_lock, transaction
 from passerby.report.contents import Contents
@@ -57,8 +66,8 @@ class Calibration:
     seed: int
     options: dict[str, Any]
     """The solver's options, as used."""
-    figures: dict[str, Any]
-    """JSON-ready figures of every stage."""
+    figures: SolverFigures
+    """Of the solver's stages."""
     findings: tuple[str, ...] = ()
     """What is odd about the input."""
     association: Association | None = None
@@ -83,7 +92,7 @@ class Calibration:
         from passerby.report.notebook import Outcome, result_html
 
         outcome = Outcome(self.verdict, self.reasons, self.findings, len(self.rig))
-        return result_html(self.scene.name, self.rig, outcome, self.to_dict()["cameras"], clocked=self.clocks_searched)
+        return result_html(self.scene.name, self.rig, outcome, calibration_document(self).cameras, clocked=self.clocks_searched)
 
     @property
     def accepted(self) -> bool:
@@ -107,7 +116,9 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the observations and the wall times, as plain values for JSON."""
-        return calibration_dict(self)
+        table: dict[str, Any] = plain(calibration_document(self))
+        del table["scene_file"]
+        return table
 
     def write(self, folder: str | Path, *, report: bool = True, progress: Progress | None = None) -> None:
         """Write `rig.toml`, `calibration.json`, what was seen, and the report into a folder, each file whole or not at all.
@@ -143,14 +154,14 @@ class Calibration:
 
 
 def contents_of(calibration: Calibration) -> Contents:
-    """The contents of a calibration that has just been made."""
+    """The contents of a calibration that has just been made, as they would be read again."""
     scene = calibration.scene
-    told = {"scene_file": scene_file(scene.path)} | calibration_dict(calibration)
     clocks = calibration.association.clocks if calibration.association else {}
     named = {name: scene.resolve(table.video) for name, table in scene.cameras.items() if table.video is not None}
     videos = {name: path for name, path in named.items() if path.is_file()}
     seen = Observations(calibration.observations.cameras, calibration.observations.fps, dict(clocks))
-    return Contents(told, calibration.rig, seen, dict(clocks), videos)
+    document = parse_document(to_json(calibration_document(calibration)))
+    return Contents(document, calibration.rig, seen, dict(clocks), videos)
 
 
 WORK = "passerby calibrate"
@@ -182,8 +193,7 @@ def write_results(calibration: Calibration, folder: Path, *, report: bool = True
         for name, people in seen.items():
             _write_seen(new / TRACKS_FOLDER, name, people)
         write_rig(new / RIG_FILE, calibration.rig)
-        content = {"scene_file": scene_file(calibration.scene.path), FILES: checksums(new)} | calibration_dict(calibration)
-        write_text(new / CALIBRATION_FILE, to_json(content))
+        write_document(new, calibration_document(calibration, checksums(new)))
         forget_halves(folder / REPORT_FILE)
     if report:
         from passerby.calibration.calibration import contents_of
@@ -210,71 +220,62 @@ def _earlier_tracks(folder: Path, cameras: Iterable[str]) -> list[str]:
     """The tracks of an earlier run: of these cameras, and those that its `calibration.json` tells of."""
     ours = [f"{TRACKS_FOLDER}/{name}{ending}" for name in cameras for ending in (".txt", ".json")]
     try:
-        told = json.loads((folder / CALIBRATION_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):  # none, or one that is broken
+        files = read_document(folder).files or {}
+    except InputError:  # none, or one that is broken
         return ours
-    files = told.get(FILES) if isinstance(told, dict) else None
-    return ours + [name for name in files or () if name.startswith(f"{TRACKS_FOLDER}/") and name.count("/") == 1]
+    return ours + [name for name in files if name.startswith(f"{TRACKS_FOLDER}/") and name.count("/") == 1]
 
 
-def calibration_dict(calibration: Calibration) -> dict[str, Any]:
-    """A calibration as plain values for JSON, without wall times."""
+def calibration_document(calibration: Calibration, files: Mapping[str, str] | None = None) -> CalibrationDocument:
+    """A calibration as its `calibration.json` has it; `files` are the checksums of the files beside it."""
     scene, association, residual_px = calibration.scene, calibration.association, _residuals(calibration)
-    content: dict[str, Any] = plain(
-        {
-            "name": scene.name,
-            "passerby": __version__,
-            "versions": {name: _version(name) for name in COMPUTING_LIBRARIES},
-            "verdict": calibration.verdict,
-            "reasons": calibration.reasons,
-            "findings": calibration.findings,
-            "cameras": [
-                _camera(camera, calibration.observations[camera.name])
-                | {"median_residual_px": residual_px.get(camera.name)}
-                | _clock(calibration.association, camera.name)
-                for camera in calibration.rig
-            ],
-            **({"perception": calibration.perception} if calibration.perception else {}),
-            "association": {"mode": scene.association.mode} | (association.figures if association else {}),
-            "method": scene.solver.method,
-            "seed": calibration.seed,
-            "options": calibration.options,
-            "scene": scene.model_dump(mode="json", exclude_none=True),
-            "figures": calibration.figures,
-            **({"world": calibration.world} if calibration.world else {}),
-        }
+    found = AssociationFigures() if association is None else association.figures
+    return CalibrationDocument(
+        scene_file=scene_file(scene.path),
+        files=files,
+        name=scene.name,
+        passerby=__version__,
+        versions={name: _version(name) for name in COMPUTING_LIBRARIES},
+        verdict=calibration.verdict,
+        reasons=calibration.reasons,
+        findings=calibration.findings,
+        cameras=tuple(_entry(calibration, camera, residual_px.get(camera.name)) for camera in calibration.rig),
+        perception=entry_of(PerceptionEntry, calibration.perception) if calibration.perception else None,
+        association=replace(found, mode=scene.association.mode),
+        method=scene.solver.method,
+        seed=calibration.seed,
+        options=calibration.options,
+        scene=entry_of(DeclaredScene, scene.model_dump(mode="json", exclude_none=True)),
+        figures=calibration.figures,
+        world=entry_of(WorldEntry, calibration.world) if calibration.world else None,
     )
-    return content
 
 
-def _camera(camera: Camera, seen: CameraObservations) -> dict[str, Any]:
+def _entry(calibration: Calibration, camera: Camera, residual_px: float | None) -> CameraEntry:
+    """What is written of a camera. Frame f shows the world at (f - 1) / fps + time_offset_s, by the clock of the first
+    registered camera.
+    """
+    seen, association = calibration.observations[camera.name], calibration.association
     people = np.unique(np.concatenate([seen.boxes.identity, seen.keypoints.identity]))
-    return {
-        "name": camera.name,
-        **pose_figures(camera),
-        "people": len(people[people > UNKNOWN]),
-        "boxes": len(seen.boxes),
-        "keypoints": len(seen.keypoints),
-    }
+    clock = association.clocks.get(camera.name) if association else None
+    return CameraEntry(
+        name=camera.name,
+        people=len(people[people > UNKNOWN]),
+        boxes=len(seen.boxes),
+        keypoints=len(seen.keypoints),
+        median_residual_px=residual_px,
+        fps=None if clock is None else clock.fps,
+        time_offset_s=None if clock is None else clock.offset_s,
+        time_offset_sigma_s=association.sigma_s.get(camera.name) if association else None,
+    ).with_pose(camera)
 
 
 def _residuals(calibration: Calibration) -> dict[str, float]:
     """By camera: what the solver tells, or else the median reprojection error of box centres or joints, pixels."""
-    told = {one["name"]: one.get("median_residual_px") for one in calibration.figures.get("cameras", ())}
-    missing = [camera.name for camera in calibration.rig.posed() if told.get(camera.name) is None]
+    solved = {one.name: one.median_residual_px for one in adjusted(calibration.figures).cameras}
+    missing = [camera.name for camera in calibration.rig.posed() if solved.get(camera.name) is None]
     found = median_residuals(calibration.rig, calibration.instants) if missing else {}
-    return found | {name: value for name, value in told.items() if value is not None}
-
-
-def _clock(association: Association | None, name: str) -> dict[str, Any]:
-    """Frame f shows the world at (f - 1) / fps + time_offset_s, by the clock of the first registered camera."""
-    clock = association.clocks.get(name) if association else None
-    sigma = association.sigma_s.get(name) if association else None
-    return {
-        "fps": None if clock is None else clock.fps,
-        "time_offset_s": None if clock is None else clock.offset_s,
-        "time_offset_sigma_s": sigma,
-    }
+    return found | {name: value for name, value in solved.items() if value is not None}
 
 
 def _version(package: str) -> str | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
 from passerby.common.arrays import Bools, Ints
 from passerby.core.cameras import Pose, Rig
+from passerby.core.figures import MotionFigures
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.interchange.storage.toml_text import key
@@ -48,15 +48,15 @@ class DetectedMotion:
         return (frame - 1) / (self.fps or 1.0)
 
     @property
-    def figures(self) -> dict[str, Any]:
-        """JSON-ready."""
+    def figures(self) -> MotionFigures:
+        """For reports."""
         change = self.change
-        return {
-            "camera": self.camera, "frames": [self.first_frame, self.last_frame],
-            "seconds": None if self.fps is None else [self.seconds(self.first_frame), self.seconds(self.last_frame)],
-            "left_out": "before" if change.at_start else "after" if change.at_end else "between",
-            "metres": change.metres, "degrees": change.degrees, "sigmas": change.sigmas, "shift": change.shift,
-        }  # fmt: skip
+        return MotionFigures(
+            camera=self.camera, frames=(self.first_frame, self.last_frame),
+            seconds=None if self.fps is None else (self.seconds(self.first_frame), self.seconds(self.last_frame)),
+            left_out="before" if change.at_start else "after" if change.at_end else "between",
+            metres=change.metres, degrees=change.degrees, sigmas=change.sigmas, shift=change.shift,
+        )  # fmt: skip
 
     @property
     def reason(self) -> str:

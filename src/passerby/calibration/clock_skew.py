@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from passerby.association.clocks.drift import Drift
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
+from passerby.core.figures import FittedRate
 from passerby.core.observations import Clock
 from passerby.scene.inputs import SceneInputs
 
@@ -21,13 +21,13 @@ SYSTEMATIC, SYSTEMATIC_S = 2.0, 0.02
 """What a fitted rate is off by: so many times the scatter of the people's ways, and so much over the recording."""
 
 
-def clock_skew_findings(figures: Mapping[str, Any]) -> tuple[str, ...]:
+def clock_skew_findings(rates: Mapping[str, FittedRate]) -> tuple[str, ...]:
     """The rates that were changed, a sentence each."""
     return tuple(
-        f"the clock of {name} was fitted: {rate['fps']:.6g} frames per second (sigma {rate['sigma']:.1g}) in place of the "
-        f"stated {rate['stated']:.6g}"
-        for name, rate in figures.get("clock_rates", {}).items()
-        if rate["fps"] != rate["stated"]
+        f"the clock of {name} was fitted: {rate.fps:.6g} frames per second (sigma {rate.sigma:.1g}) in place of the "
+        f"stated {rate.stated:.6g}"
+        for name, rate in rates.items()
+        if rate.fps != rate.stated
     )
 
 
@@ -41,11 +41,11 @@ def find_clock_skew(inputs: SceneInputs, estimate: Estimate) -> Correction | Non
     return Correction(replace(inputs, observations=replace(inputs.observations, clocks=clocks)))
 
 
-def clock_rate_figures(stated: SceneInputs, corrected: SceneInputs, estimate: Estimate) -> dict[str, Any]:
-    """JSON-ready, by camera: the fitted rate, the stated one, and the fitted one's sigma, frames per second."""
+def clock_rate_figures(stated: SceneInputs, corrected: SceneInputs, estimate: Estimate) -> dict[str, FittedRate]:
+    """The fitted rate of each camera, beside the stated one."""
     before, after = _clocks(stated), _clocks(corrected)
     return {
-        name: {"fps": after[name].fps, "stated": before[name].fps, "sigma": _sigma(drift) * after[name].fps}
+        name: FittedRate(fps=after[name].fps, stated=before[name].fps, sigma=_sigma(drift) * after[name].fps)
         for name, drift in estimate.association.drifts.items()
         if name in before
     }

@@ -10,7 +10,8 @@ from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
 from passerby.core.trajectories import Trajectories
-from passerby.interchange.output_folder import CALIBRATION_FILE, TRACKS_FOLDER, OutputFolder, read_output
+from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.interchange.output_folder import TRACKS_FOLDER, OutputFolder, read_output
 from passerby.people.trajectories.trajectories import METHODS, TrackOptions, trajectories
 
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -26,6 +25,7 @@ from passerby.calibration.repairs import Repair, Repaired, apply_repairs
 from passerby.calibration.scene_solver import solver_options
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
+from passerby.core.figures import adjusted, heights_of
 from passerby.core.solution import Solution
 from passerby.people.ground_shape import GroundShape
 from passerby.scene.inputs import SceneInputs, read_inputs
@@ -103,7 +103,8 @@ def calibrate_inputs(
         doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
         solution = _decided(scene, solution, association, doubts, placed.rig)
     solved = time.perf_counter()
-    refined = (*lens_notes(solution.figures), *clock_skew_findings(solution.figures), *ground)
+    lenses, rates = adjusted(solution.figures).lenses, solution.figures.clock_rates or {}
+    refined = (*lens_notes(lenses), *clock_skew_findings(rates), *ground)
     for note in (
         *refined,
         *association.findings,
@@ -133,10 +134,11 @@ def _with_figures(
 ) -> Solution:
     """The solution, its figures with those of the repairs and of the ground."""
     solution = repaired.estimate.solution
-    figures: dict[str, Any] = {"moved": [one.figures for one in motions], "ground": ground_figures(shape)}
+    rates = None
     if "clock_rate" in scene.solver.refine and (inputs.observations.clocks or inputs.observations.fps is not None):
-        figures["clock_rates"] = clock_rate_figures(inputs, repaired.inputs, repaired.estimate)
-    return replace(solution, figures=solution.figures | figures)
+        rates = clock_rate_figures(inputs, repaired.inputs, repaired.estimate)
+    moved = tuple(one.figures for one in motions)
+    return replace(solution, figures=replace(solution.figures, moved=moved, ground=ground_figures(shape), clock_rates=rates))
 
 
 def _doubts(
@@ -157,8 +159,7 @@ def _doubts(
 def _decided(scene: Scene, solution: Solution, association: Association, doubts: Sequence[str], placed: Rig) -> Solution:
     """The solution with the verdict on it."""
     basis, grown = _scale_of(scene, solution, placed)
-    heights = solution.figures.get("people", {}).get("heights_m")
-    tall = doubts_of_heights(heights, grown, scene.scale.person_height_m) if grown != 1.0 else ()
+    tall = doubts_of_heights(heights_of(solution.figures), grown, scene.scale.person_height_m) if grown != 1.0 else ()
     return judged(
         solution, association.instants, given=scene.association.given, why=association.lost, doubts=(*doubts, *tall),
         basis=basis, grown=grown,
@@ -168,7 +169,7 @@ def _decided(scene: Scene, solution: Solution, association: Association, doubts:
 def _scale_of(scene: Scene, found: Solution, placed: Rig) -> tuple[ScaleBasis, float]:
     """What the scale rests on, and what known places multiplied it by."""
     said = bool(scene.scale.model_fields_set & {"person_height_m", "people"})
-    basis = scale_basis(found.figures.get("scale", {}).get("cues"), said=said)
+    basis = scale_basis(adjusted(found.figures).scale.cues, said=said)
     if scene.world is None or not scene.world.scale:
         return basis, 1.0
     centres = [np.array([camera.pose.centre for camera in rig if camera.pose is not None]) for rig in (found.rig, placed)]

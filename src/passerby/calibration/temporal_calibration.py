@@ -27,6 +27,7 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
+from passerby.core.figures import adjusted
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.core.solution import Solution
 from passerby.people.upright_rays import bodies_of
@@ -93,9 +94,9 @@ def _refined(
     else:
         in_step = snap_to_whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in cameras]))
         if in_step is not None:
-            figures, offset_s = solution.figures, in_step
+            clocks, offset_s = adjusted(solution.figures).clocks, in_step
             solution = solve(synchronise(rig, cameras, seen, offset_s), initial.guesses, passing=False, refine_time=False)
-            solution = replace(solution, figures=solution.figures | {"clocks": figures["clocks"]})
+            solution = replace(solution, figures=replace(adjusted(solution.figures), clocks=clocks))
     solution = _without_clocks(solution, lost)
     return solution, _association(rig, observations, cameras, initial, offset_s, solution)
 
@@ -191,7 +192,7 @@ def _association(
     poses = [camera.pose for camera in solution.rig]
     drifts = clock_drifts(cameras, poses, people, offset_s) if any(poses) else {}
     doubts, findings = drift_findings(cameras, drifts)
-    sigma_s = {name: clock["sigma_s"] for name, clock in solution.figures.get("clocks", {}).items()}
+    sigma_s = {name: clock.sigma_s for name, clock in adjusted(solution.figures).clocks.items()}
     instants = synchronise(rig, cameras, observations, offset_s)
     clocks = clocks_with(cameras, offset_s)
     return Association(

@@ -10,7 +10,9 @@ import numpy as np
 
 from passerby.calibration.calibration import Calibration
 from passerby.cli.terminal import MISSING, is_interactive, number, show_table
+from passerby.core.association_figures import TiedPair
 from passerby.core.cameras import Camera, Rig
+from passerby.core.figures import AdjustedFigures, adjusted
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.stated import Stated
 from passerby.interchange.storage.json_text import to_json
@@ -30,12 +32,12 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     clock = ("clock s", "sigma s") if timed else ()
     columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", *clock, "boxes", "joints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
-    show_scale(calibration.figures, calibration.rig)
+    show_scale(adjusted(calibration.figures), calibration.rig)
     for finding in calibration.findings if not is_interactive() else ():
         print(f"note: {finding}")
     if verbose:
         if calibration.association is not None:
-            show_pairs(calibration.association.figures.get("pairs", []))
+            show_pairs(calibration.association.figures.pairs or ())
             for name, why in calibration.association.lost.items():
                 print(f"{name}: {' '.join(why.split())}")
         for reason in calibration.reasons:
@@ -59,20 +61,20 @@ def tell_reasons(calibration: Calibration) -> None:
         print(f"{calibration.verdict}: {' '.join(reasons.split())}", file=sys.stderr)
 
 
-def show_pairs(pairs: Sequence[Mapping[str, Any]]) -> None:
+def show_pairs(pairs: Sequence[TiedPair]) -> None:
     """How each pair of cameras was registered; nothing where none was."""
     if not pairs:
         return
     rows = [
         [
-            " + ".join(pair["cameras"]),
-            pair["route"],
-            number(pair["score"]),
-            number(pair["share"], 2),
-            number(pair["runner_up"], 2),
-            MISSING if pair["matches"] is None else str(pair["matches"]),
-            number(pair["registered_offset_s"], 2),
-            "yes" if pair["used"] else "no",
+            " + ".join(pair.cameras),
+            pair.route,
+            number(pair.score),
+            number(pair.share, 2),
+            number(pair.runner_up, 2),
+            MISSING if pair.matches is None else str(pair.matches),
+            number(pair.registered_offset_s, 2),
+            "yes" if pair.used else "no",
         ]
         for pair in pairs
     ]
@@ -84,18 +86,18 @@ MOSTLY_SCALE = 0.5
 """Where the sigma within the rig is below this share of the whole, a measured length pays."""
 
 
-def show_scale(figures: Mapping[str, Any], rig: Rig) -> None:
+def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
     """How sure the scale is, how much each cue pulls, and what a measured length would do; nothing where nobody knows."""
-    scale = figures.get("scale", {})
-    if "cues" not in scale:
+    scale = figures.scale
+    if not figures.cameras:
         return
-    if scale.get("relative_sigma") is None:
+    if scale.relative_sigma is None:
         print("scale unknown: nothing that was seen or stated fixes it")
         return
-    pulls = ", ".join(f"{cue_in_words(cue['cue'])} ({100 * cue['share']:.0f} %)" for cue in scale["cues"])
-    print(f"scale known to {100 * scale['relative_sigma']:.1f} %, from {pulls}")
+    pulls = ", ".join(f"{cue_in_words(cue.cue)} ({100 * cue.share:.0f} %)" for cue in scale.cues)
+    print(f"scale known to {100 * scale.relative_sigma:.1f} %, from {pulls}")
     whole = [1000 * camera.sigma.position_m for camera in rig if camera.sigma is not None]
-    within = [sigma for camera in figures.get("cameras", ()) if (sigma := camera.get("shape_position_sigma_mm")) is not None]
+    within = [sigma for camera in figures.cameras if (sigma := camera.shape_position_sigma_mm) is not None]
     if whole and within and np.isfinite(whole).all() and max(within) < MOSTLY_SCALE * max(whole):
         print(
             f"the sigmas are mostly scale: but for it, positions are known to {number(max(within), 0)} mm; one measured length "

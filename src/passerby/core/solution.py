@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 from passerby.core.cameras import Rig
+from passerby.core.figures import SolverFigures
 
 Verdict = Literal["accepted", "doubtful", "refused"]
 
@@ -20,5 +21,5 @@ class Solution:
     verdict: Verdict
     reasons: tuple[str, ...] = ()
     """What speaks against trusting the rig, one sentence each, with the mend."""
-    figures: dict[str, Any] = field(default_factory=dict)
-    """JSON-ready figures of every stage (counts, residuals, scale cues and their pull, sigmas)."""
+    figures: SolverFigures = field(default_factory=SolverFigures)
+    """Of every stage: counts, residuals, scale cues and their pull, sigmas."""

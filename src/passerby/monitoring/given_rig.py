@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +12,9 @@ import numpy as np
 import tomli_w
 
 from passerby.core.cameras import Rig
-from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE, camera_tables, read_report
+from passerby.core.figures import adjusted
+from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.interchange.output_folder import RIG_FILE, read_report
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, read_rig, table_of
 from passerby.interchange.storage.faults import read_toml
 
@@ -40,22 +41,10 @@ def read_given(path: Path) -> GivenRig:
     rig = read_rig(file)
     if file.name != RIG_FILE or not (file.parent / CALIBRATION_FILE).is_file():
         return GivenRig(rig, path=file)
-    report = read_report(file.parent)
-    tables = camera_tables(file.parent, report)
-    offsets = {name: _number(table.get("time_offset_s")) for name, table in tables.items()}
-    figures = report.get("figures")
-    shapes = figures.get("cameras") if isinstance(figures, dict) else None
-    sigma = {
-        str(one.get("name")): _number(one.get("shape_position_sigma_mm")) / 1000
-        for one in (shapes if isinstance(shapes, list) else ())
-        if isinstance(one, dict)
-    }
-    return GivenRig(rig, offsets, {name: value for name, value in sigma.items() if value > 0}, file)
-
-
-def _number(value: Any) -> float:
-    """A finite number, or 0."""
-    return float(value) if isinstance(value, int | float) and math.isfinite(value) else 0.0
+    document = read_report(file.parent)
+    offsets = {entry.name: entry.time_offset_s or 0.0 for entry in document.cameras}
+    shapes = {one.name: (one.shape_position_sigma_mm or 0.0) / 1000 for one in adjusted(document.figures).cameras}
+    return GivenRig(rig, offsets, {name: sigma for name, sigma in shapes.items() if sigma > 0}, file)
 
 
 def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:

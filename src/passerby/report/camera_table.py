@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
-from passerby.core.cameras import Camera, Pose
+from passerby.core.cameras import Camera
 from passerby.core.colours import camera_colour
+from passerby.interchange.calibration_json import CameraEntry
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join
 from passerby.report.mends import point_of
 from passerby.report.seen import Seen
 from passerby.report.tables import Cell, Column, data_table, number, text
-from passerby.report.values import figure, number_of, texts_of
+from passerby.report.values import figure
 from passerby.report.weak_points import RESIDUAL_PX, outstanding, own_sigmas_mm, residuals_px
 
 COLUMNS = (
@@ -56,13 +56,13 @@ def camera_section(contents: Contents, seen: Seen) -> Section:
 
 def _told(contents: Contents, column: str) -> bool:
     """Whether a column has anything to tell: boxes, joints and clocks are not always there."""
-    tables = contents.cameras.values()
+    entries = contents.cameras.values()
     if column == "Joints":
-        return any(table.get("keypoints") for table in tables)
+        return any(entry.keypoints for entry in entries)
     if column == "Boxes":
-        return any(table.get("boxes") for table in tables) or not any(table.get("keypoints") for table in tables)
+        return any(entry.boxes for entry in entries) or not any(entry.keypoints for entry in entries)
     if column == "Clock":
-        return any(number_of(table.get("time_offset_s")) is not None for table in tables)
+        return any(entry.time_offset_s is not None for entry in entries)
     return True
 
 
@@ -70,45 +70,36 @@ def _row(
     contents: Contents, seen: Seen, place: int, camera: Camera, weak: Mapping[str, frozenset[str]], residual_px: float | None
 ) -> list[Cell]:
     """All cells of one camera; dashes where it has no pose."""
-    told, name = contents.cameras[camera.name], camera.name
+    entry, name = contents.cameras[camera.name], camera.name
     pose = camera.pose
-    x, y, z = (None, None, None) if pose is None else _centre(told, pose)
+    x, y, z = (None, None, None) if pose is None else entry.centre_m or pose.centre.tolist()
     heading, tilt, roll = (None, None, None) if pose is None else (pose.heading_deg, pose.tilt_deg, pose.roll_deg)
-    people = number_of(told.get("people"))
     return [
         text(join(swatch(place), element("span", name, class_="name"), _why(contents, camera)), name),
         number(x, 3),
         number(y, 3),
         number(z, 3),
-        number(_first(told, "heading_deg", heading)),
-        number(_first(told, "tilt_deg", tilt)),
-        number(_first(told, "roll_deg", roll)),
-        number(number_of(told.get("position_sigma_mm")), 0, kind="stands-out" if name in weak["± position"] else ""),
-        number(number_of(told.get("orientation_sigma_deg")), 2),
+        number(_first(entry.heading_deg, heading)),
+        number(_first(entry.tilt_deg, tilt)),
+        number(_first(entry.roll_deg, roll)),
+        number(entry.position_sigma_mm, 0, kind="stands-out" if name in weak["± position"] else ""),
+        number(entry.orientation_sigma_deg, 2),
         number(residual_px, 1, kind="stands-out" if name in weak["Residual"] else ""),
-        number(seen.people[name] if people is None else people, 0),
-        number(number_of(told.get("boxes")), 0),
-        number(number_of(told.get("keypoints")), 0),
-        _clock(told),
+        number(seen.people[name] if entry.people is None else entry.people, 0),
+        number(entry.boxes, 0),
+        number(entry.keypoints, 0),
+        _clock(entry),
     ]
 
 
-def _centre(told: Mapping[str, Any], pose: Pose) -> list[float]:
-    """Where a camera stands, with all digits that are told."""
-    centre = told.get("centre_m")
-    known = [value for one in centre if (value := number_of(one)) is not None] if isinstance(centre, list) else []
-    return known if len(known) == 3 else [float(value) for value in pose.centre]
+def _first(written: float | None, otherwise: float | None) -> float | None:
+    """What is written, or else what the pose makes it, for folders that an older Passerby wrote."""
+    return otherwise if written is None else written
 
 
-def _first(told: Mapping[str, Any], key: str, otherwise: float | None) -> float | None:
-    """What is told, or else what the pose makes it, for folders that an older Passerby wrote."""
-    value = number_of(told.get(key))
-    return otherwise if value is None else value
-
-
-def _clock(told: Mapping[str, Any]) -> Cell:
+def _clock(entry: CameraEntry) -> Cell:
     """Offset and sigma of a camera's clock."""
-    offset, sigma = number_of(told.get("time_offset_s")), number_of(told.get("time_offset_sigma_s"))
+    offset, sigma = entry.time_offset_s, entry.time_offset_sigma_s
     if offset is None:
         return number(None)
     near = element("small", f" ± {figure(sigma, 3)}") if sigma else None
@@ -126,6 +117,6 @@ def _why(contents: Contents, camera: Camera) -> Html | None:
         return None
     # C1 is not named where C10 is.
     named = re.compile(rf"(?<!\w){re.escape(camera.name)}(?!\w)")
-    reasons = [reason for reason in texts_of(contents.told.get("reasons")) if named.search(reason)]
+    reasons = [reason for reason in contents.document.reasons if named.search(reason)]
     why = point_of(reasons[0]).what if reasons else "Could not be joined to other cameras."
     return element("small", f"no pose: {why}", class_="why")

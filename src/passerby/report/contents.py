@@ -2,35 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures, adjusted
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.core.solution import Verdict
+from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
-from passerby.interchange.output_folder import (
-    RIG_FILE,
-    TRACKS_FOLDER,
-    camera_tables,
-    is_file_name,
-    read_report,
-    unlike,
-)
+from passerby.interchange.output_folder import RIG_FILE, TRACKS_FOLDER, is_file_name, read_report
 from passerby.interchange.rig_toml import read_rig
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True, eq=False)
 class Contents:
     """All that the report is made from."""
 
-    told: Mapping[str, Any]
+    document: CalibrationDocument
     """What `calibration.json` holds."""
     rig: Rig
     """All cameras, also those without a pose. Metres, world z up, ground at z = 0."""
@@ -42,16 +33,20 @@ class Contents:
     """The cameras' videos, as far as the files exist."""
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> Verdict:
         """accepted, doubtful or refused."""
-        return str(self.told.get("verdict"))
+        return self.document.verdict
 
     @property
-    def cameras(self) -> dict[str, Mapping[str, Any]]:
-        """By camera, its table of `calibration.json`; empty tables for cameras that it does not tell of."""
-        found = self.told.get("cameras")
-        tables = {str(one.get("name")): one for one in found if isinstance(one, dict)} if isinstance(found, list) else {}
-        return {name: tables.get(name, {}) for name in self.rig.names}
+    def cameras(self) -> dict[str, CameraEntry]:
+        """By camera, its entry of `calibration.json`; empty entries for cameras that it does not tell of."""
+        found = self.document.entries
+        return {name: found.get(name) or CameraEntry(name=name) for name in self.rig.names}
+
+    @property
+    def figures(self) -> AdjustedFigures:
+        """Of the method `people`; empty ones of another method, or where there is no rig."""
+        return adjusted(self.document.figures)
 
 
 def contents_from(out: Path) -> Contents:
@@ -59,15 +54,11 @@ def contents_from(out: Path) -> Contents:
 
     Raises `InputError` for a folder that no calibration wrote, or a file in it that is broken.
     """
-    told = read_report(out)
-    if told.get("verdict") not in ("accepted", "doubtful", "refused"):
-        raise unlike(out, f"verdict is {told.get('verdict')!r}")
+    document = read_report(out)
     rig = read_rig(out / RIG_FILE)
-    tables = camera_tables(out, told)
-    clocks = _clocks(tables, rig)
-    fps = _positive(_table(_table(told.get("scene")).get("scene")).get("fps"))
+    clocks = _clocks(document.entries, rig)
     seen = {name: CameraObservations(*_seen(out / TRACKS_FOLDER, name)) for name in rig.names}
-    return Contents(told, rig, Observations(seen, fps, clocks), clocks, _videos(told, rig))
+    return Contents(document, rig, Observations(seen, document.scene.scene.fps, clocks), clocks, _videos(document, rig))
 
 
 def _seen(folder: Path, name: str) -> tuple[Boxes, Keypoints]:
@@ -81,37 +72,20 @@ def _seen(folder: Path, name: str) -> tuple[Boxes, Keypoints]:
     )
 
 
-def _clocks(tables: Mapping[str, Mapping[str, Any]], rig: Rig) -> dict[str, Clock]:
+def _clocks(entries: Mapping[str, CameraEntry], rig: Rig) -> dict[str, Clock]:
     """Each camera's clock; none at all where one camera has none, since instants need all."""
-    found = {}
-    for name in rig.names:
-        table = tables.get(name, {})
-        fps, offset = _positive(table.get("fps")), table.get("time_offset_s")
-        if fps is None:
-            return {}
-        found[name] = Clock(fps, float(offset) if isinstance(offset, int | float) and math.isfinite(offset) else 0.0)
-    return found
+    found = {name: Clock(entry.fps, entry.time_offset_s or 0.0) for name, entry in entries.items() if entry.fps is not None}
+    return {name: found[name] for name in rig.names} if all(name in found for name in rig.names) else {}
 
 
-def _videos(told: Mapping[str, Any], rig: Rig) -> dict[str, Path]:
+def _videos(document: CalibrationDocument, rig: Rig) -> dict[str, Path]:
     """The videos that the scene names, as far as they lie where they lay."""
-    scene_path, tables = told.get("scene_file"), _table(_table(told.get("scene")).get("cameras"))
-    if not isinstance(scene_path, str):
+    if document.scene_file is None:
         return {}
     found = {}
     for name in rig.names:
-        video = _table(tables.get(name)).get("video")
-        if isinstance(video, str) and video and "\0" not in video and (path := Path(scene_path).parent / video).is_file():
+        declared = document.scene.cameras.get(name)
+        video = None if declared is None else declared.video
+        if video and "\0" not in video and (path := Path(document.scene_file).parent / video).is_file():
             found[name] = path
     return found
-
-
-def _table(value: Any) -> Mapping[str, Any]:
-    """`value` where it is a table, else an empty one."""
-    return value if isinstance(value, Mapping) else {}
-
-
-def _positive(value: Any) -> float | None:
-    """A finite number above 0, else None."""
-    sound = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and value > 0
-    return float(value) if sound else None

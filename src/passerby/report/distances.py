@@ -9,7 +9,7 @@ import numpy as np
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.tables import Cell, Column, data_table, number, text
-from passerby.report.values import figure, number_of, rows_of, table_of
+from passerby.report.values import figure
 
 MATRIX_CAMERAS = 8
 """More cameras make a list of pairs: a wider matrix cannot be read on a laptop."""
@@ -35,10 +35,9 @@ def distances_of(contents: Contents) -> list[Distance]:
     scaled since.
     """
     solved: dict[tuple[str, str], tuple[float, float]] = {}
-    for one in rows_of(table_of(contents.told, "figures").get("distances")):
-        between, metres, sigma = one.get("cameras"), number_of(one.get("metres")), number_of(one.get("sigma_m"))
-        if isinstance(between, list) and len(between) == 2 and metres is not None and metres > 0 and sigma is not None:
-            solved[str(between[0]), str(between[1])] = metres, sigma
+    for one in contents.figures.distances:
+        if one.metres > 0 and one.sigma_m is not None:
+            solved[one.cameras] = one.metres, one.sigma_m
     cameras = list(contents.rig.posed())
     out = []
     for index, a in enumerate(cameras):

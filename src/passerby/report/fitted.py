@@ -119,7 +119,7 @@ def fit_people(contents: Contents, most: int = MOST_SIGHTINGS) -> Fitted:
 
 def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
     """People at the instants of a sample."""
-    model = body_model(contents.told)
+    model = body_model(contents.figures, contents.document.scene.scale.person_height_m)
     rig = sample.rig if sample is not None else Rig(())
     boxes = _boxes(sample)
     bodies, body, agrees = upright_bodies(rig, boxes, model)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element
 from passerby.report.mends import Point, points_of, sentence
 from passerby.report.seen import Seen, Spells
-from passerby.report.values import MISSING, UNKNOWN, count, number_of, table_of, texts_of
+from passerby.report.values import MISSING, UNKNOWN, count
 from passerby.report.weak_points import weak_points
 
 WORDS = {"accepted": "Accepted", "doubtful": "Doubtful", "refused": "Refused"}
@@ -27,8 +29,8 @@ SHOWN_REASONS = 6
 
 def headline_section(contents: Contents, seen: Seen) -> Section:
     """The verdict and all that explains it."""
-    verdict = contents.verdict if contents.verdict in WORDS else "refused"
-    reasons = points_of(texts_of(contents.told.get("reasons")), contents.rig.names)
+    verdict = contents.verdict
+    reasons = points_of(contents.document.reasons, contents.rig.names)
     banner = element(
         "div",
         icon(verdict),
@@ -44,7 +46,7 @@ def headline_section(contents: Contents, seen: Seen) -> Section:
         _figures(contents, seen.spells),
         _points("What speaks against it", "reasons", reasons),
         _points("What would make it better", "weak", weak_points(contents, seen)) if verdict != "refused" else None,
-        _findings(texts_of(contents.told.get("findings"))),
+        _findings(contents.document.findings),
     ]
     return Section("summary", "", "", element("div", parts, class_=f"summary verdict-{verdict}"), "Verdict")
 
@@ -58,16 +60,15 @@ def icon(verdict: str, size: int = 32) -> Html:
 
 def _figures(contents: Contents, spells: Spells) -> Html:
     """The key figures, a dash where one is undefined, a word where nothing fixes what it is of."""
-    figures = table_of(contents.told, "figures")
-    scale, vertical = number_of(table_of(figures, "scale").get("relative_sigma")), number_of(figures.get("vertical_sigma_deg"))
-    used = number_of(table_of(figures, "people").get("identities"))
-    people = len(spells.people) if used is None else int(used)
+    figures = contents.figures
+    scale, vertical, used = figures.scale.relative_sigma, figures.vertical_sigma_deg, figures.people
+    people = len(spells.people) if used is None else used.identities
     posed, every = len(contents.rig.posed()), len(contents.rig)
     begin, end = spells.span
     lasted = _duration(end - begin) if spells.in_seconds else f"{end - begin:.0f} frames"
-    sigmas = [number_of(one.get("position_sigma_mm")) for one in contents.cameras.values()]
+    sigmas = [one.position_sigma_mm for one in contents.cameras.values()]
     worst = max((sigma for sigma in sigmas if sigma is not None), default=None)
-    free = texts_of(figures.get("undetermined"))
+    free = figures.undetermined or ()
     scale_told, vertical_told = (UNKNOWN if one in free else MISSING for one in ("scale", "vertical"))
     told = [
         ("cameras with a pose", f"{posed} of {every}"),
@@ -88,7 +89,7 @@ def _people_label(contents: Contents, used: bool) -> str:
     """What the count counts: people where identities were given; tracks where they were found, several of which may be one
     person's.
     """
-    given = table_of(contents.told, "scene", "association").get("mode", "given") == "given"
+    given = contents.document.scene.association.mode in (None, "given")
     if used:
         return "people it rests on" if given else "tracks it rests on"
     return "people" if given else "tracks of people"
@@ -125,7 +126,7 @@ def _mend(point: Point) -> Html:
     return element("p", element("span", "To do ", class_="to-do"), point.mend, class_="mend")
 
 
-def _findings(findings: list[str]) -> Html | None:
+def _findings(findings: Sequence[str]) -> Html | None:
     """What is odd about the input."""
     if not findings:
         return None
@@ -137,11 +138,10 @@ def _findings(findings: list[str]) -> Html | None:
 
 def scene_name(contents: Contents) -> str:
     """What the scene is called."""
-    name = contents.told.get("name")
-    return str(name) if name else "scene"
+    return contents.document.name or "scene"
 
 
 def verdict_pill(contents: Contents) -> Html:
     """The verdict in small, for the bar at the top."""
-    verdict = contents.verdict if contents.verdict in WORDS else "refused"
+    verdict = contents.verdict
     return element("a", icon(verdict, 16), WORDS[verdict], href="#summary", class_=f"pill verdict-{verdict}")

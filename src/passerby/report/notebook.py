@@ -5,16 +5,15 @@ Text and lines take the notebook's own colour, so that both are readable on ligh
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera, Rig
 from passerby.core.colours import camera_colour
+from passerby.interchange.calibration_json import CameraEntry
 from passerby.interchange.output_folder import OutputFolder
 from passerby.report.html import Child, Html, element
 from passerby.report.rig_geometry import ellipse, ground_covariance, magnification, semi_axes, wedge
@@ -44,24 +43,15 @@ def rig_html(rig: Rig) -> str:
 
 
 def output_folder_html(folder: OutputFolder) -> str:
-    """What a calibration has written, as `result_html`.
-
-    `calibration.json` may hold anything: what is not a number there is a dash.
-    """
-    tables = {str(one["name"]): one for one in folder.report.get("cameras", []) if isinstance(one, Mapping) and "name" in one}
-    cameras = [tables.get(name, {}) for name in folder.rig.names]
-    findings = folder.report.get("findings")
+    """What a calibration has written, as `result_html`."""
+    document = folder.document
+    cameras = [document.entries[name] for name in folder.rig.names]
     return result_html(
-        str(folder.report.get("name") or folder.path.name),
+        document.name or folder.path.name,
         folder.rig,
-        Outcome(
-            folder.verdict,
-            folder.reasons,
-            tuple(str(one) for one in findings) if isinstance(findings, list) else (),
-            folder.all_cameras,
-        ),
+        Outcome(folder.verdict, folder.reasons, document.findings, folder.all_cameras),
         cameras,
-        clocked=any(one.get("time_offset_s") for one in cameras),
+        clocked=any(one.time_offset_s for one in cameras),
     )
 
 
@@ -76,14 +66,14 @@ class Outcome:
     """Those without a pose too."""
 
 
-def result_html(title: str, rig: Rig, outcome: Outcome, cameras: Sequence[Mapping[str, Any]], *, clocked: bool) -> str:
+def result_html(title: str, rig: Rig, outcome: Outcome, cameras: Sequence[CameraEntry], *, clocked: bool) -> str:
     """A calibration: the verdict with its reasons, the cameras, the rig from above, and what is odd about the input.
 
     Args:
         title: the scene's name.
         rig: all cameras that are listed.
         outcome: how it ended.
-        cameras: of each camera of the rig, its table of `calibration.json`.
+        cameras: of each camera of the rig, its entry of `calibration.json`.
         clocked: give a column of clock offsets.
     """
     head = _head(
@@ -96,18 +86,13 @@ def result_html(title: str, rig: Rig, outcome: Outcome, cameras: Sequence[Mappin
     )  # fmt: skip
 
 
-def _seen_columns(told: Sequence[Mapping[str, Any]], clocked: bool) -> list[tuple[str, list[str]]]:
-    """Columns of what the cameras saw, from their tables in `calibration.json`."""
-    columns = [("residual px", "median_residual_px", 1), ("people", "people", 0)]
-    columns += [("clock s", "time_offset_s", 3)] if clocked else []
-    return [(title, [_number(_finite(one.get(key)), digits) for one in told]) for title, key, digits in columns]
-
-
-def _finite(value: object) -> float | None:
-    """A finite number, or None."""
-    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) <= sys.float_info.max:
-        return None
-    return float(value)
+def _seen_columns(cameras: Sequence[CameraEntry], clocked: bool) -> list[tuple[str, list[str]]]:
+    """Columns of what the cameras saw, from their entries in `calibration.json`."""
+    columns = [
+        ("residual px", [_number(one.median_residual_px, 1) for one in cameras]),
+        ("people", [_number(one.people, 0) for one in cameras]),
+    ]
+    return [*columns, *([("clock s", [_number(one.time_offset_s, 3) for one in cameras])] if clocked else [])]
 
 
 def _notes(findings: Sequence[str]) -> Html | None:

@@ -112,7 +112,7 @@ def _footer(contents: Contents) -> Html:
     """By what the page was made."""
     return element(
         "footer",
-        element("p", f"Made by Passerby {contents.told.get('passerby', '')} from calibration.json, rig.toml and tracks/."),
+        element("p", f"Made by Passerby {contents.document.passerby or ''} from calibration.json, rig.toml and tracks/."),
     )
 
 

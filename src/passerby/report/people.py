@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from passerby.core.colours import person_colour
+from passerby.core.figures import CueFigures, StarFigures, StarScale, heights_of
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.tables import Column, data_table, number, text
-from passerby.report.values import count, number_of, rows_of, table_of
+from passerby.report.values import count
 from passerby.solver.cues import cue_in_words
 
 NAMED = "height of person "
@@ -24,14 +25,14 @@ def heights_section(contents: Contents) -> Section:
         "Each dot is a person, shortest first; the band is what was assumed of people: the mean height and one standard "
         "deviation. Heights far outside it are mostly not people, or not one person."
     )
-    heights = {str(who): value for who, told in _heights(contents).items() if (value := number_of(told)) is not None}
+    heights = heights_of(contents.figures)
     if not heights:
         why = "The solver tells no heights"
-        if contents.told.get("method") == "geopose":
+        if contents.document.method == "geopose":
             why += ': the method "geopose" takes all people as equally tall'
         return Section("heights", "How tall the people are", lead, nothing(f"{why}."), "Heights")
-    prior = table_of(contents.told, "scene", "scale")
-    mean, sd = number_of(prior.get("person_height_m")), number_of(prior.get("person_height_sd_m"))
+    prior = contents.document.scene.scale
+    mean, sd = prior.person_height_m, prior.person_height_sd_m
     label = (
         f"Heights of {count(len(heights), 'person', 'people')}, {min(heights.values()):.2f} to {max(heights.values()):.2f} m"
     )
@@ -39,18 +40,10 @@ def heights_section(contents: Contents) -> Section:
     return Section("heights", "How tall the people are", lead, body, "Heights")
 
 
-def _heights(contents: Contents) -> Mapping[str, Any]:
-    return table_of(contents.told, "figures", "people", "heights_m")
-
-
 def _stated(contents: Contents) -> dict[str, tuple[float, float]]:
     """Height and standard deviation of the people whom the scene file tells of."""
-    out = {}
-    for cue in rows_of(table_of(contents.told, "figures", "scale").get("cues")):
-        stated, sd = number_of(cue.get("stated_m")), number_of(cue.get("sd_m"))
-        if str(cue.get("cue", "")).startswith(NAMED) and stated is not None:
-            out[str(cue["cue"]).removeprefix(NAMED)] = (stated, sd or 0.0)
-    return out
+    cues = contents.figures.scale.cues
+    return {cue.cue.removeprefix(NAMED): (cue.stated_m, cue.sd_m) for cue in cues if cue.cue.startswith(NAMED)}
 
 
 def _figure(
@@ -139,27 +132,24 @@ def scale_section(contents: Contents) -> Section:
         "What tells how long a metre is. The pull is a cue's share in the answer; one that is off by more than three sigmas "
         "contradicts the others: measure it again."
     )
-    scale = table_of(contents.told, "figures", "scale")
-    cues = rows_of(scale.get("cues"))
+    cues, figures = contents.figures.scale.cues, contents.document.figures
     if cues:
         body = _cue_table(cues)
-    elif number_of(scale.get("factor")) is not None:
-        body = element("p", _geopose_scale(scale))
+    elif isinstance(figures, StarFigures):
+        body = element("p", _geopose_scale(figures.scale))
     else:
         body = nothing("There is no rig, so nothing was measured: the scale was not determined.")
     return Section("scale", "What the scale rests on", lead, body, "Scale")
 
 
-def _geopose_scale(scale: Mapping[str, Any]) -> str:
+def _geopose_scale(scale: StarScale) -> str:
     """The scale of the method "geopose", in words."""
-    height, segments, people = (number_of(scale.get(key)) for key in ("height_m", "segments", "people"))
-    told = f"The scale comes from one cue: {scale.get('from', 'a known length')}"
-    told += f", {height:.2f} m for everybody" if height is not None else ""
-    told += f", from {count(int(people), 'person', 'people')}" if people is not None else ""
-    return told + (f", seen upright {segments:.0f} times." if segments is not None else ".")
+    told = f"The scale comes from one cue: {scale.from_}"
+    told += f", {scale.height_m:.2f} m for everybody" if scale.height_m is not None else ""
+    return told + (f", from {count(scale.people, 'person', 'people')}." if scale.people is not None else ".")
 
 
-def _cue_table(cues: list[Mapping[str, Any]]) -> Html:
+def _cue_table(cues: Sequence[CueFigures]) -> Html:
     """A row for each cue, its pull as a bar."""
     columns = [
         Column("Cue", numeric=False),
@@ -171,17 +161,16 @@ def _cue_table(cues: list[Mapping[str, Any]]) -> Html:
     ]
     rows = []
     for cue in cues:
-        share, off = number_of(cue.get("share")), number_of(cue.get("residual_sigmas"))
-        percent = None if share is None else 100 * share
-        bar = element("span", class_="pull", style=f"width:{min(max(percent or 0.0, 0.0), 100.0):.1f}%", aria_hidden="true")
+        percent, off = 100 * cue.share, cue.residual_sigmas
+        bar = element("span", class_="pull", style=f"width:{min(max(percent, 0.0), 100.0):.1f}%", aria_hidden="true")
         pull = number(percent, 1)
         rows.append(
             [
-                text(cue_in_words(str(cue.get("cue", "")))),
-                number(number_of(cue.get("stated_m")), 3),
-                number(number_of(cue.get("measured_m")), 3),
-                number(number_of(cue.get("sd_m")), 3),
-                number(off, 1, kind="stands-out" if off is not None and abs(off) > 3 else "", sign=True),
+                text(cue_in_words(cue.cue)),
+                number(cue.stated_m, 3),
+                number(cue.measured_m, 3),
+                number(cue.sd_m, 3),
+                number(off, 1, kind="stands-out" if abs(off) > 3 else "", sign=True),
                 type(pull)(join(element("span", bar, class_="pull-box"), pull.shown), percent, "pull-cell", numeric=True),
             ]
         )

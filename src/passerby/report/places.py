@@ -10,7 +10,7 @@ from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.pictures import camera_picture, residual_map
 from passerby.report.rig_plots import rig_from_above, rig_in_space
 from passerby.report.seen import Seen
-from passerby.report.values import count, figure, number_of
+from passerby.report.values import count, figure
 from passerby.report.weak_points import residuals_px
 
 LAYERS = (
@@ -73,8 +73,8 @@ def _switches(contents: Contents) -> Html:
 
 def _panel(contents: Contents, fit: Fitted, seen: Seen, place: int, name: str) -> Html:
     """One camera."""
-    told, residual = contents.cameras[name], residuals_px(contents)[name]
-    boxes, joints = number_of(told.get("boxes")), number_of(told.get("keypoints"))
+    entry, residual = contents.cameras[name], residuals_px(contents)[name]
+    boxes, joints = entry.boxes, entry.keypoints
     facts = [
         count(seen.people[name], "person", "people"),
         *([f"{figure(boxes, 0)} boxes"] if boxes or not joints else []),

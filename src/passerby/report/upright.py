@@ -9,16 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures, heights_of
 from passerby.people.bodies import STANCE_SD, Rays, measure, rays_of, stand, stand_alone
 from passerby.people.model import GAIT_SHARE, Noise, Priors, body_ends
 from passerby.report.sampling import grouped
-from passerby.report.values import number_of, rows_of, table_of
 
 ROUNDS = 8
 """Of weighing and solving; the last moves a body by less than a millimetre."""
@@ -48,22 +47,28 @@ class BodyModel:
     """Of the others."""
 
 
-def body_model(told: Mapping[str, Any]) -> BodyModel:
-    """The model as `calibration.json` tells of it; the solver's own defaults for what it does not tell."""
-    noise, people = table_of(told, "figures", "noise"), table_of(told, "figures", "people", "heights_m")
-    cameras = rows_of(table_of(told, "figures").get("cameras"))
-    slack = {str(one.get("name")): _believed(one.get("slack"), 0.0, -SLACK_RANGE, SLACK_RANGE) for one in cameras}
-    heights = {int(key): float(metres) for key, metres in people.items() if _is_height(str(key), metres)}
-    assumed = _believed(table_of(told, "scene", "scale").get("person_height_m"), USUAL_HEIGHT_M, 0.5, 2.5)
-    usual = float(np.mean(list(heights.values()))) if heights else assumed
+def body_model(figures: AdjustedFigures, person_height_m: float | None) -> BodyModel:
+    """The model as the solver's figures have it, as far as it can be believed; the solver's own defaults for the rest.
+
+    Args:
+        figures: of the solver.
+        person_height_m: how tall people were taken to be; None where that was not written.
+    """
     usually = Noise()
+    noise = figures.noise
+    slack = {one.name: _believed(one.slack, 0.0, -SLACK_RANGE, SLACK_RANGE) for one in figures.cameras}
+    heights = {int(who): height for who, height in heights_of(figures).items() if who.isdecimal() and 0.3 <= height <= 3.0}
+    assumed = _believed(person_height_m, USUAL_HEIGHT_M, 0.5, 2.5)
+    usual = float(np.mean(list(heights.values()))) if heights else assumed
     return BodyModel(
         Noise(
-            floor_px=_believed(noise.get("box_px"), usually.box_px, 0.01, 100.0),
-            centre=_believed(noise.get("centre"), usually.centre, 1e-3, 1.0),
-            height=_believed(noise.get("height"), usually.height, 1e-3, 1.0),
-        ),
-        _believed(table_of(told, "figures").get("foot_shift"), Priors().foot_shift, -0.5, 0.5),
+            floor_px=_believed(noise.box_px, usually.box_px, 0.01, 100.0),
+            centre=_believed(noise.centre, usually.centre, 1e-3, 1.0),
+            height=_believed(noise.height, usually.height, 1e-3, 1.0),
+        )
+        if noise is not None
+        else Noise(floor_px=usually.box_px),
+        _believed(figures.foot_shift, Priors().foot_shift, -0.5, 0.5),
         slack,
         heights,
         usual,
@@ -237,12 +242,6 @@ def _sums(group: Ints, values: Floats, n: int) -> Floats:
     return np.stack([np.bincount(group, values[:, k], minlength=n) for k in range(values.shape[1])], axis=1)
 
 
-def _believed(value: Any, otherwise: float, low: float, high: float) -> float:
+def _believed(value: float | None, otherwise: float, low: float, high: float) -> float:
     """A number within a range, or else the usual one."""
-    number = number_of(value)
-    return otherwise if number is None or not low <= number <= high else number
-
-
-def _is_height(key: str, value: Any) -> bool:
-    """Whether an identity and its height are believable."""
-    return key.isdecimal() and _believed(value, 0.0, 0.3, 3.0) > 0
+    return otherwise if value is None or not low <= value <= high else value

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
+from passerby.core.association_figures import TiedPair
 from passerby.core.colours import camera_colour
+from passerby.core.figures import PairFigures, StarFigures
 from passerby.core.overlap import Shared
 from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen
 from passerby.report.tables import Column, data_table, number, text
-from passerby.report.values import MISSING, number_of, rows_of, table_of
+from passerby.report.values import MISSING
 
 STRONG, FAIR = 0.7, 0.4
 """Confidence above which a pair is strong, or fair."""
@@ -60,46 +62,53 @@ def links_of(contents: Contents, seen: Seen) -> list[Link]:
     """All pairs that share somebody or that a stage tells of, in the rig's order."""
     found = {pair: Link(*pair, shared) for pair, shared in seen.shared.items()}
     several = len(contents.rig) > 2
-    for told in rows_of(table_of(contents.told, "association").get("pairs")):
-        _update(found, told.get("cameras"), lambda link, told=told: _associated(link, told, several))
-    for told in rows_of(table_of(contents.told, "figures").get("pairs")):
-        cameras = told.get("cameras") or [table_of(contents.told, "figures").get("reference"), told.get("camera")]
-        _update(found, cameras, lambda link, told=told: _solved(link, told, several))
+    for tied in contents.document.association.pairs or ():
+        _update(found, tied.cameras, partial(_associated, tied=tied, several=several))
+    for guess in _guesses(contents):
+        _update(found, guess.cameras, partial(_solved, guess=guess, several=several))
     return [link for link in found.values() if link.shared.sightings or link.routes]
 
 
-def _update(found: dict[tuple[str, str], Link], cameras: Any, change: Any) -> None:
+def _guesses(contents: Contents) -> Sequence[PairFigures]:
+    """How the solver took pairs of cameras to stand, whichever its method."""
+    figures = contents.document.figures
+    if not isinstance(figures, StarFigures):
+        return contents.figures.pairs
+    return [
+        PairFigures(
+            cameras=(figures.reference, arm.camera), route="essential matrix", inliers=arm.inliers, matches=arm.correspondences,
+            support=None,
+        )
+        for arm in figures.pairs
+    ]  # fmt: skip
+
+
+def _update(found: dict[tuple[str, str], Link], cameras: tuple[str, str], change: Callable[[Link], Link]) -> None:
     """Change the link of two cameras, whichever order they are named in."""
-    if isinstance(cameras, list | tuple) and len(cameras) == 2:
-        pair = (str(cameras[0]), str(cameras[1]))
-        pair = pair if pair in found else (pair[1], pair[0])
-        if pair in found:
-            found[pair] = change(found[pair])
+    pair = cameras if cameras in found else (cameras[1], cameras[0])
+    if pair in found:
+        found[pair] = change(found[pair])
 
 
-def _associated(link: Link, told: Mapping[str, Any], several: bool) -> Link:
+def _associated(link: Link, tied: TiedPair, several: bool) -> Link:
     """A pair as association tells of it."""
     return replace(
         link,
-        agreeing=number_of(told.get("share")),
-        support=number_of(told.get("support")) if several else None,
-        routes=(str(told.get("route")),),
-        runner_up=number_of(told.get("runner_up")),
-        offset_s=number_of(told.get("offset_s")),
-        used=bool(told.get("used")),
+        agreeing=tied.share,
+        support=tied.support if several else None,
+        routes=(tied.route,),
+        runner_up=tied.runner_up,
+        offset_s=tied.offset_s,
+        used=tied.used,
     )
 
 
-def _solved(link: Link, told: Mapping[str, Any], several: bool) -> Link:
+def _solved(link: Link, guess: PairFigures, several: bool) -> Link:
     """A pair as the solver tells of it, the best of its routes: its figures stand for those of association."""
-    inliers = number_of(told.get("inliers"))
-    matches = number_of(told.get("matches")) or number_of(told.get("correspondences"))
-    share = inliers / matches if inliers is not None and matches else None
-    support = number_of(told.get("support")) if several else None
-    route = str(told.get("route", "essential matrix"))
-    new = replace(link, agreeing=share, support=support, used=True)
+    share = guess.inliers / guess.matches if guess.matches else None
+    new = replace(link, agreeing=share, support=guess.support if several else None, used=True)
     earlier = [name for name in link.routes if name in ("ground", "epipolar", "essential matrix")]
-    routes = link.routes if route in link.routes else (*link.routes, route)
+    routes = link.routes if guess.route in link.routes else (*link.routes, guess.route)
     better = not earlier or (new.confidence or 0.0) > (link.confidence or 0.0)
     return replace(new if better else link, routes=routes, used=True)
 

@@ -12,7 +12,6 @@ from passerby.report.contents import Contents
 from passerby.report.distances import best_to_measure, distances_of
 from passerby.report.mends import Point
 from passerby.report.seen import Seen
-from passerby.report.values import number_of, rows_of, table_of, texts_of
 
 SURE_SCALE = 0.01
 """Above a percent, measuring one distance with a tape is the cheapest gain there is."""
@@ -33,7 +32,7 @@ def weak_points(contents: Contents, seen: Seen) -> list[Point]:
     if len(contents.rig.posed()) < 2:
         return []
     found = [*_scale(contents), *_vertical(contents), *_uncertain(contents), *_residual(contents), *_lonely(contents, seen)]
-    reasons = " ".join(texts_of(contents.told.get("reasons")))
+    reasons = " ".join(contents.document.reasons)
     return [Point(one.what, one.mend) for one in found if not re.search(rf"(?<!\w){re.escape(one.about)}(?!\w)", reasons)]
 
 
@@ -55,29 +54,23 @@ def outstanding(values: Mapping[str, float | None]) -> list[str]:
 
 def own_sigmas_mm(contents: Contents) -> dict[str, float | None]:
     """By camera, its position's sigma within the rig where the solver tells it, else that in the world, millimetres."""
-    shape = {
-        str(one.get("name")): number_of(one.get("shape_position_sigma_mm"))
-        for one in rows_of(table_of(contents.told, "figures").get("cameras"))
-    }
+    shape = {one.name: one.shape_position_sigma_mm for one in contents.figures.cameras}
     posed = contents.rig.posed().names
     if all(shape.get(name) is not None for name in posed):
         return {name: shape[name] for name in posed}
-    return {name: number_of(contents.cameras[name].get("position_sigma_mm")) for name in posed}
+    return {name: contents.cameras[name].position_sigma_mm for name in posed}
 
 
 def residuals_px(contents: Contents) -> dict[str, float | None]:
     """By camera, how far its people are from where the rig has them, in the median, pixels."""
-    solved = {str(one.get("name")): one for one in rows_of(table_of(contents.told, "figures").get("cameras"))}
-    out = {}
-    for name, table in contents.cameras.items():
-        told = number_of(table.get("median_residual_px"))
-        out[name] = number_of(table_of(solved.get(name)).get("median_residual_px")) if told is None else told
-    return out
+    solved = {one.name: one.median_residual_px for one in contents.figures.cameras}
+    written = {name: entry.median_residual_px for name, entry in contents.cameras.items()}
+    return {name: solved.get(name) if residual is None else residual for name, residual in written.items()}
 
 
 def _scale(contents: Contents) -> list[_Weak]:
     """All lengths, where they are uncertain."""
-    sigma = number_of(table_of(contents.told, "figures", "scale").get("relative_sigma"))
+    sigma = contents.figures.scale.relative_sigma
     if sigma is None or sigma < SURE_SCALE:
         return []
     best = best_to_measure(distances_of(contents))
@@ -94,13 +87,12 @@ def _scale(contents: Contents) -> list[_Weak]:
 
 def _by_people_alone(contents: Contents) -> bool:
     """Whether nothing but people's heights told the scale."""
-    cues = rows_of(table_of(contents.told, "figures", "scale").get("cues"))
-    return all(str(cue.get("cue", "")).startswith("population") for cue in cues)
+    return all(cue.cue.startswith("population") for cue in contents.figures.scale.cues)
 
 
 def _vertical(contents: Contents) -> list[_Weak]:
     """The direction of up, where it is uncertain."""
-    sigma = number_of(table_of(contents.told, "figures").get("vertical_sigma_deg"))
+    sigma = contents.figures.vertical_sigma_deg
     if sigma is None or sigma < VERTICAL_DEG:
         return []
     what = f"The vertical is known to {sigma:.1f}° only."

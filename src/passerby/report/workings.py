@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from passerby.core.figures import AdjustedFigures, StarFigures
+from passerby.interchange.calibration_json import NetworkEntry, VideoEntry
+from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join, nothing
 from passerby.report.seen import Seen
 from passerby.report.tables import Column, data_table, text
-from passerby.report.values import count, figure, listed, number_of, rows_of, table_of, texts_of
+from passerby.report.values import count, figure, listed
 
 MODES = {
     "given": "who is who was given",
@@ -54,44 +57,42 @@ Step = tuple[str, list[str]] | None
 
 def _watched(contents: Contents) -> Step:
     """How people were found in the videos."""
-    told = table_of(contents.told, "perception")
-    if not told:
+    perception = contents.document.perception
+    if perception is None:
         return None
-    roles = {"detector": "People were found by", "embedder": "Looks were taken by", "keypoints": "Joints were found by"}
-    facts = [f"{words} {_choice(told[role])}." for role, words in roles.items() if told.get(role) not in (None, "none")]
-    for name, one in table_of(told, "cameras").items():
-        facts.append(_camera_video(str(name), table_of(one)))
-    return "Watching the videos", facts
+    roles = (
+        ("People were found by", perception.detector),
+        ("Looks were taken by", perception.embedder),
+        ("Joints were found by", perception.keypoints),
+    )
+    facts = [f"{words} {_choice(choice)}." for words, choice in roles if choice not in (None, "none")]
+    return "Watching the videos", facts + [_camera_video(name, one) for name, one in perception.cameras.items()]
 
 
-def _choice(choice: Any) -> str:
+def _choice(choice: str | NetworkEntry | None) -> str:
     """What did the work of a role, in words."""
-    if isinstance(choice, Mapping):
-        return f"the network {choice.get('network')} (licence: {choice.get('licence', 'unknown')})"
+    if isinstance(choice, NetworkEntry):
+        return f"the network {choice.network} (licence: {choice.licence or 'unknown'})"
     return {"background": "what differs from the empty scene", "stripes": "colours of horizontal stripes"}.get(
         str(choice), str(choice)
     )
 
 
-def _camera_video(name: str, one: Mapping[str, Any]) -> str:
+def _camera_video(name: str, one: VideoEntry) -> str:
     """What was found in one camera's video, and what is wrong with it."""
-    told = f"{name}: {figure(number_of(one.get('boxes')), 0)} boxes in {figure(number_of(one.get('pictures')), 0)} pictures"
-    shake, broken = number_of(one.get("shake_px")), number_of(one.get("broken"))
-    told += f"; it shakes by {shake:.2f} px" if shake is not None else ""
-    told += f"; {broken:.0f} pictures are broken" if broken else ""
-    moves = one.get("moves")
-    told += f"; it was moved {count(len(moves), 'time')}" if isinstance(moves, list) and moves else ""
-    ended = number_of(one.get("ended_early"))
-    told += "; it ends early" if one.get("ended_early") is not None else ""
-    return told + (f" (at {ended:.1f} s)." if ended is not None else ".")
+    told = f"{name}: {one.boxes} boxes in {one.pictures} pictures"
+    told += f"; it shakes by {one.shake_px:.2f} px" if one.shake_px is not None else ""
+    told += f"; {one.broken} pictures are broken" if one.broken else ""
+    told += f"; it was moved {count(len(one.moves), 'time')}" if one.moves else ""
+    return told + ("; it ends early." if one.ended_early is not None else ".")
 
 
 def _observed(contents: Contents, seen: Seen) -> Step:
     """What the rig was computed from."""
     facts = []
-    for name, told in contents.cameras.items():
-        boxes, joints = number_of(told.get("boxes")), number_of(told.get("keypoints"))
-        parts = [f"{boxes:.0f} boxes" if boxes else None, f"{joints:.0f} sightings with joints" if joints else None]
+    for name, entry in contents.cameras.items():
+        boxes, joints = entry.boxes, entry.keypoints
+        parts = [f"{boxes} boxes" if boxes else None, f"{joints} sightings with joints" if joints else None]
         width, height = contents.rig[name].lens.size
         kind = ", fisheye" if contents.rig[name].lens.fisheye else ""
         what = listed([part for part in parts if part]) or "nobody"
@@ -101,65 +102,58 @@ def _observed(contents: Contents, seen: Seen) -> Step:
 
 def _associated(contents: Contents) -> Step:
     """How people were told apart."""
-    told = table_of(contents.told, "association")
-    mode = str(told.get("mode") or table_of(contents.told, "scene", "association").get("mode") or "given")
+    found = contents.document.association
+    mode = found.mode or contents.document.scene.association.mode or "given"
     facts = [f"Mode “{mode}”: {MODES.get(mode, 'see the documentation')}."]
-    for one in rows_of(told.get("cameras")):
-        tracklets, walked = number_of(one.get("tracklets")), number_of(one.get("walking_samples"))
-        if tracklets is not None:
-            appearance = number_of(one.get("looks"))
-            facts.append(
-                f"{one.get('name')}: {count(int(tracklets), 'tracklet')}, {figure(walked, 0)} samples of people who walk"
-                + (f"; looks tell people apart in {100 * appearance:.0f} % of trials." if appearance is not None else ".")
-            )
-    pairs = rows_of(told.get("pairs"))
-    if pairs:
-        used = sum(bool(pair.get("used")) for pair in pairs)
-        facts.append(f"{used} of {count(len(pairs), 'pair')} of cameras could be registered.")
-    people, rounds = number_of(told.get("people")), rows_of(told.get("rounds"))
-    if people is not None:
+    for one in found.cameras or ():
         facts.append(
-            f"{count(int(people), 'person', 'people')} in all, after {count(len(rounds), 'round')} of matching and solving."
+            f"{one.name}: {count(one.tracklets, 'tracklet')}, {one.walking_samples} samples of people who walk"
+            + (f"; looks tell people apart in {100 * one.looks:.0f} % of trials." if one.looks is not None else ".")
         )
+    if found.pairs:
+        used = sum(pair.used for pair in found.pairs)
+        facts.append(f"{used} of {count(len(found.pairs), 'pair')} of cameras could be registered.")
+    if found.people is not None:
+        rounds = count(len(found.rounds or ()), "round")
+        facts.append(f"{count(found.people, 'person', 'people')} in all, after {rounds} of matching and solving.")
     return "Who is who", facts
 
 
 def _solved(contents: Contents) -> Step:
     """How the rig was computed."""
-    told = table_of(contents.told, "figures")
-    method = str(contents.told.get("method", "people"))
+    document = contents.document
+    method, figures = document.method, document.figures
     facts = [f"Method “{method}”: {METHODS.get(method, 'see the documentation')}."]
-    if not told:
-        return "Solving", [*facts, "It did not come to a rig."]
-    for number, one in enumerate(rows_of(told.get("rounds")), start=1):
-        sightings, joints, steps = (number_of(one.get(key)) for key in ("sightings", "joints", "iterations"))
-        with_joints = f" and {joints:.0f} joints" if joints else ""
-        done = "converged" if one.get("converged") else "did not converge"
-        facts.append(f"Round {number}: {figure(sightings, 0)} sightings{with_joints}, {done} after {figure(steps, 0)} steps.")
-    if not rows_of(told.get("rounds")) and number_of(told.get("iterations")) is not None:
-        done = "converged" if told.get("converged") else "did not converge"
-        facts.append(f"Adjustment: {done} after {figure(number_of(told.get('iterations')), 0)} steps.")
-    if number_of(told.get("rms_px")) is not None:
-        facts.append(f"Points are off by {figure(number_of(told.get('rms_px')), 2, ' px')} (root mean square).")
-    facts += _noise(told)
-    return "Solving", facts
+    if isinstance(figures, StarFigures):
+        facts.append(f"Adjustment: {_ended(figures.converged)} after {figures.iterations} steps.")
+        if figures.rms_px is not None:
+            facts.append(f"Points are off by {figures.rms_px:.2f} px (root mean square).")
+    elif not isinstance(figures, AdjustedFigures):
+        facts.append("It did not come to a rig.")
+    for number, one in enumerate(contents.figures.rounds, start=1):
+        with_joints = f" and {one.joints} joints" if one.joints else ""
+        done = f"{_ended(one.converged)} after {one.iterations} steps"
+        facts.append(f"Round {number}: {one.sightings} sightings{with_joints}, {done}.")
+    return "Solving", facts + _noise(contents.figures)
 
 
-def _noise(told: Mapping[str, Any]) -> list[str]:
+def _ended(converged: bool) -> str:
+    """How an adjustment ended."""
+    return "converged" if converged else "did not converge"
+
+
+def _noise(figures: AdjustedFigures) -> list[str]:
     """What the residuals told of the boxes, and what that means for the sigmas."""
-    noise, people = table_of(told, "noise"), table_of(told, "people")
+    noise, people, inflation = figures.noise, figures.people, figures.covariance_inflation
     facts = []
-    centre, height, broken = (number_of(noise.get(key)) for key in ("centre", "height", "broken_edges"))
-    if centre is not None and height is not None:
-        facts.append(
-            f"Boxes are off by {100 * centre:.1f} % of their height in their middle, by {100 * height:.1f} % in their height."
-        )
-    if broken is not None:
-        facts.append(f"{100 * broken:.0f} % of the boxes' edges do not end where the people do: hidden, or cut off.")
-    standing = number_of(people.get("standing"))
-    if standing is not None:
-        facts.append(f"{100 * standing:.0f} % of the sightings are of standing or walking people.")
-    inflation = number_of(told.get("covariance_inflation"))
+    if noise is not None:
+        facts += [
+            f"Boxes are off by {100 * noise.centre:.1f} % of their height in their middle, by {100 * noise.height:.1f} % in "
+            "their height.",
+            f"{100 * noise.broken_edges:.0f} % of the boxes' edges do not end where the people do: hidden, or cut off.",
+        ]
+    if people is not None and people.standing is not None:
+        facts.append(f"{100 * people.standing:.0f} % of the sightings are of standing or walking people.")
     if inflation is not None:
         facts.append(
             f"Sightings in a row err alike: they count {inflation:.1f} times less in the sigmas than as many independent ones."
@@ -169,54 +163,48 @@ def _noise(told: Mapping[str, Any]) -> list[str]:
 
 def _scaled(contents: Contents) -> Step:
     """What is known of length, up and clocks."""
-    told = table_of(contents.told, "figures")
+    figures = contents.figures
     facts = []
-    scale, vertical = number_of(table_of(told, "scale").get("relative_sigma")), number_of(told.get("vertical_sigma_deg"))
+    scale, vertical = figures.scale.relative_sigma, figures.vertical_sigma_deg
     if scale is not None:
         facts.append(f"Lengths are known to {100 * scale:.1f} % (one sigma).")
     if vertical is not None:
         facts.append(f"The vertical is known to {vertical:.2f}° (one sigma).")
-    free = texts_of(told.get("undetermined"))
-    if free:
-        facts.append(f"No evidence fixes these: {listed(free)}.")
-    clocks = table_of(told, "clocks")
-    if clocks:
-        corrections = [
-            abs(value) for one in clocks.values() if (value := number_of(table_of(one).get("correction_s"))) is not None
-        ]
-        facts.append(f"The clocks were refined with the cameras, by {1000 * max(corrections, default=0.0):.0f} ms at most.")
+    if figures.undetermined:
+        facts.append(f"No evidence fixes these: {listed(figures.undetermined)}.")
+    if figures.clocks:
+        most = max(abs(clock.correction_s) for clock in figures.clocks.values())
+        facts.append(f"The clocks were refined with the cameras, by {1000 * most:.0f} ms at most.")
     return ("Length, up and time", facts) if facts else None
 
 
 def _placed(contents: Contents) -> Step:
     """How the world's frame was set, where its user wanted another one."""
-    told = table_of(contents.told, "world")
-    if not told:
+    world = contents.document.world
+    if world is None:
         return None
-    facts = [f"Origin and heading are set by {told.get('by')}."]
-    turn, place = number_of(told.get("turn_sigma_deg")), number_of(told.get("place_sigma_mm"))
+    facts = [f"Origin and heading are set by {world.by}."]
+    turn, place = world.turn_sigma_deg, world.place_sigma_mm
     if turn is not None and place is not None:
         facts.append(f"The heading is known to {turn:.2f}°, the place to {place / 1000:.2f} m (one sigma).")
-    if told.get("scale_fitted"):
-        facts.append(f"Lengths were multiplied by {figure(number_of(told.get('scale')), 4)}.")
-    for row in rows_of(told.get("residuals")):
-        what = f"Point {row.get('point')} in {row.get('camera')}" if "point" in row else str(row.get("camera"))
-        out = "" if row.get("used", True) else ", left out"
-        facts.append(f"{what} is off by {figure(number_of(row.get('off_m')), 2, ' m')}{out}.")
-    facts += [f"{note[:1].upper()}{note[1:]}." for note in texts_of(told.get("notes"))]
+    if world.scale_fitted:
+        facts.append(f"Lengths were multiplied by {figure(world.scale, 4)}.")
+    for row in world.residuals or ():
+        what = str(row.camera) if row.point is None else f"Point {row.point} in {row.camera}"
+        facts.append(f"{what} is off by {figure(row.off_m, 2, ' m')}{'' if row.used else ', left out'}.")
+    facts += [f"{note[:1].upper()}{note[1:]}." for note in world.notes or ()]
     return "Placing the world", facts
 
 
 def settings_section(contents: Contents) -> Section:
     """All settings as used, and the versions that can change a figure."""
-    scene = contents.told.get("scene_file")
-    lead = f"Scene file: {scene}. " if scene else ""
-    lead += f"Seed of the random numbers: {contents.told.get('seed', 'unknown')}. "
+    document = contents.document
+    lead = f"Scene file: {document.scene_file}. " if document.scene_file else ""
+    lead += f"Seed of the random numbers: {'unknown' if document.seed is None else document.seed}. "
     lead += "The same input, seed and versions give the same figures."
-    settings = _flat(table_of(contents.told, "scene"), "")
-    settings += _flat(table_of(contents.told, "options"), "solver.options as used.")
-    versions = [("passerby", str(contents.told.get("passerby", "unknown")))]
-    versions += [(str(name), str(value or "not installed")) for name, value in table_of(contents.told, "versions").items()]
+    settings = _flat(plain(document.scene), "") + _flat(document.options, "solver.options as used.")
+    versions = [("passerby", document.passerby or "unknown")]
+    versions += [(name, version or "not installed") for name, version in document.versions.items()]
     parts = []
     if settings:
         table = _pairs("settings-table", "Settings", ("Setting", "Value"), settings)
@@ -252,8 +240,8 @@ def _shown(value: Any) -> str:
 def files_section(contents: Contents) -> Section:
     """What the output folder holds."""
     rows = list(FILES)
-    for name, told in contents.cameras.items():
-        if number_of(told.get("boxes")):
+    for name, entry in contents.cameras.items():
+        if entry.boxes:
             rows.append((f"tracks/{name}.txt", f"the people in {name}, by their identities (MOTChallenge)"))
         if len(contents.observations[name].keypoints):
             rows.append((f"tracks/{name}.json", f"the joints in {name}, by their identities (COCO)"))

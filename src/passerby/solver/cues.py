@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
+from passerby.core.figures import CueFigures
 from passerby.core.scale_cues import ScaleCues
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.triangulation import triangulate
@@ -124,7 +123,7 @@ def initial_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people:
 
 def scale_cue_weights(
     cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints
-) -> tuple[list[dict[str, Any]], float]:
+) -> tuple[list[CueFigures], float]:
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
@@ -143,10 +142,10 @@ def scale_cue_weights(
     information = np.array([(stated / spread) ** 2 for _, _, stated, spread in found])
     total = float(information.sum())
     return [
-        {
-            "cue": kind, "stated_m": stated, "measured_m": value, "sd_m": spread,
-            "residual_sigmas": (value - stated) / spread, "share": float(weight / total),
-        }
+        CueFigures(
+            cue=kind, stated_m=stated, measured_m=value, sd_m=spread, residual_sigmas=(value - stated) / spread,
+            share=float(weight / total),
+        )
         for (kind, value, stated, spread), weight in zip(found, information, strict=True)
     ], float(1 / np.sqrt(total)) if total > 0 else float("inf")  # fmt: skip
 

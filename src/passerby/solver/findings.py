@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
+from passerby.core.figures import (
+    AdjustedFigures,
+    ClockCorrection,
+    CueFigures,
+    DistanceFigures,
+    LensFigures,
+    LevelFigures,
+    NoiseFigures,
+    PairFigures,
+    PeopleFigures,
+    ScaleFigures,
+    SolvedCamera,
+)
 from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consistency
 from passerby.solver.evidence import Evidence
@@ -167,95 +179,101 @@ def _longer(change: float) -> str:
     return f"{100 * abs(np.expm1(change)):.0f} % {'longer' if change > 0 else 'shorter'}"
 
 
-def contradictions(scale: dict[str, Any]) -> list[str]:
+def contradictions(cues: Sequence[CueFigures]) -> list[str]:
     """The scale cues that contradict the rest."""
     return [
-        f"the scale cue '{cue['cue']}' says {cue['stated_m']:.3f} m, but the rest makes it {cue['measured_m']:.3f} m, "
-        f"{abs(cue['residual_sigmas']):.0f} sigmas off: check it"
-        for cue in scale["cues"]
-        if abs(cue["residual_sigmas"]) > _MAX_CUE_SIGMAS
+        f"the scale cue '{cue.cue}' says {cue.stated_m:.3f} m, but the rest makes it {cue.measured_m:.3f} m, "
+        f"{abs(cue.residual_sigmas):.0f} sigmas off: check it"
+        for cue in cues
+        if abs(cue.residual_sigmas) > _MAX_CUE_SIGMAS
     ]
 
 
 def _finite(value: float) -> float | None:
-    """A figure for JSON: None where it is unknown."""
+    """A figure; None where it is unknown."""
     return float(value) if np.isfinite(value) else None
 
 
 def figures_of(
-    start: Initialisation,
-    choice: InitialRig,
-    fit: Fit,
-    covariance: RigCovariance,
-    scale: dict[str, Any],
+    start: Initialisation, choice: InitialRig, fit: Fit, covariance: RigCovariance, cues: Sequence[CueFigures],
     focals: list[FocalCheck],
-) -> dict[str, Any]:
-    """JSON-ready figures of every stage."""
+    lenses: Mapping[str, LensFigures],
+) -> AdjustedFigures:  # fmt: skip
+    """The figures of every stage."""
     state, model, rig = fit.result.state, fit.model, start.rig
     support = cycle_consistency(start.hypotheses, len(rig))
+    noise = fit.noise
+    return AdjustedFigures(
+        cameras=_cameras(start, fit, covariance, focals),
+        pairs=tuple(
+            PairFigures(
+                cameras=(rig.names[h.a], rig.names[h.b]), route=h.route, inliers=h.inliers, matches=h.matches,
+                support=float(agreement),
+            )
+            for h, agreement in zip(start.hypotheses, support, strict=True)
+        ),
+        trees=choice.candidates, tree=choice.tree, rounds=fit.rounds,
+        noise=NoiseFigures(
+            floor_px=noise.floor_px, box_px=noise.box_px, centre=noise.centre, height=noise.height, joint=noise.joint,
+            broken_edges=noise.broken,
+        ),
+        people=PeopleFigures(
+            identities=len(np.unique(model.problem.person)), instants=len(model.problem.person),
+            standing=float(np.mean(fit.stance[model.blocks])) if len(model.blocks) else None,
+            heights_m={
+                str(start.evidence.identities[p]): float(state.heights[p]) for p in np.unique(model.problem.person)
+            },
+        ),
+        foot_shift=float(state.globals[0]), scale=ScaleFigures(relative_sigma=_finite(covariance.scale), cues=tuple(cues)),
+        vertical_sigma_deg=_finite(covariance.vertical_deg), covariance_inflation=covariance.inflation,
+        distances=tuple(
+            DistanceFigures(
+                cameras=(rig.names[a], rig.names[b]), metres=float(np.linalg.norm(state.centre[a] - state.centre[b])),
+                sigma_m=_finite(covariance.distances[a, b]),
+            )
+            for a in range(len(rig)) for b in range(a + 1, len(rig))
+        ),
+        clocks=_clocks(rig, state.time, covariance.time_s), undetermined=_undetermined(rig, covariance.free), lenses=lenses,
+    )  # fmt: skip
+
+
+def _cameras(start: Initialisation, fit: Fit, covariance: RigCovariance, focals: list[FocalCheck]) -> tuple[SolvedCamera, ...]:
+    """The figures of each camera."""
+    state, model = fit.result.state, fit.model
     sightings = model.problem.sightings
     terms = model.problem.terms(state, jacobians=False)
     residual_px = np.linalg.norm(terms[0].residual, axis=1) * model.problem.centre_sigma() if len(sightings) else np.zeros(0)
     cameras = []
-    for c, camera in enumerate(rig):
-        own = sightings.camera == c
-        level = start.levels[c]
-        within = covariance.shape_sigma(c)
+    for c, camera in enumerate(start.rig):
+        own, level, within = sightings.camera == c, start.levels[c], covariance.shape_sigma(c)
         cameras.append(
-            {
-                "name": camera.name, "sightings": int(np.count_nonzero(start.evidence.sightings.camera == c)),
-                "agreeing": int(np.count_nonzero(own)),
-                "joints": int(np.count_nonzero(model.problem.joints.camera == c)),
-                "median_residual_px": float(np.median(residual_px[own])) if own.any() else None,
-                "slack": float(state.slack[c]),
-                "focal_change": focals[c].change, "focal_change_sigma": focals[c].sigma,
-                "shape_position_sigma_mm": _finite(1000 * within.position_m),
-                "shape_orientation_sigma_deg": _finite(within.orientation_deg),
-                "own_level": None if level is None else {"height_m": level.height, "residual": level.residual},
-            }
+            SolvedCamera(
+                name=camera.name, sightings=int(np.count_nonzero(start.evidence.sightings.camera == c)),
+                agreeing=int(np.count_nonzero(own)),
+                joints=int(np.count_nonzero(model.problem.joints.camera == c)),
+                median_residual_px=float(np.median(residual_px[own])) if own.any() else None,
+                slack=float(state.slack[c]),
+                focal_change=focals[c].change, focal_change_sigma=focals[c].sigma,
+                shape_position_sigma_mm=_finite(1000 * within.position_m),
+                shape_orientation_sigma_deg=_finite(within.orientation_deg),
+                own_level=None if level is None else LevelFigures(height_m=level.height, residual=level.residual),
+            )
         )  # fmt: skip
-    noise = fit.noise
-    return {
-        "cameras": cameras,
-        "pairs": [
-            {
-                "cameras": [rig.names[h.a], rig.names[h.b]], "route": h.route, "inliers": h.inliers, "matches": h.matches,
-                "support": float(agreement),
-            }
-            for h, agreement in zip(start.hypotheses, support, strict=True)
-        ],
-        "trees": choice.candidates, "tree": choice.tree, "rounds": fit.rounds,
-        "noise": {"floor_px": noise.floor_px, "box_px": noise.box_px, "centre": noise.centre, "height": noise.height,
-                  "joint": noise.joint, "broken_edges": noise.broken},
-        "people": {
-            "identities": len(np.unique(model.problem.person)), "instants": len(model.problem.person),
-            "standing": float(np.mean(fit.stance[model.blocks])) if len(model.blocks) else None,
-            "heights_m": {
-                str(start.evidence.identities[p]): float(state.heights[p]) for p in np.unique(model.problem.person)
-            },
-        },
-        "foot_shift": float(state.globals[0]), "scale": scale | {"relative_sigma": _finite(covariance.scale)},
-        "vertical_sigma_deg": _finite(covariance.vertical_deg), "covariance_inflation": covariance.inflation,
-        "distances": [
-            {"cameras": [rig.names[a], rig.names[b]], "metres": float(np.linalg.norm(state.centre[a] - state.centre[b])),
-             "sigma_m": _finite(covariance.distances[a, b])}
-            for a in range(len(rig)) for b in range(a + 1, len(rig))
-        ],
-        "clocks": _clocks(rig, state.time, covariance.time_s), **_undetermined(rig, covariance.free),
-    }  # fmt: skip
+    return tuple(cameras)
 
 
-def _undetermined(rig: Rig, free: Free) -> dict[str, list[str]]:
-    """Names of what no evidence constrains; empty where all is fixed."""
-    names = [*_lacks(free), *(f"camera {rig.names[c]}" for c in free.cameras)]
-    return {"undetermined": names} if names else {}
+def _undetermined(rig: Rig, free: Free) -> tuple[str, ...] | None:
+    """Names of what no evidence constrains; None where all is fixed."""
+    return (*_lacks(free), *(f"camera {rig.names[c]}" for c in free.cameras)) or None
 
 
-def _clocks(rig: Rig, time: Floats, sigma: Floats | None) -> dict[str, dict[str, float]]:
+def _clocks(rig: Rig, time: Floats, sigma: Floats | None) -> dict[str, ClockCorrection]:
     """What to add to each camera's clock offset for it to agree with the first camera's, which stays as it is; empty where
     the clocks were not refined.
     """
     if sigma is None:
         return {}
     correction = time - time[0]
-    return {name: {"correction_s": float(correction[c]), "sigma_s": float(sigma[c])} for c, name in enumerate(rig.names)}
+    return {
+        name: ClockCorrection(correction_s=float(correction[c]), sigma_s=float(sigma[c])) for c, name in enumerate(rig.names)
+    }

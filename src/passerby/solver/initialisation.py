@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustmentRound, TreeFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.geometry.relative_pose import PairHypothesis
@@ -181,7 +181,7 @@ class InitialRig:
     state: RigState
     tree: str
     agreeing: int
-    candidates: list[dict[str, Any]]
+    candidates: tuple[TreeFigures, ...]
     doubts: list[str]
 
 
@@ -195,7 +195,7 @@ class Fit:
     stance: Floats
     start: Initialisation
     """What it was computed from, with the lenses found."""
-    rounds: list[dict[str, Any]] = field(default_factory=list)
+    rounds: tuple[AdjustmentRound, ...] = ()
 
 
 def level_of(evidence: Evidence, camera: int, person_height_m: float, rng: np.random.Generator) -> Level | None:
@@ -230,7 +230,9 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
     doubts = [
         "two arrangements of the cameras fit the people almost equally well: record people who walk in more directions"
     ] if rivals else []  # fmt: skip
-    return InitialRig(best[2], best[1], best[0], [{"tree": name, "agreeing": count} for count, name, _ in found], doubts)
+    return InitialRig(
+        best[2], best[1], best[0], tuple(TreeFigures(tree=name, agreeing=count) for count, name, _ in found), doubts
+    )
 
 
 def _rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
@@ -255,7 +257,7 @@ def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOpti
     evidence = start.evidence
     noise, stance, share = Noise(), np.ones(len(evidence.person)), 0.15
     whole: Floats | None = None
-    rounds: list[dict[str, Any]] = []
+    rounds: list[AdjustmentRound] = []
     growing, number, for_lenses = False, 0, 0
     while True:
         last = number >= options.rounds - 1 and not (growing and number < options.rounds - 1 + _MORE_ROUNDS)
@@ -270,11 +272,10 @@ def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOpti
         result = minimise_problem(model, stopping)
         state = rig_of(result.state)
         rounds.append(
-            {
-                "sightings": len(model.rows), "renamed": model.renamed, "joints": len(model.joint_rows),
-                "iterations": result.iterations,
-                "converged": result.converged, "cost": result.cost,
-            }
+            AdjustmentRound(
+                sightings=len(model.rows), renamed=model.renamed, joints=len(model.joint_rows),
+                iterations=result.iterations, converged=result.converged, cost=result.cost,
+            )
         )  # fmt: skip
         settled = start.unknowns.settled(state.lens - start.lens)
         start = start.with_lenses(state.lens).weighed(model, result)
@@ -290,7 +291,7 @@ def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOpti
         stance = _stance(model, result.state, len(evidence.person))
         share = AGREE_SIGMAS * max(noise.centre if len(model.rows) else 0.0, noise.joint if evidence.n_joints else 0.0)
         number += 1
-    return Fit(model, result, noise, stance, start, rounds)
+    return Fit(model, result, noise, stance, start, tuple(rounds))
 
 
 def _typical(noise: Noise, model: AdjustmentProblem) -> float:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Pose, Rig
+from passerby.core.figures import CueFigures, LensFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, Verdict
@@ -88,7 +88,7 @@ def solve_people(
             break
         fit = refine_in_stages(start, choice.state, options, rng)
     start = fit.start
-    covariance, cue_report, lenses = _sure(start, fit, cues)
+    covariance, cues_said, lenses = _sure(start, fit, cues)
     seen = start.rig, fit.model.problem, fit.result.state, covariance.inflation
     focals, shapes = check_focals(*seen), check_shapes(*seen)
     if "focal" in start.unknowns.parts:  # where they would go, they went
@@ -101,16 +101,16 @@ def solve_people(
         *reasons,
         *choice.doubts,
         *doubts_about(start, fit, covariance),
-        *contradictions(cue_report),
+        *contradictions(cues_said),
         *wrong_lenses(focals, shapes),
         *far_lenses(lenses),
     ]
     verdict: Verdict = "doubtful" if reasons else "accepted"
-    figures = figures_of(start, choice, fit, covariance, cue_report, focals) | {"lenses": lenses}
+    figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(reasons), figures)
 
 
-def _sure(start: Initialisation, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, dict[str, Any], dict[str, Any]]:
+def _sure(start: Initialisation, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, list[CueFigures], dict[str, LensFigures]]:
     """The covariance of the cameras, what the scale rests on, and what became of the lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
@@ -127,16 +127,17 @@ def _sure(start: Initialisation, fit: Fit, cues: ScaleCues) -> tuple[RigCovarian
     refined = "focal" in start.unknowns.parts
     focals = None if refined else StatedFocals.of(start.rig, fit.model.problem, state)
     covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, focals)
-    return covariance, {"relative_sigma": sigma, "cues": report}, lens_figures(lenses, start.stated, start.rig)
+    return covariance, report, lens_figures(lenses, start.stated, start.rig)
 
 
-def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, Any]) -> Rig:
+def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:
     """The rig whose guessed focal lengths are as sure as they were refined; `lenses` as of `lens_figures`."""
     cameras = []
     for camera in rig:
-        focal = lenses.get(camera.name, {}).get("focal")
+        parts = lenses.get(camera.name)
+        focal = None if parts is None else parts.focal
         if focal is not None and camera.lens.focal_sd is not None:
-            sd = float(np.clip(focal["sigma_px"] / focal["refined_px"], 1e-6, LARGEST_FOCAL_SD))
+            sd = float(np.clip(focal.sigma_px / focal.refined_px, 1e-6, LARGEST_FOCAL_SD))
             camera = replace(camera, lens=replace(camera.lens, focal_sd=sd))
         cameras.append(camera)
     return replace(rig, cameras=tuple(cameras))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
+from passerby.core.figures import FocalFigures, LensFigures, PrincipalPointFigures
 from passerby.solver.lens_check import size_drift
 from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import LensUnknowns
@@ -57,9 +57,9 @@ def decide_refined_lenses(
     return RefinedLenses(unknowns, refined_sigmas(seen, drift, core, state.lens), np.hypot(seen.sd, drift))
 
 
-def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dict[str, dict[str, Any]]:
-    """JSON-ready: by camera, each refined part as stated and as refined, its sigma, and the sigma that people alone would give;
-    empty where nothing is refined.
+def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dict[str, LensFigures]:
+    """By camera, each refined part as stated and as refined, its sigma, and the sigma that people alone would give; empty where
+    nothing is refined.
 
     Args:
         lenses: how sure they are.
@@ -75,70 +75,76 @@ def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dic
     }
 
 
-def _parts(unknowns: LensUnknowns, stated: Lens, refined: Lens, sigma: Floats, alone: Floats, usual: Floats) -> dict[str, Any]:
+def _parts(unknowns: LensUnknowns, stated: Lens, refined: Lens, sigma: Floats, alone: Floats, usual: Floats) -> LensFigures:
     """The parts of one camera's lens; (L,) sigmas."""
-    out: dict[str, Any] = {}
+    focal, point = None, None
     if "focal" in unknowns.parts:
         column = unknowns.columns_of("focal").start
         change = float(np.log(refined.focal / stated.focal))
-        out["focal"] = {
-            "stated_px": stated.focal, "refined_px": refined.focal, "sigma_px": float(sigma[column] * refined.focal),
-            "people_sigma_px": float(alone[column] * refined.focal),
-            "far": bool(abs(change) > _FAR_SIGMAS * usual[column]),
-            "told": bool(alone[column] < _UNTOLD_SHARE * usual[column]),
-        }  # fmt: skip
+        focal = FocalFigures(
+            stated_px=stated.focal, refined_px=refined.focal, sigma_px=float(sigma[column] * refined.focal),
+            people_sigma_px=float(alone[column] * refined.focal),
+            far=bool(abs(change) > _FAR_SIGMAS * usual[column]),
+            told=bool(alone[column] < _UNTOLD_SHARE * usual[column]),
+        )  # fmt: skip
     if "principal_point" in unknowns.parts:
         columns = unknowns.columns_of("principal_point")
         moved = np.abs(refined.matrix[:2, 2] - stated.matrix[:2, 2])
-        out["principal_point"] = {
-            "stated_px": stated.matrix[:2, 2].tolist(), "refined_px": refined.matrix[:2, 2].tolist(),
-            "sigma_px": sigma[columns].tolist(), "people_sigma_px": alone[columns].tolist(),
-            "far": bool((moved > _FAR_SIGMAS * usual[columns]).any()),
-            "told": bool((alone[columns] < _UNTOLD_SHARE * usual[columns]).all()),
-        }  # fmt: skip
-    return out
+        point = PrincipalPointFigures(
+            stated_px=_xy(stated.matrix[:2, 2]), refined_px=_xy(refined.matrix[:2, 2]), sigma_px=_xy(sigma[columns]),
+            people_sigma_px=_xy(alone[columns]),
+            far=bool((moved > _FAR_SIGMAS * usual[columns]).any()),
+            told=bool((alone[columns] < _UNTOLD_SHARE * usual[columns]).all()),
+        )  # fmt: skip
+    return LensFigures(focal=focal, principal_point=point)
 
 
-def lens_notes(figures: Mapping[str, Any]) -> list[str]:
+def _xy(values: Floats) -> tuple[float, float]:
+    """A vector (2,) as plain numbers."""
+    x, y = map(float, values)
+    return x, y
+
+
+def lens_notes(lenses: Mapping[str, LensFigures]) -> list[str]:
     """What was refined in words, one sentence for each camera and part of its lens.
 
     Args:
-        figures: of a solution; its `lenses` are those of `lens_figures`.
+        lenses: by camera, as of `lens_figures`.
     """
     out = []
-    for name, parts in figures.get("lenses", {}).items():
-        if focal := parts.get("focal"):
-            change, sigma = focal["refined_px"] / focal["stated_px"] - 1, focal["sigma_px"] / focal["refined_px"]
+    for name, parts in lenses.items():
+        if focal := parts.focal:
+            change, sigma = focal.refined_px / focal.stated_px - 1, focal.sigma_px / focal.refined_px
             out.append(
-                f"camera {name}: focal length {focal['refined_px']:.0f} px instead of {focal['stated_px']:.0f} "
+                f"camera {name}: focal length {focal.refined_px:.0f} px instead of {focal.stated_px:.0f} "
                 f"({100 * change:+.1f} %, sigma {100 * sigma:.1f} %){_untold(focal, 'focal')}"
             )
-        if point := parts.get("principal_point"):
-            (x, y), (u, v) = point["stated_px"], point["refined_px"]
+        if point := parts.principal_point:
+            (x, y), (u, v) = point.stated_px, point.refined_px
             out.append(
                 f"camera {name}: principal point ({u:.0f}, {v:.0f}) px instead of ({x:.0f}, {y:.0f}), sigma "
-                f"{max(point['sigma_px']):.0f} px{_untold(point, 'principal_point')}"
+                f"{max(point.sigma_px):.0f} px{_untold(point, 'principal_point')}"
             )
     return out
 
 
-def _untold(part: Mapping[str, Any], name: str) -> str:
+def _untold(part: FocalFigures | PrincipalPointFigures, name: str) -> str:
     """What is to be said where people do not tell a part of a lens."""
-    return "" if part["told"] else f'; the people hardly tell it: "{name}" may as well be left out of refine under [solver]'
+    return "" if part.told else f'; the people hardly tell it: "{name}" may as well be left out of refine under [solver]'
 
 
-def far_lenses(figures: Mapping[str, Any]) -> list[str]:
-    """The cameras whose lens ended farther from the stated one than stated lenses are off; `figures` as of `lens_figures`."""
+def far_lenses(lenses: Mapping[str, LensFigures]) -> list[str]:
+    """The cameras whose lens ended farther from the stated one than stated lenses are off; `lenses` as of `lens_figures`."""
     out = []
-    for name, parts in figures.items():
-        if (focal := parts.get("focal")) and focal["far"]:
-            change = 100 * (focal["refined_px"] / focal["stated_px"] - 1)
+    for name, parts in lenses.items():
+        if (focal := parts.focal) and focal.far:
+            change = 100 * (focal.refined_px / focal.stated_px - 1)
             out.append(
                 f"camera {name}: its focal length was refined by {change:+.0f} %, "
                 "farther than a stated one should be off: check its intrinsics and the picture size that they were made for"
             )
-        if (point := parts.get("principal_point")) and point["far"]:
-            moved = float(np.linalg.norm(np.subtract(point["refined_px"], point["stated_px"])))
+        if (point := parts.principal_point) and point.far:
+            moved = float(np.linalg.norm(np.subtract(point.refined_px, point.stated_px)))
             out.append(
                 f"camera {name}: its principal point was refined by {moved:.0f} px, farther than a stated one should be off: "
                 "check its intrinsics and whether its picture was cropped"

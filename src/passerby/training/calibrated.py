@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, Clock
-from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE, read_output
+from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.interchange.output_folder import RIG_FILE, read_output
 from passerby.perception.video import probe
 from passerby.scene.scene import Scene
 
@@ -48,7 +48,7 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
             f"{out / RIG_FILE}: {len(posed)} of {found.all_cameras} cameras have a pose: who is who is told by two cameras or "
             "more"
         )
-    loaded = Scene.load(_scene_path(out, found.report, scene))
+    loaded = Scene.load(_scene_path(out, found.document.scene_file, scene))
     for camera in posed:
         if camera.name not in loaded.cameras:
             raise InputError(
@@ -64,14 +64,13 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
     return CalibratedScene(loaded, posed, found.boxes, clocks, found.verdict, videos)
 
 
-def _scene_path(out: Path, report: Mapping[str, Any], given: Path | None) -> Path:
-    """The scene file."""
+def _scene_path(out: Path, written: str | None, given: Path | None) -> Path:
+    """The scene file: the given one, or else that which was written into the folder."""
     if given is not None:
         return given
-    told = report.get("scene_file")
-    if not isinstance(told, str):
+    if written is None:
         raise InputError(f"{out / CALIBRATION_FILE}: does not say where the scene file lies (scene_file): name it")
-    path = out / told
+    path = out / written
     if not path.is_file():
         raise InputError(f"{path}: no such file: {out} was made from it: name the scene file's new place")
     return path

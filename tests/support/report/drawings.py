@@ -6,6 +6,7 @@ from functools import cache
 from xml.etree import ElementTree
 
 import numpy as np
+from reported import document_of
 
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Observations
@@ -24,8 +25,9 @@ def simulated(preset="terrace", seconds=12.0, **more):
 def contents(made, *, rig=None, seen=None, told=None, clocks=None, videos=None):
     """The report's contents with the true cameras and heights, unless others are given."""
     heights = {str(identity): height for identity, height in made.heights.items()}
-    usual = {"figures": {"people": {"heights_m": heights}}}
-    return Contents(told or usual, rig or made.rig, seen or made.observations, clocks or {}, videos or {})
+    usual = {"figures": {"people": {"identities": len(heights), "heights_m": heights}, "cameras": []}}
+    document = document_of({"verdict": "accepted", "cameras": [], **(told or usual)})
+    return Contents(document, rig or made.rig, seen or made.observations, clocks or {}, videos or {})
 
 
 def with_lens(rig, name, change):

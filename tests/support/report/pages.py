@@ -1,5 +1,6 @@
 """Reading the page as a program, and contents that are made up."""
 
+import json
 from dataclasses import replace
 from html.parser import HTMLParser
 
@@ -7,6 +8,8 @@ import numpy as np
 
 from passerby.core.cameras import PoseSigma, Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.interchange.calibration_json import parse_document
+from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import Contents
 from support.scenes.people_and_rigs import ring
 
@@ -92,11 +95,11 @@ def named(contents, names):
     """The same contents with other names of the cameras."""
     new = dict(zip(contents.rig.names, names, strict=True))
     rig = replace(contents.rig, cameras=tuple(replace(camera, name=new[camera.name]) for camera in contents.rig))
-    told = renamed(contents.told, new)
+    document = document_of(renamed(plain(contents.document), new))
     seen = {new[name]: one for name, one in contents.observations.cameras.items()}
     clocks = {new[name]: clock for name, clock in contents.clocks.items()}
     observations = Observations(seen, contents.observations.fps, clocks)
-    return Contents(told, rig, observations, clocks, {new[name]: path for name, path in contents.videos.items()})
+    return Contents(document, rig, observations, clocks, {new[name]: path for name, path in contents.videos.items()})
 
 
 def renamed(value, new):
@@ -115,9 +118,23 @@ def without_poses(contents, reasons):
         "centre_m", "height_m", "heading_deg", "tilt_deg", "roll_deg", "rotation", "translation_m", "position_sigma_mm",
         "orientation_sigma_deg", "median_residual_px",
     )  # fmt: skip
-    cameras = [{**one, **dict.fromkeys(gone), "registered": False} for one in contents.told["cameras"]]
-    told = {**contents.told, "verdict": "refused", "reasons": reasons, "cameras": cameras, "figures": {}}
-    return replace(contents, told=told, rig=rig)
+    cameras = [{**plain(one), **dict.fromkeys(gone), "registered": False} for one in contents.document.cameras]
+    return replace(changed(contents, verdict="refused", reasons=reasons, cameras=cameras, figures={}), rig=rig)
+
+
+def document_of(tables):
+    """`calibration.json` as it is read from these tables."""
+    return parse_document(json.dumps(tables))
+
+
+def changed(contents, **tables):
+    """The same contents with other tables in `calibration.json`."""
+    return replace(contents, document=document_of({**plain(contents.document), **tables}))
+
+
+def with_figures(contents, **tables):
+    """The same contents with other tables in `figures`."""
+    return changed(contents, figures={**plain(contents.document.figures), **tables})
 
 
 def busy_place(cameras, people, seconds, fps, seed=0):
@@ -138,7 +155,7 @@ def busy_place(cameras, people, seconds, fps, seed=0):
         boxes = Boxes(frame, identity, np.column_stack([left, top, height / 3, height]), np.ones(len(frame)))
         seen[camera.name] = CameraObservations(boxes)
     clocks = {name: Clock(fps) for name in rig.names}
-    return Contents(_told(rig, seen, people, fps), rig, Observations(seen, fps, clocks), clocks, {})
+    return Contents(document_of(_told(rig, seen, people, fps)), rig, Observations(seen, fps, clocks), clocks, {})
 
 
 def _stays(rng, frames, share, fps):
@@ -166,11 +183,15 @@ def _told(rig, seen, people, fps):
         for place, a in enumerate(names)
         for b in names[place + 1 :]
     ]
+    cue = {
+        "cue": f"population of {people}", "stated_m": 1.72, "measured_m": 1.7, "sd_m": 0.05, "residual_sigmas": -0.4,
+        "share": 1.0,
+    }  # fmt: skip
     figures = {
         "cameras": [{"name": name, "shape_position_sigma_mm": 30.0, "median_residual_px": 2.0} for name in names],
         "pairs": pairs,
         "people": {"identities": people, "heights_m": {str(who): 1.5 + 0.4 * who / people for who in range(1, people + 1)}},
-        "scale": {"relative_sigma": 0.03, "cues": [{"cue": f"population of {people}", "stated_m": 1.72, "share": 1.0}]},
+        "scale": {"relative_sigma": 0.03, "cues": [cue]},
         "vertical_sigma_deg": 0.2,
     }
     scale = {"person_height_m": 1.72, "person_height_sd_m": 0.09}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.special import chdtri
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
+from passerby.core.figures import ClockCorrection, adjusted
 from passerby.core.observations import Clock, Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import resample_to_common_steps
@@ -43,10 +44,9 @@ def relative_to_reference(offset_s: Floats, rig: Rig | None) -> Floats:
 
 def clock_corrections(solution: Solution) -> tuple[Floats, Floats]:
     """(C,) the solver's corrections of the offsets, 0 where it has none, and (C,) their sigmas, NaN there; seconds."""
-    found: Mapping[str, Mapping[str, float]] = solution.figures.get("clocks", {})
-    nothing = {"correction_s": 0.0, "sigma_s": np.nan}
+    found, nothing = adjusted(solution.figures).clocks, ClockCorrection(correction_s=0.0, sigma_s=np.nan)
     rows = [found.get(name, nothing) for name in solution.rig.names]
-    return np.array([row["correction_s"] for row in rows]), np.array([row["sigma_s"] for row in rows])
+    return np.array([row.correction_s for row in rows]), np.array([row.sigma_s for row in rows])
 
 
 def snap_to_whole_frames(offset_s: Floats, sigma_s: Floats, fps: Floats) -> Floats | None:

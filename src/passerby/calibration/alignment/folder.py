@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from passerby.calibration.alignment.scene_world import scaled_figures
 from passerby.calibration.alignment.world import Aligned
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
-from passerby.interchange.output_folder import (
+from passerby.interchange.calibration_json import (
     CALIBRATION_FILE,
-    FILES,
-    REPORT_FILE,
-    RIG_FILE,
-    TRACKS_FOLDER,
-    camera_tables,
-    checksum,
-    pose_figures,
-    read_report,
-    unlike,
+    CalibrationDocument,
+    WorldEntry,
+    entry_of,
+    write_document,
 )
+from passerby.interchange.output_folder import REPORT_FILE, RIG_FILE, TRACKS_FOLDER, checksum, entries_of, read_report
 from passerby.interchange.rig_toml import write_rig
-from passerby.interchange.storage.atomic import forget_halves, write_text
-from passerby.interchange.storage.json_text import plain, to_json
+from passerby.interchange.storage.atomic import forget_halves
 from passerby.interchange.storage.transaction import transaction
 from passerby.interchange.storage.whole_folder import whole_folder
 
@@ -50,12 +44,12 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     Raises:
         InputError: `out` is no output folder; `target` holds something else, or cannot be written.
     """
-    report = _in_new_frame(out, read_report(out), aligned)
+    document = _in_new_frame(out, read_report(out), aligned)
     with_report = (out / REPORT_FILE).is_file()
     old = [name for name in OLD_FRAME if (out / name).exists()]
     if target.resolve() == out.resolve():
         with transaction(out, [REPORT_FILE]) as new:
-            _write_moved(new, report, aligned)
+            _write_moved(new, document, aligned)
             forget_halves(out / REPORT_FILE)
         _report_again(with_report, out, tell)
         return [f"{out / name} still shows the old frame: make it again by `{OLD_FRAME[name]} {out}`" for name in old]
@@ -64,16 +58,16 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     with whole_folder(target, CALIBRATION_FILE, "a calibration") as new:
         if (out / TRACKS_FOLDER).is_dir():
             shutil.copytree(out / TRACKS_FOLDER, new / TRACKS_FOLDER)
-        _write_moved(new, report, aligned)
+        _write_moved(new, document, aligned)
     _report_again(with_report, target, tell)
     return [f"{out / name} shows the old frame: make it in the new one by `{OLD_FRAME[name]} {target}`" for name in old]
 
 
-def _write_moved(folder: Path, report: Mapping[str, Any], aligned: Aligned) -> None:
-    """What changes with the frame: the rig, and the report with the rig's checksum."""
+def _write_moved(folder: Path, document: CalibrationDocument, aligned: Aligned) -> None:
+    """What changes with the frame: the rig, and the document with the rig's checksum."""
     write_rig(folder / RIG_FILE, aligned.rig)
-    files = {FILES: {**report[FILES], RIG_FILE: checksum(folder / RIG_FILE)}} if FILES in report else {}
-    write_text(folder / CALIBRATION_FILE, to_json({**report, **files}))
+    files = None if document.files is None else {**document.files, RIG_FILE: checksum(folder / RIG_FILE)}
+    write_document(folder, replace(document, files=files))
 
 
 def _report_again(wanted: bool, folder: Path, tell: Progress) -> None:
@@ -85,17 +79,12 @@ def _report_again(wanted: bool, folder: Path, tell: Progress) -> None:
         write_report(contents_from(folder), folder / REPORT_FILE, tell)
 
 
-def _in_new_frame(out: Path, report: Mapping[str, Any], aligned: Aligned) -> dict[str, Any]:
+def _in_new_frame(out: Path, document: CalibrationDocument, aligned: Aligned) -> CalibrationDocument:
     """What `calibration.json` tells, in the new frame."""
-    tables = camera_tables(out, report)
-    missing = [name for name in aligned.rig.names if name not in tables]
-    if missing:
-        raise unlike(out, f"it has no camera {missing[0]}, which {RIG_FILE} has")
-    moved = {camera.name: plain(pose_figures(camera)) for camera in aligned.rig}
-    figures = report.get("figures")
-    return {
-        **report,
-        "cameras": [{**table, **moved.get(name, {})} for name, table in tables.items()],
-        "figures": scaled_figures(figures, aligned.motion.scale) if isinstance(figures, Mapping) else figures,
-        "world": plain(aligned.figures),
-    }
+    entries, names = entries_of(out, document, aligned.rig), aligned.rig.names
+    return replace(
+        document,
+        cameras=tuple(one.with_pose(aligned.rig[name]) if name in names else one for name, one in entries.items()),
+        figures=scaled_figures(document.figures, aligned.motion.scale),
+        world=entry_of(WorldEntry, aligned.figures),
+    )

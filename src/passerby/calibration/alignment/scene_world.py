@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
+from passerby.core.figures import AdjustedFigures, SolvedCamera, SolverFigures
 from passerby.core.solution import Solution
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.scene.scene import Scene
@@ -21,7 +21,7 @@ class AlignedSolution:
     """A solution in the frame that the scene wants."""
 
     rig: Rig
-    figures: dict[str, Any]
+    figures: SolverFigures
     world: dict[str, Any] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
 
@@ -63,26 +63,20 @@ def align_to_scene(scene: Scene, solution: Solution) -> AlignedSolution:
     return AlignedSolution(aligned.rig, scaled_figures(solution.figures, aligned.motion.scale), aligned.figures, findings)
 
 
-def scaled_figures(figures: Mapping[str, Any], scale: float) -> dict[str, Any]:
+def scaled_figures(figures: SolverFigures, scale: float) -> SolverFigures:
     """A solver's figures with the lengths in the world multiplied; what the scale cues said stays as it was said."""
-    scaled = dict(figures)
-    if scale == 1.0:
-        return scaled
-    if isinstance(people := figures.get("people"), Mapping):
-        heights = people.get("heights_m")
-        grown = {} if not isinstance(heights, Mapping) else {"heights_m": {key: scale * h for key, h in heights.items()}}
-        scaled["people"] = {**people, **_times(people, ("foot_shift_m",), scale), **grown}
-    if isinstance(cameras := figures.get("cameras"), list):
-        scaled["cameras"] = [_scaled_camera(camera, scale) for camera in cameras]
-    return scaled
+    if scale == 1.0 or not isinstance(figures, AdjustedFigures):
+        return figures
+    people = figures.people
+    if people is not None:
+        people = replace(people, heights_m={who: scale * height for who, height in people.heights_m.items()})
+    return replace(figures, people=people, cameras=tuple(_scaled_camera(camera, scale) for camera in figures.cameras))
 
 
-def _scaled_camera(camera: Mapping[str, Any], scale: float) -> dict[str, Any]:
-    level = camera.get("own_level")
-    own = {"own_level": {**level, **_times(level, ("height_m",), scale)}} if isinstance(level, Mapping) else {}
-    return {**camera, **_times(camera, ("shape_position_sigma_mm",), scale), **own}
-
-
-def _times(table: Mapping[str, Any], keys: tuple[str, ...], scale: float) -> dict[str, float]:
-    """Those of the keys that hold a number, multiplied."""
-    return {key: scale * table[key] for key in keys if isinstance(table.get(key), int | float)}
+def _scaled_camera(camera: SolvedCamera, scale: float) -> SolvedCamera:
+    level, sigma = camera.own_level, camera.shape_position_sigma_mm
+    return replace(
+        camera,
+        shape_position_sigma_mm=None if sigma is None else scale * sigma,
+        own_level=None if level is None else replace(level, height_m=scale * level.height_m),
+    )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from passerby.core.figures import GroundFigures
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS
@@ -24,14 +23,13 @@ def shape_of(solution: Solution, instants: Observations, person_height_m: float)
     return ground_shape(people, instants.fps or USUAL_FPS)
 
 
-def ground_figures(shape: GroundShape | None) -> dict[str, Any] | None:
-    """JSON-ready."""
+def ground_figures(shape: GroundShape | None) -> GroundFigures | None:
+    """For reports."""
     if shape is None:
         return None
-    return {
-        "rise_m": shape.rise_m, "sigma_m": shape.sigma_m, "low": list(shape.low), "high": list(shape.high),
-        "chance_sigmas": shape.chance_sigmas,
-    }  # fmt: skip
+    return GroundFigures(
+        rise_m=shape.rise_m, sigma_m=shape.sigma_m, low=shape.low, high=shape.high, chance_sigmas=shape.chance_sigmas
+    )
 
 
 def told_of_ground(

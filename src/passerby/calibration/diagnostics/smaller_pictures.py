@@ -14,6 +14,7 @@ import numpy as np
 
 from passerby.core.cameras import Lens, Rig
 from passerby.core.extents import extents_of
+from passerby.core.figures import adjusted
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.solution import Solution
 from passerby.scene.intrinsics_checks import FILLED_ROWS, STRIP, SUB_STREAMS
@@ -94,7 +95,7 @@ def with_shares(rig: Rig, shares: Mapping[str, float]) -> Rig:
 
 def misfit(solution: Solution) -> float:
     """Errors of the boxes' heights as a share of them, with the share of broken edges; infinite where a camera has no pose."""
-    noise = solution.figures.get("noise")
-    if not isinstance(noise, Mapping) or len(solution.rig.posed()) < len(solution.rig):
+    noise = adjusted(solution.figures).noise
+    if noise is None or len(solution.rig.posed()) < len(solution.rig):
         return float("inf")
-    return float(noise["height"]) + float(noise["broken_edges"])
+    return noise.height + noise.broken_edges

@@ -12,12 +12,13 @@ run so fast.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.core.figures import CueFigures
 
 ScaleBasis = Literal["taken", "stated", "measured"]
 """What the scale rests on: how tall people are taken to be, how tall they are said to be, or lengths that were measured."""
@@ -45,18 +46,14 @@ MOST_OFF = 0.18
 to, as for a scale cue that contradicts the rest."""
 
 
-def scale_basis(cues: Any, *, said: bool) -> ScaleBasis:
+def scale_basis(cues: Sequence[CueFigures], *, said: bool) -> ScaleBasis:
     """What the scale rests on.
 
     Args:
-        cues: the solver's figures of its scale cues, each with its name and its share of the weight; None where it has none.
+        cues: the solver's figures of its scale cues, each with its name and its share of the weight.
         said: whether the user has said how tall the people are.
     """
-    measured = sum(
-        float(cue["share"])
-        for cue in cues or ()
-        if isinstance(cue, Mapping) and not str(cue["cue"]).startswith(("population of", "height of person"))
-    )
+    measured = sum(cue.share for cue in cues if not cue.cue.startswith(("population of", "height of person")))
     return "measured" if measured > 0.5 else "stated" if said else "taken"
 
 
@@ -96,15 +93,15 @@ def _too_fast(median: float, basis: ScaleBasis) -> str:
     )
 
 
-def doubts_of_heights(heights: Any, scale: float, person_height_m: float) -> list[str]:
+def doubts_of_heights(heights: Mapping[str, float], scale: float, person_height_m: float) -> list[str]:
     """A sentence where known places, which set the scale, make people taller or shorter than people are.
 
     Args:
-        heights: identity -> standing height by the solver's scale, metres; None where it tells none.
+        heights: identity -> standing height by the solver's scale, metres; empty where it tells none.
         scale: what all lengths were multiplied by.
         person_height_m: how tall people are on average.
     """
-    if not isinstance(heights, Mapping) or not heights:
+    if not heights:
         return []
     tall = scale * float(np.median(list(heights.values())))
     if abs(tall / person_height_m - 1) <= MOST_OFF:

@@ -46,7 +46,8 @@ def align(
     from passerby.calibration.alignment.folder import write_aligned
     from passerby.calibration.alignment.scene_world import align_rig
     from passerby.cli.terminal import stages
-    from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE, read_folder_rig
+    from passerby.interchange.calibration_json import CALIBRATION_FILE
+    from passerby.interchange.output_folder import RIG_FILE, read_folder_rig
     from passerby.interchange.rig_toml import read_rig, write_rig
     from passerby.interchange.storage.json_text import to_json
     from passerby.interchange.storage.transaction import folder_lock
@@ -100,7 +101,8 @@ def _wanted(
 
 def _check_target(source: Path, out: Path, folder: Path | None, to_file: bool) -> None:
     """Raises `InputError` where a folder would be left in two frames, or where there is no folder to write."""
-    from passerby.interchange.output_folder import CALIBRATION_FILE, RIG_FILE
+    from passerby.interchange.calibration_json import CALIBRATION_FILE
+    from passerby.interchange.output_folder import RIG_FILE
 
     if to_file and folder is not None and out.resolve() == source.resolve():
         raise InputError(

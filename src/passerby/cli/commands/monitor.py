@@ -36,7 +36,7 @@ def monitor(
     """
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
-    from passerby.interchange.output_folder import CALIBRATION_FILE
+    from passerby.interchange.calibration_json import CALIBRATION_FILE
     from passerby.interchange.storage.json_text import to_json
     from passerby.monitoring.given_rig import read_given, rig_text
     from passerby.monitoring.monitor import monitor as run_monitor

@@ -77,7 +77,7 @@ def track(
             figures["truth"] = _judged(folder, clocks, options, found, rig, known, reference, tell)
         tell("writing")
         target = out or calibrated / FOLDER
-        name = str(folder.report.get("name") or calibrated.resolve().name)
+        name = str(folder.document.name or calibrated.resolve().name)
         page = trajectories_page(found, folder.rig, f"{name}: ways over the ground", _note(figures))
         with folder_lock(target, "passerby track"), transaction(target) as new:
             write_trajectories(new / CSV_FILE, found)

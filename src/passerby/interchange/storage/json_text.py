@@ -5,9 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
+
+from passerby.core.figures import ABSENT
 
 
 def to_json(value: Any) -> str:
@@ -16,7 +19,11 @@ def to_json(value: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Mappings, sequences, numpy arrays and numbers as what `json` writes; other values as their text."""
+    """Dataclasses, mappings, sequences, numpy arrays and numbers as what `json` writes; other values as their text."""
+    if is_dataclass(value) and not isinstance(value, type):
+        hidden = {one.name for one in fields(value) if one.metadata == ABSENT and getattr(value, one.name) is None}
+        # `vars` has the keys of a file that no field was declared for as well.
+        return {name.removesuffix("_"): plain(item) for name, item in vars(value).items() if name not in hidden}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -17,6 +17,7 @@ import numpy as np
 
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
+from passerby.core.figures import StarScale
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
@@ -42,7 +43,6 @@ from passerby.solver.geopose.pairs import (
 )
 from passerby.solver.geopose.star import (
     MIN_PARALLAX_DEG,
-    Scale,
     doubts,
     global_bundle_adjustment,
     merge_points,
@@ -96,23 +96,23 @@ def solve_geopose(
     def measured(pairs: list[PairGeometry]) -> Segments:
         return measure_people(rig, extents, reference, pairs)
 
-    def metres(people: Segments, pairs: list[PairGeometry]) -> Scale:
+    def metres(people: Segments, pairs: list[PairGeometry]) -> StarScale:
         return scale_from_prior(rig, people, extents.span, cues, options, reference, pairs)
 
     def scale_of_pair(pair: PairGeometry) -> float:
         people = measured([pair])
         if pair.parallax_deg >= MIN_PARALLAX_DEG:
             check_people_stand(extents, reference, pair.camera, len(people))
-        return metres(people, [pair])[0]
+        return metres(people, [pair]).factor
 
     notes = [extents.note] if extents.note else []
     star = solve_star_graph(rig, points, options, scale_of_pair, rng, notes)
     people = measured(star.pairs)
     scale = metres(people, star.pairs)
-    people = people.scaled(scale[0])
+    people = people.scaled(scale.factor)
     world = place_world(people, vertical(people), np.zeros(3), extents.shares[1] * options.person_height_m)
     reasons = [*star.reasons, *doubts(rig, star, "people", "the method 'people'")]
-    return star_solution("geopose", rig, star, scale, world, SIGMA_FACTOR[kind], reasons, {"points": kind})
+    return star_solution("geopose", rig, star, scale, world, SIGMA_FACTOR[kind], reasons, kind)
 
 
 def measure_people(rig: Rig, extents: Extents, reference: int, pairs: list[PairGeometry]) -> Segments:
@@ -122,7 +122,7 @@ def measure_people(rig: Rig, extents: Extents, reference: int, pairs: list[PairG
 
 def scale_from_prior(
     rig: Rig, people: Segments, span: float, cues: ScaleCues, options: GeoPoseOptions, reference: int, pairs: list[PairGeometry]
-) -> Scale:
+) -> StarScale:
     """What to multiply all lengths by to get metres, and what it rests on.
 
     Known lengths that the cameras see come first, each weighted by its standard deviation; else the length of a standing person
@@ -135,8 +135,10 @@ def scale_from_prior(
     factor = options.person_height_m * span / standing_length(people, vertical(people))
     count = len(np.unique(people.identity))
     sd = float(np.hypot(cues.population.sd_m / options.person_height_m / np.sqrt(count), STANDING_SD))
-    return factor, {"from": "person height", "height_m": options.person_height_m, "sightings": len(people), "people": count,
-                    "factor": factor, "relative_sd": sd}  # fmt: skip
+    return StarScale(
+        from_="person height", height_m=options.person_height_m, sightings=len(people), people=count, factor=factor,
+        relative_sd=sd,
+    )  # fmt: skip
 
 
 def check_people_stand(extents: Extents, reference: int, camera: int, n_segments: int) -> None:

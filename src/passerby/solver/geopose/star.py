@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, PoseSigma, Rig
+from passerby.core.figures import StarFigures, StarPair, StarScale
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution, Verdict
 from passerby.geometry.similarity import Similarity
@@ -23,9 +23,6 @@ from passerby.solver.geopose.correspondences import ImagePoints, point_observati
 from passerby.solver.geopose.known_lengths import measured_lengths
 from passerby.solver.geopose.pairs import IDENTITY, GeoPoseOptions, PairGeometry, solve_pair
 from passerby.solver.optimizer.bundle import PointAdjustment, adjust_points
-
-Scale = tuple[float, dict[str, Any]]
-"""What to multiply all lengths by to get metres, and what it rests on, JSON-ready; `relative_sd` is among it."""
 
 # Pairs that see the same point at places that differ by more than this share of its distance contradict each other.
 MAX_DISAGREEMENT = 0.15
@@ -105,7 +102,9 @@ def reference_of(rig: Rig, options: GeoPoseOptions) -> int:
     return rig.names.index(options.reference)
 
 
-def scale_from_lengths(rig: Rig, lengths: Sequence[KnownLength], reference: int, pairs: Sequence[PairGeometry]) -> Scale | None:
+def scale_from_lengths(
+    rig: Rig, lengths: Sequence[KnownLength], reference: int, pairs: Sequence[PairGeometry]
+) -> StarScale | None:
     """The scale that known lengths give, each weighted by its standard deviation; None where two cameras see none of them."""
     seen = measured_lengths(rig, lengths, *posed_cameras(reference, pairs))
     if not seen:
@@ -114,18 +113,18 @@ def scale_from_lengths(rig: Rig, lengths: Sequence[KnownLength], reference: int,
     ratio = np.array([np.log(cue.metres / measured) for cue, measured in seen])
     factor = float(np.exp(weight @ ratio / weight.sum()))
     sd = float(1 / np.sqrt(weight.sum()))
-    return factor, {"from": "known lengths", "lengths": len(seen), "factor": factor, "relative_sd": sd}
+    return StarScale(from_="known lengths", lengths=len(seen), factor=factor, relative_sd=sd)
 
 
 def star_solution(
     method: str,
     rig: Rig,
     star: StarReconstruction,
-    scale: Scale,
+    scale: StarScale,
     world: Similarity,
     sigma_factor: float,
     reasons: Sequence[str],
-    figures: dict[str, Any],
+    points: str,
 ) -> Solution:
     """The star in metres, in its world, with sigmas, verdict and figures.
 
@@ -137,21 +136,20 @@ def star_solution(
         world: from the reference camera's frame, metres, to the world's.
         sigma_factor: by how much the adjustment's formal sigmas are too small.
         reasons: what speaks against the result; it is doubtful where there are any.
-        figures: the caller's own, told first.
+        points: what they are of.
     """
-    factor, prior = scale
-    final = [pair.scaled(factor) for pair in star.pairs]
-    covariance = _covariances(final, star.adjusted, factor, sigma_factor, prior["relative_sd"])
+    final = [pair.scaled(scale.factor) for pair in star.pairs]
+    covariance = _covariances(final, star.adjusted, scale.factor, sigma_factor, scale.relative_sd)
     solved = _placed_rig(rig, star.reference, final, covariance, world)
     verdict: Verdict = "doubtful" if reasons else "accepted"
-    told = figures | {
-        "reference": rig.names[star.reference], "scale": prior,
-        "pairs": [_pair_figures(rig, pair) for pair in final],
-        "merged_points": star.merged,
-        "pair_disagreement": star.disagreement, "rms_px": star.adjusted.rms_px, "iterations": star.adjusted.iterations,
-        "converged": star.adjusted.converged,
-    }  # fmt: skip
-    return Solution(method, replace(solved, verdict=verdict), verdict, tuple(reasons), told)
+    figures = StarFigures(
+        points=points, reference=rig.names[star.reference], scale=scale,
+        pairs=tuple(_pair_figures(rig, pair) for pair in final),
+        merged_points=star.merged,
+        pair_disagreement=star.disagreement, rms_px=star.adjusted.rms_px, iterations=star.adjusted.iterations,
+        converged=star.adjusted.converged,
+    )  # fmt: skip
+    return Solution(method, replace(solved, verdict=verdict), verdict, tuple(reasons), figures)
 
 
 def doubts(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[str]:
@@ -269,8 +267,8 @@ def _placed_rig(rig: Rig, reference: int, pairs: list[PairGeometry], covariances
     return Rig(tuple(solved.get(i, replace(camera, pose=None, sigma=None)) for i, camera in enumerate(rig)))
 
 
-def _pair_figures(rig: Rig, pair: PairGeometry) -> dict[str, Any]:
-    return {
-        "camera": rig.names[pair.camera], "correspondences": pair.correspondences, "inliers": len(pair.rows),
-        "rms_px": pair.rms_px, "parallax_deg": pair.parallax_deg,
-    }  # fmt: skip
+def _pair_figures(rig: Rig, pair: PairGeometry) -> StarPair:
+    return StarPair(
+        camera=rig.names[pair.camera], correspondences=pair.correspondences, inliers=len(pair.rows), rms_px=pair.rms_px,
+        parallax_deg=pair.parallax_deg,
+    )  # fmt: skip

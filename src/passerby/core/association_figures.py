@@ -1,0 +1,65 @@
+"""Figures of association: what `calibration.json` has as `association`, field by field under the same names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from passerby.core.figures import ABSENT, LevelFigures
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraTracks:
+    """What a camera brought."""
+
+    name: str
+    tracklets: int
+    tracked_boxes: int
+    boxes: int
+    walking_samples: int
+    own_level: LevelFigures | None
+    looks: float | None
+    """Probability that its embeddings tell its own people apart; None without embeddings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TiedPair:
+    """How two cameras a and b were tied."""
+
+    cameras: tuple[str, str]
+    route: str
+    """`tracks`, `joints` or `looks`."""
+    used: bool
+    score: float | None
+    share: float | None
+    runner_up: float | None
+    """Score of the next best motion, as a share of this one's."""
+    support: float | None
+    matches: int | None
+    matched_tracklets: int
+    offset_s: float
+    """Of b's clock less a's."""
+    registered_offset_s: float | None
+    looks: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AssociationRound:
+    """A turn of solver and association."""
+
+    registered: int
+    """Cameras with a pose."""
+    unchanged: float
+    """Pairs of tracklets that are together before and after, as a share of those in either."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AssociationFigures:
+    """Who is who, and how that was found; all but the mode None where identities were given and the clocks agree."""
+
+    mode: str | None = field(default=None, metadata=ABSENT)
+    """As the scene file has it; association itself leaves it out."""
+    cameras: tuple[CameraTracks, ...] | None = field(default=None, metadata=ABSENT)
+    pairs: tuple[TiedPair, ...] | None = field(default=None, metadata=ABSENT)
+    people: int | None = field(default=None, metadata=ABSENT)
+    rounds: tuple[AssociationRound, ...] | None = field(default=None, metadata=ABSENT)
+    """None where identities were given."""

@@ -1,0 +1,314 @@
+"""Figures of the solver's stages: what `calibration.json` has as `figures`, field by field under the same names.
+
+A field that is None is not known, or does not apply. One whose metadata are `ABSENT` has no key in a file while it is None.
+A name that Python reserves ends in an underscore here, and has none in a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+ABSENT = {"absent": True}
+"""Metadata of a field that is left out of a file while it is None."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelFigures:
+    """A camera's vertical and ground by its own people."""
+
+    height_m: float
+    residual: float | None
+    """Median misfit, as a share of the people's height in the picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolvedCamera:
+    """What the adjustment says of a registered camera."""
+
+    name: str
+    sightings: int | None = None
+    """Of people whom two cameras share;"""
+    agreeing: int | None = None
+    """those of them that agree with the rig;"""
+    joints: int | None = None
+    """likewise joints."""
+    median_residual_px: float | None = None
+    """Of the centres of its boxes."""
+    slack: float | None = None
+    """Logarithm of how much taller its boxes are than the people."""
+    focal_change: float | None = None
+    """Logarithm of the factor on the focal length that people would like, and its sigma."""
+    focal_change_sigma: float | None = None
+    shape_position_sigma_mm: float | None = None
+    """Sigmas without scale, vertical and ground."""
+    shape_orientation_sigma_deg: float | None = None
+    own_level: LevelFigures | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairFigures:
+    """A guess at how two cameras stand to each other."""
+
+    cameras: tuple[str, str]
+    route: str
+    inliers: int
+    matches: int
+    support: float | None
+    """By the ways through other cameras, 0 to 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeFigures:
+    """A start that was tried."""
+
+    tree: str
+    agreeing: int
+    """Sightings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustmentRound:
+    """One adjustment of all that agrees."""
+
+    sightings: int
+    renamed: int
+    """Identities."""
+    joints: int
+    iterations: int
+    converged: bool
+    cost: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseFigures:
+    """The boxes' and joints' errors as they were learnt."""
+
+    floor_px: float
+    box_px: float
+    centre: float
+    """Shares of a person's height in the picture."""
+    height: float
+    joint: float
+    broken_edges: float
+    """Share of the edges."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeopleFigures:
+    """The people that the rig rests on."""
+
+    identities: int
+    instants: int | None = None
+    standing: float | None = None
+    """Share of the instants."""
+    heights_m: Mapping[str, float] = field(default_factory=dict)
+    """By identity."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CueFigures:
+    """What one cue says of the scale."""
+
+    cue: str
+    """`population of N`, `height of person IDENTITY`, or the name of a measured length."""
+    stated_m: float
+    measured_m: float
+    sd_m: float
+    residual_sigmas: float
+    share: float
+    """Of the weight of all cues, 0 to 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleFigures:
+    """How sure all lengths are, and what they rest on."""
+
+    relative_sigma: float | None = None
+    """None where nothing fixes the scale."""
+    cues: tuple[CueFigures, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistanceFigures:
+    """Between two cameras."""
+
+    cameras: tuple[str, str]
+    metres: float
+    """Before any `[world]` with a scale of its own."""
+    sigma_m: float | None
+    """With the scale's share."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockCorrection:
+    """What the adjustment adds to a camera's clock offset."""
+
+    correction_s: float
+    sigma_s: float
+    """0 for the camera whose clock is held."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FocalFigures:
+    """A focal length that was refined, pixels."""
+
+    stated_px: float
+    refined_px: float
+    sigma_px: float
+    people_sigma_px: float | None
+    """By people alone."""
+    far: bool
+    """Farther from the stated one than stated ones are off."""
+    told: bool
+    """Whether people know it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrincipalPointFigures:
+    """As `FocalFigures`, of x and y."""
+
+    stated_px: tuple[float, float]
+    refined_px: tuple[float, float]
+    sigma_px: tuple[float, float]
+    people_sigma_px: tuple[float | None, float | None]
+    far: bool
+    told: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class LensFigures:
+    """The parts of a camera's lens that were refined."""
+
+    focal: FocalFigures | None = field(default=None, metadata=ABSENT)
+    principal_point: PrincipalPointFigures | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedRate:
+    """A camera's frame rate, frames per second."""
+
+    fps: float
+    stated: float
+    sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionFigures:
+    """A camera that stood elsewhere for a part of its recording."""
+
+    camera: str
+    frames: tuple[int, int]
+    """First and last frame of what was left out, of the camera's own;"""
+    seconds: tuple[float, float] | None
+    """the same in seconds."""
+    left_out: Literal["before", "after", "between"]
+    metres: float
+    degrees: float
+    sigmas: float
+    shift: float
+    """Of people in the picture, as a share of their extent."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundFigures:
+    """How far the people's ground is from one plane."""
+
+    rise_m: float
+    sigma_m: float | None
+    low: tuple[float, float]
+    """Where it is lowest, x and y in the solver's world,"""
+    high: tuple[float, float]
+    """and where it is highest."""
+    chance_sigmas: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverFigures:
+    """What every method has; by itself, of a solve that came to no rig."""
+
+    clock_rates: Mapping[str, FittedRate] | None = field(default=None, metadata=ABSENT)
+    """By camera; None where rates were not refined."""
+    moved: tuple[MotionFigures, ...] = ()
+    ground: GroundFigures | None = None
+    """None where too few places tell."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdjustedFigures(SolverFigures):
+    """Of the method `people`."""
+
+    cameras: tuple[SolvedCamera, ...] = ()
+    """Of the registered cameras."""
+    pairs: tuple[PairFigures, ...] = ()
+    trees: tuple[TreeFigures, ...] = ()
+    tree: str | None = None
+    """The one that was taken."""
+    rounds: tuple[AdjustmentRound, ...] = ()
+    noise: NoiseFigures | None = None
+    people: PeopleFigures | None = None
+    foot_shift: float | None = None
+    """How much nearer than the body's axis the visible foot is, as a share of the height."""
+    scale: ScaleFigures = field(default_factory=ScaleFigures)
+    vertical_sigma_deg: float | None = None
+    covariance_inflation: float | None = None
+    distances: tuple[DistanceFigures, ...] = ()
+    clocks: Mapping[str, ClockCorrection] = field(default_factory=dict)
+    """By camera; empty where clocks were not refined."""
+    undetermined: tuple[str, ...] | None = field(default=None, metadata=ABSENT)
+    """What nothing fixes; None where all is fixed."""
+    lenses: Mapping[str, LensFigures] = field(default_factory=dict)
+    """By camera; empty where no lens was refined."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StarScale:
+    """What the scale of the method `geopose` rests on."""
+
+    from_: str
+    """`person height`, or `known lengths`."""
+    factor: float
+    relative_sd: float
+    height_m: float | None = field(default=None, metadata=ABSENT)
+    sightings: int | None = field(default=None, metadata=ABSENT)
+    people: int | None = field(default=None, metadata=ABSENT)
+    lengths: int | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StarPair:
+    """A camera that was registered with the reference."""
+
+    camera: str
+    correspondences: int
+    inliers: int
+    rms_px: float | None
+    parallax_deg: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StarFigures(SolverFigures):
+    """Of the method `geopose`."""
+
+    points: str
+    """`boxes` or `joints`; `given` for points of any origin."""
+    reference: str
+    scale: StarScale
+    pairs: tuple[StarPair, ...] = ()
+    merged_points: int
+    pair_disagreement: float | None
+    rms_px: float | None
+    iterations: int
+    converged: bool
+
+
+def adjusted(figures: SolverFigures) -> AdjustedFigures:
+    """The figures of the method `people`; empty ones of another method, or of a solve that came to no rig."""
+    return figures if isinstance(figures, AdjustedFigures) else AdjustedFigures()
+
+
+def heights_of(figures: SolverFigures) -> Mapping[str, float]:
+    """By identity, standing heights as the solver has them, metres; empty where it has none."""
+    people = adjusted(figures).people
+    return {} if people is None else people.heights_m

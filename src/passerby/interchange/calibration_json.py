@@ -1,0 +1,342 @@
+"""`calibration.json`: its tables as values, read and written here and nowhere else.
+
+The tables of the solver's stages are `passerby.core.figures`, those of association `passerby.core.association_figures`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, TypeVar
+
+import cv2
+import numpy as np
+from pydantic import ConfigDict, Discriminator, Field, Tag, TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from passerby.common.errors import InputError
+from passerby.common.text import shortened, shortened_text
+from passerby.core.association_figures import AssociationFigures
+from passerby.core.cameras import Camera
+from passerby.core.figures import ABSENT, AdjustedFigures, SolverFigures, StarFigures
+from passerby.core.solution import Verdict
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.json_text import to_json
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+
+CALIBRATION_FILE = "calibration.json"
+SCHEMA_VERSION = 1
+"""Of the file's tables; a file that has none was written before there were others."""
+
+
+def _without_underscore(name: str) -> str:
+    """The key of a field whose name Python reserves."""
+    return name.removesuffix("_")
+
+
+_STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=_without_underscore)
+_OPEN = ConfigDict(strict=True, allow_inf_nan=False, extra="allow")
+"""Of tables of which only some keys are read again; the others are kept as they are."""
+
+_LONG_NUMBER = re.compile(r"[0-9]{300}")
+"""No float holds it, nor has any figure so many digits."""
+
+Number = float | None
+Entry = TypeVar("Entry")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraEntry:
+    """One of `cameras`. What depends on the pose is in the file's world: metres, z up."""
+
+    name: str
+    registered: bool | None = None
+    centre_m: tuple[float, float, float] | None = None
+    height_m: Number = None
+    heading_deg: Number = None
+    tilt_deg: Number = None
+    roll_deg: Number = None
+    rotation: tuple[float, float, float] | None = None
+    """Rodrigues vector, world to camera."""
+    translation_m: tuple[float, float, float] | None = None
+    position_sigma_mm: Number = None
+    orientation_sigma_deg: Number = None
+    people: int | None = None
+    """Identities that it saw."""
+    boxes: int | None = None
+    keypoints: int | None = None
+    median_residual_px: Number = None
+    fps: Annotated[float, Field(gt=0)] | None = None
+    time_offset_s: Number = None
+    """Its clock against that of the first registered camera."""
+    time_offset_sigma_s: Number = None
+
+    def with_pose(self, camera: Camera) -> CameraEntry:
+        """The same with the pose of a camera."""
+        pose, sigma = camera.pose, camera.sigma
+        return replace(
+            self,
+            registered=pose is not None,
+            centre_m=None if pose is None else _three(pose.centre),
+            height_m=None if pose is None else float(pose.centre[2]),
+            heading_deg=None if pose is None else _known(pose.heading_deg),
+            tilt_deg=None if pose is None else _known(pose.tilt_deg),
+            roll_deg=None if pose is None else _known(pose.roll_deg),
+            rotation=None if pose is None else _three(np.asarray(cv2.Rodrigues(np.array(pose.R_cw))[0]).ravel()),
+            translation_m=None if pose is None else _three(pose.t_cw),
+            position_sigma_mm=None if sigma is None else _known(1000 * sigma.position_m),
+            orientation_sigma_deg=None if sigma is None else _known(sigma.orientation_deg),
+        )
+
+
+def _known(value: float | None) -> float | None:
+    """A number; None for one that is infinite or undefined."""
+    return None if value is None or not np.isfinite(value) else float(value)
+
+
+def _three(values: Any) -> tuple[float, float, float]:
+    """A vector (3,) as plain numbers."""
+    x, y, z = map(float, values)
+    return x, y, z
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkEntry:
+    """A network that was used."""
+
+    network: str
+    sha256: str | None = None
+    licence: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoMove:
+    """A camera that left its place; times are seconds."""
+
+    seconds: float
+    until: Number
+    """When it was back; None: never."""
+    pixels: Number
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoEntry:
+    """What was found in a camera's video."""
+
+    pictures: int
+    boxes: int
+    ended_early: str | None = None
+    broken: int | None = None
+    first_broken_s: Number = None
+    moves: tuple[VideoMove, ...] = ()
+    shake_px: Number = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerceptionEntry:
+    """How people were found in the videos: a word, or a network."""
+
+    detector: str | NetworkEntry | None = None
+    embedder: str | NetworkEntry | None = None
+    keypoints: str | NetworkEntry | None = None
+    cameras: Mapping[str, VideoEntry] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualEntry:
+    """How far a camera, or a point that it saw, is from where it is known to be, as far as it is read again."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    point: str | None = field(default=None, metadata=ABSENT)
+    camera: str | None = field(default=None, metadata=ABSENT)
+    off_m: Number = None
+    used: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldEntry:
+    """How `[world]` or `passerby align` placed the world, as far as it is read again."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    by: str
+    scale: Number = None
+    scale_fitted: bool | None = field(default=None, metadata=ABSENT)
+    turn_sigma_deg: Number = field(default=None, metadata=ABSENT)
+    place_sigma_mm: Number = field(default=None, metadata=ABSENT)
+    residuals: tuple[ResidualEntry, ...] | None = field(default=None, metadata=ABSENT)
+    notes: tuple[str, ...] | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeclaredTimes:
+    """`[scene]` of the scene file, as far as it is read again."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    name: str | None = field(default=None, metadata=ABSENT)
+    fps: Annotated[float, Field(gt=0)] | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeclaredCamera:
+    """`[cameras.NAME]`, likewise."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    intrinsics: str | None = field(default=None, metadata=ABSENT)
+    video: str | None = field(default=None, metadata=ABSENT)
+    """From the scene file's folder."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeclaredAssociation:
+    """`[association]`, likewise."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    mode: str | None = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeclaredScale:
+    """`[scale]`, likewise."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    person_height_m: Number = field(default=None, metadata=ABSENT)
+    person_height_sd_m: Number = field(default=None, metadata=ABSENT)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeclaredScene:
+    """The scene file as it was read, with the values that it leaves out."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    scene: DeclaredTimes = field(default_factory=DeclaredTimes)
+    cameras: Mapping[str, DeclaredCamera] = field(default_factory=dict)
+    perception: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
+    association: DeclaredAssociation = field(default_factory=DeclaredAssociation)
+    solver: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
+    scale: DeclaredScale = field(default_factory=DeclaredScale)
+    world: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
+
+
+def _kind_of_figures(value: Any) -> str:
+    """Which of the tags below a table of figures has."""
+    if isinstance(value, Mapping):
+        return "star" if "reference" in value else "adjusted" if "scale" in value or "cameras" in value else "none"
+    return {AdjustedFigures: "adjusted", StarFigures: "star"}.get(type(value), "none")
+
+
+_TAGS = ("adjusted", "star", "none")
+Figures = Annotated[
+    Annotated[AdjustedFigures, Tag("adjusted")] | Annotated[StarFigures, Tag("star")] | Annotated[SolverFigures, Tag("none")],
+    Discriminator(_kind_of_figures),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationDocument:
+    """All of `calibration.json`. What is None is not known, does not apply, or was not written by an older Passerby."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    schema_version: int = SCHEMA_VERSION
+    scene_file: str | None = None
+    """Where the scene file lies, absolute; None for a scene that came from no file."""
+    files: Mapping[str, str] | None = field(default=None, metadata=ABSENT)
+    """Checksums of rig and tracks; None in files of an older Passerby."""
+    name: str | None = None
+    """Of the scene."""
+    passerby: str | None = None
+    versions: Mapping[str, str | None] = field(default_factory=dict)
+    """Of the libraries that compute."""
+    verdict: Verdict
+    reasons: tuple[str, ...] = ()
+    findings: tuple[str, ...] = ()
+    diagnostics: list[dict[str, Any]] | None = field(default=None, metadata=ABSENT)
+    cameras: tuple[CameraEntry, ...]
+    perception: PerceptionEntry | None = field(default=None, metadata=ABSENT)
+    association: AssociationFigures = field(default_factory=AssociationFigures)
+    method: str = "people"
+    seed: int | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    scene: DeclaredScene = field(default_factory=DeclaredScene)
+    figures: Figures = field(default_factory=SolverFigures)
+    world: WorldEntry | None = field(default=None, metadata=ABSENT)
+
+    @property
+    def entries(self) -> dict[str, CameraEntry]:
+        """The cameras by name."""
+        return {one.name: one for one in self.cameras}
+
+
+def entry_of(kind: type[Entry], table: Mapping[str, Any]) -> Entry:
+    """A table of plain values as an entry of a document. Raises `ValueError` for one that is none."""
+    return TypeAdapter(kind, config=None if hasattr(kind, "__pydantic_config__") else _STRICT).validate_json(to_json(table))
+
+
+@cache
+def _documents() -> TypeAdapter[CalibrationDocument]:
+    """Built once, and only where a file is read."""
+    return TypeAdapter(CalibrationDocument)
+
+
+def unlike(path: Path, why: str) -> InputError:
+    """The error of a `calibration.json` that no calibration wrote."""
+    return InputError(f"{path}: is not what `passerby calibrate` writes: {why}: calibrate again")
+
+
+def read_document(folder: Path) -> CalibrationDocument:
+    """Read the `calibration.json` of a folder.
+
+    Raises `InputError` with key, value and remedy where it is missing, is no such file, or is of a later schema.
+    """
+    path = folder / CALIBRATION_FILE
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: name the folder that `passerby calibrate SCENE -o FOLDER` wrote")
+    return parse_document(read_text(path, "what a calibration tells (JSON)"), path)
+
+
+def parse_document(text: str, path: Path = Path(CALIBRATION_FILE)) -> CalibrationDocument:
+    """The document in a text; `path` is what errors call it. Raises `InputError` as `read_document` does."""
+    try:
+        content = parse_json(text)
+    except NotParsed as error:
+        raise InputError(f"{path}: is not JSON ({error}): calibrate again") from None
+    if not isinstance(content, dict):
+        raise unlike(path, "it is no table")
+    if _LONG_NUMBER.search(text):
+        raise unlike(path, "it holds a number of 300 digits")
+    version = content.get("schema_version", SCHEMA_VERSION)
+    if isinstance(version, int) and version > SCHEMA_VERSION:
+        raise InputError(
+            f"{path}: schema_version is {shortened(version)}, of a later Passerby; this one reads {SCHEMA_VERSION}: install a "
+            "later one"
+        )
+    try:
+        return _documents().validate_json(text)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        if fault["type"] == "json_invalid":  # half a character, which is no text
+            raise InputError(f"{path}: is not JSON ({fault['ctx']['error']}): calibrate again") from None
+        raise unlike(path, _explained(fault, content)) from None
+
+
+def _explained(fault: ErrorDetails, content: dict[str, Any]) -> str:
+    """Where a fault is, and what stands there."""
+    *place, last = [part for part in fault["loc"] if part not in _TAGS] or [""]
+    owner = "it"
+    if len(place) > 1 and place[0] == "cameras":
+        table = content["cameras"][int(place[1])]
+        owner, place = f"camera {shortened_text(str(table.get('name', f'number {int(place[1]) + 1}')))}", place[2:]
+    key = ".".join(map(str, (*place, last)))
+    if fault["type"] == "missing":
+        return f"{owner} has no {key}"
+    wanted = str(fault["msg"]).removeprefix("Input should be ").replace("an object", "a table").replace("array", "list")
+    stands = f"{key} is {shortened(fault['input'])}" if owner == "it" else f"{owner} has {key} {shortened(fault['input'])}"
+    return f"{stands}, which should be {wanted}"
+
+
+def write_document(folder: Path, document: CalibrationDocument) -> None:
+    """Write the `calibration.json` of a folder. Raises `InputError` where it cannot be written."""
+    write_text(folder / CALIBRATION_FILE, to_json(document))
