@@ -1,4 +1,4 @@
-"""Writes `docs/reference/*.md` from the code: every key of the scene file and every option of the commands, with its reason.
+"""Writes `docs/reference/*.md` from the code: every key of the scene file, every option of the commands, all codes of findings.
 
     python docs/make_reference.py
 
@@ -30,6 +30,7 @@ from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
 from passerby.cli.main import app
+from passerby.core.finding_texts import KINDS
 from passerby.interchange.storage.atomic import write_text
 from passerby.scene import scene
 from passerby.scene import tables as scene_tables
@@ -340,9 +341,23 @@ def _help(parameter: Parameter) -> str:
     return " ".join((parameter.info.help or "").split())
 
 
+# --- findings -------------------------------------------------------------------------------------------------------------
+
+
+def findings_page() -> str:
+    """Every code of a finding, with its severities and what it means."""
+    rows = [(f"`{code}`", ", ".join(kind.severities), kind.meaning) for code, kind in KINDS.items()]
+    head = (
+        f"{WRITTEN}\n\n# Codes of findings\n\nWhat speaks against a calibration, or is odd about its input, stands in "
+        "`calibration.json` under\n[`diagnostics`](../output.md#diagnostics) by these codes; "
+        "[troubleshooting](../troubleshooting.md) says what to do.\n\n"
+    )
+    return head + table(("code", "severity", "meaning"), rows)
+
+
 def pages() -> dict[str, str]:
     """The text of each page, by its file's name."""
-    return {"scene-file.md": scene_page(), "commands.md": commands_page()}
+    return {"scene-file.md": scene_page(), "commands.md": commands_page(), "findings.md": findings_page()}
 
 
 if __name__ == "__main__":

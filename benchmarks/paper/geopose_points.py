@@ -57,5 +57,5 @@ def solve_correspondences(
 
     star = solve_star_graph(rig, points, options, lambda pair: metres([pair]).factor, rng)
     here = Similarity(1.0, np.eye(3), np.zeros(3))
-    reasons = [*star.reasons, *doubts(rig, star, "points", "other points")]
-    return star_solution("geopose", rig, star, metres(star.pairs), here, SIGMA_FACTOR, reasons, "given")
+    findings = [*star.findings, *doubts(rig, star, "points", "other points")]
+    return star_solution("geopose", rig, star, metres(star.pairs), here, SIGMA_FACTOR, findings, "given")

@@ -12,6 +12,7 @@ import pytest
 
 import passerby
 from passerby.cli.main import run
+from passerby.core.findings import notice, refusal
 from passerby.core.observations import CameraObservations
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
@@ -276,7 +277,8 @@ def test_notebooks_show_a_calibration(calibration):
     page = Checked(calibration._repr_html_())
     assert page.count["tr"] == 5
     assert "residual px" in page.words
-    doubtful = replace(calibration, verdict="doubtful", reasons=("too <few> people",), findings=("odd & strange",) * 20)
+    few, odd = refusal("too_little_evidence", why="too <few> people"), notice("world_not_set", why="odd & strange")
+    doubtful = replace(calibration, verdict="doubtful", diagnostics=(few, *[odd] * 20))
     page = Checked(doubtful._repr_html_())
     assert "! doubtful" in page.words
     assert "too <few> people" in page.words

@@ -97,32 +97,29 @@ def test_people_who_are_nobody_elses_tell_nothing() -> None:
     assert scene.drifts() == {}
 
 
-def test_the_sentence_names_camera_drift_and_the_rate_that_fits() -> None:
+def test_the_doubt_names_camera_drift_and_the_rate_that_fits() -> None:
     scene = filmed(crowd(), (FPS, FPS, 10.4, FPS))
-    doubts, findings = drift_findings(scene.cameras, scene.drifts())
-    assert len(doubts) == 1
-    assert findings == []
-    assert "the clock of C3 drifts by" in doubts[0]
-    assert "better than the stated 10: check its fps" in doubts[0]
-    fits = float(doubts[0].split("fit about ")[1].split()[0])
-    assert fits == pytest.approx(10.4, abs=0.05)
-    assert float(doubts[0].split("drifts by ")[1].split()[0]) == pytest.approx(2.4, abs=0.3)
+    (doubt,), notices = drift_findings(scene.cameras, scene.drifts())
+    assert notices == []
+    assert (doubt.code, doubt.cameras) == ("clock_drifts", ("C3",))
+    assert doubt.values["fps"] == 10.0
+    assert doubt.values["fits_fps"] == pytest.approx(10.4, abs=0.05)
+    assert doubt.values["drift_s"] == pytest.approx(2.4, abs=0.3)
 
 
-def test_a_small_drift_is_a_finding_and_no_doubt() -> None:
+def test_a_small_drift_is_a_notice_and_no_doubt() -> None:
     scene = filmed(crowd(), (FPS, FPS, 10.08, FPS))
-    doubts, findings = drift_findings(scene.cameras, scene.drifts())
+    doubts, (notice,) = drift_findings(scene.cameras, scene.drifts())
     assert doubts == []
-    assert len(findings) == 1
-    assert "C3" in findings[0]
+    assert (notice.code, notice.severity, notice.cameras) == ("clock_drifts", "notice", ("C3",))
 
 
 def test_of_two_cameras_neither_is_to_blame() -> None:
     scene = filmed(crowd(), (FPS, 10.4))
-    doubts, findings = drift_findings(scene.cameras, scene.drifts())
-    assert findings == []
-    assert len(doubts) == 1
-    assert doubts[0].startswith("the clocks of C1 and C2 drift apart by 2.")
+    (doubt,), notices = drift_findings(scene.cameras, scene.drifts())
+    assert notices == []
+    assert (doubt.code, doubt.severity, doubt.cameras) == ("clocks_drift_apart", "doubt", ("C1", "C2"))
+    assert 2.0 <= doubt.values["drift_s"] < 3.0
     sound = filmed(crowd(), (FPS, FPS))
     assert drift_findings(sound.cameras, sound.drifts()) == ([], [])
 

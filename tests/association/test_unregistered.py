@@ -13,15 +13,14 @@ from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import ground_tracks
 from passerby.association.ground.registration import register_pair
 from passerby.association.registration_failures import (
-    VIEW_MEND,
-    WALK_MEND,
+    fit_of,
     nobody_walks,
-    reasons_of_lost,
     sees_too_little,
-    told,
+    unregistered_cameras,
     what_would_fit,
 )
 from passerby.core.cameras import Pose
+from passerby.core.findings import Finding
 from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level
 from support.scenes.people_and_rigs import looking_at
@@ -63,19 +62,19 @@ def graph_of(cameras: list[CameraTracklets], max_lag_s: float) -> ViewGraph:
 def test_a_mistaken_frame_rate_is_named(true_fps: float, stated: float) -> None:
     people = crowd()
     right, wrong = camera("C1", EAST, people), camera("C2", replace(WEST, fps=true_fps), people, stated_fps=stated)
-    hint = what_would_fit(right, wrong, 3.0)
-    assert hint is not None
-    assert f"at {true_fps:g} frames per second instead of {stated:g} " in hint
-    assert "the people of C2 are where C1 sees them: check its fps" in hint
+    found = what_would_fit(right, wrong, 3.0)
+    assert found is not None
+    assert (found.code, found.cameras) == ("other_rate_fits", ("C2", "C1"))
+    assert (found.values["fits_fps"], found.values["fps"]) == (pytest.approx(true_fps), stated)
 
 
-@pytest.mark.parametrize(("delay_s", "way", "enough"), [(12.3, "ahead of", 14), (-8.4, "behind", 10)])
-def test_clocks_farther_apart_than_was_searched_for(delay_s: float, way: str, enough: int) -> None:
+@pytest.mark.parametrize(("delay_s", "enough"), [(12.3, 14), (-8.4, 10)])
+def test_clocks_farther_apart_than_was_searched_for(delay_s: float, enough: int) -> None:
     people = crowd()
-    hint = what_would_fit(camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=delay_s), people), 3.0)
-    assert hint is not None
-    assert f"the clock of C2 is {abs(delay_s):.1f} s {way} that of C1" in hint
-    assert hint.endswith(f"search for larger clock offsets: under [association] set max_offset_s = {enough}")
+    found = what_would_fit(camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=delay_s), people), 3.0)
+    assert found is not None
+    assert (found.code, found.cameras) == ("clock_far_off", ("C2", "C1"))
+    assert found.values == {"ahead_s": pytest.approx(delay_s, abs=0.05), "search_s": enough}
 
 
 @pytest.mark.parametrize("delay_s", [120.0, -140.3])
@@ -83,12 +82,11 @@ def test_clocks_minutes_apart(delay_s: float, monkeypatch: pytest.MonkeyPatch) -
     """Farther than a minute, and than half of the recordings: the lags at which anything overlaps are all looked at."""
     monkeypatch.setattr(sys.modules[__name__], "SECONDS", 200.0)
     people = walkers(5, np.random.default_rng(8), 200.0)
-    hint = what_would_fit(camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=delay_s), people, seed=1), 5.0)
-    assert hint is not None
-    way = "ahead of" if delay_s > 0 else "behind"
-    assert hint.startswith(f"the clock of C2 is {abs(delay_s):.1f} s {way} that of C1: ")
-    named = float(hint.rsplit(" = ", 1)[1])
-    assert abs(delay_s) <= named <= abs(delay_s) + 2
+    found = what_would_fit(camera("C1", EAST, people), camera("C2", replace(WEST, delay_s=delay_s), people, seed=1), 5.0)
+    assert found is not None
+    assert (found.code, found.cameras) == ("clock_far_off", ("C2", "C1"))
+    assert found.values["ahead_s"] == pytest.approx(delay_s, abs=0.05)
+    assert abs(delay_s) <= found.values["search_s"] <= abs(delay_s) + 2
 
 
 def test_a_recording_that_overlaps_another_for_a_part_only(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,9 +94,10 @@ def test_a_recording_that_overlaps_another_for_a_part_only(monkeypatch: pytest.M
     monkeypatch.setattr(sys.modules[__name__], "SECONDS", 90.0)
     people = walkers(6, np.random.default_rng(3), 160.0)
     later = [Walker(walker.seconds - 60.0, walker.points) for walker in people]
-    hint = what_would_fit(camera("C1", EAST, people), camera("C2", WEST, later, seed=1), 5.0)
-    assert hint is not None
-    assert hint.startswith("the clock of C2 is 60.0 s behind that of C1: ")
+    found = what_would_fit(camera("C1", EAST, people), camera("C2", WEST, later, seed=1), 5.0)
+    assert found is not None
+    assert (found.code, found.cameras) == ("clock_far_off", ("C2", "C1"))
+    assert found.values["ahead_s"] == pytest.approx(-60.0, abs=0.05)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -121,7 +120,7 @@ def test_nothing_is_tried_where_the_clocks_are_in_step() -> None:
     assert what_would_fit(camera("C1", EAST, people), wrong, 0.0) is None
 
 
-def test_each_camera_that_is_lost_has_its_own_reason() -> None:
+def test_each_camera_that_is_lost_has_its_own_finding() -> None:
     """Two that fit; one whose clock is far off, one that sees others, one that sees nobody, one whose people are too few."""
     people = crowd()
     cameras = [
@@ -134,20 +133,24 @@ def test_each_camera_that_is_lost_has_its_own_reason() -> None:
     ]
     graph = graph_of(cameras, 3.0)
     assert graph.groups[0] == (0, 1)
-    found = reasons_of_lost(cameras, graph, 3.0)
-    assert list(found) == ["late", "elsewhere", "blind", "flat"]
-    assert found["late"].startswith("camera late could not be registered to C")
-    assert "the clock of late is 12.0 s ahead of that of C" in found["late"]
-    assert found["elsewhere"].startswith("camera elsewhere could not be registered")
-    assert found["elsewhere"].endswith(VIEW_MEND)
-    assert found["blind"] == "camera blind saw nobody from head to feet: it cannot be calibrated"
-    assert found["flat"] == f"camera flat saw too few people who walk for a second or longer: {WALK_MEND}"
+    found = unregistered_cameras(cameras, graph, 3.0)
+    assert [(name, doubt.code, doubt.cameras) for name, doubt in found.items()] == [
+        ("late", "camera_unregistered", ("late",)),
+        ("elsewhere", "camera_unregistered", ("elsewhere",)),
+        ("blind", "nobody_whole", ("blind",)),
+        ("flat", "few_walkers", ("flat",)),
+    ]
+    fixed = Finding.of_value(found["late"].values["fixed_by"])
+    assert (fixed.code, fixed.cameras[0]) == ("clock_far_off", "late")
+    assert fixed.values["ahead_s"] == pytest.approx(12.0, abs=0.05)
+    assert found["late"].values["to"] in ("C1", "C2")
+    assert "fixed_by" not in found["elsewhere"].values
 
 
 def test_nobody_is_lost_where_all_fit() -> None:
     people = crowd()
     cameras = [camera("C1", EAST, people), camera("C2", WEST, people, seed=1)]
-    assert reasons_of_lost(cameras, graph_of(cameras, 3.0), 3.0) == {}
+    assert unregistered_cameras(cameras, graph_of(cameras, 3.0), 3.0) == {}
     assert sees_too_little(cameras[0]) is None
 
 
@@ -158,10 +161,10 @@ def test_what_is_told_of_a_pair() -> None:
     assert second is not None
     guess = register_pair(0, 1, first, second, 3.0).candidates[0]
     assert guess.share > 0.6
-    assert told(Edge(0, 1, None, 0.0, 0.0, False)) == "nobody walks in both at one time"
-    assert "finds 31% in both" in told(Edge(0, 1, replace(guess, share=0.31), 0.0, 0.0, False))
-    assert "third cameras contradict" in told(Edge(0, 1, guess, 1.2, 0.0, False))
-    assert "scores 80% of the best" in told(Edge(0, 1, guess, 0.8, 0.0, False))
+    assert fit_of(Edge(0, 1, None, 0.0, 0.0, False)) == {"fit": "never_together"}
+    assert fit_of(Edge(0, 1, replace(guess, share=0.31), 0.0, 0.0, False)) == {"fit": "few_in_both", "share": 0.31}
+    assert fit_of(Edge(0, 1, guess, 1.2, 0.0, False)) == {"fit": "contradicted"}
+    assert fit_of(Edge(0, 1, guess, 0.8, 0.0, False)) == {"fit": "ambiguous", "runner_up": 0.8}
 
 
 def test_standing_people_are_told_of() -> None:
@@ -171,6 +174,5 @@ def test_standing_people_are_told_of() -> None:
     assert nobody_walks([walk, walk, stand], poses) == []
     assert nobody_walks([walk, walk], poses[:2]) == []
     for cameras in ([walk, stand, walk], [stand, stand, walk]):
-        (sentence,) = nobody_walks(cameras, poses)
-        assert "stand still" in sentence
-        assert WALK_MEND in sentence
+        (doubt,) = nobody_walks(cameras, poses)
+        assert doubt.code == "people_stand_still"

@@ -25,6 +25,7 @@ from passerby.calibration.repairs import Repair, apply_repairs
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import AdjustedFigures, ClockCorrection
+from passerby.core.findings import refusal
 from passerby.core.observations import Clock
 from passerby.core.solution import Solution
 from passerby.scene.inputs import SceneInputs
@@ -33,7 +34,7 @@ from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 
-FORCED = "forced"
+FORCED = refusal("too_little_evidence", why="forced")
 
 
 def refused(rig: Rig) -> Solution:
@@ -109,7 +110,7 @@ def test_a_refused_solve_in_any_round_is_a_refusal(
             break  # that round did not come
         if solver.calls == rounds + 1:  # later solves, of a moved camera or of another frame rate, may hold
             assert found.verdict == "refused"
-            assert FORCED in found.reasons
+            assert FORCED in found.diagnostics
             assert not len(found.rig.posed())
             found.write(tmp_path / f"round{rounds}")
             assert (tmp_path / f"round{rounds}" / "calibration.json").is_file()
@@ -181,5 +182,5 @@ def test_lenses_from_which_no_first_guess_can_be_made_anew_leave_a_doubtful_rig(
     solution = solve(stated, part(truth.observations), options=options)
     assert len(calls) == 2
     assert solution.verdict == "doubtful"
-    assert any("first guess" in reason for reason in solution.reasons)
+    assert "no_other_first_guess" in [doubt.code for doubt in solution.findings]
     assert len(solution.rig.posed()) == len(truth.rig)

@@ -273,8 +273,10 @@ def test_a_video_beside_boxes_of_another_camera(place, folder):
 def test_the_scene_files_rate_is_believed(place):
     cameras = {"C1": "C1.mp4", "C2": 'detections = "C2.txt"'}
     seen, _ = inputs(scene_file(place, cameras, extra="[scene]\nfps = 3.2"))
-    (note,) = [note for note in seen.findings if "scene file is believed" in note]
-    assert "C1.mp4: camera C1: the video says 3 frames per second, the scene file 3.2" in note
+    (note,) = [notice for notice in seen.findings if notice.code == "video_rate_differs"]
+    assert note.cameras == ("C1",)
+    assert note.values["place"].endswith("C1.mp4")
+    assert (note.values["video_fps"], note.values["fps"]) == (3.0, 3.2)
     assert seen.observations.clocks["C1"].fps == 3.2
 
 

@@ -8,6 +8,7 @@ import pytest
 import passerby
 from passerby.calibration.diagnostics.walking_speed import doubts_of_heights, doubts_of_pace, paces, scale_basis
 from passerby.core.figures import CueFigures
+from passerby.core.finding_texts import remedy_of
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
 FPS = 5.0
@@ -41,8 +42,9 @@ def test_children_taken_for_adults_are_told() -> None:
     speeds = [0.9, 1.0, 1.1, 1.2]
     assert doubts_of_pace(*ways(speeds), FPS) == []
     (told,) = doubts_of_pace(*ways(speeds, scale=1.72 / 1.1), FPS)
-    assert "people walk at 1.6 m/s" in told
-    assert "person_height_m" in told
+    assert (told.code, told.values["heights"]) == ("people_walk_fast", "taken")
+    assert told.values["speed"] == pytest.approx(1.6, abs=0.05)
+    assert "person_height_m" in remedy_of(told)
 
 
 def test_people_who_run_and_walk_say_nothing() -> None:
@@ -57,7 +59,8 @@ def test_people_who_stand_and_recordings_without_a_rate_say_nothing() -> None:
 def test_a_stated_height_is_held_against_the_pace_and_a_measured_length_is_not() -> None:
     hurried = ways([1.4, 1.5, 1.6, 1.7])
     (told,) = doubts_of_pace(*hurried, FPS, "stated")
-    assert "people walk at 1.5 m/s if they are as tall as [scale] says" in told
+    assert (told.code, told.values["heights"]) == ("people_walk_fast", "stated")
+    assert told.values["speed"] == pytest.approx(1.55, abs=0.1)
     assert doubts_of_pace(*hurried, FPS, "measured") == []
     assert doubts_of_pace(*ways([2.5, 2.8, 3.0, 3.5]), FPS, "measured") == []
 
@@ -67,7 +70,8 @@ def test_nobody_runs_so_fast(basis: str) -> None:
     mixed = [0.9, 1.2, 2.5, 3.0, 3.5]
     assert doubts_of_pace(*ways(mixed), FPS, basis) == []
     (told,) = doubts_of_pace(*ways(mixed, scale=1.96), FPS, basis)
-    assert "a quarter of the people who move do so at 5.9 m/s or more" in told
+    assert told.code == "people_run_fast"
+    assert told.values["speed"] == pytest.approx(5.9, abs=0.05)
 
 
 def test_places_that_another_person_has_spoilt_make_nobody_run() -> None:
@@ -87,10 +91,10 @@ def test_steady_paces_are_metres_per_second() -> None:
 
 
 def test_what_the_scale_rests_on() -> None:
-    def cue(name: str, share: float) -> CueFigures:
-        return CueFigures(cue=name, stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0, share=share)
+    def cue(kind: str, share: float) -> CueFigures:
+        return CueFigures(cue="a cue", kind=kind, stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0, share=share)
 
-    heights, person, camera = "population of 6", "height of person 3", "height of camera C1"
+    heights, person, camera = "population", "person", "camera_height"
     assert scale_basis([cue(heights, 0.3), cue(person, 0.1), cue(camera, 0.6)], said=True) == "measured"
     assert scale_basis([cue(heights, 0.3), cue(person, 0.7)], said=True) == "stated"
     assert scale_basis([cue(heights, 0.9), cue(camera, 0.1)], said=False) == "taken"
@@ -100,7 +104,8 @@ def test_what_the_scale_rests_on() -> None:
 def test_known_places_do_not_make_giants() -> None:
     assert doubts_of_heights({"1": 1.6, "2": 1.8}, 1.0, 1.72) == []
     (told,) = doubts_of_heights({"1": 1.6, "2": 1.8}, 1.75, 1.72)
-    assert "make people 2.98 m tall, who are 1.72 m" in told
+    assert told.code == "people_too_tall"
+    assert told.values == {"metres": pytest.approx(2.975), "expected_m": 1.72}
     assert doubts_of_heights({}, 3.0, 1.72) == []
 
 
@@ -121,14 +126,14 @@ def test_boxes_of_half_height_are_told_whatever_is_written_under_scale(said: dic
     scene = made("terrace")
     found = calibrated(scene, 0.5, scale=said)
     assert found.verdict == "doubtful"
-    assert any("which is fast" in reason for reason in found.reasons)
+    assert "people_walk_fast" in [doubt.code for doubt in found.doubts]
     assert calibrated(scene, 1.0, scale=said).verdict == "accepted"
 
 
 def test_half_height_is_told_on_a_court_and_people_who_run_are_not_accused() -> None:
     scene = made("basketball")
     found = calibrated(scene, 0.5, scale={"person_height_m": 1.72})
-    assert any("faster than people run" in reason for reason in found.reasons)
+    assert "people_run_fast" in [doubt.code for doubt in found.doubts]
     assert calibrated(scene, 1.0, scale={"person_height_m": 1.72}).verdict == "accepted"
 
 
@@ -140,7 +145,7 @@ def test_a_length_that_makes_people_giants_is_told() -> None:
     assert calibrated(scene, 1.0, scale=right).verdict == "accepted"
     found = calibrated(scene, 1.0, scale=wrong)
     assert found.verdict == "doubtful"
-    assert any("population" in reason for reason in found.reasons)
+    assert [doubt.values["cue"] for doubt in found.doubts if doubt.code == "scale_cue_contradicted"] == ["population of 6"]
 
 
 def test_camera_positions_that_make_people_giants_are_told(tmp_path) -> None:
@@ -151,4 +156,4 @@ def test_camera_positions_that_make_people_giants_are_told(tmp_path) -> None:
         path.write_text("camera,x,y,z\n" + "\n".join(rows) + "\n")
         found = calibrated(scene, 1.0, world={"positions": str(path), "scale": True})
         assert found.verdict == verdict, found.reasons
-        assert any("the places under [world] make people " in reason for reason in found.reasons) == (factor > 1), found.reasons
+        assert ("people_too_tall" in [doubt.code for doubt in found.doubts]) == (factor > 1), found.reasons

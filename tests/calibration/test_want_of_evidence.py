@@ -63,7 +63,7 @@ def test_people_on_one_spot_are_told(terrace):
     observations = boxes_of(terrace.rig, walks, rng)
     solution = judged(Solution("people", terrace.rig, "accepted"), observations)
     assert solution.verdict == "doubtful"
-    assert "all people stay on one spot" in solution.reasons[0]
+    assert solution.findings[0].code == "people_on_one_spot"
 
 
 def test_positions_of_people_are_where_they_walked(terrace):

@@ -13,6 +13,8 @@ from passerby.common.progress import tell_note
 from passerby.core.association_figures import AssociationFigures, TiedPair
 from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.core.figures import AdjustedFigures, CueFigures, ScaleFigures, SolvedCamera
+from passerby.core.finding_texts import text_of
+from passerby.core.findings import doubt
 from passerby.core.observations import Clock
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
@@ -46,7 +48,6 @@ def calibration(tmp_path):
             0,
             {},
             AdjustedFigures(foot_shift=0.5),
-            (),
             association,
             {"solving": 1.0},
         )
@@ -93,22 +94,25 @@ def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
 
 def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
     found = calibration(SEARCHED, lost=True)
-    association = replace(found.association, lost={"B": "B and A saw nobody walk at the same time"})
-    found = replace(found, association=association, verdict="doubtful", reasons=("camera B is lost: record more",))
+    association = replace(found.association, lost={"B": doubt("nobody_whole", "B")})
+    found = replace(found, association=association, verdict="doubtful", diagnostics=(doubt("camera_without_pose", "B"),))
     show_calibration(found, verbose=False)
-    assert "nobody walk" not in capsys.readouterr().out
+    assert "head to feet" not in capsys.readouterr().out
     show_calibration(found, verbose=True)
     shown = capsys.readouterr().out.splitlines()
-    assert "B: B and A saw nobody walk at the same time" in shown
-    assert "doubtful: camera B is lost: record more" in shown
+    assert f"B: {text_of(doubt('nobody_whole', 'B'))}" in shown
+    assert f"doubtful: {text_of(doubt('camera_without_pose', 'B'))}" in shown
 
 
 def test_what_a_measured_length_would_mend(calibration, capsys):
     found = calibration(SEARCHED)
-    cues = tuple(
-        CueFigures(cue=name, stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0, share=share)
-        for name, share in (("population of 3", 0.9), ("height of A", 0.1))
-    )
+    cues = (
+        CueFigures(
+            cue="population of 3", kind="population", count=3, stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0,
+            share=0.9,
+        ),
+        CueFigures(cue="height of A", stated_m=1.7, measured_m=1.7, sd_m=0.1, residual_sigmas=0.0, share=0.1),
+    )  # fmt: skip
     scale = ScaleFigures(relative_sigma=0.047, cues=cues)
     for within, told in ((2.0, True), (8.0, False)):
         sigmas = {"A": 1.0, "B": within}

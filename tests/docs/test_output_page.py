@@ -16,7 +16,10 @@ ELSEWHERE = {"scene": "reference/scene-file.md", "options": "reference/scene-fil
 
 
 def keys(value: Any, page: str = "output.md") -> Iterator[tuple[str, str]]:
-    """(page, key) of all tables below a value; names of cameras, libraries, files and people are no keys."""
+    """(page, key) of all tables below a value; names of cameras, libraries, files and people are no keys.
+
+    The values of a diagnostic are its code's own.
+    """
     if isinstance(value, list):
         for item in value:
             yield from keys(item, page)
@@ -24,7 +27,7 @@ def keys(value: Any, page: str = "output.md") -> Iterator[tuple[str, str]]:
         for key, item in value.items():
             if key not in NAMES and not key.isdigit():
                 yield page, key
-            if key not in ("versions", "files"):
+            if key not in ("versions", "files", "values"):
                 yield from keys(item, ELSEWHERE.get(key, page))
 
 

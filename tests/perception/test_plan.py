@@ -3,6 +3,7 @@
 import pytest
 
 from passerby.common.errors import InputError
+from passerby.core.finding_texts import text_of, texts_of
 from passerby.perception.networks import Network
 from passerby.perception.plan import STRIPES, Plan, foresee, make_plan
 from support.networks.crop_networks import stripe_means
@@ -41,7 +42,8 @@ def test_without_weights():
 def test_what_cannot_be_had_is_done_without_and_told(nowhere):
     plan = planned("auto", "auto")
     assert (plan.detector, plan.embedder, plan.keypoints) == (None, STRIPES, None)
-    people, appearance = plan.notes
+    people, appearance = texts_of(plan.notes)
+    assert [notice.code for notice in plan.notes] == ["network_missing"] * 2
     assert people.startswith("tiny is not on this computer and cannot be fetched")
     assert people.endswith(": people are found by background subtraction, without a network")
     assert appearance.endswith(": people are told apart by the colours of stripes, without a network")
@@ -87,7 +89,7 @@ def test_what_is_foreseen_is_what_is_planned(files):
 def test_nothing_is_fetched_to_foresee(nowhere):
     choices, (note,) = foresee("auto", "", "", models=None, base=None)
     assert choices == {"detector": {"network": "tiny"}}
-    assert note == (
+    assert text_of(note) == (
         "tiny is not on this computer: `passerby models fetch` gets it, and so does calibrating; background takes its place "
         "where it cannot be had"
     )

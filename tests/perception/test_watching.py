@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
+from passerby.core.finding_texts import text_of
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.interchange.video_writer import VideoWriter
 from passerby.perception import watching
@@ -331,7 +332,7 @@ def test_a_camera_that_is_moved_is_told_and_when(job, calls, tmp_path):
         info = probe(write_video(tmp_path / f"moved{back}.mp4", moved(back), FPS))
         watched = watch_camera(replace(job, info=info), silent)
         faults, findings = watched.faults("A", info), watched.findings("A", info)
-        told = (findings if back else faults)[0]
+        told = text_of(findings[0]) if back else faults[0]
         assert not (faults if back else findings)
         assert told.startswith(
             f"{info.path}: camera A: the camera is " if back else f"{info.path}: camera A: the camera moves "

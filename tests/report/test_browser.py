@@ -9,10 +9,11 @@ from dataclasses import replace
 
 import pytest
 
+from passerby.core.findings import doubt, notice, refusal
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
-from support.report.pages import busy_place, changed, named, without_poses
+from support.report.pages import busy_place, changed, diagnosed, named, without_poses
 
 playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
@@ -127,9 +128,9 @@ def doubtful(contents):
     lost = replace(contents.rig["C2"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C2" else one for one in contents.rig))
     cameras = [plain(replace(one, centre_m=None) if one.name == "C2" else one) for one in contents.document.cameras]
-    reasons = ["camera C2 shares nobody with C1: record more people"]
-    told = changed(contents, verdict="doubtful", cameras=cameras, findings=["the sky is green"], reasons=reasons)
-    return replace(told, rig=rig)
+    apart = doubt("nobody_shared", "C2", main=["C1"], given=True)
+    odd = notice("frame_rate_missing", place="scene.toml")
+    return replace(changed(contents, verdict="doubtful", cameras=cameras, **diagnosed(apart, odd)), rig=rig)
 
 
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
@@ -188,7 +189,7 @@ def test_the_table_of_cameras_is_what_calibration_json_holds(laptop, calibrated)
 
 @pytest.mark.parametrize("verdict", ["accepted", "refused"])
 def test_a_phone_never_scrolls_sideways(opened, contents, verdict):
-    shown = contents if verdict == "accepted" else without_poses(contents, ["camera C1 saw nobody: record more people"])
+    shown = contents if verdict == "accepted" else without_poses(contents, refusal("nobody_whole", "C1"))
     one = opened(shown, PHONE, has_touch=True)
     assert one.told(OVERFLOW) == 0
     one.told("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
@@ -198,7 +199,7 @@ def test_a_phone_never_scrolls_sideways(opened, contents, verdict):
 
 @pytest.mark.parametrize("verdict", ["accepted", "doubtful", "refused"])
 def test_text_is_readable_in_light_and_dark(opened, laptop, contents, verdict):
-    shown = doubtful(contents) if verdict == "doubtful" else without_poses(contents, ["camera C1 saw nobody"])
+    shown = doubtful(contents) if verdict == "doubtful" else without_poses(contents, refusal("nobody_whole", "C1"))
     one = laptop if verdict == "accepted" else opened(shown)
     selectors = [
         "#verdict", ".meaning", ".lead", ".key-figures dt", ".key-figures dd", "thead th", "tbody td", "tbody th", ".what",
@@ -348,8 +349,8 @@ def test_without_webgl_a_note_stands_where_the_view_would_be(opened, contents):
 
 
 def test_names_run_nothing_and_are_shown_as_they_are(opened, contents):
-    reasons = [f"camera {HOSTILE[1]} is odd: see {HOSTILE[2]}"]
-    one = opened(changed(named(contents, HOSTILE), name=HOSTILE[0], verdict="doubtful", reasons=reasons))
+    odd = diagnosed(doubt("nobody_shared", HOSTILE[1], main=[HOSTILE[2]], given=True))
+    one = opened(changed(named(contents, HOSTILE), name=HOSTILE[0], verdict="doubtful", **odd))
     names = one.told("Array.from(document.querySelectorAll('#cameras-table tbody .name'), (name) => name.textContent)")
     assert names == list(HOSTILE)
     assert one.told("document.querySelectorAll('img').length") == 0

@@ -9,11 +9,12 @@ import pytest
 
 from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
+from passerby.core.findings import doubt, notice, refusal
 from passerby.interchange.calibration_json import read_document
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
-from support.report.pages import Page, busy_place, changed, named, solved, without, without_poses
+from support.report.pages import Page, busy_place, changed, diagnosed, named, solved, without, without_poses
 
 SECTIONS = (
     "summary", "cameras", "rig", "views", "graph", "timeline", "heights", "scale", "distances", "stages", "settings", "files",
@@ -75,11 +76,11 @@ def test_the_distances_are_those_of_the_centres(page, calibrated):
 
 def test_a_doubtful_one_tells_what_is_wrong_and_what_to_do(calibrated):
     contents = contents_from(calibrated[1])
-    told = changed(contents, verdict="doubtful", reasons=["camera C2 hangs by a thread: record longer"])
+    told = changed(contents, verdict="doubtful", **diagnosed(doubt("few_sightings", "C2", agreeing=3)))
     summary = Page(report_page(told)).sections["summary"]
     assert "Doubtful" in summary
-    assert "Camera C2 hangs by a thread." in summary
-    assert "Record longer." in summary
+    assert "Camera C2 rests on 3 sightings only." in summary
+    assert "Record more people in its view." in summary
 
 
 def test_a_frame_that_was_set_is_told_with_what_it_rests_on(calibrated):
@@ -100,7 +101,7 @@ def test_a_frame_that_was_set_is_told_with_what_it_rests_on(calibrated):
 
 
 def test_a_refused_one_has_dashes_and_says_why_in_every_section(calibrated):
-    contents = without_poses(contents_from(calibrated[1]), ["no two cameras share a person: record more people"])
+    contents = without_poses(contents_from(calibrated[1]), refusal("no_two_cameras_share", given=True))
     page = Page(report_page(contents))
     assert "Refused" in page.sections["summary"]
     assert "0 of 4" in page.sections["summary"]
@@ -126,7 +127,7 @@ def test_a_camera_without_a_pose_is_told_with_its_reason(calibrated):
     contents = contents_from(calibrated[1])
     lost = replace(contents.rig["C3"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C3" else one for one in contents.rig))
-    told = changed(contents, verdict="doubtful", reasons=["camera C3 shares nobody with C1: record more people"])
+    told = changed(contents, verdict="doubtful", **diagnosed(doubt("nobody_shared", "C3", main=["C1"], given=True)))
     page = Page(report_page(replace(told, rig=rig)))
     assert "no pose: Camera C3 shares nobody with C1." in page.sections["cameras"]
     assert "3 of 4" in page.sections["summary"]
@@ -156,12 +157,13 @@ def test_the_papers_method_and_joints_give_sound_pages(scene):
 def test_a_folder_of_an_older_passerby_gives_a_sound_page(calibrated, tmp_path):
     told = json.loads((calibrated[1] / "calibration.json").read_text())
     cameras = [{key: one[key] for key in ("name", "registered", "centre_m", "boxes", "keypoints")} for one in told["cameras"]]
-    old = {"name": told["name"], "verdict": "accepted", "reasons": [], "cameras": cameras}
+    old = {"name": told["name"], "verdict": "doubtful", "reasons": ["camera C2 is odd: see why"], "cameras": cameras}
     (tmp_path / "calibration.json").write_text(json.dumps(old))
     (tmp_path / "rig.toml").write_bytes((calibrated[1] / "rig.toml").read_bytes())
     page = Page(report_page(contents_from(tmp_path)))
     assert tuple(page.sections) == SECTIONS
     assert "No tracks of known people" in page.sections["timeline"]
+    assert "Camera C2 is odd: see why." in page.sections["summary"]
     new = Page(report_page(contents_from(calibrated[1]))).rows("cameras-table")
     for row, other in zip(page.rows("cameras-table"), new, strict=True):
         assert float(row["Heading °"]) == pytest.approx(float(other["Heading °"]))
@@ -169,8 +171,8 @@ def test_a_folder_of_an_older_passerby_gives_a_sound_page(calibrated, tmp_path):
 
 def test_names_are_text_and_nothing_else(calibrated):
     contents = named(contents_from(calibrated[1]), HOSTILE)
-    told = changed(contents, name=HOSTILE[0], reasons=[f"camera {HOSTILE[1]} is odd"], findings=[HOSTILE[2]])
-    page = Page(report_page(told))
+    odd = doubt("camera_without_pose", HOSTILE[1]), notice("world_not_set", place="scene.toml", why=HOSTILE[2])
+    page = Page(report_page(changed(contents, name=HOSTILE[0], **diagnosed(*odd))))
     assert [row["Camera"] for row in page.rows("cameras-table")] == list(HOSTILE)
     runs = [attributes for attributes, _ in page.scripts if attributes.get("type") != "application/json"]
     assert runs == [{}, {}]  # plotly and the page's own

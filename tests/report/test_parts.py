@@ -9,16 +9,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from passerby.core.findings import doubt, notice
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import contents_from
 from passerby.report.distances import best_to_measure, distances_of
 from passerby.report.headline import _people_label
 from passerby.report.html import Html, data_script, element, join
-from passerby.report.mends import Point, point_of, points_of, sentence
+from passerby.report.recommendations import FOR_ANY, Point, points_of, reported_doubts, sentence
 from passerby.report.seen import lanes_of, merge_spells, seen_in
 from passerby.report.view_graph import links_of
 from passerby.report.weak_points import outstanding, weak_points
-from support.report.pages import busy_place, changed, document_of, with_figures
+from support.report.pages import busy_place, changed, diagnosed, document_of, with_figures
 
 
 @given(st.text())
@@ -43,39 +44,49 @@ def test_html_is_not_escaped_twice():
     assert element("input", checked=True, disabled=False, value=None, data_layer="x") == '<input checked data-layer="x">'
 
 
-@pytest.mark.parametrize(
-    ("reason", "what", "mend"),
-    [
-        ("camera C1 is uncertain: record longer", "Camera C1 is uncertain.", "Record longer."),
-        ("V1.mp4: camera V1: 3 of 5 agree: check its lens", "V1.mp4: camera V1: 3 of 5 agree.", "Check its lens."),
-        ("no better than chance: in any pair; take them from a network", "No better than chance: in any pair.", None),
-        ("C1 fits badly: check its clock: it may drift", "C1 fits badly.", "Check its clock: it may drift."),
-    ],
-)
-def test_a_reason_is_parted_at_its_mend(reason, what, mend):
-    assert point_of(reason) == Point(what, mend or "Take them from a network.")
+def points(*findings):
+    return points_of(reported_doubts(diagnosed(*findings)))
 
 
-@pytest.mark.parametrize("reason", ["the vertical is off", "the clock of C1 drifts", "something else", "check"])
-def test_a_reason_without_a_mend_gets_a_general_one(reason):
-    point = point_of(reason)
-    assert point.what.lower() == f"{reason.lower()}."
-    assert len(point.mend) > 20
+def test_a_doubt_is_a_problem_and_a_remedy():
+    few, slow = doubt("few_sightings", "C1", agreeing=7), doubt("not_converged")
+    assert points(few, slow, notice("frame_rate_missing", place="scene.toml")) == [
+        Point("Camera C1 rests on 7 sightings only.", "Record more people in its view."),
+        Point("The adjustment did not converge.", "Under [solver.options] set max_iterations = 200."),
+    ]
+    cut = doubt("pictures_cut", "V1", place="V1.txt", seen_size=[96, 54], size=[192, 108], cut=5)
+    (point,) = points(cut)
+    assert point.problem.startswith("V1.txt: camera V1: all people lie within 96 x 54")
+    assert point.remedy.startswith("Give a lens for pictures of that size")
+
+
+def test_a_doubt_whose_sentence_has_no_remedy_gets_one():
+    (point,) = points(doubt("few_points_agree", "C1", share=0.2))
+    assert point.problem == "Only 20% of the points that camera C1 shares with the reference agree with its pose."
+    assert point.remedy == "Record people who walk where the views of these cameras overlap."
+
+
+def test_what_another_passerby_wrote_is_shown_as_it_stands():
+    row = {"code": "eaten", "severity": "doubt", "cameras": ["C1"], "values": {}, "text": "a dog ate it", "remedy": "feed it"}
+    assert points_of(reported_doubts({"diagnostics": [row]})) == [Point("A dog ate it.", "Feed it.")]
+    lacking = {**row, "code": "few_sightings"}
+    assert points_of(reported_doubts({"diagnostics": [lacking]})) == [Point("A dog ate it.", "Feed it.")]
+    (point,) = points_of(reported_doubts({"reasons": ["a dog ate it: feed it"]}))
+    assert point == Point("A dog ate it: feed it.", sentence(FOR_ANY))
+    assert points_of(reported_doubts({"diagnostics": "none"})) == []
 
 
 def test_what_is_said_of_several_cameras_is_said_once():
-    reasons = [f"camera {name} saw too few people: record more" for name in "ABC"]
-    assert points_of(reasons, "ABC") == [Point("Cameras A, B and C saw too few people.", "Record more.")]
-    own = [f"camera {name} is uncertain by {size} mm: record longer" for name, size in (("A", 1), ("B", 1))]
-    assert len(points_of(own, "AB")) == 2
+    (point,) = points(*(doubt("few_walkers", name) for name in "ABC"))
+    assert point.problem == "Cameras A, B and C saw too few people who walk for a second or longer."
+    assert len(points(*(doubt("few_sightings", name, agreeing=3) for name in "AB"))) == 2
+    assert len(points(*(doubt("lens_part_contradicted", "A", part=part) for part in ("distortion", "skew")))) == 2
 
 
-def test_cameras_of_one_reason_are_listed_by_their_names():
+def test_cameras_of_one_doubt_are_listed_by_their_names():
     names = ["cam1", "cam12", "north gate", "a.b"]
-    reasons = [f"camera {name}: people fit another distortion than stated: check its intrinsics" for name in names]
-    (point,) = points_of(reasons, names)
-    assert point.what == "Cameras cam1, cam12, north gate and a.b: people fit another distortion than stated."
-    assert points_of([reasons[1]], names)[0].what.startswith("Camera cam12: people")
+    (point,) = points(*(doubt("lens_part_contradicted", name, part="distortion") for name in names))
+    assert point.problem == "Cameras cam1, cam12, north gate and a.b: people fit another distortion than stated."
 
 
 @pytest.mark.parametrize("path", ["single/cam01.mp4", "scene.toml", "videos", "C1.mp4"])
@@ -172,11 +183,11 @@ def test_a_camera_that_stands_out_is_named_with_a_mend():
     cameras = [{"name": one.name, "shape_position_sigma_mm": 300.0 if one.name == bad else 30.0} for one in contents.rig]
     worse = with_figures(contents, cameras=cameras)
     points = weak_points(worse, seen_in(worse))
-    assert any(bad in point.what and "300 mm" in point.what and point.mend for point in points)
-    told = changed(worse, reasons=[f"camera {bad} is uncertain: record more"])
-    assert not any(bad in point.what for point in weak_points(told, seen_in(told)))
-    assert "3.0 %" in points[0].what
-    assert "[[scale.distances]]" in points[0].mend
+    assert any(bad in point.problem and "300 mm" in point.problem and point.remedy for point in points)
+    told = changed(worse, **diagnosed(doubt("few_sightings", bad, agreeing=3)))
+    assert not any(bad in point.problem for point in weak_points(told, seen_in(told)))
+    assert "3.0 %" in points[0].problem
+    assert "[[scale.distances]]" in points[0].remedy
 
 
 def test_distances_and_their_sigmas():

@@ -7,6 +7,7 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.common.errors import InputError
+from passerby.core.finding_texts import texts_of
 from passerby.core.observations import Clock
 from passerby.interchange.embeddings import write_embeddings
 from passerby.scene.inputs import read_inputs
@@ -48,16 +49,18 @@ def test_detections_are_read_where_there_are_no_tracks(tmp_path, text):
 def test_tracks_go_before_detections(tmp_path):
     found = read(tmp_path, extra='detections = "C.txt"', files={"C.txt": DETECTIONS})
     assert (found.observations["B"].boxes.identity > 0).all()
-    assert any("[cameras.B] detections are not used, since there are tracks" in finding for finding in found.findings)
+    assert [(notice.code, notice.cameras) for notice in found.findings if notice.code == "detections_unused"] == [
+        ("detections_unused", ("B",))
+    ]
 
 
 @pytest.mark.parametrize(
     ("association", "extra", "clocks", "noted"),
     [
-        (COMBINED, "", {}, "no frame rate is given"),
+        (COMBINED, "", {}, "frame_rate_missing"),
         (COMBINED + "\nmax_offset_s = 0", "", {}, None),
         (COMBINED, "[scene]\nfps = 25", {"A": 25, "B": 25}, None),
-        (COMBINED, "fps = 50\n[scene]\nfps = 25", {"A": 25, "B": 50}, "differ in length"),
+        (COMBINED, "fps = 50\n[scene]\nfps = 25", {"A": 25, "B": 50}, "recordings_differ"),
         (GIVEN, "", {}, None),
         (GIVEN, "[scene]\nfps = 25", {}, None),
         (GIVEN, "fps = 25\n[scene]\nfps = 25", {}, None),
@@ -69,7 +72,7 @@ def test_clocks_by_frame_rate(tmp_path, association, extra, clocks, noted):
     found = read(tmp_path, association=association, extra=extra)
     assert found.observations.clocks == {name: Clock(fps) for name, fps in clocks.items()}
     assert found.observations.fps == (25 if "fps" in extra else None)
-    assert [noted in finding for finding in found.findings] == ([True] if noted else [])
+    assert [notice.code for notice in found.findings] == ([noted] if noted else [])
 
 
 @pytest.mark.parametrize(
@@ -90,7 +93,7 @@ def test_a_frame_rate_that_contradicts_the_others_is_named(tmp_path, rates, odd)
     scene.write_text(text)
     findings = read_inputs(Scene.load(scene)).findings
     assert len(findings) == (odd is not None)
-    assert all(odd in finding for finding in findings)
+    assert all(odd in text for text in texts_of(findings))
 
 
 def test_embeddings_stay_with_their_boxes(tmp_path):
@@ -104,7 +107,7 @@ def test_embeddings_stay_with_their_boxes(tmp_path):
         unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
         np.testing.assert_allclose(found.observations[name].boxes.embedding, unit, atol=1e-6)
     assert found.observations["B"].boxes.embedding is None
-    assert any("camera B has no embeddings: people there are known by how they move" in finding for finding in found.findings)
+    assert ("embeddings_missing", ("B",)) in [(notice.code, notice.cameras) for notice in found.findings]
 
 
 def test_embeddings_follow_the_known_people_in_mode_given(tmp_path):
@@ -114,7 +117,8 @@ def test_embeddings_follow_the_known_people_in_mode_given(tmp_path):
     vectors = np.random.default_rng(0).normal(size=(21, 4))[1:]
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     np.testing.assert_allclose(found.observations["B"].boxes.embedding, unit, atol=1e-6)
-    assert any('[cameras.B] embeddings are not used in mode "given"' in finding for finding in found.findings)
+    (unused,) = [notice for notice in found.findings if notice.code == "unused_with_identities"]
+    assert (unused.cameras, unused.values["key"]) == (("B",), "embeddings")
 
 
 @pytest.mark.parametrize(
@@ -156,7 +160,8 @@ def test_a_camera_that_saw_nobody_is_told_and_the_others_go_on(tmp_path):
     found = read(tmp_path, ("A", "B", "C"), files={"C.txt": ""})
     assert len(found.observations["C"].boxes) == 0
     assert found.rig.names == ("A", "B", "C")
-    assert any("camera C saw nobody: its files have no rows" in finding for finding in found.findings)
+    (blind,) = [notice for notice in found.findings if notice.code == "camera_saw_nobody"]
+    assert (blind.cameras, blind.values["watched"]) == (("C",), False)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ import pytest
 import passerby
 from passerby.cli.main import run
 from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.finding_texts import text_of
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
@@ -48,7 +49,7 @@ def pair(change: Callable[[Boxes], Boxes], lens: Callable[[Lens], Lens] = lambda
     rig = Rig((Camera("A", own), Camera("B", lens(own))))
     seen = {"A": CameraObservations(boxes), "B": CameraObservations(change(boxes))}
     clocks = {"A": Clock(5.0), "B": Clock(fps)}
-    return [one.sentence() for one in same_contents(rig, Observations(seen, 5.0, clocks))]
+    return [text_of(one.finding) for one in same_contents(rig, Observations(seen, 5.0, clocks))]
 
 
 def at(boxes: Boxes, factor: float, noise: bool = False) -> Boxes:
@@ -132,7 +133,8 @@ def test_a_pair_that_nothing_tells_apart_is_doubted_by_its_place() -> None:
     rig = Rig((*beside(made.rig, (0.02, 0.0, 0.0)), made.rig["C3"]))
     few = seen_by(rig, made, 0.06)
     (told,) = doubts_of_same_place(rig, few)
-    assert "cameras C1 and C2 stand 0.02 m apart and look the same way" in told
+    assert (told.code, told.cameras) == ("same_place", ("C1", "C2"))
+    assert told.values["distance_m"] == pytest.approx(0.02, abs=0.005)
     stereo = Rig((*beside(made.rig, (0.12, 0.0, 0.0)), made.rig["C3"]))
     assert doubts_of_same_place(stereo, seen_by(stereo, made, 0.02)) == []
 
@@ -146,7 +148,9 @@ def test_no_rig_with_one_camera_twice_is_accepted(given: bool) -> None:
         lenses, boxes | {"C4": boxes["C1"]}, fps=5.0, association={"mode": "given" if given else "combined"}
     )
     assert found.verdict != "accepted"
-    assert any("cameras C1 and C4 show the same: 100%" in reason for reason in found.reasons)
+    (same,) = [doubt for doubt in found.doubts if doubt.code == "same_pictures"]
+    assert same.cameras == ("C1", "C4")
+    assert same.values["share"] > 0.995
 
 
 def test_check_tells_of_a_copy_and_exits_as_for_want_of_evidence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

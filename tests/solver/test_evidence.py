@@ -166,9 +166,8 @@ def test_wrong_names_of_joints_are_noticed() -> None:
     """One tool's layout under the names of another: the true order is shuffled."""
     shuffled = tuple(BODY_17[i] for i in np.random.default_rng(1).permutation(17))
     right, wrong = gather(standing(20), standing(20)), gather(standing(20, joints=shuffled), standing(20, joints=shuffled))
-    assert right.notes == ()
-    assert len(wrong.notes) == 1
-    assert "names do not fit the pictures" in wrong.notes[0]
+    assert right.findings == ()
+    assert [doubt.code for doubt in wrong.findings] == ["joint_names_unfit"]
     # Head and feet are then found by position, not by name.
     assert len(wrong.sightings) == 40
     np.testing.assert_allclose(wrong.sightings.extent_px, right.sightings.extent_px, rtol=0.1)
@@ -178,7 +177,7 @@ def test_wrong_names_of_joints_are_noticed() -> None:
 def test_joints_of_simulated_people_have_right_names() -> None:
     truth = simulated(seconds=5.0)
     evidence = gather_evidence(truth.rig, part(truth.observations, boxes=False, keypoints=True), np.random.default_rng(0))
-    assert evidence.notes == ()
+    assert evidence.findings == ()
     assert evidence.n_joints > 500
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.figures import FocalFigures, LensFigures
+from passerby.core.finding_texts import texts_of
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
 from passerby.geometry.reprojection import PointObservations
@@ -188,7 +189,7 @@ def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to
     refined, truth = solved((), ("principal_point",))
     moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]
     assert np.abs(moved).max() < 0.01 * truth[truth.names[0]].lens.size[0]
-    assert any("hardly tell" in note for note in lens_notes(refined.figures.lenses))
+    assert [note.values["told"] for note in lens_notes(refined.figures.lenses)] == [False] * len(truth)
     without, _ = solved((), ())
     for name in truth.names:
         own, other = refined.rig[name].sigma, without.rig[name].sigma
@@ -206,11 +207,12 @@ def test_without_refinement_nothing_is_told_of_lenses() -> None:
 
 def test_notes_say_what_was_refined() -> None:
     focal = FocalFigures(stated_px=1000.0, refined_px=1043.0, sigma_px=4.2, people_sigma_px=5.0, far=False, told=True)
-    assert lens_notes({"C2": LensFigures(focal=focal)}) == [
-        "camera C2: focal length 1043 px instead of 1000 (+4.3 %, sigma 0.4 %)"
-    ]
+    assert texts_of(lens_notes({"C2": LensFigures(focal=focal)})) == (
+        "camera C2: focal length 1043 px instead of 1000 (+4.3 %, sigma 0.4 %)",
+    )
     (told,) = far_lenses({"C2": LensFigures(focal=replace(focal, refined_px=1500.0, far=True))})
-    assert "refined by +50 %" in told
+    assert (told.code, told.cameras) == ("focal_refined_far", ("C2",))
+    assert told.values == {"change_percent": pytest.approx(50.0)}
 
 
 def test_posteriors_of_a_stated_value() -> None:

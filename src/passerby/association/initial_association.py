@@ -23,12 +23,13 @@ from passerby.association.joints.joint_graph import (
 )
 from passerby.association.joints.joint_pairs import JointRegistration
 from passerby.association.joints.joint_tracks import joint_tracks
-from passerby.association.registration_failures import WALK_MEND, sees_too_little, told, what_would_fit
+from passerby.association.registration_failures import fit_of, fixed_by, sees_too_little, what_would_fit
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.common.errors import EvidenceError
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Lens
+from passerby.core.findings import Finding, refusal
+from passerby.core.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.single_view import Level
 
@@ -88,7 +89,7 @@ def associate_by_ground_tracks(
         joints: what it takes to use joints; None: they are not used.
 
     Raises:
-        EvidenceError: no two cameras can be registered.
+        RefusalError: no two cameras can be registered.
     """
     jobs = [
         _Job(a, b, first.tracks, second.tracks, max_lag_s, affinity.get((a, b)))
@@ -101,7 +102,7 @@ def associate_by_ground_tracks(
     by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell)
     graph = add_joint_edges(graph, by_joints)
     if len(graph.groups[0]) < 2:
-        raise EvidenceError(*_no_pair(cameras, graph, max_lag_s))
+        raise RefusalError(_no_pair(cameras, graph, max_lag_s))
     used = [one for one in by_joints if one.used]
     known = known_pairs(tracklets, used) if used else None
     person = cluster_by_pairwise_poses(tracklets, [camera.tracks for camera in cameras], graph, affinity, known)
@@ -154,16 +155,16 @@ def _registered(job: _Job) -> PairRegistration:
     return register_pair(job.a, job.b, job.tracks_a, job.tracks_b, job.max_lag_s, job.affinity)
 
 
-def _no_pair(cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float) -> tuple[str, tuple[str, ...]]:
+def _no_pair(cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float) -> list[Finding]:
     """Why no two cameras can be registered."""
-    head = f"no two cameras could be registered by the tracks of the people: {WALK_MEND}"
-    reasons = [reason for camera in cameras if (reason := sees_too_little(camera)) is not None]
+    found = [refusal("no_pair_registered")]
+    found += [empty for camera in cameras if (empty := sees_too_little(camera)) is not None]
     edges = sorted((edge for edge in graph.edges if edge.guess), key=lambda edge: -edge.guess.merit if edge.guess else 0.0)
     for number, edge in enumerate(edges[:6]):
         a, b = cameras[edge.a], cameras[edge.b]
-        mend = what_would_fit(a, b, max_lag_s) if number < TRIED else None
-        reasons.append(f"cameras {a.name} and {b.name}: {told(edge)}" + (f": {mend}" if mend else ""))
-    return head, (head, *reasons)
+        better = what_would_fit(a, b, max_lag_s) if number < TRIED else None
+        found.append(refusal("pair_unregistered", a.name, b.name, **fit_of(edge), **fixed_by(better)))
+    return found
 
 
 def associate_by_appearance(
@@ -172,17 +173,12 @@ def associate_by_appearance(
     """Join tracklets by looks alone, as the paper does: those that were matched at most of the instants when both were seen.
 
     Raises:
-        EvidenceError: the looks tell nobody apart.
+        RefusalError: the looks tell nobody apart.
     """
     if appearance is None:
-        reason = "no two cameras have tracklets with embeddings: give embeddings of the boxes of every camera"
-        raise EvidenceError(reason, (reason,))
+        raise RefusalError(refusal("no_embeddings"))
     clearest = max((pair.usefulness.weight for pair in appearance.pairs.values() if pair.usefulness is not None), default=0.0)
     if clearest < MIN_LOOKS:
-        reason = (
-            "the embeddings do not tell people apart across cameras: no better than chance in any pair; take them from a "
-            'network that fits these people, or go by their tracks on the ground: under [association] set mode = "combined"'
-        )
-        raise EvidenceError(reason, (reason,))
+        raise RefusalError(refusal("embeddings_useless"))
     person = cluster_by_appearance_votes(tracklets, appearance)
     return InitialAssociation(person, np.zeros(len(cameras)), None)

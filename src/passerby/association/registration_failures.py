@@ -1,13 +1,14 @@
 """Why a camera could not be registered by the tracks of its people, and what would make them fit.
 
 Two mistakes are usual: a frame rate that is not the recording's, and clocks that differ by more than was searched for. Both
-are tried, so that the reason can name the mend.
+are tried, so that the finding can name the remedy.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,8 @@ from passerby.association.ground.ground_tracks import GroundTracks, ground_track
 from passerby.association.ground.registration import BELIEVED_SHARE, Registration, register_pair
 from passerby.association.sampling import STEP_S
 from passerby.core.cameras import Pose
+from passerby.core.findings import Finding, doubt, notice
 
-WALK_MEND = "record more people who walk about in the view that cameras share"
-VIEW_MEND = f"{WALK_MEND}, and check its fps and its intrinsics"
 MISTAKEN_RATES = tuple(
     ratio
     for pair in ((2, 1), (6, 5), (5, 4), (25, 24), (12, 5), (5, 3), (5, 2))
@@ -41,52 +41,59 @@ PARTNERS = 2
 """A camera is tried against so many others."""
 
 
-def told(edge: Edge) -> str:
-    """One clause on a pair that was not used."""
+def fit_of(edge: Edge) -> dict[str, Any]:
+    """How far the tracks of a pair that was not used fit, as values of a finding."""
     if edge.guess is None:
-        return "nobody walks in both at one time"
+        return {"fit": "never_together"}
     if edge.guess.share < BELIEVED_SHARE:
-        return f"of the people whom both should see, the best fit of their tracks finds {edge.guess.share:.0%} in both"
+        return {"fit": "few_in_both", "share": edge.guess.share}
     if edge.runner_up >= 1:
-        return "third cameras contradict the best fit of their tracks"
-    return f"another fit of their tracks scores {edge.runner_up:.0%} of the best"
+        return {"fit": "contradicted"}
+    return {"fit": "ambiguous", "runner_up": edge.runner_up}
 
 
-def reasons_of_lost(cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, so: str = "") -> dict[str, str]:
-    """One sentence for each camera that no registration joins to another, by name.
+def unregistered_cameras(
+    cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, *, timed: bool = True
+) -> dict[str, Finding]:
+    """A doubt for each camera that no registration joins to another, by name.
 
     Args:
         cameras: all cameras.
         graph: their registrations.
         max_lag_s: largest difference of two clocks that was searched for.
-        so: what the camera lacks for it, to stand before "could not be registered".
+        timed: whether the clocks of such cameras are known all the same.
     """
     inside = graph.groups[0]
     alone = [group[0] for group in graph.groups if len(group) == 1]
-    return {cameras[c].name: _reason(c, cameras, graph, inside, max_lag_s, so) for c in alone if c not in inside}
+    return {cameras[c].name: _unregistered(c, cameras, graph, inside, max_lag_s, timed) for c in alone if c not in inside}
 
 
-def _reason(
-    c: int, cameras: Sequence[CameraTracklets], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, so: str
-) -> str:
+def _unregistered(
+    c: int, cameras: Sequence[CameraTracklets], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, timed: bool
+) -> Finding:
     camera = cameras[c]
     if (empty := sees_too_little(camera)) is not None:
         return empty
     edges = [edge for edge in graph.edges if c in (edge.a, edge.b) and edge.a + edge.b - c in inside]
     best = max(edges, key=lambda edge: -1.0 if edge.guess is None else edge.guess.share, default=None)
-    told_best = "nobody walks in it and in another at one time" if best is None else told(best)
-    other = "" if best is None else f" to {cameras[best.a + best.b - c].name}"
+    fit = {"fit": "nobody"} if best is None else fit_of(best)
+    other = None if best is None else cameras[best.a + best.b - c].name
     partners = sorted(inside, key=lambda p: -_samples(cameras[p]))[:PARTNERS]
-    mend = next((hint for p in partners if (hint := what_would_fit(cameras[p], camera, max_lag_s)) is not None), None)
-    return f"camera {camera.name} {so}could not be registered{other}: {told_best}: {mend or VIEW_MEND}"
+    better = next((one for p in partners if (one := what_would_fit(cameras[p], camera, max_lag_s)) is not None), None)
+    return doubt("camera_unregistered", camera.name, to=other, timed=timed, **fit, **fixed_by(better))
 
 
-def sees_too_little(camera: CameraTracklets) -> str | None:
-    """A sentence where a camera has no tracks at all."""
+def fixed_by(better: Finding | None) -> dict[str, Any]:
+    """What would make tracks fit, as values of a finding."""
+    return {} if better is None else {"fixed_by": better.as_value()}
+
+
+def sees_too_little(camera: CameraTracklets) -> Finding | None:
+    """A doubt where a camera has no tracks at all."""
     if not len(camera.bodies):
-        return f"camera {camera.name} saw nobody from head to feet: it cannot be calibrated"
+        return doubt("nobody_whole", camera.name)
     if not _samples(camera):
-        return f"camera {camera.name} saw too few people who walk for a second or longer: {WALK_MEND}"
+        return doubt("few_walkers", camera.name)
     return None
 
 
@@ -94,11 +101,11 @@ def _samples(camera: CameraTracklets) -> int:
     return 0 if camera.tracks is None else len(camera.tracks)
 
 
-def nobody_walks(cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None]) -> list[str]:
-    """A sentence where fewer than two registered cameras saw anybody walk: then neither clocks nor identities are sure."""
+def nobody_walks(cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None]) -> list[Finding]:
+    """A doubt where fewer than two registered cameras saw anybody walk: then neither clocks nor identities are sure."""
     if sum(_someone_walks(camera) for camera, pose in zip(cameras, poses, strict=True) if pose is not None) > 1:
         return []
-    return [f"the people stand still, so that neither who is who nor the clocks are sure: {WALK_MEND}"]
+    return [doubt("people_stand_still")]
 
 
 def _someone_walks(camera: CameraTracklets) -> bool:
@@ -114,7 +121,7 @@ def _someone_walks(camera: CameraTracklets) -> bool:
     return bool((apart > WALK_M + 2 * np.maximum(off[first], off[last])).any())
 
 
-def what_would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> str | None:
+def what_would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> Finding | None:
     """What is wrong with camera b's frame rate, or with both clocks, if that is all that keeps the two apart.
 
     Nothing is tried where the clocks are taken as in step.
@@ -124,17 +131,12 @@ def what_would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> 
     found = [(ratio, guess) for ratio in _likely_ratios(a.tracks, b.tracks) if (guess := _at_rate(a, b, ratio, max_lag_s))]
     if found:
         ratio, guess = max(found, key=lambda entry: entry[1].merit)
-        return (
-            f"at {b.clock.fps / ratio:.4g} frames per second instead of {b.clock.fps:.4g} {guess.share:.0%} of the people of "
-            f"{b.name} are where {a.name} sees them: check its fps"
-        )
+        rates = {"fits_fps": b.clock.fps / ratio, "fps": b.clock.fps}
+        return notice("other_rate_fits", b.name, a.name, **rates, share=guess.share)
     wide = _at_larger_lag(a, b, max_lag_s)
     if wide is not None:
-        way = "ahead of" if wide.lag_s > 0 else "behind"
-        return (
-            f"the clock of {b.name} is {abs(wide.lag_s):.1f} s {way} that of {a.name}: search for larger clock offsets: "
-            f"under [association] set max_offset_s = {int(np.ceil(abs(wide.lag_s))) + 1}"
-        )
+        enough_s = int(np.ceil(abs(wide.lag_s))) + 1
+        return notice("clock_far_off", b.name, a.name, ahead_s=wide.lag_s, search_s=enough_s)
     return None
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from passerby.association.clocks.drift import Drift
 from passerby.core.association_figures import AssociationFigures
+from passerby.core.findings import Finding
 from passerby.core.observations import Clock, Observations
 
 
@@ -24,11 +25,11 @@ class Association:
     """One sigma of the offsets, as far as they were refined."""
     figures: AssociationFigures = field(default_factory=AssociationFigures)
     """Of cameras, pairs (route, score, runner-up, matched tracklets, matches, offset), rounds."""
-    lost: Mapping[str, str] = field(default_factory=dict)
-    """By camera that no registration joins to another: why, in one sentence."""
-    notes: tuple[str, ...] = ()
-    """What speaks against relying on it, one sentence each."""
-    findings: tuple[str, ...] = ()
-    """What is odd, one sentence each."""
+    lost: Mapping[str, Finding] = field(default_factory=dict)
+    """By camera that no registration joins to another: why."""
+    doubts: tuple[Finding, ...] = ()
+    """What speaks against relying on it."""
+    notices: tuple[Finding, ...] = ()
+    """What is odd."""
     drifts: Mapping[str, Drift] = field(default_factory=dict)
     """By camera, how its clock drifts against the others'; empty where too few people walk to tell."""

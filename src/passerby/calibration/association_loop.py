@@ -31,14 +31,16 @@ from passerby.association.initial_association import (
 )
 from passerby.association.joints.joint_graph import joined_by_joints
 from passerby.association.joints.joint_tracks import swap_left_and_right
-from passerby.association.registration_failures import nobody_walks, reasons_of_lost
+from passerby.association.registration_failures import nobody_walks, unregistered_cameras
 from passerby.association.result import Association
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.association_figures import AssociationRound
 from passerby.core.cameras import Rig
+from passerby.core.findings import Finding
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.core.refusals import findings_of
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import common_time_steps
 from passerby.geometry.relative_pose import PairHypothesis
@@ -110,7 +112,7 @@ def solve_with_unknown_identities(
             _tell_pairs(tell, initial)
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
-        return Solution("association", rig, "refused", error.reasons), nobody
+        return Solution("association", rig, "refused", findings_of(error)), nobody
     return _alternate(run, initial, solve, refine=search_s > 0, tell=tell)
 
 
@@ -213,7 +215,7 @@ class _Run:
         return Association(
             identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
-            {} if graph is None else reasons_of_lost(self.cameras, graph, self.options.search_s),
+            {} if graph is None else unregistered_cameras(self.cameras, graph, self.options.search_s),
             *self._told(solution, initial, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
         )  # fmt: skip
 
@@ -225,16 +227,16 @@ class _Run:
 
     def _told(
         self, solution: Solution | None, initial: InitialAssociation | None, drifts: Mapping[int, Drift]
-    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
         """What speaks against relying on the association, and what is odd about it."""
         if solution is None:
             return (), ()
         poses = [camera.pose for camera in solution.rig]
-        doubts, findings = drift_findings(self.cameras, drifts)
+        doubts, notices = drift_findings(self.cameras, drifts)
         graph = initial.graph if initial is not None else None
         walked = graph is not None and any(edge.used for edge in graph.edges)
         joined = joined_by_joints(self.cameras, initial.by_joints) if initial is not None else []
-        return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *findings)
+        return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *notices)
 
 
 def _at(column: Ints, row: Ints) -> Ints:

@@ -17,6 +17,8 @@ from passerby.common.progress import Progress
 from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import SolverFigures, adjusted
+from passerby.core.finding_texts import diagnostic, texts_of
+from passerby.core.findings import Finding
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.solution import Verdict
 from passerby.evaluation.reprojection import median_residuals
@@ -59,8 +61,8 @@ class Calibration:
     rig: Rig
     """World z up, ground at z = 0, metres; a camera that could not be registered has no pose."""
     verdict: Verdict
-    reasons: tuple[str, ...]
-    """What speaks against trusting the rig, one sentence each."""
+    diagnostics: tuple[Finding, ...]
+    """What speaks against trusting the rig, then what is odd about the input."""
     observations: Observations
     """The people that it was computed from, with their identities."""
     seed: int
@@ -68,8 +70,6 @@ class Calibration:
     """The solver's options, as used."""
     figures: SolverFigures
     """Of the solver's stages."""
-    findings: tuple[str, ...] = ()
-    """What is odd about the input."""
     association: Association | None = None
     """Who is who, and the cameras' clocks."""
     clocked: bool = False
@@ -93,6 +93,26 @@ class Calibration:
 
         outcome = Outcome(self.verdict, self.reasons, self.findings, len(self.rig))
         return result_html(self.scene.name, self.rig, outcome, calibration_document(self).cameras, clocked=self.clocks_searched)
+
+    @property
+    def doubts(self) -> tuple[Finding, ...]:
+        """The diagnostics that speak against trusting the rig: doubts and refusals."""
+        return tuple(finding for finding in self.diagnostics if finding.severity != "notice")
+
+    @property
+    def notices(self) -> tuple[Finding, ...]:
+        """The diagnostics that stop nothing."""
+        return tuple(finding for finding in self.diagnostics if finding.severity == "notice")
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """What speaks against trusting the rig, one sentence each."""
+        return texts_of(self.doubts)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What is odd about the input, one sentence each."""
+        return texts_of(self.notices)
 
     @property
     def accepted(self) -> bool:
@@ -239,6 +259,7 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
         verdict=calibration.verdict,
         reasons=calibration.reasons,
         findings=calibration.findings,
+        diagnostics=[diagnostic(finding) for finding in calibration.diagnostics],
         cameras=tuple(_entry(calibration, camera, residual_px.get(camera.name)) for camera in calibration.rig),
         perception=entry_of(PerceptionEntry, calibration.perception) if calibration.perception else None,
         association=replace(found, mode=scene.association.mode),

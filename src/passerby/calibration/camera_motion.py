@@ -16,6 +16,7 @@ from passerby.calibration.repairs import Correction
 from passerby.common.arrays import Bools, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import MotionFigures
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.interchange.storage.toml_text import key
@@ -59,38 +60,21 @@ class DetectedMotion:
         )  # fmt: skip
 
     @property
-    def reason(self) -> str:
-        """What is told of it, with the mend."""
-        change, name = self.change, self.camera
-        far = f"by {change.metres:.2f} m and {change.degrees:.1f} degrees"
-        either = f" (or camera {self.either} did: two cameras do not tell which)" if self.either else ""
-        if not (change.at_start or change.at_end):
-            return (
-                f"camera {name} was moved {far} {self._when(self.first_frame)} and back {self._when(self.last_frame)}{either}: "
-                f"what it saw meanwhile was left out{self._mend(self.first_frame, self.last_frame, 'before', 'after')}"
-            )
-        at = self.last_frame + 1 if change.at_start else self.first_frame
-        kept, other = ("after", "before") if change.at_start else ("before", "after")
-        return (
-            f"camera {name} moved {self._when(at)} {far}{either}: its pose is that {kept}, what it saw {other} was left out"
-            f"{self._mend(at, at, kept, other)}"
-        )
-
-    def _when(self, frame: int) -> str:
-        """The time of a frame in words."""
-        return f"in frame {frame}" if self.fps is None else f"at {self.seconds(frame):.1f} s (frame {frame})"
-
-    def _mend(self, first: int, last: int, kept: str, other: str) -> str:
-        """How to have the one pose or the other."""
-        if self.fps is None:
-            return (
-                "; to choose, under [scene] set fps to the frame rate, and then from_s or until_s under "
-                f"[cameras.{key(self.camera)}]"
-            )
-        until = f"until_s = {max(0, math.floor(self.seconds(first) - MARGIN_S))}"
-        since = f"from_s = {math.ceil(self.seconds(last) + MARGIN_S)}"
-        one, two = (until, since) if kept == "before" else (since, until)
-        return f"; under [cameras.{key(self.camera)}] set {one} if that is right, or {two} for the pose {other}"
+    def finding(self) -> Finding:
+        """The doubt that a move is; its frames are those of the moves there and back, or twice that of the only one."""
+        change = self.change
+        first, last = self.first_frame, self.last_frame
+        if change.at_start or change.at_end:
+            first = last = self.last_frame + 1 if change.at_start else self.first_frame
+        timed = self.fps is not None
+        return doubt(
+            "camera_moved", self.camera, *([self.either] if self.either else []), metres=change.metres, degrees=change.degrees,
+            left_out=self.figures.left_out, frames=[first, last],
+            seconds=[self.seconds(first), self.seconds(last)] if timed else None,
+            until_s=max(0, math.floor(self.seconds(first) - MARGIN_S)) if timed else None,
+            from_s=math.ceil(self.seconds(last) + MARGIN_S) if timed else None,
+            table=f"cameras.{key(self.camera)}",
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

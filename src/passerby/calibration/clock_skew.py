@@ -10,6 +10,7 @@ from passerby.association.clocks.drift import Drift
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
 from passerby.core.figures import FittedRate
+from passerby.core.findings import Finding, notice
 from passerby.core.observations import Clock
 from passerby.scene.inputs import SceneInputs
 
@@ -21,11 +22,10 @@ SYSTEMATIC, SYSTEMATIC_S = 2.0, 0.02
 """What a fitted rate is off by: so many times the scatter of the people's ways, and so much over the recording."""
 
 
-def clock_skew_findings(rates: Mapping[str, FittedRate]) -> tuple[str, ...]:
-    """The rates that were changed, a sentence each."""
+def clock_skew_findings(rates: Mapping[str, FittedRate]) -> tuple[Finding, ...]:
+    """The rates that were changed."""
     return tuple(
-        f"the clock of {name} was fitted: {rate.fps:.6g} frames per second (sigma {rate.sigma:.1g}) in place of the "
-        f"stated {rate.stated:.6g}"
+        notice("clock_fitted", name, fps=rate.fps, sigma=rate.sigma, stated=rate.stated)
         for name, rate in rates.items()
         if rate.fps != rate.stated
     )

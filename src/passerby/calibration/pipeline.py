@@ -26,6 +26,8 @@ from passerby.calibration.scene_solver import solver_options
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted, heights_of
+from passerby.core.finding_texts import texts_of
+from passerby.core.findings import Finding
 from passerby.core.solution import Solution
 from passerby.people.ground_shape import GroundShape
 from passerby.scene.inputs import SceneInputs, read_inputs
@@ -63,7 +65,7 @@ def calibrate(
     solver_options(scene)  # what is wrong with them is told before hours are spent on videos
     watch = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watch)
-    for note in (_amount(inputs), *inputs.findings):  # what `watch` has to note was told when it was found
+    for note in (_amount(inputs), *texts_of(inputs.findings)):  # what `watch` has to note was told when it was found
         tell_note(tell, note)
     read = time.perf_counter()
     found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor)
@@ -71,8 +73,7 @@ def calibrate(
     joints = joints_remedy(scene) if missing else None
     return replace(
         found,
-        reasons=(*found.reasons, *([joints] if joints else [])),
-        findings=(*watch.notes, *found.findings),
+        diagnostics=(*found.doubts, *([joints] if joints else []), *watch.notes, *found.notices),
         perception=watch.figures,
         seconds={"reading": read - began, **watch.seconds, **found.seconds},
     )
@@ -106,9 +107,7 @@ def calibrate_inputs(
     lenses, rates = adjusted(solution.figures).lenses, solution.figures.clock_rates or {}
     refined = (*lens_notes(lenses), *clock_skew_findings(rates), *ground)
     for note in (
-        *refined,
-        *association.findings,
-        *placed.findings,
+        *texts_of((*refined, *association.notices, *placed.findings)),
         f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
     ):
         tell_note(tell, note)
@@ -116,12 +115,11 @@ def calibrate_inputs(
         scene=scene,
         rig=replace(placed.rig, verdict=solution.verdict),
         verdict=solution.verdict,
-        reasons=solution.reasons,
+        diagnostics=(*solution.findings, *inputs.findings, *association.notices, *refined, *placed.findings),
         observations=association.observations,
         seed=seed,
         options=asdict(estimator.options),
         figures=placed.figures,
-        findings=(*inputs.findings, *association.findings, *refined, *placed.findings),
         association=association,
         clocked=bool(inputs.observations.clocks),
         world=placed.world,
@@ -144,7 +142,7 @@ def _with_figures(
 def _doubts(
     scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, motions: Sequence[DetectedMotion],
     shape: GroundShape | None, estimator: Estimator,
-) -> tuple[tuple[str, ...], tuple[str, ...]]:  # fmt: skip
+) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:  # fmt: skip
     """What speaks against relying on the solution, and what is only to be noted of the ground."""
     tilt_known = scene.world is not None and scene.world.tilt
     uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
@@ -152,11 +150,11 @@ def _doubts(
         inputs.rig, inputs.observations, solution, lambda rig: estimator.solver(rig)(association.instants)
     )
     places = doubts_of_same_place(solution.rig, inputs.observations)
-    moved = (one.reason for one in motions)
-    return (*inputs.doubts, *places, *sizes, *moved, *association.notes, *uneven), ground
+    moved = (one.finding for one in motions)
+    return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *uneven), ground
 
 
-def _decided(scene: Scene, solution: Solution, association: Association, doubts: Sequence[str], placed: Rig) -> Solution:
+def _decided(scene: Scene, solution: Solution, association: Association, doubts: Sequence[Finding], placed: Rig) -> Solution:
     """The solution with the verdict on it."""
     basis, grown = _scale_of(scene, solution, placed)
     tall = doubts_of_heights(heights_of(solution.figures), grown, scene.scale.person_height_m) if grown != 1.0 else ()

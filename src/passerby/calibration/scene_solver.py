@@ -13,6 +13,7 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.overlap import connected_groups, count_shared_observations, missing_overlap
+from passerby.core.refusals import RefusalError, findings_of
 from passerby.core.solution import Solution
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.scene.scene import Scene
@@ -67,13 +68,12 @@ def solve_scene(
     shared = count_shared_observations(synchronised)
     try:
         if len(connected_groups(shared)[0]) == 1:
-            reasons = tuple(missing_overlap(shared, given=scene.association.given))
-            raise EvidenceError(reasons[0], reasons)
+            raise RefusalError(missing_overlap(shared, given=scene.association.given))
         if isinstance(options, GeoPoseOptions):
             return solve_geopose(rig, synchronised, scene.scale_cues(), options, rng=rng)
         return solve_people(rig, synchronised, scene.scale_cues(), options, rng=rng, guesses=guesses)
     except EvidenceError as error:
-        return Solution(scene.solver.method, rig, "refused", error.reasons)
+        return Solution(scene.solver.method, rig, "refused", findings_of(error))
 
 
 def solver_options(scene: Scene) -> SolverOptions:

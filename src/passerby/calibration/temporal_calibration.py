@@ -20,7 +20,7 @@ from passerby.association.clocks.offsets import (
 )
 from passerby.association.figures import association_figures
 from passerby.association.initial_association import InitialAssociation, associate_by_ground_tracks
-from passerby.association.registration_failures import reasons_of_lost
+from passerby.association.registration_failures import unregistered_cameras
 from passerby.association.result import Association
 from passerby.calibration.association_loop import RigSolver
 from passerby.common.arrays import Bools, Floats, Ints
@@ -28,7 +28,9 @@ from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
+from passerby.core.refusals import findings_of
 from passerby.core.solution import Solution
 from passerby.people.upright_rays import bodies_of
 
@@ -37,8 +39,6 @@ SOMEBODY_ELSE = -1e9
 NEIGHBOURS, ASTRAY = 2, 0.5
 """Boxes on either side, and body heights from their median beyond which a box shows somebody else: in two boxes' time nobody
 strays so far from an even walk."""
-UNTOLD = "the tracks of the same people do not tell its offset"
-MEND = "record more people who walk about in the view that it shares with the others, or start the cameras at one time"
 
 
 def solve_with_unknown_offsets(
@@ -60,7 +60,7 @@ def solve_with_unknown_offsets(
 
     Returns:
         The solution, refused where the evidence does not do, and the association, its identities those given. A camera whose
-        clock is not found has no pose, and a reason.
+        clock is not found has no pose, and a finding says so.
     """
     numbers = _numbers(observations)
     seen = Observations({name: _renumbered(camera, numbers) for name, camera in observations.cameras.items()})
@@ -68,18 +68,18 @@ def solve_with_unknown_offsets(
     try:
         initial = _begin(cameras, max_offset_s, executor, tell)
     except EvidenceError as error:
-        refused = Solution("association", rig, "refused", error.reasons)
+        refused = Solution("association", rig, "refused", findings_of(error))
         return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
     assert initial.graph is not None
     timed = [cameras[c].name for c in initial.graph.groups[0]]
-    lost = {name: f"camera {name} has no clock: {UNTOLD}; {MEND}" for name in rig.names if name not in timed}
-    lost |= reasons_of_lost(cameras, initial.graph, max_offset_s, "has no clock: it ")
+    lost = {name: doubt("clock_unknown", name) for name in rig.names if name not in timed}
+    lost |= unregistered_cameras(cameras, initial.graph, max_offset_s, timed=False)
     return _refined(rig, observations, cameras, initial, lost, solve, tell)
 
 
 def _refined(
     rig: Rig, observations: Observations, cameras: Sequence[CameraTracklets], initial: InitialAssociation,
-    lost: Mapping[str, str],
+    lost: Mapping[str, Finding],
     solve: RigSolver, tell: Progress,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Solve, set the clocks, and solve again: by the cameras whose clocks are known."""
@@ -153,7 +153,7 @@ def find_regular_boxes(boxes: Boxes) -> Bools:
     return out
 
 
-def _without(observations: Observations, lost: Mapping[str, str]) -> Observations:
+def _without(observations: Observations, lost: Mapping[str, Finding]) -> Observations:
     """Boxes in line and joints, the lost cameras seeing nobody.
 
     Who is interpolated between a box of his own and one of somebody else is nowhere near either.
@@ -167,17 +167,14 @@ def _without(observations: Observations, lost: Mapping[str, str]) -> Observation
     return replace(observations, cameras=seen)
 
 
-def _without_clocks(solution: Solution, lost: Mapping[str, str]) -> Solution:
-    """The solution with the reason for each camera whose clock is not known, in place of the solver's."""
+def _without_clocks(solution: Solution, lost: Mapping[str, Finding]) -> Solution:
+    """The solution with the finding for each camera whose clock is not known, in place of the solver's."""
     if not lost:
         return solution
-    kept = tuple(
-        reason
-        for reason in solution.reasons
-        if not reason.startswith(tuple(f"camera {name} could not be joined" for name in lost))
-    )
+    said = {("cameras_not_joined", (name,)) for name in lost}
+    kept = tuple(finding for finding in solution.findings if (finding.code, finding.cameras) not in said)
     verdict = "doubtful" if solution.verdict == "accepted" else solution.verdict
-    return replace(solution, verdict=verdict, reasons=(*lost.values(), *kept))
+    return replace(solution, verdict=verdict, findings=(*lost.values(), *kept))
 
 
 def _association(
@@ -191,12 +188,12 @@ def _association(
     figures = association_figures(cameras, Tracklets.of(cameras), None, initial, np.concatenate(people), offset_s)
     poses = [camera.pose for camera in solution.rig]
     drifts = clock_drifts(cameras, poses, people, offset_s) if any(poses) else {}
-    doubts, findings = drift_findings(cameras, drifts)
+    doubts, notices = drift_findings(cameras, drifts)
     sigma_s = {name: clock.sigma_s for name, clock in adjusted(solution.figures).clocks.items()}
     instants = synchronise(rig, cameras, observations, offset_s)
     clocks = clocks_with(cameras, offset_s)
     return Association(
-        observations, instants, clocks, sigma_s, figures, notes=tuple(doubts), findings=tuple(findings),
+        observations, instants, clocks, sigma_s, figures, doubts=tuple(doubts), notices=tuple(notices),
         drifts={cameras[c].name: drift for c, drift in drifts.items()},
     )  # fmt: skip
 
@@ -223,8 +220,8 @@ def associate_synchronised(rig: Rig, observations: Observations, instants: Obser
     ]
     people = [np.arange(camera.n_tracklets) for camera in cameras]
     drifts = clock_drifts(cameras, poses, people, np.zeros(len(cameras)))
-    doubts, findings = drift_findings(cameras, drifts)
+    doubts, notices = drift_findings(cameras, drifts)
     return Association(
-        observations, instants, observations.clocks, notes=tuple(doubts), findings=tuple(findings),
+        observations, instants, observations.clocks, doubts=tuple(doubts), notices=tuple(notices),
         drifts={cameras[c].name: drift for c, drift in drifts.items()},
     )  # fmt: skip

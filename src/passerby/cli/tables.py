@@ -13,6 +13,7 @@ from passerby.cli.terminal import MISSING, is_interactive, number, show_table
 from passerby.core.association_figures import TiedPair
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import AdjustedFigures, adjusted
+from passerby.core.finding_texts import text_of
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.stated import Stated
 from passerby.interchange.storage.json_text import to_json
@@ -39,7 +40,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
         if calibration.association is not None:
             show_pairs(calibration.association.figures.pairs or ())
             for name, why in calibration.association.lost.items():
-                print(f"{name}: {' '.join(why.split())}")
+                print(f"{name}: {' '.join(text_of(why).split())}")
         for reason in calibration.reasons:
             print(f"{calibration.verdict}: {' '.join(reason.split())}")
         print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
@@ -94,7 +95,7 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
     if scale.relative_sigma is None:
         print("scale unknown: nothing that was seen or stated fixes it")
         return
-    pulls = ", ".join(f"{cue_in_words(cue.cue)} ({100 * cue.share:.0f} %)" for cue in scale.cues)
+    pulls = ", ".join(f"{cue_in_words(cue)} ({100 * cue.share:.0f} %)" for cue in scale.cues)
     print(f"scale known to {100 * scale.relative_sigma:.1f} %, from {pulls}")
     whole = [1000 * camera.sigma.position_m for camera in rig if camera.sigma is not None]
     within = [sigma for camera in figures.cameras if (sigma := camera.shape_position_sigma_mm) is not None]

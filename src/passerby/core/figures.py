@@ -113,6 +113,12 @@ class CueFigures:
 
     cue: str
     """`population of N`, `height of person IDENTITY`, or the name of a measured length."""
+    kind: str | None = field(default=None, metadata=ABSENT)
+    """population, person, length, distance or camera_height; None in files of an older Passerby."""
+    count: int | None = field(default=None, metadata=ABSENT)
+    """Of the population's people."""
+    identity: int | None = field(default=None, metadata=ABSENT)
+    """Of the person."""
     stated_m: float
     measured_m: float
     sd_m: float

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Ints
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 
 
@@ -57,27 +58,12 @@ def connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[st
     return sorted(groups, key=len, reverse=True)
 
 
-MEND_GIVEN = "give identities that are the same person in all cameras, and frame numbers that are the same instant"
-MEND_FOUND = (
-    "search for larger clock offsets: under [association] set max_offset_s to the largest difference of the clocks, in seconds"
-)
+def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool = True) -> list[Finding]:
+    """One doubt for every group of cameras that shares nobody with the largest group; empty where all hang together.
 
-
-def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool = True) -> list[str]:
-    """One sentence for every group of cameras that shares nobody with the largest group; empty where all hang together.
-
-    The mend depends on whether the identities were `given` or found.
+    What to do depends on whether the identities were `given` or found.
     """
     main, *others = connected_groups(shared)
-    mend = MEND_GIVEN if given else MEND_FOUND
     if len(main) == 1:
-        return [f"no two cameras share a person at the same instant: {mend}"]
-    lost = []
-    for group in others:
-        several = len(group) > 1
-        who, kin = f"camera{'s' if several else ''} {', '.join(group)}", " and stand as a group apart" if several else ""
-        lost.append(
-            f"{who} share{'' if several else 's'} nobody with {', '.join(main)}{kin}: record people where their views overlap, "
-            f"or {mend}"
-        )
-    return lost
+        return [doubt("no_two_cameras_share", given=given)]
+    return [doubt("nobody_shared", *group, main=main, given=given) for group in others]

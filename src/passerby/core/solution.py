@@ -7,6 +7,8 @@ from typing import Literal
 
 from passerby.core.cameras import Rig
 from passerby.core.figures import SolverFigures
+from passerby.core.finding_texts import texts_of
+from passerby.core.findings import Finding
 
 Verdict = Literal["accepted", "doubtful", "refused"]
 
@@ -19,7 +21,12 @@ class Solution:
     rig: Rig
     """World z up, ground at z = 0, metres. A camera that could not be registered has no pose."""
     verdict: Verdict
-    reasons: tuple[str, ...] = ()
-    """What speaks against trusting the rig, one sentence each, with the mend."""
+    findings: tuple[Finding, ...] = ()
+    """What speaks against trusting the rig."""
     figures: SolverFigures = field(default_factory=SolverFigures)
     """Of every stage: counts, residuals, scale cues and their pull, sigmas."""
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """The findings in words, one sentence each, with the remedy."""
+        return texts_of(self.findings)

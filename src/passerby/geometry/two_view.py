@@ -27,6 +27,16 @@ FOCAL_PX = 1000.0
 MIN_POINTS = 8
 
 
+class NoRelativePoseError(EvidenceError):
+    """The rays of two cameras fix no relative pose."""
+
+    def __init__(self, common: int, usable: int, agreeing: int | None = None) -> None:
+        """Of `common` ray pairs `usable` ones are searched; `agreeing` agree with the best pose, None where there is none."""
+        found = "no pose" if agreeing is None else f"{agreeing} agree with the best pose"
+        super().__init__(f"{common} common points, {usable} usable: {found}; at least {MIN_POINTS} are needed")
+        self.common, self.usable, self.agreeing = common, usable, agreeing
+
+
 @dataclass(frozen=True, eq=False)
 class TwoView:
     """The relative pose of two cameras, up to the length of the baseline."""
@@ -71,12 +81,12 @@ def relative_pose(
         max_iterations: most RANSAC rounds.
 
     Raises:
-        EvidenceError: fewer than 8 usable ray pairs, or no pose that puts as many points in front of both cameras.
+        NoRelativePoseError: fewer than 8 usable ray pairs, or no pose that puts as many points in front of both cameras.
     """
     rays_a, rays_b = np.asarray(rays_a, dtype=np.float64), np.asarray(rays_b, dtype=np.float64)
     usable = np.flatnonzero(_near_axis(rays_a) & _near_axis(rays_b))
     if len(usable) < MIN_POINTS:
-        raise EvidenceError(f"{len(usable)} common points do not fix a relative pose: at least {MIN_POINTS} are needed")
+        raise NoRelativePoseError(len(rays_a), len(usable))
     if len(usable) > max_points:
         usable = np.sort(rng.choice(usable, max_points, replace=False))
     lens = {"model": "SIMPLE_PINHOLE", "width": 1, "height": 1, "params": [FOCAL_PX, 0.0, 0.0]}
@@ -97,13 +107,10 @@ def relative_pose(
     t_ba = np.asarray(found.t, dtype=np.float64)
     length = float(np.linalg.norm(t_ba))
     if not (np.isfinite(R_ba).all() and length > 0):
-        raise EvidenceError(f"no relative pose agrees with the {len(rays_a)} common points")
+        raise NoRelativePoseError(len(rays_a), len(usable))
     view = judge_pose(R_ba, t_ba / length, rays_a, rays_b, threshold)
     if np.count_nonzero(view.inliers) < MIN_POINTS:
-        raise EvidenceError(
-            f"the best relative pose agrees with {np.count_nonzero(view.inliers)} of {len(rays_a)} common points: "
-            f"at least {MIN_POINTS} are needed"
-        )
+        raise NoRelativePoseError(len(rays_a), len(usable), int(np.count_nonzero(view.inliers)))
     return view
 
 

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
+from passerby.core.finding_texts import texts_of
 from passerby.core.observations import Clock, Observations
 from passerby.core.synchronisation import resample_to_common_steps
 from passerby.monitoring.given_rig import GivenRig
@@ -64,7 +65,7 @@ def monitor(
     _check_names(given.rig, tuple(scene.cameras), scene.place)
     watcher = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
     inputs = read_inputs(scene, watcher)
-    notes = [*watcher.notes, *inputs.doubts, *inputs.findings]
+    notes = texts_of([*watcher.notes, *inputs.doubts, *inputs.findings])
     found = monitor_inputs(given, scene, inputs, options, in_step=in_step, tell=tell, executor=executor)
     return replace(found, notes=(*notes, *found.notes))
 

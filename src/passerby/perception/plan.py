@@ -8,6 +8,8 @@ from typing import Any, Literal
 
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent, tell_warning
+from passerby.core.finding_texts import text_of
+from passerby.core.findings import Finding, notice
 from passerby.perception.catalogue import catalogue, default_of
 from passerby.perception.fetching import offline
 from passerby.perception.model_files import AUTO, Found, copies_of, find_model
@@ -30,8 +32,8 @@ class Plan:
     """None: no joints."""
     min_score: float = 0.25
     tiles: Tiling = "auto"
-    notes: tuple[str, ...] = ()
-    """What could not be had, one sentence each."""
+    notes: tuple[Finding, ...] = ()
+    """What could not be had."""
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -65,23 +67,23 @@ def make_plan(
     Raises:
         InputError: a network that was asked for by name or path is not there, or a file is not what it should be.
     """
-    notes: list[str] = []
+    notes: list[Finding] = []
     boxes = joints = None
 
-    def note(text: str) -> None:
+    def lack(role: Role, why: str) -> None:
         # Told at once: what comes next may take an hour.
-        notes.append(text)
-        tell_warning(tell, text)
+        notes.append(notice("network_missing", role=role, why=why))
+        tell_warning(tell, text_of(notes[-1]))
 
     described: Network | Literal["stripes"] | None = None if embedder == NONE else STRIPES
     if detector != BACKGROUND:
         boxes, reason = _found(detector, "detector", models, base, tell)
         if boxes is None:
-            note(f"{reason}: people are found by background subtraction, without a network")
+            lack("detector", reason)
     if embedder not in (STRIPES, NONE):
         appearance, reason = _found(embedder, "embedder", models, base, tell)
         if appearance is None:
-            note(f"{reason}: people are told apart by the colours of stripes, without a network")
+            lack("embedder", reason)
         described = appearance or STRIPES
     if keypoints != NONE:
         joints, reason = _found(keypoints, "keypoints", models, base, tell)
@@ -92,7 +94,7 @@ def make_plan(
 
 def foresee(
     detector: str, embedder: str, keypoints: str, *, models: Path | None, base: Path | None
-) -> tuple[dict[str, Any], list[str]]:
+) -> tuple[dict[str, Any], list[Finding]]:
     """What `make_plan` would choose, with nothing fetched: choices as plain values for JSON, and what is to be fetched.
 
     Arguments and errors as of `make_plan`; an empty choice is left out.
@@ -110,8 +112,8 @@ def foresee(
             raise InputError(f"[perception] {role} = {wanted!r}: {reason}")
         choices[role] = _told(network) if network else {"network": entry.name if entry else wanted}
         if network is None:
-            without = f"{BACKGROUND if role == 'detector' else STRIPES} takes its place where it cannot be had"
-            notes.append(f"{reason}, and so does calibrating" + (f"; {without}" if wanted == AUTO else ""))
+            otherwise = BACKGROUND if role == "detector" else STRIPES
+            notes.append(notice("network_to_fetch", role=role, why=reason, otherwise=otherwise if wanted == AUTO else None))
     return choices, notes
 
 

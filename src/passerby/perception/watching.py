@@ -21,6 +21,7 @@ import onnxruntime
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
+from passerby.core.findings import Finding, notice
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Vectors
 from passerby.interchange.storage.toml_text import key
 from passerby.perception.kept import Arrays, StageCache, cache_lock, fingerprint, forget_others, hash_of_arrays
@@ -114,18 +115,17 @@ class VideoObservations:
         ]
         return found
 
-    def findings(self, name: str, info: VideoInfo) -> list[str]:
+    def findings(self, name: str, info: VideoInfo) -> list[Finding]:
         """What is odd about the video, but does not stop a calibration."""
-        place, broken = f"{info.path}: camera {name}", self.summary["broken"]
+        place, broken = str(info.path), self.summary["broken"]
         found = [
-            f"{place}: the camera is knocked {move['seconds']:.1f} s after the beginning, {_how_far(move['pixels'])}, and is "
-            f"back after {move['until']:.1f} s"
+            notice("camera_knocked", name, place=place, from_s=move["seconds"], until_s=move["until"], pixels=move["pixels"])
             for move in self.summary["moves"]
             if move["until"] is not None
         ]
         if broken:
             first = self.summary["first_broken_s"]
-            found.append(f"{place}: {broken} pictures or packets could not be decoded, the first after {first:.1f} s")
+            found.append(notice("pictures_undecodable", name, place=place, broken=broken, first_s=first))
         return found
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 
 from passerby.core.cameras import Camera
@@ -10,7 +9,7 @@ from passerby.core.colours import camera_colour
 from passerby.interchange.calibration_json import CameraEntry
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element, join
-from passerby.report.mends import point_of
+from passerby.report.recommendations import reported_doubts
 from passerby.report.seen import Seen
 from passerby.report.tables import Cell, Column, data_table, number, text
 from passerby.report.values import figure
@@ -115,8 +114,6 @@ def _why(contents: Contents, camera: Camera) -> Html | None:
     """Why a camera has no pose; nothing for one that has."""
     if camera.pose is not None:
         return None
-    # C1 is not named where C10 is.
-    named = re.compile(rf"(?<!\w){re.escape(camera.name)}(?!\w)")
-    reasons = [reason for reason in contents.document.reasons if named.search(reason)]
-    why = point_of(reasons[0]).what if reasons else "Could not be joined to other cameras."
+    about = (doubt.point.problem for doubt in reported_doubts(contents.document) if camera.name in doubt.cameras)
+    why = next(about, "Could not be joined to other cameras.")
     return element("small", f"no pose: {why}", class_="why")

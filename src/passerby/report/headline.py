@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element
-from passerby.report.mends import Point, points_of, sentence
+from passerby.report.recommendations import Point, points_of, reported_doubts, sentence
 from passerby.report.seen import Seen, Spells
 from passerby.report.values import MISSING, UNKNOWN, count
 from passerby.report.weak_points import weak_points
@@ -30,7 +30,7 @@ SHOWN_REASONS = 6
 def headline_section(contents: Contents, seen: Seen) -> Section:
     """The verdict and all that explains it."""
     verdict = contents.verdict
-    reasons = points_of(contents.document.reasons, contents.rig.names)
+    reasons = points_of(reported_doubts(contents.document))
     banner = element(
         "div",
         icon(verdict),
@@ -115,15 +115,15 @@ def _points(title: str, kind: str, points: list[Point]) -> Html | None:
     """What is wrong beside what to do; nothing where nothing is."""
     if not points:
         return None
-    rows = [element("li", element("p", point.what, class_="what"), _mend(point)) for point in points]
+    rows = [element("li", element("p", point.problem, class_="what"), _remedy(point)) for point in points]
     shown, more = rows[:SHOWN_REASONS], rows[SHOWN_REASONS:]
     rest = element("details", element("summary", count(len(more), "more point")), element("ul", more)) if more else None
     return element("div", element("h2", title), element("ul", shown), rest, class_=f"points {kind}")
 
 
-def _mend(point: Point) -> Html:
+def _remedy(point: Point) -> Html:
     """What to do."""
-    return element("p", element("span", "To do ", class_="to-do"), point.mend, class_="mend")
+    return element("p", element("span", "To do ", class_="to-do"), point.remedy, class_="mend")
 
 
 def _findings(findings: Sequence[str]) -> Html | None:

@@ -15,9 +15,6 @@ from passerby.report.tables import Column, data_table, number, text
 from passerby.report.values import count
 from passerby.solver.cues import cue_in_words
 
-NAMED = "height of person "
-"""How a scale cue for one person is called."""
-
 
 def heights_section(contents: Contents) -> Section:
     """The people's heights beside what was assumed of them."""
@@ -42,8 +39,7 @@ def heights_section(contents: Contents) -> Section:
 
 def _stated(contents: Contents) -> dict[str, tuple[float, float]]:
     """Height and standard deviation of the people whom the scene file tells of."""
-    cues = contents.figures.scale.cues
-    return {cue.cue.removeprefix(NAMED): (cue.stated_m, cue.sd_m) for cue in cues if cue.cue.startswith(NAMED)}
+    return {str(cue.identity): (cue.stated_m, cue.sd_m) for cue in contents.figures.scale.cues if cue.kind == "person"}
 
 
 def _figure(
@@ -166,7 +162,7 @@ def _cue_table(cues: Sequence[CueFigures]) -> Html:
         pull = number(percent, 1)
         rows.append(
             [
-                text(cue_in_words(cue.cue)),
+                text(cue_in_words(cue)),
                 number(cue.stated_m, 3),
                 number(cue.measured_m, 3),
                 number(cue.sd_m, 3),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from passerby.report.contents import Contents
 from passerby.report.distances import best_to_measure, distances_of
-from passerby.report.mends import Point
+from passerby.report.recommendations import Point, reported_doubts
 from passerby.report.seen import Seen
 
 SURE_SCALE = 0.01
@@ -27,18 +26,18 @@ FEW_SHARED = 0.25
 def weak_points(contents: Contents, seen: Seen) -> list[Point]:
     """What is weakest, the most important first; empty where nothing stands out or no camera has a pose.
 
-    What the calibration's reasons tell of already is left out.
+    What the calibration's doubts are about already is left out.
     """
     if len(contents.rig.posed()) < 2:
         return []
     found = [*_scale(contents), *_vertical(contents), *_uncertain(contents), *_residual(contents), *_lonely(contents, seen)]
-    reasons = " ".join(contents.document.reasons)
-    return [Point(one.what, one.mend) for one in found if not re.search(rf"(?<!\w){re.escape(one.about)}(?!\w)", reasons)]
+    known = {about for doubt in reported_doubts(contents.document) for about in (*doubt.cameras, *doubt.subjects)}
+    return [Point(one.problem, one.remedy) for one in found if one.about not in known]
 
 
 @dataclass(frozen=True)
 class _Weak(Point):
-    """A weak point, and the word that stands in a reason which tells of it already."""
+    """A weak point, and the camera or the subject (as of `Kind`) that a doubt may be about already."""
 
     about: str
 
@@ -80,14 +79,14 @@ def _scale(contents: Contents) -> list[_Weak]:
         "state it in the scene file: a table [[scale.distances]], as shown below the distances.",
     )
     if _by_people_alone(contents):
-        mend = f"Measure one distance with a tape, best {which}, and {state}"
-        return [_Weak(f"{told}: they rest on how tall people are.", mend, "scale")]
+        remedy = f"Measure one distance with a tape, best {which}, and {state}"
+        return [_Weak(f"{told}: they rest on how tall people are.", remedy, "scale")]
     return [_Weak(f"{told}.", f"Measure another long distance between two cameras, such as {which}, and {state}", "scale")]
 
 
 def _by_people_alone(contents: Contents) -> bool:
     """Whether nothing but people's heights told the scale."""
-    return all(cue.cue.startswith("population") for cue in contents.figures.scale.cues)
+    return all(cue.kind == "population" for cue in contents.figures.scale.cues)
 
 
 def _vertical(contents: Contents) -> list[_Weak]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from passerby.common.arrays import Ints
 from passerby.core.cameras import Lens
+from passerby.core.findings import Finding
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
 from passerby.perception.video import VideoInfo
 
@@ -33,8 +34,9 @@ class CameraInput:
     awaiting: bool = False
     """Whether people are still to be found in the video."""
     faults: list[str] = field(default_factory=list)
-    findings: list[str] = field(default_factory=list)
-    doubts: list[str] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    """What is odd about these files, but stops nothing."""
+    doubts: list[Finding] = field(default_factory=list)
     """What speaks against any rig from these files."""
 
     @property

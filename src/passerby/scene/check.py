@@ -13,9 +13,12 @@ from passerby.association.ground.ground_tracks import MIN_TRACK_S
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Ints
 from passerby.common.errors import EvidenceError, InputError
+from passerby.core.finding_texts import diagnostic, texts_of
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.overlap import Shared, count_shared_observations, missing_overlap
 from passerby.interchange.storage.faults import faults_of
+from passerby.interchange.storage.json_text import plain
 from passerby.perception.plan import foresee
 from passerby.perception.video import VideoInfo
 from passerby.scene.camera_input import CameraInput
@@ -102,12 +105,20 @@ class SceneCheck:
     cameras: tuple[CameraCheck, ...]
     faults: tuple[str, ...]
     """What makes the input unusable, of all cameras and of the scene."""
-    lacks: tuple[str, ...]
-    """What a calibration will want: the files are sound, but tie not all cameras together, or let no rig be accepted."""
-    findings: tuple[str, ...]
-    """What is odd, but stops nothing."""
+    diagnostics: tuple[Finding, ...]
+    """Doubts, which a calibration would have as well, then what is odd, but stops nothing."""
     perception: dict[str, Any] = field(default_factory=dict)
     """What the videos would be watched with, JSON-ready; empty where none would be."""
+
+    @property
+    def lacks(self) -> tuple[str, ...]:
+        """What a calibration will want: the files are sound, but tie not all cameras together, or let no rig be accepted."""
+        return texts_of(finding for finding in self.diagnostics if finding.severity != "notice")
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What is odd, but stops nothing."""
+        return texts_of(finding for finding in self.diagnostics if finding.severity == "notice")
 
     @property
     def exit_status(self) -> int:
@@ -126,6 +137,7 @@ class SceneCheck:
             "faults": list(self.faults),
             "lacks": list(self.lacks),
             "findings": list(self.findings),
+            "diagnostics": [plain(diagnostic(finding)) for finding in self.diagnostics],
             **({"perception": self.perception} if self.perception else {}),
         }
 
@@ -135,28 +147,28 @@ def check_scene(path: str | Path) -> SceneCheck:
     try:
         scene = Scene.load(path)
     except InputError as error:
-        return SceneCheck(Path(path).stem, None, (), faults_of(error), (), ())
+        return SceneCheck(Path(path).stem, None, (), faults_of(error), ())
     readings = read_cameras(scene)
     given = scene.association.given
     shared = count_shared_observations(_counted_alike(observations_of(scene, readings))) if given else {}
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
-    findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
+    notices = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     perception, faults_of_networks, notes = _foreseen(scene, readings)
     short = too_short(scene, readings)
-    faults, findings = faults + faults_of_networks, findings + notes
+    faults, notices = faults + faults_of_networks, notices + notes
+    doubts = () if faults else (*scene_doubts(scene, readings), *(missing_overlap(shared) if given else ()), *short)
     return SceneCheck(
         name=scene.name,
         mode=scene.association.mode,
         cameras=tuple(_camera_check(reading, shared.get(reading.name, {})) for reading in readings),
         faults=tuple(dict.fromkeys(faults)),
-        lacks=() if faults else (*scene_doubts(scene, readings), *(missing_overlap(shared) if given else ()), *short),
-        findings=tuple(findings),
+        diagnostics=(*doubts, *notices),
         perception=perception,
     )
 
 
-def too_short(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
-    """A sentence where recordings are too short for people to be followed, and joints, which need less, are not used."""
+def too_short(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
+    """A doubt where recordings are too short for people to be followed, and joints, which need less, are not used."""
     if scene.association.mode not in ("combined", "trajectory"):
         return []
     with_joints = sum(
@@ -169,14 +181,8 @@ def too_short(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
     }
     if with_joints > 1 or not short:
         return []
-    several, joints = len(short) > 1, keypoints_for(scene)
-    told = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in short.items())
-    mend = "" if joints is None else f', or go by the joints of people: under [perception] set keypoints = "{joints}"'
-    which = f"camera{'s' if several else ''} {told}"
-    return [
-        f"{scene.place}: what {which} recorded is too short to tell cameras by how people walk, which takes more than "
-        f"{SHORTEST_S:g} s: record longer{mend}"
-    ]
+    values = {"seconds": short, "shortest_s": SHORTEST_S, "network": keypoints_for(scene)}
+    return [doubt("recordings_short", *short, place=str(scene.place), **values)]
 
 
 def _seconds(scene: Scene, reading: CameraInput) -> float | None:
@@ -192,7 +198,7 @@ def _seconds(scene: Scene, reading: CameraInput) -> float | None:
     return float((frames[-1] - frames[0] + 1) / reading.fps) if len(frames) else None
 
 
-def _foreseen(scene: Scene, readings: list[CameraInput]) -> tuple[dict[str, Any], list[str], list[str]]:
+def _foreseen(scene: Scene, readings: list[CameraInput]) -> tuple[dict[str, Any], list[str], list[Finding]]:
     """What the videos would be watched with, what is wrong with that, and what is to be fetched."""
     wanted, usable = scene.perception, [reading for reading in readings if reading.video is not None]
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.extents import extents_of
+from passerby.core.findings import Finding, notice
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 
 Part = TypeVar("Part", Boxes, Keypoints)
@@ -43,15 +44,13 @@ class DuplicateRows:
         """Whether there are too many for the ids to be identities."""
         return self.second + self.repeated > MOST_DOUBLED * self.rows
 
-    def sentence(self, place: str) -> str:
-        """What to tell of it; `place` names the file and the camera."""
+    def finding(self, place: str, *camera: str) -> Finding:
+        """The notice of it; `place` is the file, which need not be a camera's."""
         frame, identity = self.first
-        count, who = self.second + self.repeated, "nobody known" if identity == UNKNOWN else f"id {identity}"
-        text = f"{place}: {count} of {self.rows} rows stand for somebody who has another row in the same frame"
-        first = f"(first: {who} in frame {frame})"
-        if self.is_rule:
-            return f"{text} {first}, which is too often for a slip: give every person in a frame an id of their own, once"
-        return f"{text} {first}: of each the better row is used"
+        return notice(
+            "rows_doubled", *camera, place=place, doubled=self.second + self.repeated, rows=self.rows, frame=frame,
+            identity=None if identity == UNKNOWN else identity, too_many=self.is_rule,
+        )  # fmt: skip
 
 
 def remove_duplicates(part: Part) -> tuple[Part, DuplicateRows | None]:

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from passerby.core.cameras import Camera, Rig
+from passerby.core.findings import Finding, notice
 from passerby.core.observations import Clock, Observations
 from passerby.interchange.storage.faults import FileFaults
 from passerby.scene.camera_input import CameraInput
@@ -42,10 +43,10 @@ class SceneInputs:
     """The cameras, without poses."""
     observations: Observations
     """In mode "given": people with a known identity only. Else all rows, with tracklet numbers of each camera's own or -1."""
-    findings: tuple[str, ...]
-    """What is odd, one sentence each."""
-    doubts: tuple[str, ...] = ()
-    """What speaks against any rig from this input, one sentence each."""
+    findings: tuple[Finding, ...]
+    """What is odd: notices."""
+    doubts: tuple[Finding, ...] = ()
+    """What speaks against any rig from this input."""
 
 
 class VideoProcessor(Protocol):
@@ -126,35 +127,28 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     ]
 
 
-def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[str]:
+def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """Oddities between cameras."""
     known = {
         int(who) for reading in readings for part in (reading.boxes, reading.keypoints) for who in np.unique(part.identity)
     }
     found = [
-        f"{scene.place}: [[scale.people]]: identity {cue.identity} is seen by no camera; its height says nothing"
+        notice("identity_unseen", place=str(scene.place), identity=cue.identity)
         for cue in scene.scale.people
         if cue.identity not in known
     ]
     return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
 
 
-def _guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    """Focal lengths that are stated to be guesses, those that are as good in one sentence."""
+def _guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
+    """Focal lengths that are stated to be guesses, those that are as good in one notice."""
     guessed: dict[float, list[str]] = {}
     for reading in readings:
         if reading.lens is not None and reading.lens.focal_sd is not None:
             guessed.setdefault(reading.lens.focal_sd, []).append(reading.name)
     refined = "focal" in scene.solver.refine
-    remedy = (
-        "it is the prior of their refinement"
-        if refined
-        else "it is in every sigma: calibrate the lens with a pattern and delete focal_sd_percent, or write refine = "
-        '["focal"] under [solver]'
-    )
     return [
-        f"{scene.place}: the focal length of {'cameras' if len(names) > 1 else 'camera'} {', '.join(names)} is a guess with "
-        f"one sigma of {100 * sd:g} %: {remedy}"
+        notice("focal_guessed", *names, place=str(scene.place), sd_percent=100 * sd, refined=refined)
         for sd, names in guessed.items()
     ]
 
@@ -170,7 +164,7 @@ def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     ]
 
 
-def scene_doubts(scene: Scene, readings: list[CameraInput]) -> list[str]:
+def scene_doubts(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """What lets no rig from these files be accepted: pictures of another size, people on their heads, one camera twice."""
     known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
     upside_down = [
@@ -298,16 +292,12 @@ def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     return [f"{scene.place}: {who}: a calibration needs people in two cameras or more"]
 
 
-def _clock_findings(scene: Scene, readings: list[CameraInput]) -> list[str]:
+def _clock_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """Rates that are missing or contradict the length of the recordings."""
     if all(reading.fps is None for reading in readings):
         if scene.association.search_s == 0:
             return []
-        return [
-            f"{scene.place}: no frame rate is given: frame numbers are taken to be counted alike in all cameras, and no "
-            "difference of their clocks is searched for: under [scene] set fps to the frame rate, or under [association] set "
-            "max_offset_s = 0"
-        ]
+        return [notice("frame_rate_missing", place=str(scene.place))]
     spans = {
         reading.name: (seen[0], seen[-1], reading.fps)
         for reading in readings
@@ -318,21 +308,18 @@ def _clock_findings(scene: Scene, readings: list[CameraInput]) -> list[str]:
         return []
     usual = float(np.exp(np.median(np.log(list(seconds.values())))))
     odd = [name for name in seconds if max(seconds[name] / usual, usual / seconds[name]) >= SPAN_RATIO**0.5]
-    told = ", ".join(f"{name} {seconds[name]:.1f} s (frames {first} to {last} at {fps:g} fps)"
-                     for name, (first, last, fps) in spans.items() if name in odd)  # fmt: skip
-    others = f"; the other cameras about {usual:.1f} s" if len(odd) < len(seconds) else ""
-    return [
-        f"{scene.place}: by their frame rates the recordings differ in length: {told}{others}: check fps, unless people were "
-        "there for a part of the time only"
+    told = [
+        {"camera": name, "seconds": seconds[name], "frames": [int(first), int(last)], "fps": fps}
+        for name, (first, last, fps) in spans.items()
+        if name in odd
     ]
+    others_s = usual if len(odd) < len(seconds) else None
+    return [notice("recordings_differ", *odd, place=str(scene.place), spans=told, usual_s=others_s)]
 
 
-def _embedding_findings(scene: Scene, readings: list[CameraInput]) -> list[str]:
+def _embedding_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """Mode "combined" where some cameras have embeddings and some have none."""
     without = [reading.name for reading in readings if reading.people and reading.dimensions is None]
     if scene.association.mode != "combined" or not without or all(reading.dimensions is None for reading in readings):
         return []
-    return [
-        f"{scene.place}: camera{'s' if len(without) > 1 else ''} {', '.join(without)} ha{'ve' if len(without) > 1 else 's'} no "
-        "embeddings: people there are known by how they move alone"
-    ]
+    return [notice("embeddings_missing", *without, place=str(scene.place))]

@@ -7,6 +7,8 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens
 from passerby.core.extents import extents_of
+from passerby.core.finding_texts import text_of
+from passerby.core.findings import doubt, notice
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
 
@@ -35,19 +37,19 @@ def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> Non
     """Matrix against picture size."""
     beyond = float((np.abs(lens.matrix[:2, 2] / lens.size - 0.5) - 0.5).max())
     if beyond > 0:
-        text = (
-            f"{scene.resolve(scene.cameras[reading.name].intrinsics)}: [{reading.name}] the principal point "
-            f"{lens.matrix[:2, 2].round(1).tolist()} lies outside the {lens.size[0]} x {lens.size[1]} picture: "
-            "wrong image size? Matrix and size must be of one picture"
-        )
-        (reading.faults if beyond > PRINCIPAL_SHARE else reading.findings).append(text)
+        place, point = str(scene.resolve(scene.cameras[reading.name].intrinsics)), lens.matrix[:2, 2].round(1).tolist()
+        finding = notice("principal_point_outside", reading.name, place=place, point=point, size=list(lens.size))
+        if beyond > PRINCIPAL_SHARE:
+            reading.faults.append(text_of(finding))
+        else:
+            reading.findings.append(finding)
 
 
 def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
     """Picture size against where the people are."""
     table = scene.cameras[reading.name]
     width, height = lens.size
-    mend = f"the size {width} x {height} in {scene.resolve(table.intrinsics)} is not that of the picture"
+    size, intrinsics = [width, height], str(scene.resolve(table.intrinsics))
     for path, extent, rows in (
         (reading.boxes_path, extents_of(reading.boxes), reading.boxes),
         (reading.keypoints_path, extents_of(reading.keypoints), reading.keypoints),
@@ -56,31 +58,31 @@ def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
             continue
         margin = BORDER_SHARE * np.array([width, height])
         outside = ((extent[:, :2] > np.array([width, height]) + margin) | (extent[:, 2:] < -margin)).any(axis=1)
-        count, place = int(outside.sum()), f"{path}: camera {reading.name}"
+        count, place = int(outside.sum()), str(path)
         if count:
             first = int(np.flatnonzero(outside)[0])
-            text = (
-                f"{place}: {count} of {len(extent)} people lie outside the {width} x {height} picture (first: frame "
-                f"{rows.frame[first]}, from {extent[first, :2].round(1).tolist()} to {extent[first, 2:].round(1).tolist()})"
-            )
+            corners = extent[first].round(1).reshape(2, 2).tolist()
+            finding = notice(
+                "people_outside_picture", reading.name, place=place, outside=count, people=len(extent),
+                frame=int(rows.frame[first]), corners=corners, size=size,
+            )  # fmt: skip
             if count > OUTSIDE_SHARE * len(extent):
-                reading.faults.append(f"{text}: wrong image size? {mend} in which the people were found")
+                reading.faults.append(
+                    f"{text_of(finding)}: wrong image size? the size {width} x {height} in {intrinsics} is not that of the "
+                    "picture in which the people were found"
+                )
             else:
-                reading.findings.append(text)
+                reading.findings.append(finding)
         filled = (extent[:, 2:] / lens.size).max(axis=0)
         smaller = smaller_picture(extent, lens.size)
         if smaller is not None:
-            count, (across, down) = smaller
+            cut, seen_size = smaller
             reading.doubts.append(
-                f"{place}: all people lie within {across} x {down} of the {width} x {height} picture, and {count} are cut off "
-                f"just there: were they found in pictures of {across} x {down}? Give a lens for pictures of that size, or "
-                "scale the boxes and joints to the size of the lens"
+                doubt("pictures_cut", reading.name, place=place, cut=cut, seen_size=list(seen_size), size=size)
             )
         elif len(extent) >= FILLED_ROWS and filled.max() < FILLED_SHARE:
-            reading.findings.append(
-                f"{place}: all people lie within {filled[0]:.0%} of the width and {filled[1]:.0%} of the height: "
-                f"wrong image size? perhaps {mend} in which they were found"
-            )
+            values = {"across": float(filled[0]), "down": float(filled[1]), "size": size, "intrinsics": intrinsics}
+            reading.findings.append(notice("people_in_a_part", reading.name, place=place, **values))
 
 
 def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
+from passerby.core.finding_texts import text_of
+from passerby.core.findings import notice
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
@@ -119,8 +121,11 @@ def _settle_doubles(reading: CameraInput) -> None:
     reading.keypoints, joints = remove_duplicates(reading.keypoints)
     for path, doubled in ((reading.boxes_path, boxes), (reading.keypoints_path, joints)):
         if doubled is not None:
-            told = reading.faults if doubled.is_rule else reading.findings
-            told.append(doubled.sentence(f"{path}: camera {reading.name}"))
+            finding = doubled.finding(str(path), reading.name)
+            if doubled.is_rule:
+                reading.faults.append(text_of(finding))
+            else:
+                reading.findings.append(finding)
 
 
 def _keep_used(scene: Scene, reading: CameraInput) -> None:
@@ -156,26 +161,22 @@ def _check_people(scene: Scene, reading: CameraInput) -> None:
 
 def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
     """A video against the lens, and its rate against what the scene file says."""
-    place = f"{video.path}: camera {reading.name}"
+    place = str(video.path)
     if reading.lens is not None:
         try:
             if fit_of_size(video.size, reading.lens.size) == "cropped":
-                reading.findings.append(
-                    f"{place}: its pictures are {video.size[0]} x {video.size[1]}, the lens's {reading.lens.size[0]} x "
-                    f"{reading.lens.size[1]}: the last columns or rows are taken to be cut off, as codecs do"
-                )
+                sizes = {"video_size": list(video.size), "size": list(reading.lens.size)}
+                reading.findings.append(notice("video_cropped", reading.name, place=place, **sizes))
         except InputError as error:
             intrinsics = scene.resolve(scene.cameras[reading.name].intrinsics)
-            reading.faults.append(f"{place}: {error} (the lens is in {intrinsics}, [{reading.name}])")
+            reading.faults.append(f"{place}: camera {reading.name}: {error} (the lens is in {intrinsics}, [{reading.name}])")
     if reading.fps is None or video.variable:
         if reading.fps is not None:
-            reading.findings.append(f"{place}: the pictures' own times are used, since they come at a variable rate, not fps")
+            reading.findings.append(notice("video_rate_variable", reading.name, place=place))
         reading.fps = video.clock_fps
     elif abs(reading.fps / video.clock_fps - 1) > SAME_RATE:
-        reading.findings.append(
-            f"{place}: the video says {video.clock_fps:g} frames per second, the scene file {reading.fps:g}: the scene file "
-            "is believed"
-        )
+        rates = {"video_fps": video.clock_fps, "fps": reading.fps}
+        reading.findings.append(notice("video_rate_differs", reading.name, place=place, **rates))
 
 
 def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) -> T | None:
@@ -220,21 +221,18 @@ def _with_embeddings(path: Path, boxes_path: Path, boxes: Boxes) -> Boxes:
 
 def _check_sources(scene: Scene, reading: CameraInput) -> None:
     """All modes but "given": anything will do, even nothing."""
-    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
+    table, place = scene.cameras[reading.name], str(scene.place)
     if table.tracks is not None and table.detections is not None:
-        reading.findings.append(f"{place} detections are not used, since there are tracks")
+        reading.findings.append(notice("detections_unused", reading.name, place=place))
     if not reading.people and not reading.faults:
-        why = "nobody was found in its video" if table.watched else "its files have no rows"
-        reading.findings.append(f"{place} camera {reading.name} saw nobody: {why}, it cannot be calibrated")
+        reading.findings.append(notice("camera_saw_nobody", reading.name, place=place, watched=table.watched))
     for path, name in ((reading.boxes_path, "boxes"), (reading.keypoints_path, "keypoints")):
         part: Boxes | Keypoints = getattr(reading, name)
         short = _rows_of_short_tracklets(part)
         if short > 0.5 * len(part) and len(reading.frames) >= FRAMES_TO_TRACK:
             setattr(reading, name, replace(part, identity=np.full(len(part), UNKNOWN)))
-            reading.findings.append(
-                f"{path}: camera {reading.name}: {short} of {len(part)} rows have an id that stands in fewer than "
-                f"{SHORTEST} rows: such ids are no tracklets, all rows are taken as detections"
-            )
+            counts = {"short": short, "rows": len(part), "least": SHORTEST}
+            reading.findings.append(notice("ids_no_tracklets", reading.name, place=str(path), **counts))
 
 
 def _rows_of_short_tracklets(part: Boxes | Keypoints) -> int:
@@ -255,7 +253,7 @@ def _check_identities(scene: Scene, reading: CameraInput) -> None:
         return
     for key, path in (("detections", table.detections), ("embeddings", table.embeddings)):
         if path is not None:
-            reading.findings.append(f'{place} {key} are not used in mode "given"')
+            reading.findings.append(notice("unused_with_identities", reading.name, place=str(scene.place), key=key))
     for path, part, key in (
         (reading.boxes_path, reading.boxes, "id"),
         (reading.keypoints_path, reading.keypoints, "track_id"),
@@ -269,8 +267,7 @@ def _check_identities(scene: Scene, reading: CameraInput) -> None:
                 'the same number for the same person in all cameras; mode "combined" finds them'
             )
         elif unknown:
-            reading.findings.append(
-                f"{path}: camera {reading.name}: {unknown} of {len(part)} rows have no identity and are not used"
-            )
+            counts = {"unknown": unknown, "rows": len(part)}
+            reading.findings.append(notice("rows_without_identity", reading.name, place=str(path), **counts))
         elif not len(part) and not reading.faults:
-            reading.findings.append(f"{path}: camera {reading.name} saw nobody: the file has no rows")
+            reading.findings.append(notice("file_empty", reading.name, place=str(path)))

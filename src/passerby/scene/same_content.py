@@ -16,6 +16,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.extents import extents_of
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import CameraObservations, Observations
 
 MIN_FRAMES, MIN_MATCHES = 30, 60
@@ -60,17 +61,11 @@ class SameContent:
     """How much later the second shows the same: seconds, or frames where no frame rate is known."""
     timed: bool
 
-    def sentence(self) -> str:
-        """What to tell of it."""
-        scaled = "" if abs(self.scale - 1) < 0.02 else f", {self.scale:.2f} times as large"
-        unit = "s" if self.timed else "frames"
-        amount = f"{abs(self.later):.1f}" if self.timed else f"{abs(self.later):.0f}"
-        shifted = "" if float(amount) == 0 else f", {amount} {unit} {'later' if self.later > 0 else 'earlier'}"
-        return (
-            f"cameras {self.first} and {self.second} show the same: {self.share:.0%} of the people of the one are at the same "
-            f"places in the pictures of the other{scaled}{shifted}: give each camera a recording of its own, or delete "
-            f"[cameras.{self.second}]"
-        )
+    @property
+    def finding(self) -> Finding:
+        """The doubt that it is."""
+        values = {"share": self.share, "scale": self.scale, "later": self.later, "timed": self.timed}
+        return doubt("same_pictures", self.first, self.second, **values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +117,13 @@ def same_contents(rig: Rig, observations: Observations, *, sure: bool = True) ->
     return found
 
 
-def doubts_of_same_content(rig: Rig, observations: Observations) -> list[str]:
-    """A sentence for each pair of cameras that show the same."""
-    return [pair.sentence() for pair in same_contents(rig, observations)]
+def doubts_of_same_content(rig: Rig, observations: Observations) -> list[Finding]:
+    """A doubt for each pair of cameras that show the same."""
+    return [pair.finding for pair in same_contents(rig, observations)]
 
 
-def doubts_of_same_place(rig: Rig, observations: Observations) -> list[str]:
-    """A sentence for each pair of cameras that stand at one place, look one way, and whose people do not tell them apart.
+def doubts_of_same_place(rig: Rig, observations: Observations) -> list[Finding]:
+    """A doubt for each pair of cameras that stand at one place, look one way, and whose people do not tell them apart.
 
     Two cameras side by side are meant to be there: what they see differs. Pairs that surely show the same are left out.
 
@@ -148,10 +143,7 @@ def doubts_of_same_place(rig: Rig, observations: Observations) -> list[str]:
         pair = Rig((one, other))
         if same_contents(pair, observations) or not same_contents(pair, observations, sure=False):
             continue
-        out.append(
-            f"cameras {one.name} and {other.name} stand {apart:.2f} m apart and look the same way, and their people do not "
-            f"tell them apart: if it is one camera, delete [cameras.{other.name}]; if not, record people near them"
-        )
+        out.append(doubt("same_place", one.name, other.name, distance_m=apart))
     return out
 
 

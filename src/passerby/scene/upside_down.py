@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.core.cameras import Lens
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import CameraObservations, Clock, Keypoints
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.segments import FEET, HEAD, MIN_JOINT_SCORE
@@ -29,8 +30,8 @@ HEADS_BELOW = 0.8
 TURNED = np.diag([1.0, -1.0, 1.0])
 
 
-def doubt_of_upside_down(name: str, lens: Lens, seen: CameraObservations, person_height_m: float) -> str | None:
-    """A sentence where the people of a camera stand on their heads; None where they do not, or it cannot be told.
+def doubt_of_upside_down(name: str, lens: Lens, seen: CameraObservations, person_height_m: float) -> Finding | None:
+    """A doubt where the people of a camera stand on their heads; None where they do not, or it cannot be told.
 
     Args:
         name: of the camera.
@@ -41,10 +42,7 @@ def doubt_of_upside_down(name: str, lens: Lens, seen: CameraObservations, person
     below = heads_below(seen.keypoints)
     if not (fits_better_turned(lens, seen, person_height_m) >= FITS_BETTER if below is None else below > HEADS_BELOW):
         return None
-    return (
-        f"camera {name}: people stand on their heads: the picture seems flipped top to bottom, or the camera hangs upside "
-        "down: turn its pictures the right way up, with the boxes and joints in them"
-    )
+    return doubt("upside_down", name)
 
 
 def heads_below(keypoints: Keypoints) -> float | None:

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from passerby.common.errors import InputError
 from passerby.common.progress import Forward, Progress
+from passerby.core.findings import Finding, doubt
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
@@ -40,8 +41,8 @@ class SceneVideoProcessor:
     """Folder in which results are kept; None: nothing is kept."""
     executor: Executor | None
     tell: Progress
-    notes: list[str] = field(default_factory=list)
-    """What could not be had, one sentence each."""
+    notes: list[Finding] = field(default_factory=list)
+    """What could not be had."""
     figures: dict[str, Any] = field(default_factory=dict)
     """JSON-ready: what was used, and what each camera's video gave."""
     seconds: dict[str, float] = field(default_factory=dict)
@@ -110,15 +111,12 @@ def keypoints_for(scene: Scene) -> str | None:
     return keypoints_to_be_had(None if scene.perception.models is None else scene.resolve(scene.perception.models))
 
 
-def joints_remedy(scene: Scene) -> str | None:
+def joints_remedy(scene: Scene) -> Finding | None:
     """What joints would do for a scene whose cameras could not all be registered; None where none can be had."""
     name = keypoints_for(scene)
     if name is None:
         return None
-    return (
-        "the joints of people were not looked for, which tell more than boxes where people stand or the recording is short: "
-        f'under [perception] set keypoints = "{name}"'
-    )
+    return doubt("joints_unused", network=name)
 
 
 def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo) -> float:

@@ -29,6 +29,12 @@ class CueRows:
     names: tuple[str, ...] = ()
     """What each cue is called in reports: lengths, then distances, then heights."""
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Of each cue: `length`, `distance` or `camera_height`."""
+        counts = {"length": len(self.lengths), "distance": len(self.distances), "camera_height": len(self.heights)}
+        return tuple(kind for kind, count in counts.items() for _ in range(count))
+
     def terms(self, state: AdjustmentState, layout: Layout) -> list[Term]:
         """The cues' residuals with dense Jacobians; there are few of them."""
         out = []

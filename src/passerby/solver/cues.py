@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
@@ -132,24 +134,29 @@ def scale_cue_weights(
     known = {cue.identity for cue in cues.people}
     named = np.array([identity in known for identity in seen], dtype=bool)
     found: list[tuple[str, float, float, float]] = []
+    kinds: list[dict[str, Any]] = []
     if (~named).any():
         count = int(np.count_nonzero(~named))
         spread = float(np.mean(sd[~named]) / np.sqrt(count))
+        kinds.append({"kind": "population", "count": count})
         found.append((f"population of {count}", float(np.mean(heights[~named])), float(np.mean(mean[~named])), spread))
     for i in np.flatnonzero(named):
+        kinds.append({"kind": "person", "identity": int(seen[i])})
         found.append((f"height of person {seen[i]}", float(heights[i]), float(mean[i]), float(sd[i])))
     found += scale_cue_lengths(rows, centre, marks)
+    if rows is not None:
+        kinds += [{"kind": kind} for kind in rows.kinds]
     information = np.array([(stated / spread) ** 2 for _, _, stated, spread in found])
     total = float(information.sum())
     return [
         CueFigures(
-            cue=kind, stated_m=stated, measured_m=value, sd_m=spread, residual_sigmas=(value - stated) / spread,
+            cue=name, **kind, stated_m=stated, measured_m=value, sd_m=spread, residual_sigmas=(value - stated) / spread,
             share=float(weight / total),
         )
-        for (kind, value, stated, spread), weight in zip(found, information, strict=True)
+        for (name, value, stated, spread), kind, weight in zip(found, kinds, information, strict=True)
     ], float(1 / np.sqrt(total)) if total > 0 else float("inf")  # fmt: skip
 
 
-def cue_in_words(cue: str) -> str:
-    """`population of 10` is what a solver calls the heights of ten people of whom nobody knows more."""
-    return f"heights of {cue.removeprefix('population of ')} people" if cue.startswith("population of ") else cue
+def cue_in_words(cue: CueFigures) -> str:
+    """A cue as of `scale_cue_weights`; older files lack its kind."""
+    return f"heights of {cue.count} people" if cue.kind == "population" else cue.cue

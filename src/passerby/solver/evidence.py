@@ -13,6 +13,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import Observations
 from passerby.geometry.reprojection import PointObservations
 from passerby.people.image_motion import image_velocity
@@ -51,8 +52,8 @@ class Evidence:
     joint_kind: Ints
     """(J,) which joint of the body each is, by its number in the files."""
     n_cameras: int
-    notes: tuple[str, ...] = ()
-    """What was odd about the input, one sentence each."""
+    findings: tuple[Finding, ...] = ()
+    """What is wrong with the input."""
 
     @property
     def n_people(self) -> int:
@@ -85,7 +86,7 @@ def gather_evidence(
     if moving and not observations.fps:
         raise InputError("clocks cannot be refined without a frame rate: give the instants' fps")
     fps = observations.fps if moving else None
-    named, note = _names_hold(rig, observations)
+    named, findings = _names_hold(rig, observations)
     tables: list[tuple[int, Segments]] = []
     velocity = []
     for index, camera in enumerate(rig):
@@ -100,10 +101,10 @@ def gather_evidence(
     identities, person = np.unique(key[:, 0], return_inverse=True)
     sightings = _sightings(rig, tables, camera_of, keep, block, np.concatenate(velocity)[keep] if fps else None)
     joints, kind = _joints(rig, observations, rng, max_joints, fps)
-    return Evidence(sightings, person, key[:, 1], identities, joints, kind, len(rig), note)
+    return Evidence(sightings, person, key[:, 1], identities, joints, kind, len(rig), findings)
 
 
-def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[str, ...]]:
+def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[Finding, ...]]:
     """Whether the joints' names order them from head to feet as the pictures do.
 
     Some tools write one joint layout under the names of another; a head that is a hip would ruin vertical and scale.
@@ -121,10 +122,7 @@ def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[str, 
     order = float(np.median(correlations))
     if order >= MIN_ORDER_CORRELATION:
         return True, ()
-    return False, (
-        f"the joints' names do not fit the pictures (they order them from head to feet with a correlation of {order:.2f}): "
-        "is it another layout than the file says? Joints are matched by their number, head and feet by position",
-    )
+    return False, (doubt("joint_names_unfit", correlation=order),)
 
 
 def _shared_instants(
@@ -192,9 +190,9 @@ def _joints(
             axis=1, initial=np.inf
         )
         usual = float(np.median(keypoints.score[found])) if len(row) else 1.0
-        doubt = np.clip((usual / keypoints.score[row, joint]) ** DOUBT_POWER, *DOUBT_RANGE)
+        unsure = np.clip((usual / keypoints.score[row, joint]) ** DOUBT_POWER, *DOUBT_RANGE)
         size = np.maximum(height[row], MIN_EXTENT_PX)
-        size_px.append(size * doubt)
+        size_px.append(size * unsure)
         if fps:
             whose = keypoints.identity[row] * len(keypoints.joints) + joint
             velocity.append(image_velocity(keypoints.frame[row], whose, xy[-1], size, fps))

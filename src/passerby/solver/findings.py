@@ -1,4 +1,4 @@
-"""What speaks for and against a solved rig: doubts with their mends, and the figures of every stage."""
+"""What speaks for and against a solved rig: findings, and the figures of every stage."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from passerby.core.figures import (
     ScaleFigures,
     SolvedCamera,
 )
+from passerby.core.findings import Finding, doubt
 from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consistency
 from passerby.solver.evidence import Evidence
@@ -43,17 +44,13 @@ _MAX_HEIGHT_NOISE = 0.3
 _NORMAL_QUARTILE = 0.3186
 
 
-def apart(rig: Rig, groups: list[list[int]]) -> list[str]:
+def apart(rig: Rig, groups: list[list[int]]) -> list[Finding]:
     """The groups of cameras that nobody joins to the largest one."""
-    names = [", ".join(rig.names[c] for c in group) for group in groups]
-    return [
-        f"{'cameras' if len(group) > 1 else 'camera'} {name} could not be joined to {names[0]}: too few of the same people "
-        "were seen by both at the same instants; record people who walk through both views"
-        for group, name in zip(groups[1:], names[1:], strict=True)
-    ]
+    main, *others = ([rig.names[c] for c in group] for group in groups)
+    return [doubt("cameras_not_joined", *names, main=main) for names in others]
 
 
-def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> list[str]:
+def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> list[Finding]:
     """What speaks against the optimum: what nothing fixes, then by camera."""
     out = _undetermined_world(covariance.free)
     state, rig = fit.result.state, start.rig
@@ -62,46 +59,29 @@ def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> 
     for c, camera in enumerate(rig):
         sigma = covariance.shape_sigma(c)
         if c in covariance.free.cameras:
-            out.append(
-                f"nothing fixes where camera {camera.name} stands among the others: record more people, seen from head to "
-                "feet, in the view that it shares with them"
-            )
+            out.append(doubt("camera_undetermined", camera.name))
         if agrees.agreeing[c] < _MIN_SIGHTINGS:
-            out.append(f"camera {camera.name} rests on {agrees.agreeing[c]} sightings only: record more people in its view")
+            out.append(doubt("few_sightings", camera.name, agreeing=int(agrees.agreeing[c])))
         elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
             out.append(contradiction)
         vague = sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > _MAX_ORIENTATION_DEG
         if vague and c not in covariance.free.cameras:
-            out.append(
-                f"camera {camera.name} is uncertain by {1000 * sigma.position_m:.0f} mm and {sigma.orientation_deg:.1f} "
-                "degrees: record longer, or people nearer to it and in more places"
-            )
+            position_mm, orientation_deg = float(1000 * sigma.position_m), float(sigma.orientation_deg)
+            out.append(doubt("camera_uncertain", camera.name, position_mm=position_mm, orientation_deg=orientation_deg))
     if covariance.vertical_deg > _MAX_VERTICAL_DEG and not covariance.free.vertical:
-        out.append(
-            f"the vertical is uncertain by {covariance.vertical_deg:.1f} degrees: record people who walk about, "
-            "seen from head to feet"
-        )
+        out.append(doubt("vertical_uncertain", sigma_deg=float(covariance.vertical_deg)))
     noise = height_noise(fit, start.evidence)
     if noise > _MAX_HEIGHT_NOISE:
-        out.append(
-            f"half of the boxes are off by more than {100 * noise:.0f} % of their own height, which biases shape and scale: "
-            "use a better detector, or pictures in which people are larger"
-        )
+        out.append(doubt("boxes_noisy", noise_percent=100 * noise))
     if not fit.result.converged:
-        out.append("the adjustment did not converge: under [solver.options] set max_iterations = 200")
+        out.append(doubt("not_converged"))
     return out
 
 
-def _undetermined_world(free: Free) -> list[str]:
-    """What of the world as a whole no evidence constrains, with what would."""
+def _undetermined_world(free: Free) -> list[Finding]:
+    """What of the world as a whole no evidence constrains."""
     lacks = _lacks(free)
-    if not lacks:
-        return []
-    if lacks == ["scale"]:
-        return ["nothing fixes the scale: give a measured length under [scale], or boxes, or joints with heads and ankles"]
-    what = " and ".join(filter(None, (", ".join(f"the {one}" for one in lacks[:-1]), f"the {lacks[-1]}")))
-    length = "; a measured length under [scale] fixes the scale, but no vertical" if free.scale else ""
-    return [f"nothing fixes {what}: give boxes, or joints with heads and ankles, of people seen whole by two cameras{length}"]
+    return [doubt("world_undetermined", lacks=lacks)] if lacks else []
 
 
 def _lacks(free: Free) -> list[str]:
@@ -110,21 +90,17 @@ def _lacks(free: Free) -> list[str]:
     return [name for name, lacking in named.items() if lacking]
 
 
-def _contradiction(name: str, camera: int, agrees: JointConsistency) -> str | None:
+def _contradiction(name: str, camera: int, agrees: JointConsistency) -> Finding | None:
     """That a camera contradicts the others, at some time or all the time."""
     odd = agrees.odd_stretch(camera)
     if odd is not None:
         stretch, least, most = odd
-        return (
-            f"camera {name}: {most:.0%} of its sightings agree with the rig at one time, but {least:.0%} between "
-            f"{100 * stretch / STRETCHES:.0f} and {100 * (stretch + 1) / STRETCHES:.0f} % of the recording: see whether it was "
-            "moved, whether frames are missing and whether its clock keeps step"
+        begin, end = 100 * stretch / STRETCHES, 100 * (stretch + 1) / STRETCHES
+        return doubt(
+            "camera_disagrees_at_times", name, most=float(most), least=float(least), from_percent=begin, to_percent=end
         )
     if agrees.disagrees(camera):
-        return (
-            f"camera {name}: only {agrees.agreeing[camera]} of {agrees.seen[camera]} sightings agree with the rig: check its "
-            "intrinsics, its clock and the identities"
-        )
+        return doubt("camera_disagrees", name, agreeing=int(agrees.agreeing[camera]), seen=int(agrees.seen[camera]))
     return None
 
 
@@ -150,43 +126,28 @@ def height_noise(fit: Fit, evidence: Evidence) -> float:
     return float(max(np.median(sigma), flicker))
 
 
-def wrong_lenses(focals: Sequence[FocalCheck], shapes: Sequence[ShapeCheck] = ()) -> list[str]:
-    """The cameras whose lens contradicts the people, with what would refine it."""
-    out = [
-        f"camera {check.camera}: people fit a focal length {_longer(check.change)} than stated: check its intrinsics, or let "
-        'it be refined: under [solver] set refine = ["focal"]'
-        for check in focals
-        if check.wrong
-    ]
+def wrong_lenses(focals: Sequence[FocalCheck], shapes: Sequence[ShapeCheck] = ()) -> list[Finding]:
+    """The cameras whose lens contradicts the people."""
+    out = [doubt("focal_contradicted", check.camera, change=float(np.expm1(check.change))) for check in focals if check.wrong]
     common = common_change(focals)
     if common is not None and not out:
-        out.append(
-            f"people fit focal lengths {_longer(common)} than stated in all cameras: check the intrinsics and the size of the "
-            'pictures that they were made for, or let them be refined: under [solver] set refine = ["focal"]'
-        )
+        out.append(doubt("focals_contradicted", change=float(np.expm1(common))))
     # A focal length that is wrong bends the other parts as well: one cause is named, the likelier.
     if not out:
-        out = [
-            f"camera {check.camera}: people fit another {check.part} than stated: check its intrinsics"
-            for check in shapes
-            if check.wrong
-        ]
+        out = [doubt("lens_part_contradicted", check.camera, part=check.part) for check in shapes if check.wrong]
     return out
 
 
-def _longer(change: float) -> str:
-    """A change of a logarithm as "8 % longer"."""
-    return f"{100 * abs(np.expm1(change)):.0f} % {'longer' if change > 0 else 'shorter'}"
-
-
-def contradictions(cues: Sequence[CueFigures]) -> list[str]:
+def contradictions(cues: Sequence[CueFigures]) -> list[Finding]:
     """The scale cues that contradict the rest."""
     return [
-        f"the scale cue '{cue.cue}' says {cue.stated_m:.3f} m, but the rest makes it {cue.measured_m:.3f} m, "
-        f"{abs(cue.residual_sigmas):.0f} sigmas off: check it"
+        doubt(
+            "scale_cue_contradicted", cue=cue.cue, stated_m=cue.stated_m, measured_m=cue.measured_m,
+            sigmas=abs(cue.residual_sigmas),
+        )
         for cue in cues
         if abs(cue.residual_sigmas) > _MAX_CUE_SIGMAS
-    ]
+    ]  # fmt: skip
 
 
 def _finite(value: float) -> float | None:

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.common.errors import EvidenceError, InputError
+from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustmentRound, TreeFigures
+from passerby.core.findings import Finding, doubt, refusal
 from passerby.core.observations import Observations
+from passerby.core.refusals import RefusalError
 from passerby.core.scale_cues import ScaleCues
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
@@ -182,7 +184,7 @@ class InitialRig:
     tree: str
     agreeing: int
     candidates: tuple[TreeFigures, ...]
-    doubts: list[str]
+    doubts: list[Finding]
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,15 +226,12 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
         model = build_problem(here.evidence, state, Noise(), here.knowledge, share=0.1, blocks=blocks, joints=joints)
         found.append((len(model.rows) + len(model.joint_rows), name, state))
     if not found or max(count for count, _, _ in found) == 0:
-        raise EvidenceError("no arrangement of the cameras agrees with the people: check their identities and the intrinsics")
+        raise RefusalError(refusal("no_arrangement_fits"))
     best = max(found, key=lambda item: item[0])
     rivals = [name for count, name, state in found if count > _RIVAL_SHARE * best[0] and _differ(state, best[2]) > _RIVAL_ANGLE]
-    doubts = [
-        "two arrangements of the cameras fit the people almost equally well: record people who walk in more directions"
-    ] if rivals else []  # fmt: skip
-    return InitialRig(
-        best[2], best[1], best[0], tuple(TreeFigures(tree=name, agreeing=count) for count, name, _ in found), doubts
-    )
+    doubts = [doubt("arrangement_ambiguous")] if rivals else []
+    trees = tuple(TreeFigures(tree=name, agreeing=count) for count, name, _ in found)
+    return InitialRig(best[2], best[1], best[0], trees, doubts)
 
 
 def _rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:

@@ -14,7 +14,9 @@ import numpy as np
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Pose, Rig
 from passerby.core.figures import CueFigures, LensFigures
+from passerby.core.findings import doubt, refusal
 from passerby.core.observations import Observations
+from passerby.core.refusals import RefusalError
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, Verdict
 from passerby.geometry.relative_pose import PairHypothesis
@@ -33,10 +35,6 @@ __all__ = ["PeopleOptions", "solve_people"]
 
 _RESTARTS = 2
 """First guesses made anew with better lenses, at most."""
-_NO_GUESS_ANEW = (
-    "with the refined focal lengths no first guess at the cameras' arrangement agrees with the people: state focal lengths "
-    "that are nearer to the true ones, or leave [solver] refine out"
-)
 
 
 def solve_people(
@@ -55,20 +53,17 @@ def solve_people(
 
     Returns:
         The rig in a world with z up, the ground at z = 0, the first registered camera above the origin and looking along +y.
-        Cameras that share too little with the largest group have no pose, and a reason.
+        Cameras that share too little with the largest group have no pose, and a finding says so.
 
     Raises:
-        EvidenceError: no two cameras saw enough of the same people at the same instants.
+        RefusalError: no two cameras saw enough of the same people at the same instants.
     """
     options = options or PeopleOptions()
     first = Initialisation.prepare(rig, observations, cues, options, rng, guesses)
     groups = connected_components(len(rig), first.hypotheses, MIN_MATCHES)
     if len(groups[0]) < 2:
-        raise EvidenceError(
-            f"no two cameras share {MIN_MATCHES} sightings of the same people that fit one motion: check the identities and "
-            "the intrinsics, or record more people where the views overlap"
-        )
-    reasons = apart(rig, groups)
+        raise RefusalError(refusal("no_pair_fits", least=MIN_MATCHES))
+    findings = apart(rig, groups)
     start, among = first, list(guesses)
     if len(groups[0]) < len(rig):
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
@@ -84,7 +79,7 @@ def solve_people(
         try:
             choice = select_initial_rig(start, options, rng)
         except EvidenceError:
-            reasons.append(_NO_GUESS_ANEW)
+            findings.append(doubt("no_other_first_guess"))
             break
         fit = refine_in_stages(start, choice.state, options, rng)
     start = fit.start
@@ -96,18 +91,18 @@ def solve_people(
     posed = _placed(start.rig, fit.result.state, covariance)
     posed = _with_refined_sigmas(posed, lenses)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
-    reasons = [
-        *start.evidence.notes,
-        *reasons,
+    findings = [
+        *start.evidence.findings,
+        *findings,
         *choice.doubts,
         *doubts_about(start, fit, covariance),
         *contradictions(cues_said),
         *wrong_lenses(focals, shapes),
         *far_lenses(lenses),
     ]
-    verdict: Verdict = "doubtful" if reasons else "accepted"
+    verdict: Verdict = "doubtful" if findings else "accepted"
     figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
-    return Solution("people", replace(whole, verdict=verdict), verdict, tuple(reasons), figures)
+    return Solution("people", replace(whole, verdict=verdict), verdict, tuple(findings), figures)
 
 
 def _sure(start: Initialisation, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, list[CueFigures], dict[str, LensFigures]]:

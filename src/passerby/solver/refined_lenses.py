@@ -1,4 +1,4 @@
-"""What became of the lenses that were refined: figures, notes, and doubts."""
+"""What became of the lenses that were refined: figures and findings."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
 from passerby.core.figures import FocalFigures, LensFigures, PrincipalPointFigures
+from passerby.core.findings import Finding, doubt, notice
 from passerby.solver.lens_check import size_drift
 from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import LensUnknowns
@@ -105,8 +106,8 @@ def _xy(values: Floats) -> tuple[float, float]:
     return x, y
 
 
-def lens_notes(lenses: Mapping[str, LensFigures]) -> list[str]:
-    """What was refined in words, one sentence for each camera and part of its lens.
+def lens_notes(lenses: Mapping[str, LensFigures]) -> list[Finding]:
+    """What was refined, one finding for each camera and part of its lens.
 
     Args:
         lenses: by camera, as of `lens_figures`.
@@ -116,37 +117,29 @@ def lens_notes(lenses: Mapping[str, LensFigures]) -> list[str]:
         if focal := parts.focal:
             change, sigma = focal.refined_px / focal.stated_px - 1, focal.sigma_px / focal.refined_px
             out.append(
-                f"camera {name}: focal length {focal.refined_px:.0f} px instead of {focal.stated_px:.0f} "
-                f"({100 * change:+.1f} %, sigma {100 * sigma:.1f} %){_untold(focal, 'focal')}"
-            )
+                notice(
+                    "focal_refined", name, refined_px=focal.refined_px, stated_px=focal.stated_px,
+                    change_percent=100 * change, sigma_percent=100 * sigma, told=focal.told,
+                )
+            )  # fmt: skip
         if point := parts.principal_point:
-            (x, y), (u, v) = point.stated_px, point.refined_px
             out.append(
-                f"camera {name}: principal point ({u:.0f}, {v:.0f}) px instead of ({x:.0f}, {y:.0f}), sigma "
-                f"{max(point.sigma_px):.0f} px{_untold(point, 'principal_point')}"
-            )
+                notice(
+                    "principal_point_refined", name, refined_px=list(point.refined_px), stated_px=list(point.stated_px),
+                    sigma_px=max(point.sigma_px), told=point.told,
+                )
+            )  # fmt: skip
     return out
 
 
-def _untold(part: FocalFigures | PrincipalPointFigures, name: str) -> str:
-    """What is to be said where people do not tell a part of a lens."""
-    return "" if part.told else f'; the people hardly tell it: "{name}" may as well be left out of refine under [solver]'
-
-
-def far_lenses(lenses: Mapping[str, LensFigures]) -> list[str]:
+def far_lenses(lenses: Mapping[str, LensFigures]) -> list[Finding]:
     """The cameras whose lens ended farther from the stated one than stated lenses are off; `lenses` as of `lens_figures`."""
     out = []
     for name, parts in lenses.items():
         if (focal := parts.focal) and focal.far:
             change = 100 * (focal.refined_px / focal.stated_px - 1)
-            out.append(
-                f"camera {name}: its focal length was refined by {change:+.0f} %, "
-                "farther than a stated one should be off: check its intrinsics and the picture size that they were made for"
-            )
+            out.append(doubt("focal_refined_far", name, change_percent=change))
         if (point := parts.principal_point) and point.far:
             moved = float(np.linalg.norm(np.subtract(point.refined_px, point.stated_px)))
-            out.append(
-                f"camera {name}: its principal point was refined by {moved:.0f} px, farther than a stated one should be off: "
-                "check its intrinsics and whether its picture was cropped"
-            )
+            out.append(doubt("principal_point_refined_far", name, moved_px=moved))
     return out

@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import numpy as np
 
 from passerby.core.cameras import PoseSigma, Rig
+from passerby.core.finding_texts import diagnostic, text_of
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.interchange.calibration_json import parse_document
 from passerby.interchange.storage.json_text import plain
@@ -111,7 +112,15 @@ def renamed(value, new):
     return new.get(value, value) if isinstance(value, str) else value
 
 
-def without_poses(contents, reasons):
+def diagnosed(*findings):
+    """What `calibration.json` holds of findings."""
+    texts = {"reasons": [], "findings": []}
+    for one in findings:
+        texts["findings" if one.severity == "notice" else "reasons"].append(text_of(one))
+    return {**texts, "diagnostics": [diagnostic(one) for one in findings]}
+
+
+def without_poses(contents, *findings):
     """The same contents as a refused calibration would have them."""
     rig = Rig(tuple(replace(camera, pose=None, sigma=None) for camera in contents.rig), "refused")
     gone = (
@@ -119,7 +128,8 @@ def without_poses(contents, reasons):
         "orientation_sigma_deg", "median_residual_px",
     )  # fmt: skip
     cameras = [{**plain(one), **dict.fromkeys(gone), "registered": False} for one in contents.document.cameras]
-    return replace(changed(contents, verdict="refused", reasons=reasons, cameras=cameras, figures={}), rig=rig)
+    told = changed(contents, verdict="refused", **diagnosed(*findings), cameras=cameras, figures={})
+    return replace(told, rig=rig)
 
 
 def document_of(tables):
@@ -184,7 +194,8 @@ def _told(rig, seen, people, fps):
         for b in names[place + 1 :]
     ]
     cue = {
-        "cue": f"population of {people}", "stated_m": 1.72, "measured_m": 1.7, "sd_m": 0.05, "residual_sigmas": -0.4,
+        "cue": f"population of {people}", "kind": "population", "count": people, "stated_m": 1.72, "measured_m": 1.7,
+        "sd_m": 0.05, "residual_sigmas": -0.4,
         "share": 1.0,
     }  # fmt: skip
     figures = {
@@ -196,6 +207,6 @@ def _told(rig, seen, people, fps):
     }
     scale = {"person_height_m": 1.72, "person_height_sd_m": 0.09}
     return {
-        "name": "busy", "verdict": "accepted", "reasons": [], "findings": [], "cameras": cameras, "method": "people", "seed": 0,
+        "name": "busy", "verdict": "accepted", **diagnosed(), "cameras": cameras, "method": "people", "seed": 0,
         "association": {"mode": "given"}, "figures": figures, "scene": {"scale": scale},
     }  # fmt: skip

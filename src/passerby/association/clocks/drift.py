@@ -18,6 +18,7 @@ from passerby.association.ground.ground_tracks import Tolerance, ground_tracks
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
+from passerby.core.findings import Finding, Severity
 from passerby.geometry.single_view import Level
 
 TOLERANCE = Tolerance(floor_m=0.08, along=0.04, across=0.008, foot_m=0.25)
@@ -36,8 +37,6 @@ HARMFUL_S, HARMFUL_RATE, SPOILING_S = 0.5, 0.01, 1.0
 """It is a doubt where it is larger and, over the recording, quicker than a clock that is merely poor: then the frame rate is
 mistaken (25 for 24 is 4 %); or where it is so large that it spoils the rig whatever its cause. 0.8 s cost 30 mm on a
 terrace."""
-
-MEND = 'or let it be fitted: under [solver] set refine = ["clock_rate"]'
 
 
 @dataclass(frozen=True)
@@ -67,8 +66,8 @@ class Drift:
         return abs(self.rate) > SIGMAS * self.sigma and abs(self.seconds) > LEAST_S
 
 
-def drift_findings(cameras: Sequence[CameraTracklets], drifts: Mapping[int, Drift]) -> tuple[list[str], list[str]]:
-    """What is told of drifting clocks: sentences that speak against the rig, and sentences that do not.
+def drift_findings(cameras: Sequence[CameraTracklets], drifts: Mapping[int, Drift]) -> tuple[list[Finding], list[Finding]]:
+    """What is found of drifting clocks: doubts, and notices.
 
     Args:
         cameras: all cameras.
@@ -77,20 +76,20 @@ def drift_findings(cameras: Sequence[CameraTracklets], drifts: Mapping[int, Drif
     if len(drifts) == 2:
         (a, one), (b, other) = drifts.items()
         between = Drift(one.rate - other.rate, max(one.sigma, other.sigma), max(one.span_s, other.span_s))
-        both = f"{cameras[a].name} and {cameras[b].name}"
-        text = [f"the clocks of {both} drift apart by {abs(between.seconds):.2f} s: check their fps, {MEND}"]
-        return (text, []) if one.sure and between.harmful else ([], text if one.sure else [])
-    told = {c: drift for c, drift in drifts.items() if drift.sure}
-    texts = {c: _sentence(cameras[c].name, cameras[c].clock.fps, drift) for c, drift in told.items()}
-    harmful = [text for c, text in texts.items() if told[c].harmful]
-    return harmful, [text for text in texts.values() if text not in harmful]
+        severity: Severity = "doubt" if between.harmful else "notice"
+        both = cameras[a].name, cameras[b].name
+        apart = Finding("clocks_drift_apart", severity, both, {"drift_s": abs(between.seconds)})
+        found = [apart] if one.sure else []
+    else:
+        found = [_drifting(cameras[c], drift) for c, drift in drifts.items() if drift.sure]
+    return [each for each in found if each.severity == "doubt"], [each for each in found if each.severity == "notice"]
 
 
-def _sentence(name: str, fps: float, drift: Drift) -> str:
-    return (
-        f"the clock of {name} drifts by {abs(drift.seconds):.2f} s over {drift.span_s:.0f} s: its people fit about "
-        f"{fps / (1 - drift.rate):.4g} frames per second better than the stated {fps:.4g}: check its fps, {MEND}"
-    )
+def _drifting(camera: CameraTracklets, drift: Drift) -> Finding:
+    """What is found of one camera's clock."""
+    fps = camera.clock.fps
+    values = {"drift_s": abs(drift.seconds), "span_s": drift.span_s, "fits_fps": fps / (1 - drift.rate), "fps": fps}
+    return Finding("clock_drifts", "doubt" if drift.harmful else "notice", (camera.name,), values)
 
 
 def clock_drifts(

@@ -17,6 +17,7 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Bools, Floats
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
+from passerby.core.findings import Finding, notice
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
 from passerby.geometry.triangulation import triangulate_two_views
@@ -143,16 +144,12 @@ def add_joint_edges(graph: ViewGraph, registrations: Sequence[JointRegistration]
     return replace(graph, groups=ordered, offset_s=offset_s)
 
 
-def joined_by_joints(cameras: Sequence[CameraTracklets], registrations: Sequence[JointRegistration]) -> list[str]:
-    """A sentence where cameras were joined by joints: their clocks were not searched for."""
+def joined_by_joints(cameras: Sequence[CameraTracklets], registrations: Sequence[JointRegistration]) -> list[Finding]:
+    """A notice where cameras were joined by joints: their clocks were not searched for."""
     joined = sorted({c for one in registrations if one.used for c in (one.a, one.b)})
     if not joined:
         return []
-    names = [cameras[c].name for c in joined]
-    return [
-        f"cameras {', '.join(names[:-1])} and {names[-1]} were joined by the joints of people who move, nobody walks through "
-        "their views; offsets between their clocks were not searched for"
-    ]
+    return [notice("joined_by_joints", *(cameras[c].name for c in joined))]
 
 
 def known_pairs(tracklets: Tracklets, registrations: Sequence[JointRegistration]) -> Pairs:

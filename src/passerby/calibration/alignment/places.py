@@ -9,6 +9,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
+from passerby.core.findings import Finding, notice
 from passerby.core.known_places import KnownPoint
 from passerby.geometry.geodesy import east_north_up, mean_place
 
@@ -20,8 +21,8 @@ UNKNOWN_ORIENTATION_DEG = 0.2
 """Of a rig without sigmas."""
 
 
-def visible_points(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[KnownPoint, Camera, Floats]], list[str]]:
-    """Each sighting with its camera and its ray in the rig's world; notes on those that cannot be used."""
+def visible_points(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[KnownPoint, Camera, Floats]], list[Finding]]:
+    """Each sighting with its camera and its ray in the rig's world; notices on those that cannot be used."""
     rows, lost = [], dict[str, int]()
     for point in points:
         for name, (u, v) in point.pixels.items():
@@ -41,10 +42,7 @@ def visible_points(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[K
                     f"point {point.name} in camera {name}: ({u:g}, {v:g}) is no pixel of its lens model: choose another"
                 )
             rows.append((point, camera, np.asarray(bearing @ camera.pose.R_cw)))
-    return rows, [
-        f"camera {name} has no pose: its {count} point{'s are' if count > 1 else ' is'} left out"
-        for name, count in lost.items()
-    ]
+    return rows, [notice("points_without_pose", name, count=count) for name, count in lost.items()]
 
 
 def local_places(place: Floats, cameras: Sequence[Camera]) -> tuple[Floats, Floats]:

@@ -10,6 +10,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Camera, Rig
+from passerby.core.findings import Finding, notice
 from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.geometry.alignment import WorldFit, fit_world
 from passerby.geometry.anchors import Places, SeenPoints
@@ -62,34 +63,26 @@ def position_residuals(
     return out
 
 
-def gross_points(residuals: Sequence[Mapping[str, Any]]) -> list[str]:
-    """One sentence for each point, or each sighting, that was left out."""
+def gross_points(residuals: Sequence[Mapping[str, Any]]) -> list[Finding]:
+    """One notice for each point, or each sighting, that was left out."""
     notes = []
     for name in dict.fromkeys(row["point"] for row in residuals):
         seen = [row for row in residuals if row["point"] == name]
         wrong = [row for row in seen if not row["used"]]
         if len(wrong) == len(seen) > 1:
             off = float(np.median([row["off_m"] for row in wrong]))
-            notes.append(
-                f"point {name} is off by {off:.1f} m in all {len(wrong)} cameras: check its coordinates; it was left out"
-            )
+            notes.append(notice("point_off_everywhere", point=name, off_m=off, count=len(wrong)))
         else:
-            notes += [
-                f"point {name} in camera {row['camera']} is off by {row['off_m']:.1f} m: check it; it was left out"
-                for row in wrong
-            ]
+            notes += [notice("point_off", row["camera"], point=name, off_m=row["off_m"]) for row in wrong]
     return notes
 
 
-def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: str, count: int) -> list[str]:
+def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: str, count: int) -> list[Finding]:
     """What speaks against the fit as a whole, and whether another scale would fit better."""
     notes = []
     if fit.noise > POOR_FIT:
         size = float(np.sqrt(np.mean((places.residuals(fit.motion)[fit.used] ** 2).sum(axis=1))))
-        notes.append(
-            f"the {what} fit to {size:.2f} m only, {fit.noise:.1f} times their stated accuracy: check them, or "
-            "state a larger sd_m"
-        )
+        notes.append(notice("places_fit_poorly", what=what, off_m=size, times=fit.noise))
     if with_scale or count < 3:
         return notes
     try:
@@ -99,21 +92,16 @@ def doubts(places: Places, fit: WorldFit, with_scale: bool, tilt: bool, what: st
     growth = float(np.log(free.motion.scale))
     same = bool((free.used | ~fit.used).all())  # else a gross error pulls at the scale
     if same and abs(growth) > max(TELLING_SCALE, 3 * free.scale_sigma) and free.scale_sigma < WEAK_SCALE:
-        notes.append(
-            f"by the {what} all lengths should be {100 * abs(free.motion.scale - 1):.1f} % "
-            f"{'larger' if growth > 0 else 'smaller'} (one sigma {100 * free.scale_sigma:.1f} %): `scale` makes them so"
-        )
+        percent, sigma_percent = 100 * abs(free.motion.scale - 1), 100 * free.scale_sigma
+        notes.append(notice("places_want_scale", what=what, percent=percent, larger=growth > 0, sigma_percent=sigma_percent))
     return notes
 
 
-def ground_note(rig: Rig, motion: Similarity) -> list[str]:
+def ground_note(rig: Rig, motion: Similarity) -> list[Finding]:
     """Where the ground that the people told lies now, unless it lies at z = 0."""
     below = np.mean([camera.centre for camera in rig.posed()], axis=0) * (1.0, 1.0, 0.0)
     lean = float(np.degrees(direction_angle(motion.rotation[:, 2], np.array([0.0, 0.0, 1.0]))))
     height = round(float(motion.apply(below)[2]), 3) + 0.0  # no -0.00
     if lean < LEAN_DEG and abs(height) < HEIGHT_M:
         return []
-    return [
-        f"the ground that people walked on leans by {lean:.2f} degrees now and lies at z = {height:.2f} m below the cameras: "
-        "their ways take z = 0 to be the ground"
-    ]
+    return [notice("ground_elsewhere", lean_deg=lean, height_m=height)]

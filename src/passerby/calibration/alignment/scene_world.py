@@ -9,6 +9,7 @@ from passerby.calibration.alignment.world import Aligned, align_to_camera, align
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, SolvedCamera, SolverFigures
+from passerby.core.findings import Finding, notice
 from passerby.core.solution import Solution
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.scene.scene import Scene
@@ -23,7 +24,7 @@ class AlignedSolution:
     rig: Rig
     figures: SolverFigures
     world: dict[str, Any] = field(default_factory=dict)
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 def align_rig(rig: Rig, wanted: WorldTable) -> Aligned:
@@ -54,12 +55,12 @@ def align_to_scene(scene: Scene, solution: Solution) -> AlignedSolution:
         return AlignedSolution(solution.rig, solution.figures)
     paths = {key: None if path is None else scene.resolve(path) for key, path in _files(scene).items()}
     wanted = table.model_copy(update=paths)
+    place = f"{scene.place}: [world]"
     try:
         aligned = align_rig(solution.rig, wanted)
     except (InputError, EvidenceError) as error:
-        told = f"{scene.place}: [world]: the rig stays in its own frame, since {error}"
-        return AlignedSolution(solution.rig, solution.figures, findings=(told,))
-    findings = tuple(f"{scene.place}: [world]: {note}" for note in aligned.notes)
+        return AlignedSolution(solution.rig, solution.figures, findings=(notice("world_not_set", place=place, why=str(error)),))
+    findings = tuple(replace(one, values={"place": place, **one.values}) for one in aligned.diagnostics)
     return AlignedSolution(aligned.rig, scaled_figures(solution.figures, aligned.motion.scale), aligned.figures, findings)
 
 

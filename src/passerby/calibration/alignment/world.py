@@ -20,6 +20,8 @@ from passerby.calibration.alignment.residuals import (
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, Rig
+from passerby.core.finding_texts import texts_of
+from passerby.core.findings import Finding, notice
 from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.geometry.alignment import WorldFit, fit_world, fits_mirrored
 from passerby.geometry.anchors import KnownPositions, Places, SeenPoints
@@ -41,12 +43,17 @@ class Aligned:
     """From the old world to the new one."""
     figures: dict[str, Any]
     """JSON-ready: how the frame was set, the motion, its sigmas, the residuals."""
-    notes: tuple[str, ...] = ()
-    """What is odd, one sentence each, with the mend."""
+    diagnostics: tuple[Finding, ...] = ()
+    """What is odd."""
 
     def __repr__(self) -> str:
         left = f", {self.figures['left_out']} left out" if self.figures.get("left_out") else ""
         return f"Aligned(by {self.figures['by']}, {len(self.rig)} cameras{left})"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd, one sentence each, with the remedy."""
+        return texts_of(self.diagnostics)
 
     @property
     def residuals(self) -> list[dict[str, Any]]:
@@ -118,11 +125,11 @@ def align_to_positions(
     Geodetic positions become metres east (x), north (y) and up (z) around their mean; the geodetic origin, with the altitude of
     the ground, stands in the rig's metadata. Otherwise as `align_to_points`.
     """
-    notes, rows = [], []
+    notes, rows = list[Finding](), []
     for known in positions:
         camera_of(rig, known.camera)
         if rig[known.camera].pose is None:
-            notes.append(f"camera {known.camera} has no pose: its position is left out")
+            notes.append(notice("position_without_pose", known.camera))
         else:
             rows.append(known)
     cameras = [rig[known.camera] for known in rows]
@@ -147,11 +154,7 @@ def align_to_positions(
     told = _fit_figures(fit, with_scale, tilt) | ({} if origin is None else {"geodetic_origin": origin.tolist()})
     aligned = _aligned(rig, fit.motion, source, told, metadata, tilt=tilt)
     residuals = position_residuals(aligned.rig, rows, target, np.isfinite(place[:, 2]), fit)
-    notes += [
-        f"the position of camera {row['camera']} is off by {row['off_m']:.1f} m: check it; it was left out"
-        for row in residuals
-        if not row["used"]
-    ]
+    notes += [notice("position_off", row["camera"], off_m=row["off_m"]) for row in residuals if not row["used"]]
     return _with(aligned, residuals, notes + doubts(places, fit, with_scale, tilt, "positions", len(rows)))
 
 
@@ -164,10 +167,10 @@ def _posed(rig: Rig, name: str) -> Pose:
     return pose
 
 
-def _enough(count: int, targets: Sequence[Floats], with_scale: bool, tilt: bool, what: str, notes: Sequence[str]) -> None:
+def _enough(count: int, targets: Sequence[Floats], with_scale: bool, tilt: bool, what: str, notes: Sequence[Finding]) -> None:
     """Raises `EvidenceError` for too few places, or places on one spot."""
     least = 3 if tilt else 2
-    why = f" ({'; '.join(notes)})" if notes else ""
+    why = f" ({'; '.join(texts_of(notes))})" if notes else ""
     if count < least:
         wanted = "the vertical" if tilt else "the heading and the scale" if with_scale else "the heading"
         some = what.replace("camera ", "cameras ").replace("position", "positions") if what != "point" else "points"
@@ -240,7 +243,7 @@ def _aligned(
         "by": how, "scale": motion.scale, "rotation": log_rotation(motion.rotation).tolist(),
         "translation_m": motion.translation.tolist(), **figures,
     }  # fmt: skip
-    notes = []
+    notes: list[Finding] = []
     if tilt:
         up = [-pose.R_cw[1, 2] for camera in moved if (pose := camera.pose) is not None]
         if sum(up) < 0:
@@ -252,7 +255,8 @@ def _aligned(
     return Aligned(moved, motion, told, tuple(notes))
 
 
-def _with(aligned: Aligned, residuals: list[dict[str, Any]], notes: Sequence[str]) -> Aligned:
+def _with(aligned: Aligned, residuals: list[dict[str, Any]], notes: Sequence[Finding]) -> Aligned:
     """With its residuals and further notes."""
-    everything = (*notes, *aligned.notes)
-    return replace(aligned, figures=aligned.figures | {"residuals": residuals, "notes": list(everything)}, notes=everything)
+    everything = (*notes, *aligned.diagnostics)
+    told = {"residuals": residuals, "notes": list(texts_of(everything))}
+    return replace(aligned, figures=aligned.figures | told, diagnostics=everything)

@@ -14,6 +14,7 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Camera, Rig
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Boxes, Observations
 from passerby.core.synchronisation import sampling_distance
 
@@ -57,17 +58,13 @@ class Missed:
         return (self.found - self.by_chance) / beyond
 
 
-def doubts_of_missed(rig: Rig, observations: Observations) -> list[str]:
-    """A sentence on the pair of cameras of which the second misses most of whom it should see, if it misses nearly all."""
+def doubts_of_missed(rig: Rig, observations: Observations) -> list[Finding]:
+    """A doubt about the pair of cameras of which the second misses most of whom it should see, if it misses nearly all."""
     worst = min(people_missed(rig, observations), key=lambda pair: pair.share, default=None)
     if worst is None or worst.share >= LEAST_FOUND:
         return []
     found, by_chance = worst.found / worst.due, worst.by_chance / worst.due
-    return [
-        f"of the people whom {worst.sees} sees where {worst.should} should see them too, {found:.0%} are there, and "
-        f"{by_chance:.0%} would be by chance: see whether one of the two films a screen, a mirror or another place, "
-        "whether its intrinsics are right, and whether the ground is flat"
-    ]
+    return [doubt("people_missed", worst.sees, worst.should, found=found, by_chance=by_chance)]
 
 
 def people_missed(rig: Rig, observations: Observations) -> list[Missed]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from passerby.core.figures import GroundFigures
+from passerby.core.findings import Finding, doubt, notice
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS
@@ -34,7 +35,7 @@ def ground_figures(shape: GroundShape | None) -> GroundFigures | None:
 
 def told_of_ground(
     shape: GroundShape | None, *, placed: bool = False, tilt_known: bool = False
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """What speaks against the rig, and what does not: where known points tell what is up, the ground need not.
 
     Args:
@@ -44,10 +45,7 @@ def told_of_ground(
     """
     if shape is None or not shape.sure:
         return (), ()
-    low, high = (f"({x:.1f}, {y:.1f})" for x, y in (shape.low, shape.high))
-    where = "" if placed else f", at {low} and {high}"
-    text = f"the people's ground is not one plane: {shape.rise_m:.1f} m between its lowest and its highest part{where}"
+    values = {"rise_m": shape.rise_m, "at": None if placed else [list(shape.low), list(shape.high)]}
     if tilt_known or shape.rise_m < HARMFUL_M:
-        return (), (text,)
-    mend = 'give points with known heights: under [world] set points = "points.csv" and tilt = true; or people on one level'
-    return (f"{text}: how the cameras stand to each other holds, but the vertical and the heights do not: {mend}",), ()
+        return (), (notice("ground_uneven", **values),)
+    return (doubt("ground_uneven", **values),), ()

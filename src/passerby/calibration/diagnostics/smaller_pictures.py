@@ -15,6 +15,7 @@ import numpy as np
 from passerby.core.cameras import Lens, Rig
 from passerby.core.extents import extents_of
 from passerby.core.figures import adjusted
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.solution import Solution
 from passerby.scene.intrinsics_checks import FILLED_ROWS, STRIP, SUB_STREAMS
@@ -30,8 +31,8 @@ AS_GOOD = 1.1
 
 def doubts_of_smaller_pictures(
     rig: Rig, observations: Observations, solution: Solution, solve: Callable[[Rig], Solution]
-) -> list[str]:
-    """A sentence on the cameras whose people were found in smaller pictures than the lens is for.
+) -> list[Finding]:
+    """A doubt about each of the cameras whose people were found in smaller pictures than the lens is for.
 
     Args:
         rig: the lenses as stated.
@@ -55,13 +56,8 @@ def doubts_of_smaller_pictures(
             shares, without = fewer, tried
     out = []
     for name, share in shares.items():
-        width, height = rig[name].lens.size
-        small = smaller(rig[name].lens, share).size
-        out.append(
-            f"camera {name}: its people seem to be found in pictures of {small[0]} x {small[1]}, not of the stated {width} x "
-            f"{height}: they lie within that part, and all cameras agree better so: give a lens for pictures of that size, or "
-            "scale its boxes and joints to the size of the lens"
-        )
+        size, small = rig[name].lens.size, smaller(rig[name].lens, share).size
+        out.append(doubt("pictures_smaller", name, seen_size=list(small), size=list(size)))
     return out
 
 

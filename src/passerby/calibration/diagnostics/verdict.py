@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -12,6 +11,7 @@ from passerby.calibration.diagnostics.covisibility import doubts_of_missed
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_pace
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
+from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
 from passerby.core.solution import Solution
@@ -22,17 +22,14 @@ LINE_WIDTH_M = 0.25
 LINE_SHARE = 0.02
 """Over long lines the noise grows: so much of their length counts as on the line too."""
 MIN_POSITIONS = 10
-SPOT_MEND = "record people who walk all over the view that the cameras share"
 
 
 def judged(
-    solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, str] | None = None,
-    doubts: Sequence[str] = (), basis: ScaleBasis = "taken", grown: float = 1.0,
+    solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, Finding] | None = None,
+    doubts: Sequence[Finding] = (), basis: ScaleBasis = "taken", grown: float = 1.0,
 ) -> Solution:  # fmt: skip
     """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
     does not see whom it should by the rig.
-
-    The reasons name the camera, and what to record.
 
     Args:
         solution: of a solver.
@@ -44,32 +41,27 @@ def judged(
         grown: what the lengths of the rig are multiplied by afterwards, where known places set the scale.
     """
     doubts = [*doubts, *_against_people(solution, observations, basis, grown)]
-    reasons = [*solution.reasons, *doubts]
+    findings = [*solution.findings, *doubts]
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:
-        apart = _apart(observations, given, why or {}, nothing_known=not reasons)
+        apart = _apart(observations, given, why or {}, nothing_known=not findings)
         # That nobody is shared says more than that too few are.
-        known = {_who(text) for text in apart}
-        reasons = [text for text in reasons if " could not be joined" not in text or _who(text) not in known]
-        reasons += [text for text in apart if text not in reasons]
+        known = {finding.cameras for finding in apart}
+        findings = [one for one in findings if one.code != "cameras_not_joined" or one.cameras not in known]
+        findings += [one for one in apart if not any(one.says_same(other) for other in findings)]
     if 0 < len(lost) < len(solution.rig):
-        named = " ".join(reasons)
-        reasons += [
-            f"camera {name} could not be registered: record more people in the view that it shares with the others"
-            for name in lost
-            if not re.search(rf"(?<!\w){re.escape(name)}(?!\w)", named)  # C1 is not named where C10 is
-        ]
+        about = {name for finding in findings for name in finding.cameras}
+        findings += [doubt("camera_without_pose", name) for name in lost if name not in about]
     # Joints have extent of their own: one person on the spot is enough.
     with_joints = sum(len(observations[camera.name].keypoints) > 0 for camera in solution.rig) > 1
     degenerate = None if with_joints else _one_line_or_spot(people_positions(solution.rig, observations))
-    if degenerate is not None and not any(" line" in reason or " spot" in reason for reason in reasons):
-        reasons.append(degenerate)
+    findings += [] if degenerate is None else [degenerate]
     doubtful = bool(lost) or bool(doubts) or degenerate is not None
     verdict = "doubtful" if doubtful and solution.verdict == "accepted" else solution.verdict
-    return replace(solution, verdict=verdict, reasons=tuple(reasons))
+    return replace(solution, verdict=verdict, findings=tuple(findings))
 
 
-def _against_people(solution: Solution, observations: Observations, basis: ScaleBasis, grown: float) -> list[str]:
+def _against_people(solution: Solution, observations: Observations, basis: ScaleBasis, grown: float) -> list[Finding]:
     """What the places of the people say against a rig that was computed from them."""
     if solution.method != "people" or len(solution.rig.posed()) < 2:
         return []
@@ -77,17 +69,12 @@ def _against_people(solution: Solution, observations: Observations, basis: Scale
     return [*doubts_of_missed(solution.rig, observations), *doubts_of_pace(keys, grown * places, observations.fps, basis)]
 
 
-def _apart(observations: Observations, given: bool, why: Mapping[str, str], *, nothing_known: bool) -> list[str]:
-    """What keeps cameras apart, one sentence for each group of them."""
+def _apart(observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool) -> list[Finding]:
+    """What keeps cameras apart, one finding for each group of them."""
     found = missing_overlap(count_shared_observations(observations), given=given)
-    if not given and len(found) == 1 and found[0].startswith("no two cameras") and not nothing_known:
+    if not given and any(one.code == "no_two_cameras_share" for one in found) and not nothing_known:
         return []  # that identities were not found has been said, and why
-    return [why.get(text.split(" shares nobody")[0].removeprefix("camera "), text) for text in found]
-
-
-def _who(text: str) -> str:
-    """Which cameras a sentence on want of overlap is about."""
-    return re.split(r" could not be | shares? | saw ", text)[0]
+    return [why.get(one.cameras[0], one) if len(one.cameras) == 1 else one for one in found]
 
 
 def people_positions(rig: Rig, observations: Observations) -> Floats:
@@ -124,7 +111,7 @@ def _positions(rig: Rig, observations: Observations) -> tuple[Floats, Floats]:
     return instants[placed], points[placed]
 
 
-def _one_line_or_spot(points: Floats) -> str | None:
+def _one_line_or_spot(points: Floats) -> Finding | None:
     """What is wrong with the places (N, 3) where boxes were seen, world, z up; None if nothing is, or nothing can be said."""
     if len(points) < MIN_POSITIONS:
         return None
@@ -135,7 +122,7 @@ def _one_line_or_spot(points: Floats) -> str | None:
     length = 2 * float(along.max())
     width = float(np.percentile(across, 90))
     if length < 2 * LINE_WIDTH_M:
-        return f"all people stay on one spot of {length:.1f} m: {SPOT_MEND}"
+        return doubt("people_on_one_spot", length_m=length)
     if width < max(LINE_WIDTH_M, LINE_SHARE * length):
-        return f"all people walk on one straight line of {length:.1f} m: {SPOT_MEND}"
+        return doubt("people_on_one_line", length_m=length)
     return None

@@ -19,6 +19,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.figures import CueFigures
+from passerby.core.findings import Finding, doubt
 
 ScaleBasis = Literal["taken", "stated", "measured"]
 """What the scale rests on: how tall people are taken to be, how tall they are said to be, or lengths that were measured."""
@@ -53,12 +54,12 @@ def scale_basis(cues: Sequence[CueFigures], *, said: bool) -> ScaleBasis:
         cues: the solver's figures of its scale cues, each with its name and its share of the weight.
         said: whether the user has said how tall the people are.
     """
-    measured = sum(cue.share for cue in cues if not cue.cue.startswith(("population of", "height of person")))
+    measured = sum(cue.share for cue in cues if cue.kind not in ("population", "person"))
     return "measured" if measured > 0.5 else "stated" if said else "taken"
 
 
-def doubts_of_pace(keys: Floats, places: Floats, fps: float | None, basis: ScaleBasis = "taken") -> list[str]:
-    """A sentence where people walk faster than people walk, or run faster than they run.
+def doubts_of_pace(keys: Floats, places: Floats, fps: float | None, basis: ScaleBasis = "taken") -> list[Finding]:
+    """A doubt where people walk faster than people walk, or run faster than they run.
 
     Args:
         keys: (N, 2) frame and identity of who was placed by two cameras or more.
@@ -70,31 +71,17 @@ def doubts_of_pace(keys: Floats, places: Floats, fps: float | None, basis: Scale
     if len(pace) >= MIN_STEPS and basis != "measured":
         low, median, high = np.quantile(pace, (0.25, 0.5, 0.75))
         if high <= EVEN * low and median > TOO_FAST:
-            return [_too_fast(float(median), basis)]
+            heights = "stated" if basis == "stated" else "taken"
+            return [doubt("people_walk_fast", speed=float(median), heights=heights)]
     steady = paces(keys, places, fps, steady=True)
     fast = float(np.quantile(steady, 0.75)) if len(steady) >= MIN_STEPS else 0.0
     if fast <= (RUN if basis == "measured" else RUN_BY_HEIGHT):
         return []
-    return [
-        f"a quarter of the people who move do so at {fast:.1f} m/s or more by the scale of the rig, faster than people run: "
-        "check the heights and lengths under [scale] and [world], whether the boxes reach from head to feet, and the frame rate"
-    ]
+    return [doubt("people_run_fast", speed=fast)]
 
 
-def _too_fast(median: float, basis: ScaleBasis) -> str:
-    if basis == "stated":
-        return (
-            f"people walk at {median:.1f} m/s if they are as tall as [scale] says, which is fast: see whether the boxes reach "
-            "from head to feet, check the frame rate, and give a length that you measured ([[scale.distances]], for one)"
-        )
-    return (
-        f"people walk at {median:.1f} m/s if they are as tall as they are taken to be, which is fast: are they children? "
-        "Write their mean height as person_height_m under [scale], or give a length, and check the frame rate"
-    )
-
-
-def doubts_of_heights(heights: Mapping[str, float], scale: float, person_height_m: float) -> list[str]:
-    """A sentence where known places, which set the scale, make people taller or shorter than people are.
+def doubts_of_heights(heights: Mapping[str, float], scale: float, person_height_m: float) -> list[Finding]:
+    """A doubt where known places, which set the scale, make people taller or shorter than people are.
 
     Args:
         heights: identity -> standing height by the solver's scale, metres; empty where it tells none.
@@ -106,10 +93,7 @@ def doubts_of_heights(heights: Mapping[str, float], scale: float, person_height_
     tall = scale * float(np.median(list(heights.values())))
     if abs(tall / person_height_m - 1) <= MOST_OFF:
         return []
-    return [
-        f"the places under [world] make people {tall:.2f} m tall, who are {person_height_m:.2f} m by [scale]: check their "
-        "units and coordinates, and whether the boxes reach from head to feet"
-    ]
+    return [doubt("people_too_tall", metres=tall, expected_m=person_height_m)]
 
 
 def paces(keys: Floats, places: Floats, fps: float | None, *, steady: bool = False) -> Floats:

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
-from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
+from passerby.core.findings import Finding, doubt, refusal
 from passerby.core.observations import Observations
+from passerby.core.refusals import RefusalError
 from passerby.geometry.rotations import direction_angle, rotation_between
 from passerby.geometry.similarity import Similarity
 from passerby.geometry.triangulation import angular_residuals, depths, in_camera_frames, triangulate
@@ -51,7 +52,7 @@ class Extents:
     """(P,) the same for the lower end."""
     shares: tuple[float, float]
     """Where the upper and the lower end are on a standing body, as shares of its height."""
-    note: str | None = None
+    finding: Finding | None = None
     """What was odd about the input."""
 
     @property
@@ -132,11 +133,7 @@ def joint_extents(rig: Rig, observations: Observations) -> Extents:
         return Extents(points, np.zeros(len(names), bool), np.zeros(len(names), bool), (1.0, 0.0))
     top = np.arange(len(names)) == int(np.nanargmax(height))
     bottom = np.nan_to_num(height, nan=np.inf) <= np.nanmin(height) + FEET_BAND
-    note = (
-        f"the joints' names do not fit the pictures (correlation of {order:.2f} with the order from head to feet): joints are "
-        "matched by number, and the highest and lowest ones stand in for head and feet; check the layout of the keypoint files"
-    )
-    return Extents(points, top, bottom, EXTREME_FRACTIONS, note)
+    return Extents(points, top, bottom, EXTREME_FRACTIONS, doubt("joint_ends_unnamed", correlation=order))
 
 
 def triangulate_segments(
@@ -182,13 +179,10 @@ def vertical(segments: Segments) -> Floats:
     direction decides, on a wide floor the feet.
 
     Raises:
-        EvidenceError: fewer than 8 segments.
+        RefusalError: fewer than 8 segments.
     """
     if len(segments) < MIN_SEGMENTS:
-        raise EvidenceError(
-            f"{len(segments)} people were seen from head to feet by two cameras at once: at least {MIN_SEGMENTS} are needed to "
-            "find the vertical and the scale; let people walk where the pictures hold them whole"
-        )
+        raise RefusalError(refusal("few_whole_people", seen=len(segments), needed=MIN_SEGMENTS))
     up = _mean_direction(segments)
     turn = rotation_between(up, np.array([0.0, 0.0, 1.0]))
     length = float(np.median(np.linalg.norm(segments.top - segments.bottom, axis=1)))
@@ -218,11 +212,11 @@ def standing_length(segments: Segments, up: Floats) -> float:
         up: (3,) the vertical; segments that lean away from it by more than 15 degrees are left out.
 
     Raises:
-        EvidenceError: fewer than 8 upright segments.
+        RefusalError: fewer than 8 upright segments.
     """
     upright = segments.take(direction_angle(segments.top - segments.bottom, up) <= MAX_LEAN)
     if len(upright) < MIN_SEGMENTS:
-        raise EvidenceError(f"{len(upright)} upright people were measured: at least {MIN_SEGMENTS} are needed for the scale")
+        raise RefusalError(refusal("few_upright_people", seen=len(upright), needed=MIN_SEGMENTS))
     length = np.linalg.norm(upright.top - upright.bottom, axis=1)
     people = [length[upright.identity == identity] for identity in np.unique(upright.identity)]
     standing = np.array([longest_peak(lengths) for lengths in people if len(lengths) >= MIN_SEGMENTS])

@@ -15,10 +15,11 @@ from typing import Literal
 
 import numpy as np
 
-from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
 from passerby.core.figures import StarScale
+from passerby.core.findings import refusal
 from passerby.core.observations import Observations
+from passerby.core.refusals import RefusalError
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
 from passerby.solver.geopose.body_extent import (
@@ -82,11 +83,11 @@ def solve_geopose(
 
     Returns:
         The rig in a world with z up and the ground at z = 0, the reference camera above the origin. Sigmas are relative to the
-        reference camera, whose own are 0. A camera that shares too little with the reference has no pose, and a reason.
+        reference camera, whose own are 0. A camera that shares too little with the reference has no pose.
 
     Raises:
         InputError: the reference is not a camera of the rig.
-        EvidenceError: no camera could be registered with the reference, or nothing fixes scale and vertical.
+        RefusalError: no camera could be registered with the reference, or nothing fixes scale and vertical.
     """
     reference = reference_of(rig, options)
     kind = _kind_of_points(rig, observations, options)
@@ -105,14 +106,14 @@ def solve_geopose(
             check_people_stand(extents, reference, pair.camera, len(people))
         return metres(people, [pair]).factor
 
-    notes = [extents.note] if extents.note else []
-    star = solve_star_graph(rig, points, options, scale_of_pair, rng, notes)
+    odd = [extents.finding] if extents.finding else []
+    star = solve_star_graph(rig, points, options, scale_of_pair, rng, odd)
     people = measured(star.pairs)
     scale = metres(people, star.pairs)
     people = people.scaled(scale.factor)
     world = place_world(people, vertical(people), np.zeros(3), extents.shares[1] * options.person_height_m)
-    reasons = [*star.reasons, *doubts(rig, star, "people", "the method 'people'")]
-    return star_solution("geopose", rig, star, scale, world, SIGMA_FACTOR[kind], reasons, kind)
+    findings = [*star.findings, *doubts(rig, star, "people", "the method 'people'")]
+    return star_solution("geopose", rig, star, scale, world, SIGMA_FACTOR[kind], findings, kind)
 
 
 def measure_people(rig: Rig, extents: Extents, reference: int, pairs: list[PairGeometry]) -> Segments:
@@ -148,14 +149,11 @@ def check_people_stand(extents: Extents, reference: int, camera: int, n_segments
     centres shows that pose to be wrong, but the tops and the bottoms of the boxes do not meet in it.
 
     Raises:
-        EvidenceError: fewer than a third of the people seen whole by both cameras have a head and feet in the pair.
+        RefusalError: fewer than a third of the people seen whole by both cameras have a head and feet in the pair.
     """
     shared = extents.shared(reference, camera)
     if n_segments < MIN_STANDING_SHARE * shared:
-        raise EvidenceError(
-            f"heads and feet of only {n_segments} of {shared} people seen by both meet in its pose, so it is wrong (points on "
-            "one level cannot tell apart two poses of cameras that face each other): choose another reference camera"
-        )
+        raise RefusalError(refusal("people_do_not_stand", standing=n_segments, shared=int(shared)))
 
 
 def _kind_of_points(rig: Rig, observations: Observations, options: GeoPoseOptions) -> Literal["boxes", "joints"]:

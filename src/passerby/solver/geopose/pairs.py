@@ -12,10 +12,12 @@ from typing import Literal
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.common.errors import EvidenceError, InputError
+from passerby.common.errors import InputError
 from passerby.core.cameras import Lens, Pose, Rig
+from passerby.core.findings import Finding, refusal
+from passerby.core.refusals import RefusalError
 from passerby.geometry.triangulation import parallax_angles, triangulate_two_views
-from passerby.geometry.two_view import MIN_POINTS, choose_by_cheirality, decompose_essential, relative_pose
+from passerby.geometry.two_view import MIN_POINTS, NoRelativePoseError, choose_by_cheirality, decompose_essential, relative_pose
 from passerby.solver.geopose.correspondences import ImagePoints, match_pair, point_observations
 from passerby.solver.optimizer.bundle import adjust_points
 
@@ -92,11 +94,11 @@ def solve_pair(
     """One camera with the reference, up to scale: the paper's pairwise steps in their order.
 
     Raises:
-        EvidenceError: too few correspondences, or too few that agree.
+        RefusalError: too few correspondences, or too few that agree.
     """
     rows = np.column_stack(match_pair(points, label, reference, camera))
     if len(rows) < options.min_correspondences:
-        raise EvidenceError(f"{len(rows)} common points, {options.min_correspondences} are needed")
+        raise RefusalError(refusal("few_common_points", common=len(rows), needed=options.min_correspondences))
     rows = rows[np.sort(np.argsort(priority[label[rows[:, 0]]])[: options.max_correspondences])]
     rays = points.bearing[rows[:, 0]], points.bearing[rows[:, 1]]
     lenses = rig.cameras[reference].lens, rig.cameras[camera].lens
@@ -104,9 +106,8 @@ def solve_pair(
     pose, front = decompose(essential, rays[0][inliers], rays[1][inliers])
     kept = rows[np.flatnonzero(inliers)[front]]
     if len(kept) < options.min_correspondences:
-        raise EvidenceError(
-            f"{len(kept)} of {len(rows)} common points agree on one relative pose, {options.min_correspondences} are needed"
-        )
+        counts = {"agreeing": len(kept), "common": len(rows), "needed": options.min_correspondences}
+        raise RefusalError(refusal("few_agreeing_points", **counts))
     triangulated = triangulate_pair(pose, points.bearing[kept[:, 0]], points.bearing[kept[:, 1]])
     pose, triangulated, fits, rms = local_bundle_adjustment(
         rig, points.take(kept.T.ravel()), camera, pose, triangulated, options
@@ -130,14 +131,29 @@ def pair_essential(
         sigma_px: (N, 2) standard deviations of the sightings.
         options: for the threshold.
         rng: drives RANSAC.
+
+    Raises:
+        RefusalError: no relative pose agrees with enough of the rays.
     """
     focal = np.array([lens.focal for lens in lenses])
     if options.ransac_threshold_px is None:
         threshold = THRESHOLD_SIGMAS * float(np.median(np.sqrt(np.mean((sigma_px / focal) ** 2, axis=1))))
     else:
         threshold = options.ransac_threshold_px / float(np.sqrt(focal.prod()))
-    view = relative_pose(rays_reference, rays_camera, threshold=threshold, rng=rng, max_points=options.max_correspondences)
+    try:
+        view = relative_pose(rays_reference, rays_camera, threshold=threshold, rng=rng, max_points=options.max_correspondences)
+    except NoRelativePoseError as error:
+        raise RefusalError(_without_pose(error)) from None
     return view.essential, view.inliers
+
+
+def _without_pose(error: NoRelativePoseError) -> Finding:
+    """Why two cameras have no relative pose."""
+    if error.usable < MIN_POINTS:
+        return refusal("few_usable_points", usable=error.usable, needed=MIN_POINTS)
+    if error.agreeing is None:
+        return refusal("no_relative_pose", common=error.common)
+    return refusal("relative_pose_weak", agreeing=error.agreeing, common=error.common, needed=MIN_POINTS)
 
 
 def decompose(essential: Floats, rays_reference: Floats, rays_camera: Floats) -> tuple[Pose, Bools]:

@@ -16,6 +16,9 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, PoseSigma, Rig
 from passerby.core.figures import StarFigures, StarPair, StarScale
+from passerby.core.finding_texts import texts_of
+from passerby.core.findings import Finding, doubt
+from passerby.core.refusals import RefusalError, findings_of
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution, Verdict
 from passerby.geometry.similarity import Similarity
@@ -44,8 +47,8 @@ class StarReconstruction:
     """How many points any pair has."""
     disagreement: float
     """See `merge_points`."""
-    reasons: tuple[str, ...]
-    """Why other cameras could not be registered."""
+    findings: tuple[Finding, ...]
+    """What is odd, and why other cameras could not be registered."""
 
 
 def solve_star_graph(
@@ -54,7 +57,7 @@ def solve_star_graph(
     options: GeoPoseOptions,
     scale_of_pair: Callable[[PairGeometry], float],
     rng: np.random.Generator,
-    notes: Sequence[str] = (),
+    odd: Sequence[Finding] = (),
 ) -> StarReconstruction:
     """Register every camera with the reference, merge the points, adjust all together.
 
@@ -62,20 +65,20 @@ def solve_star_graph(
         rig: names and lenses; poses in it are not read.
         points: sightings of all cameras; the same point is seen where identity, frame and part are the same.
         options: see `GeoPoseOptions`.
-        scale_of_pair: what to multiply a pair's lengths by to get metres; `EvidenceError` where the pair has none, or is wrong.
+        scale_of_pair: what to multiply a pair's lengths by to get metres; `RefusalError` where the pair has none, or is wrong.
         rng: drives RANSAC and the choice among too many correspondences.
-        notes: what else there is to say where nothing can be solved.
+        odd: what was found before.
 
     Raises:
         InputError: the reference is not a camera of the rig.
-        EvidenceError: no camera could be registered with the reference.
+        RefusalError: no camera could be registered with the reference.
     """
     reference = reference_of(rig, options)
     label, key = points.labels()
     # One draw for all pairs: where points are too many, all pairs keep the same ones, which can then be merged.
     priority = rng.permutation(len(key))
     pairs: list[PairGeometry] = []
-    reasons = list(notes)
+    findings = list(odd)
     for camera in range(len(rig)):
         if camera == reference:
             continue
@@ -83,16 +86,17 @@ def solve_star_graph(
             pair = solve_pair(rig, points, label, priority, reference, camera, options, rng)
             pairs.append(pair.scaled(scale_of_pair(pair)))
         except EvidenceError as error:
-            reasons.append(f"camera {rig.names[camera]} could not be registered with {options.reference}: {error}")
+            cause = findings_of(error)[0].as_value()
+            findings.append(doubt("pair_failed", rig.names[camera], options.reference, cause=cause))
     if not pairs:
-        raise EvidenceError(
-            f"no camera could be registered with the reference {options.reference}: " + "; ".join(reasons), tuple(reasons)
-        )
+        reasons = "; ".join(texts_of(findings))
+        message = f"no camera could be registered with the reference {options.reference}: {reasons}"
+        raise RefusalError(findings, message)
     merged, disagreement = merge_points(pairs, len(key))
     adjusted = global_bundle_adjustment(rig, points, label, pairs, merged, reference, options)
     final = [replace(pair, pose=pose) for pair, pose in zip(pairs, adjusted.poses[1:], strict=True)]
     count = int(np.isfinite(merged).all(axis=1).sum())
-    return StarReconstruction(reference, final, adjusted, count, disagreement, tuple(reasons))
+    return StarReconstruction(reference, final, adjusted, count, disagreement, tuple(findings))
 
 
 def reference_of(rig: Rig, options: GeoPoseOptions) -> int:
@@ -123,7 +127,7 @@ def star_solution(
     scale: StarScale,
     world: Similarity,
     sigma_factor: float,
-    reasons: Sequence[str],
+    findings: Sequence[Finding],
     points: str,
 ) -> Solution:
     """The star in metres, in its world, with sigmas, verdict and figures.
@@ -135,13 +139,13 @@ def star_solution(
         scale: of all cameras together.
         world: from the reference camera's frame, metres, to the world's.
         sigma_factor: by how much the adjustment's formal sigmas are too small.
-        reasons: what speaks against the result; it is doubtful where there are any.
+        findings: what speaks against the result; it is doubtful where there are any.
         points: what they are of.
     """
     final = [pair.scaled(scale.factor) for pair in star.pairs]
     covariance = _covariances(final, star.adjusted, scale.factor, sigma_factor, scale.relative_sd)
     solved = _placed_rig(rig, star.reference, final, covariance, world)
-    verdict: Verdict = "doubtful" if reasons else "accepted"
+    verdict: Verdict = "doubtful" if findings else "accepted"
     figures = StarFigures(
         points=points, reference=rig.names[star.reference], scale=scale,
         pairs=tuple(_pair_figures(rig, pair) for pair in final),
@@ -149,11 +153,11 @@ def star_solution(
         pair_disagreement=star.disagreement, rms_px=star.adjusted.rms_px, iterations=star.adjusted.iterations,
         converged=star.adjusted.converged,
     )  # fmt: skip
-    return Solution(method, replace(solved, verdict=verdict), verdict, tuple(reasons), figures)
+    return Solution(method, replace(solved, verdict=verdict), verdict, tuple(findings), figures)
 
 
-def doubts(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[str]:
-    """What speaks against the result, one sentence each.
+def doubts(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[Finding]:
+    """What speaks against the result.
 
     Args:
         rig: the cameras' names.
@@ -165,19 +169,13 @@ def doubts(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[st
     for pair in star.pairs:
         name, share = rig.names[pair.camera], len(pair.rows) / pair.correspondences
         if share < MIN_INLIER_SHARE:
-            found.append(f"only {share:.0%} of the points that camera {name} shares with the reference agree with its pose")
+            found.append(doubt("few_points_agree", name, share=share))
         if pair.parallax_deg < MIN_PARALLAX_DEG:
-            found.append(
-                f"camera {name} looks from almost where the reference stands (rays meet at {pair.parallax_deg:.1f} degrees): "
-                "its distance is not known; choose another reference"
-            )
+            found.append(doubt("near_reference", name, parallax_deg=pair.parallax_deg))
     if star.disagreement > MAX_DISAGREEMENT:
-        found.append(
-            f"the pairs place the same {what} {star.disagreement:.0%} of their distance apart: at least one pair is wrong; "
-            f"try another reference camera or {other}"
-        )
+        found.append(doubt("pairs_disagree", what=what, share=star.disagreement, other=other))
     if not star.adjusted.converged:
-        found.append(f"the global adjustment did not converge in {star.adjusted.iterations} iterations")
+        found.append(doubt("global_adjustment_not_converged", iterations=star.adjusted.iterations))
     return found
 
 

@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
+from passerby.core.finding_texts import text_of
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
 from passerby.interchange.storage.faults import read_text
@@ -192,8 +193,8 @@ def _boxes_of(path: Path, notes: list[str]) -> Boxes:
     """
     boxes, doubled = remove_duplicates(read_boxes(path, doubles=True))
     if doubled is not None and doubled.is_rule:
-        raise InputError(doubled.sentence(str(path)))
-    notes += [] if doubled is None else [doubled.sentence(str(path))]
+        raise InputError(text_of(doubled.finding(str(path))))
+    notes += [] if doubled is None else [text_of(doubled.finding(str(path)))]
     return boxes
 
 

@@ -1,0 +1,149 @@
+"""Findings of identity association and of the search for the clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from passerby.core.finding_texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, Said
+from passerby.core.findings import Severity
+
+WALK = "record more people who walk about in the view that cameras share"
+VIEW = f"{WALK}, and check its fps and its intrinsics"
+_FIT_CLOCK = 'or let it be fitted: under [solver] set refine = ["clock_rate"]'
+_ANY: tuple[Severity, ...] = ("doubt", "refusal")
+_SAID_OR_NOT: tuple[Severity, ...] = ("notice", "doubt")
+
+
+def _fit(v: Fields) -> str:
+    """How far the tracks of two cameras fit."""
+    clauses = {
+        "never_together": "nobody walks in both at one time",
+        "nobody": "nobody walks in it and in another at one time",
+        "few_in_both": "of the people whom both should see, the best fit of their tracks finds {share:.0%} in both",
+        "contradicted": "third cameras contradict the best fit of their tracks",
+        "ambiguous": "another fit of their tracks scores {runner_up:.0%} of the best",
+    }
+    return clauses[v["fit"]].format_map(v)
+
+
+def _fixed(v: Fields) -> Said | None:
+    """What would make the tracks fit."""
+    found: Said | None = v.get("fixed_by")
+    return found
+
+
+def _unregistered(v: Fields) -> str:
+    to = "" if v["to"] is None else f" to {v['to']}"
+    so, fixed = "" if v["timed"] else "has no clock: it ", _fixed(v)
+    text = f"camera {v['camera']} {so}could not be registered{to}: {_fit(v)}"
+    return text if fixed is None else f"{text}: {fixed.problem}"
+
+
+def _pair(v: Fields) -> str:
+    text, fixed = f"cameras {v['camera']} and {v['second']}: {_fit(v)}", _fixed(v)
+    return text if fixed is None else f"{text}: {fixed.problem}"
+
+
+def _clock(v: Fields) -> str:
+    way = "ahead of" if v["ahead_s"] > 0 else "behind"
+    return f"the clock of {v['camera']} is {abs(v['ahead_s']):.1f} s {way} that of {v['second']}"
+
+
+def _nobody_shared(v: Fields) -> str:
+    several = len(v["names"]) > 1
+    kin = " and stand as a group apart" if several else ""
+    return f"{v['who']} share{'' if several else 's'} nobody with {', '.join(v['main'])}{kin}"
+
+
+def _to_share(v: Fields) -> str:
+    if v["given"]:
+        return "give identities that are the same person in all cameras, and frame numbers that are the same instant"
+    return (
+        "search for larger clock offsets: under [association] set max_offset_s to the largest difference of the clocks, in "
+        "seconds"
+    )
+
+
+ASSOCIATION: Mapping[str, Kind] = {
+    "no_two_cameras_share": Kind(
+        _ANY, "No two cameras saw one person at one instant; `given` says whether identities were given.",
+        "no two cameras share a person at the same instant", _to_share,
+    ),
+    "nobody_shared": Kind(
+        _ANY, "Nobody ties a group of cameras to the largest one, `main`.",
+        _nobody_shared, lambda v: f"record people where their views overlap, or {_to_share(v)}",
+    ),
+    "no_pair_registered": Kind(
+        REFUSAL, "The ground tracks of no two cameras fit each other.",
+        "no two cameras could be registered by the tracks of the people", WALK,
+    ),
+    "pair_unregistered": Kind(
+        REFUSAL, "How far the ground tracks of two cameras fit, and what would make them fit.",
+        _pair, lambda v: "" if (fixed := _fixed(v)) is None else fixed.remedy, advice=VIEW,
+    ),
+    "nobody_whole": Kind(
+        _ANY, "In all its boxes people are cut off or hidden.",
+        "{who} saw nobody from head to feet: it cannot be calibrated",
+        advice="turn or raise the camera, so that whole people are in view",
+    ),
+    "few_walkers": Kind(
+        _ANY, "The camera has no ground tracks.",
+        "{who} saw too few people who walk for a second or longer", WALK,
+    ),
+    "camera_unregistered": Kind(
+        DOUBT, "The camera's ground tracks fit no other camera's; `fit` says how far, `fixed_by` what would make them fit.",
+        _unregistered, lambda v: VIEW if (fixed := _fixed(v)) is None else fixed.remedy,
+    ),
+    "other_rate_fits": Kind(
+        NOTICE, "With another frame rate the camera's people are where the second camera sees them.",
+        "at {fits_fps:.4g} frames per second instead of {fps:.4g} {share:.0%} of the people of {camera} are where "
+        "{second} sees "
+        "them",
+        "check its fps",
+    ),
+    "clock_far_off": Kind(
+        NOTICE, "With a larger clock offset than was searched for the two cameras fit.",
+        _clock, "search for larger clock offsets: under [association] set max_offset_s = {search_s}",
+    ),
+    "people_stand_still": Kind(
+        DOUBT, "Fewer than two registered cameras saw anybody walk.",
+        "the people stand still, so that neither who is who nor the clocks are sure", WALK,
+    ),
+    "clock_drifts": Kind(
+        _SAID_OR_NOT, "The camera's clock runs at another rate than stated.",
+        "the clock of {camera} drifts by {drift_s:.2f} s over {span_s:.0f} s: its people fit about {fits_fps:.4g} frames per "
+        "second better than the stated {fps:.4g}",
+        f"check its fps, {_FIT_CLOCK}",
+    ),
+    "clocks_drift_apart": Kind(
+        _SAID_OR_NOT, "The clocks of the only two cameras run at different rates.",
+        "the clocks of {camera} and {second} drift apart by {drift_s:.2f} s", f"check their fps, {_FIT_CLOCK}",
+    ),
+    "clock_fitted": Kind(
+        NOTICE, "The camera's frame rate was fitted.",
+        "the clock of {camera} was fitted: {fps:.6g} frames per second (sigma {sigma:.1g}) in place of the stated {stated:.6g}",
+    ),
+    "clock_unknown": Kind(
+        DOUBT, "The tracks of the same people do not tell the camera's clock offset.",
+        "camera {camera} has no clock: the tracks of the same people do not tell its offset",
+        "record more people who walk about in the view that it shares with the others, or start the cameras at one time",
+        joint="; ",
+    ),
+    "no_embeddings": Kind(
+        REFUSAL, 'Mode "appearance": no two cameras have tracklets with embeddings.',
+        "no two cameras have tracklets with embeddings", "give embeddings of the boxes of every camera",
+    ),
+    "embeddings_useless": Kind(
+        REFUSAL, 'Mode "appearance": the embeddings tell people apart no better than chance.',
+        "the embeddings do not tell people apart across cameras: no better than chance in any pair",
+        "take them from a network that fits these people, or go by their tracks on the ground: under [association] set "
+        'mode = "combined"',
+        joint="; ",
+    ),
+    "joined_by_joints": Kind(
+        NOTICE, "The cameras were joined by the joints of people who move; their clocks were not searched for.",
+        lambda v: f"cameras {', '.join(v['names'][:-1])} and {v['names'][-1]} were joined by the joints of people who "
+        f"move, nobody "
+        "walks through their views; offsets between their clocks were not searched for",
+    ),
+}  # fmt: skip

@@ -1,0 +1,63 @@
+"""Findings about the cameras' lenses, of the person-model solver."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from passerby.core.finding_texts.kinds import DOUBT, NOTICE, Fields, Kind, longer
+
+_HARDLY_KNOWN = '"{part}" may as well be left out of refine under [solver]'
+
+
+def _focal(v: Fields) -> str:
+    text = (
+        f"camera {v['camera']}: focal length {v['refined_px']:.0f} px instead of {v['stated_px']:.0f} "
+        f"({v['change_percent']:+.1f} %, sigma {v['sigma_percent']:.1f} %)"
+    )
+    return text if v["told"] else f"{text}; the people hardly tell it"
+
+
+def _point(v: Fields) -> str:
+    (x, y), (u, w) = v["stated_px"], v["refined_px"]
+    text = (
+        f"camera {v['camera']}: principal point ({u:.0f}, {w:.0f}) px instead of ({x:.0f}, {y:.0f}), sigma "
+        f"{v['sigma_px']:.0f} px"
+    )
+    return text if v["told"] else f"{text}; the people hardly tell it"
+
+
+LENSES: Mapping[str, Kind] = {
+    "focal_contradicted": Kind(
+        DOUBT, "The people contradict the camera's focal length, relative `change`.",
+        lambda v: f"camera {v['camera']}: people fit a focal length {longer(v['change'])} than stated",
+        'check its intrinsics, or let it be refined: under [solver] set refine = ["focal"]',
+    ),
+    "focals_contradicted": Kind(
+        DOUBT, "The people contradict the focal lengths of all cameras alike, relative `change`.",
+        lambda v: f"people fit focal lengths {longer(v['change'])} than stated in all cameras",
+        "check the intrinsics and the size of the pictures that they were made for, or let them be refined: under [solver] set "
+        'refine = ["focal"]',
+    ),
+    "lens_part_contradicted": Kind(
+        DOUBT, "The people contradict another `part` of the camera's intrinsics.",
+        "{who}: people fit another {part} than stated", "check its intrinsics",
+    ),
+    "focal_refined_far": Kind(
+        DOUBT, "The refined focal length is farther from the stated one than stated ones are off.",
+        "camera {camera}: its focal length was refined by {change_percent:+.0f} %, farther than a stated one should be off",
+        "check its intrinsics and the picture size that they were made for",
+    ),
+    "principal_point_refined_far": Kind(
+        DOUBT, "The refined principal point is farther from the stated one than stated ones are off.",
+        "camera {camera}: its principal point was refined by {moved_px:.0f} px, farther than a stated one should be off",
+        "check its intrinsics and whether its picture was cropped",
+    ),
+    "focal_refined": Kind(
+        NOTICE, "The focal length was refined; `told` says whether the people constrain it.",
+        _focal, lambda v: "" if v["told"] else _HARDLY_KNOWN.format(part="focal"),
+    ),
+    "principal_point_refined": Kind(
+        NOTICE, "The principal point was refined; `told` says whether the people constrain it.",
+        _point, lambda v: "" if v["told"] else _HARDLY_KNOWN.format(part="principal_point"),
+    ),
+}  # fmt: skip

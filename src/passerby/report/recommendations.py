@@ -1,0 +1,101 @@
+"""What speaks against a calibration, and what to do about it, as the report shows both."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from passerby.core.finding_texts import KINDS, problem_of, remedy_of
+from passerby.core.findings import Finding
+from passerby.interchange.calibration_json import CalibrationDocument
+from passerby.report.values import listed
+
+FOR_ANY = "run passerby check on the scene file, and record more people who walk where the views overlap"
+"""What to do about anything of which nothing better is known."""
+_MARK = "\0"
+"""Stands for the cameras' names, to see where a sentence has them."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """Something that is wrong or weak, and what to do."""
+
+    problem: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Reported:
+    """A diagnostic of `calibration.json`."""
+
+    cameras: tuple[str, ...]
+    """The cameras that it is about."""
+    subjects: tuple[str, ...]
+    """What else it is about, as of `Kind`."""
+    problem: str
+    remedy: str
+    finding: Finding | None = None
+    """None where this Passerby does not know its code."""
+
+    @property
+    def point(self) -> Point:
+        """As the report shows it."""
+        return Point(sentence(self.problem), sentence(self.remedy or FOR_ANY))
+
+
+def reported_doubts(document: CalibrationDocument) -> list[Reported]:
+    """What speaks against the rig, by a `calibration.json`; an older Passerby wrote sentences only."""
+    if document.diagnostics is None:
+        return [Reported((), (), reason, "") for reason in document.reasons]
+    return [_reported(row) for row in document.diagnostics if row.get("severity") != "notice"]
+
+
+def points_of(doubts: Sequence[Reported]) -> list[Point]:
+    """All doubts as points; those that say the same of one camera each become one."""
+    alike: list[list[Reported]] = []
+    for one in doubts:
+        same = next((group for group in alike if _says_same(group[0], one)), None)
+        if same is None:
+            alike.append([one])
+        else:
+            same.append(one)
+    return [_merged(group) for group in alike]
+
+
+def sentence(text: str) -> str:
+    """Text with a capital and a full stop; names that begin it keep their spelling."""
+    text = " ".join(text.split())
+    # A path, as in "videos/north.mp4: ...", is no word.
+    first = re.match(r"([^\W\d_]+)[,:;]?(?:\s|$)", text)
+    if first is not None and first[1].islower():
+        text = text[0].upper() + text[1:]
+    return text if text.endswith((".", "!", "?")) else text + "."
+
+
+def _reported(row: Mapping[str, Any]) -> Reported:
+    """A diagnostic as its finding says it, or else as it is written."""
+    names = tuple(map(str, row.get("cameras", ())))
+    try:
+        finding = Finding.of_value(row)
+        kind, problem, remedy = KINDS[finding.code], problem_of(finding), remedy_of(finding)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # another Passerby's
+        return Reported(names, (), str(row.get("text", "")), str(row.get("remedy", "")))
+    return Reported(names, kind.subjects, problem, remedy, finding)
+
+
+def _says_same(one: Reported, other: Reported) -> bool:
+    """Whether two diagnostics say the same of one camera each, which their sentences begin with."""
+    a, b = one.finding, other.finding
+    if a is None or b is None or not len(a.cameras) == len(b.cameras) == 1:
+        return False
+    return (a.code, a.values) == (b.code, b.values) and problem_of(a, _MARK).startswith(_MARK)
+
+
+def _merged(group: Sequence[Reported]) -> Point:
+    first = group[0]
+    if len(group) == 1 or first.finding is None:
+        return first.point
+    who = f"cameras {listed([one.cameras[0] for one in group])}"
+    return Point(sentence(problem_of(first.finding, who)), sentence(first.remedy or FOR_ANY))
