@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from passerby.association.sampling import STEP_S, InterpolatedSamples, first_of, interpolate_samples
+from passerby.association.sampling import STEP_S, InterpolatedSamples, interpolate_samples
 
 
 def one(seconds: np.ndarray, values: NDArray[Any], **options: bool | float) -> InterpolatedSamples[NDArray[np.float64]]:
@@ -107,8 +107,3 @@ def test_nothing_gives_nothing() -> None:
     found = one(np.zeros(0), np.zeros((0, 3)))
     assert len(found.step) == len(found.tracklet) == 0
     assert found.value.shape == found.rate.shape == (0, 3)
-
-
-def test_the_first_of_each_key() -> None:
-    key, cost = np.array([5, 1, 5, 1, 9]), np.array([2.0, 3.0, 1.0, 4.0, 0.0])
-    assert first_of(key, cost).tolist() == [1, 2, 4]

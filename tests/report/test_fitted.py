@@ -1,4 +1,4 @@
-"""Bodies and joints at a sample of instants, against simulated truth."""
+"""UprightBodies and joints at a sample of instants, against simulated truth."""
 
 from dataclasses import asdict, replace
 
@@ -9,9 +9,10 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, NoiseFigures, PeopleFigures, SolvedCamera
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.interchange.storage.json_text import plain
+from passerby.people.upright_bodies import UprightBodies, predict_boxes
 from passerby.report.fitted import fit_people
 from passerby.report.sampling import STEP_S, STRETCHES, sample_observations
-from passerby.report.upright import Bodies, body_model, model_boxes
+from passerby.report.upright import body_model
 from support.report.drawings import contents, only_boxes, only_joints, simulated
 
 
@@ -26,11 +27,13 @@ def exact(made, slack=0.0, foot_shift=0.1):
     t, p = np.nonzero(np.isfinite(made.ground_positions[:, :, 0]))
     heights = np.array([made.heights[int(one)] for one in made.identities])
     nothing = np.zeros(len(t))
-    bodies = Bodies(made.identities[p], made.frames[t], made.ground_positions[t, p], heights[p], nothing, nothing.astype(int))
+    bodies = UprightBodies(
+        made.identities[p], made.frames[t], made.ground_positions[t, p], heights[p], nothing, nothing.astype(int)
+    )
     seen = {}
     for place, camera in enumerate(made.rig):
         every = np.arange(len(t))
-        ltwh, _, _ = model_boxes(made.rig, np.full(len(t), place), bodies, every, np.full(len(t), 30.0), model)
+        ltwh, _, _ = predict_boxes(made.rig, np.full(len(t), place), bodies, every, np.full(len(t), 30.0), model)
         size = np.array(camera.lens.size)
         with np.errstate(invalid="ignore"):
             inside = ((ltwh[:, :2] > 5) & (ltwh[:, :2] + ltwh[:, 2:] < size - 5) & (ltwh[:, 2:] > 10)).all(axis=1)

@@ -17,11 +17,10 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
-from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.geometry.single_view import Level
 from passerby.people.upright_rays import Bodies, bodies_of, level_of_bodies
 
-MIN_JOINT_SCORE = 0.3
 SAME_PERSON_OVERLAP = 0.5
 """Joints belong to the box that their extent overlaps by this much (intersection over union)."""
 BEYOND_DOUBT = StitchingOptions(margin=6.0)

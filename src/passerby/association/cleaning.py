@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Clock
+from passerby.geometry.groups import least_of_groups, rows_of_equal
 from passerby.geometry.ray_consensus import Consensus, ray_reprojection_errors, reassign_outliers, vote_points
 from passerby.people.upright_rays import Bodies
 
@@ -152,11 +153,8 @@ def _has_rival(s: _Sightings, blocks: _Blocks, consensus: Consensus, found: Ints
     """Which rows have another person of their instant less than `times` as far from them as the one who took them."""
     known = np.flatnonzero(np.isfinite(consensus.points).all(axis=1))
     by_instant = known[np.argsort(blocks.instant[known], kind="stable")]
-    first = np.searchsorted(blocks.instant[by_instant], s.instant[rows])
-    count = np.searchsorted(blocks.instant[by_instant], s.instant[rows], side="right") - first
-    which = np.repeat(np.arange(len(rows)), count)
-    candidate = by_instant[np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(which))]
-    row = rows[which]
+    which, place = rows_of_equal(s.instant[rows], blocks.instant[by_instant])
+    candidate, row = by_instant[place], rows[which]
     miss = ray_reprojection_errors(consensus.points[candidate], s.camera[row], s.ray[row], s.tangent[row], s.R, s.centre)
     own = candidate == found[row]
     best = np.full(len(rows), np.inf)
@@ -169,8 +167,6 @@ def _on_instants(bodies: Bodies, clock: Clock, grid: Clock) -> tuple[Ints, Ints]
     frames = np.unique(bodies.frame)
     at = grid.frames(clock.seconds(frames))
     instant = np.round(at).astype(np.int64)
-    order = np.lexsort((np.abs(at - instant), instant))
-    _, first = np.unique(instant[order], return_index=True)
     place = np.searchsorted(frames, bodies.frame)
-    rows = np.flatnonzero(np.isin(place, order[first]))
+    rows = np.flatnonzero(np.isin(place, least_of_groups(instant, np.abs(at - instant))))
     return rows, instant[place[rows]]

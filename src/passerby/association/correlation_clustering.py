@@ -13,6 +13,7 @@ import heapq
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import expanded_ranges
 
 
 def cluster_tracklets(n: int, first: Ints, second: Ints, weight: Floats) -> Ints:
@@ -79,8 +80,7 @@ def find_overlaps(start: Floats, end: Floats, slack: float) -> tuple[Ints, Ints]
     # After each interval, in the order of their starts, those that begin before it ends.
     place = np.arange(len(order))
     count = np.maximum(np.searchsorted(start, end - slack) - place - 1, 0)
-    i = np.repeat(place, count)
-    j = i + 1 + np.arange(len(i)) - np.repeat(np.cumsum(count) - count, count)
+    i, j = expanded_ranges(place + 1, count)
     long = end[j] - start[j] > slack
     i, j = order[i[long]], order[j[long]]
     return np.minimum(i, j), np.maximum(i, j)

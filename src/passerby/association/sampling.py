@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import expanded_ranges
 
 Values = TypeVar("Values", NDArray[np.float64], NDArray[np.complex128])
 
@@ -53,8 +54,7 @@ def interpolate_samples(
     start = seconds[first]
     low, high = np.ceil(start / STEP_S).astype(np.int64), np.floor(seconds[last] / STEP_S).astype(np.int64)
     count = np.maximum(high - low + 1, 0)
-    owner = np.repeat(np.arange(len(first)), count)
-    step = low[owner] + np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    owner, step = expanded_ranges(low, count)
     # Relative to each tracklet's first row the sums stay small.
     owner_of_row = np.repeat(np.arange(len(first)), last - first + 1)
     t, x, at = seconds - start[owner_of_row], values - values[first][owner_of_row], step * STEP_S - start[owner]
@@ -101,10 +101,3 @@ def _window(columns: Values, begin: Ints, end: Ints) -> Values:
     total = np.concatenate([np.zeros_like(columns, shape=(1, columns.shape[1])), np.cumsum(columns, axis=0)])
     summed: Values = total[end] - total[begin]
     return summed
-
-
-def first_of(key: Ints, cost: Floats) -> Ints:
-    """For every key the index of its smallest cost."""
-    order = np.lexsort((cost, key))
-    _, first = np.unique(key[order], return_index=True)
-    return np.asarray(order[first])

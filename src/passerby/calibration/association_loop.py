@@ -39,8 +39,9 @@ from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.association_figures import AssociationRound
 from passerby.core.cameras import Rig
 from passerby.core.findings import Finding
-from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations, once_in_frame
 from passerby.core.refusals import findings_of
+from passerby.core.scale_cues import PERSON_HEIGHT_M
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import common_time_steps
 from passerby.geometry.relative_pose import PairHypothesis
@@ -71,7 +72,7 @@ class AssociationOptions:
     """combined | trajectory | appearance"""
     search_s: float = 5.0
     """Largest difference of two cameras' clocks that is searched for, seconds; 0 takes them as in step."""
-    person_height_m: float = 1.72
+    person_height_m: float = PERSON_HEIGHT_M
     """Mean standing height, metres."""
 
 
@@ -249,10 +250,8 @@ def _once(person: Ints, frame: Ints, tracklet: Ints) -> Ints:
     """Everybody once in a frame: of two boxes the one of the longer tracklet keeps the name."""
     length = np.bincount(tracklet[tracklet > UNKNOWN], minlength=1)
     long = np.where(tracklet > UNKNOWN, length[np.maximum(tracklet, 0)], 0)
-    order = np.lexsort((-long, person, frame))
-    again = np.zeros(len(person), dtype=bool)
-    again[order[1:]] = (np.diff(frame[order]) == 0) & (np.diff(person[order]) == 0)
-    return np.where(again, UNKNOWN, person)
+    kept = np.isin(np.arange(len(person)), once_in_frame(frame, person, -long))
+    return np.where(kept, person, UNKNOWN)
 
 
 def _alternate(

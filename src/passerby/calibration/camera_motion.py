@@ -17,7 +17,7 @@ from passerby.common.arrays import Bools, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import MotionFigures
 from passerby.core.findings import Finding, doubt
-from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.interchange.storage.toml_text import key
 from passerby.people.body_centres import Middles, identified_middles, middles_of, people_without
@@ -155,18 +155,12 @@ def _at_instants(name: str, observations: Observations, association: Association
         return seen
     clock = _clock(name, observations, association)
     once = CameraObservations(
-        seen.boxes.take(_once(seen.boxes.frame, seen.boxes.identity)),
-        seen.keypoints.take(_once(seen.keypoints.frame, seen.keypoints.identity)),
+        seen.boxes.take(once_in_frame(seen.boxes.frame, seen.boxes.identity)),
+        seen.keypoints.take(once_in_frame(seen.keypoints.frame, seen.keypoints.identity)),
     )
     return resample_to_common_steps(Observations({name: once}), {name: clock}, sizes={name: rig[name].lens.size}, grid=grid)[
         name
     ]
-
-
-def _once(frame: Ints, identity: Ints) -> Ints:
-    """Rows of which none has a frame and an identity that one before has."""
-    key = np.column_stack([frame, np.where(identity > UNKNOWN, identity, UNKNOWN - 1 - np.arange(len(frame)))])
-    return np.asarray(np.sort(np.unique(key, axis=0, return_index=True)[1]))
 
 
 def _clock(name: str, observations: Observations, association: Association) -> Clock:

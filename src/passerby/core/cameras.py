@@ -259,6 +259,13 @@ class PoseSigma:
     covariance: Floats | None = None
     """(6, 6): centre (metres, world), then rotation vector (radians, camera frame); None where any of it is infinite."""
 
+    @classmethod
+    def from_covariance(cls, covariance: Floats) -> PoseSigma:
+        """The sigma of a covariance (6, 6) as `covariance` has it; rounding may leave its traces just below 0."""
+        position, turn = max(np.trace(covariance[:3, :3]), 0.0), max(np.trace(covariance[3:, 3:]), 0.0)
+        known = bool(np.isfinite(position + turn))
+        return cls(float(np.sqrt(position)), float(np.degrees(np.sqrt(turn))), covariance if known else None)
+
     def __repr__(self) -> str:
         position = f"{1000 * self.position_m:.0f} mm" if np.isfinite(self.position_m) else "position unknown"
         orientation = f"{self.orientation_deg:.2f} deg" if np.isfinite(self.orientation_deg) else "orientation unknown"

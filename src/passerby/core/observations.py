@@ -15,10 +15,18 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
+from passerby.geometry.groups import group_numbers, least_of_groups
 
 Vectors = NDArray[np.float32]
 
 UNKNOWN = -1
+
+BORDER_PX = 2.0
+"""A box this near to the picture's border is cut off there: neither its centre nor its edges mean the body's."""
+MIN_JOINT_SCORE = 0.3
+"""Joints of less confidence are left out, as Pose2Sim and Anipose do by default."""
+MIN_JOINTS = 4
+"""Joints of a person that are found, below which they do not count as one."""
 
 BODY_17 = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
@@ -82,6 +90,30 @@ def sampling_step(frame: Ints) -> int:
     return int(np.percentile(steps, 10.0, method="lower")) if len(steps) else 1
 
 
+def inside_picture(ltwh: Floats, size: tuple[int, int] | NDArray[Any], border: float = BORDER_PX) -> NDArray[np.bool_]:
+    """(N,) boxes that the picture's border does not cut off.
+
+    Args:
+        ltwh: (N, 4) left, top, width, height in pixels.
+        size: width and height of the picture, pixels; (N, 2) where the boxes are from several cameras.
+        border: how near to the border a box is cut off, pixels.
+    """
+    first, last = ltwh[:, :2], ltwh[:, :2] + ltwh[:, 2:]
+    return np.asarray(((first > border) & (last < np.asarray(size) - border)).all(axis=1))
+
+
+def once_in_frame(frame: Ints, identity: Ints, cost: NDArray[Any] | None = None) -> Ints:
+    """Rows, ascending, in which everybody is once in a frame; those of unknown identity all stay.
+
+    Args:
+        frame: (N,) instants.
+        identity: (N,) identities, or -1.
+        cost: (N,) of equal rows that of the smallest stays; the first where None.
+    """
+    own = np.where(identity > UNKNOWN, identity, UNKNOWN - 1 - np.arange(len(frame)))
+    return np.sort(least_of_groups(group_numbers(frame, own), np.zeros(len(frame)) if cost is None else cost))
+
+
 @dataclass(frozen=True)
 class Clock:
     """From a camera's frame numbers to the rig's time."""
@@ -143,6 +175,10 @@ class Boxes:
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    def inside(self, size: tuple[int, int], border: float = BORDER_PX) -> NDArray[np.bool_]:
+        """(N,) boxes that the border of a picture of a size (width, height) does not cut off, see `inside_picture`."""
+        return inside_picture(self.ltwh, size, border)
 
     def take(self, rows: NDArray[np.generic]) -> Boxes:
         """The boxes of the given rows (indices or a mask)."""
@@ -216,6 +252,3 @@ class Observations:
 
     def __getitem__(self, name: str) -> CameraObservations:
         return self.cameras[name]
-
-
-BORDER_PX = 2.0

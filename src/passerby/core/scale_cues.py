@@ -11,13 +11,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M = 1.72, 0.09
+"""Standing height of people, shoes on, and how much they differ (one sigma)."""
+
 
 @dataclass(frozen=True)
 class PopulationHeight:
     """How tall people are: standing height, shoes on."""
 
-    mean_m: float = 1.72
-    sd_m: float = 0.09
+    mean_m: float = PERSON_HEIGHT_M
+    sd_m: float = PERSON_HEIGHT_SD_M
     mean_sd_m: float | None = None
     """How well the mean is known of these people, and by what boxes or joints show of them. None: `POPULATION_BIAS` of it."""
 

@@ -10,7 +10,6 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.observations import (
-    BORDER_PX,
     Boxes,
     CameraObservations,
     Clock,
@@ -242,10 +241,7 @@ def _boxes_at(boxes: Boxes, clock: Clock, grid: Clock, gap: float, size: tuple[i
     at = _at_grid(boxes.frame, clock, grid)
     if _all_on_the_grid(at):
         return Boxes(at.astype(np.int64), boxes.identity, boxes.ltwh, boxes.score, boxes.embedding)
-    cut = None
-    if size is not None:
-        x, y, w, h = boxes.ltwh.T
-        cut = (x <= BORDER_PX) | (y <= BORDER_PX) | (x + w >= size[0] - BORDER_PX) | (y + h >= size[1] - BORDER_PX)
+    cut = None if size is None else ~boxes.inside(size)
     s = _samples(boxes.frame, boxes.identity, at, gap, cut)
     nearer = np.where(s.share < 0.5, s.before, s.after)
     embedding = None if boxes.embedding is None else boxes.embedding[nearer]

@@ -13,15 +13,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
 from passerby.datasets.grid_annotations import GridLayout, read_grid
 from passerby.datasets.parsing import xml_numbers
 from passerby.datasets.published import Published
 from passerby.datasets.worlds import PublishedCamera
+from passerby.geometry.rotations import exp_rotation
 
 LAYOUT = GridLayout(
     name="multiviewx",
@@ -51,5 +49,5 @@ def _camera(calibrations: Path, label: str, name: str) -> PublishedCamera:
         lens = Lens(LAYOUT.size, matrix, distortions)
     except InputError as error:
         raise InputError(f"{intrinsic}: {error}") from None
-    turned = np.asarray(cv2.Rodrigues(xml_numbers(extrinsic, "rvec", (3,)))[0], dtype=np.float64)
+    turned = exp_rotation(xml_numbers(extrinsic, "rvec", (3,)))
     return PublishedCamera(name, lens, turned, xml_numbers(extrinsic, "tvec", (3,)))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
+from passerby.geometry.groups import expanded_ranges, least_of_groups, rows_of_equal
 from passerby.geometry.reprojection import project_near
 from passerby.geometry.triangulation import triangulate
 
@@ -58,8 +59,7 @@ def vote_points(
     if height is not None:
         cost = cost + 0.5 * np.log1p(((point[:, 2] - height[0]) / height[1]) ** 2)
     best = np.full((n_blocks, 3), np.nan)
-    ranked = np.lexsort((cost, blk[first]))
-    winner = ranked[np.unique(blk[first][ranked], return_index=True)[1]] if len(ranked) else ranked
+    winner = least_of_groups(blk[first], cost)
     best[blk[first[winner]]] = point[winner]
     inlier = np.zeros(len(camera), dtype=bool)
     known = np.isfinite(best[block]).all(axis=1)
@@ -105,11 +105,8 @@ def reassign_outliers(
     if len(lost) == 0 or len(known) == 0:
         return np.asarray(out)
     by_instant = known[np.argsort(block_instant[known], kind="stable")]
-    first = np.searchsorted(block_instant[by_instant], instant[lost], side="left")
-    count = np.searchsorted(block_instant[by_instant], instant[lost], side="right") - first
-    row = np.repeat(lost, count)
-    within = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
-    candidate = by_instant[np.repeat(first, count) + within]
+    which, place = rows_of_equal(instant[lost], block_instant[by_instant])
+    row, candidate = lost[which], by_instant[place]
     n_cameras = len(R)
     taken = np.zeros(len(block_instant) * n_cameras, dtype=bool)
     taken[block[consensus.inlier] * n_cameras + camera[consensus.inlier]] = True
@@ -161,10 +158,7 @@ def _votes(
     R: Floats, centre: Floats,
 ) -> Floats:  # fmt: skip
     """(K,) robust cost of each proposed point over all sightings of its block."""
-    per = count[block]
-    proposal = np.repeat(np.arange(len(point)), per)
-    within = np.arange(len(proposal)) - np.repeat(np.cumsum(per) - per, per)
-    rows = start[block][proposal] + within
+    proposal, rows = expanded_ranges(start[block], count[block])
     cost = np.zeros(len(point))
     step = 500_000  # bounds the memory of the expansion
     for begin in range(0, len(rows), step):

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from passerby.common.arrays import Floats
+from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.rotations import rotation_between
 
 MIN_PEOPLE = 8
@@ -159,7 +160,7 @@ class _Fit:
         cost, damping = self.cost(up, height), 1e-3
         for _ in range(30):
             residual = self.residual(up, height)
-            weight = 1.0 / (1.0 + (residual**2).sum(axis=1) / _SHARE**2)
+            weight = cauchy_weights((residual**2).sum(axis=1) / _SHARE**2)
             J = self.jacobian(up, height, residual).reshape(-1, 3)
             weighted = J * np.repeat(weight, 2)[:, None]
             H, g = weighted.T @ J, weighted.T @ residual.reshape(-1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import group_sums
 from passerby.geometry.rotations import direction_angle
 
 # Two rays closer to parallel than this (radians) have no meeting point that a pixel's noise would not move by kilometres.
@@ -51,8 +52,8 @@ def triangulate(
     points = np.full((n_points, 3), np.nan)
     for _ in range(max(1, iterations)):
         weighted = (base / distance**2)[:, None, None] * across
-        normal = _sum_by(point, weighted.reshape(-1, 9), n_points).reshape(-1, 3, 3)
-        right = _sum_by(point, np.einsum("mij,mj->mi", weighted, centre), n_points)
+        normal = group_sums(point, weighted.reshape(-1, 9), n_points).reshape(-1, 3, 3)
+        right = group_sums(point, np.einsum("mij,mj->mi", weighted, centre), n_points)
         # For two rays of equal weight the smallest eigenvalue is 1 - cos(angle) of the two others' 1 + cos and 2.
         values = np.linalg.eigvalsh(normal)
         sound = values[:, 0] > PARALLEL**2 * np.maximum(values[:, 2], np.finfo(float).tiny)
@@ -152,9 +153,3 @@ def reprojection_residuals(points_c: Floats, bearing: Floats, tangent: Floats) -
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = points_c / np.where(along > 0, along, np.nan)[:, None]
     return np.asarray(np.einsum("mij,mj->mi", tangent, scaled))
-
-
-def _sum_by(group: Ints, values: Floats, n_groups: int) -> Floats:
-    """(n_groups, K) sums of the rows (M, K) of each group."""
-    columns = [np.bincount(group, values[:, k], minlength=n_groups) for k in range(values.shape[1])]
-    return np.stack(columns, axis=1) if len(group) else np.zeros((n_groups, values.shape[1]))

@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import tomli_w
 
@@ -21,6 +20,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Lens, Pose, PoseSigma, Rig
+from passerby.geometry.rotations import log_rotation
 from passerby.interchange.gathering import gathered_rig
 from passerby.interchange.rotation_vectors import rotation_of
 from passerby.interchange.storage.atomic import write_text
@@ -212,7 +212,7 @@ def table_of(camera: Camera) -> dict[str, Any]:
         "distortions": distortions.tolist(),
     }
     if camera.pose is not None:
-        table["rotation"] = np.asarray(cv2.Rodrigues(np.array(camera.pose.R_cw))[0]).ravel().tolist()
+        table["rotation"] = log_rotation(camera.pose.R_cw).tolist()
         table["translation"] = camera.pose.t_cw.tolist()
     table["fisheye"] = lens.fisheye
     if lens.focal_sd is not None:

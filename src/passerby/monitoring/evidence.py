@@ -11,7 +11,7 @@ from scipy.special import fdtrc, fdtri
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
-from passerby.people.resection import FEWEST_CLUSTERS, loose, spread
+from passerby.people.resection import FEWEST_CLUSTERS, centre_first, cluster_robust_covariance, weak_prior
 from passerby.people.scores import Scores
 
 MODEL_M, MODEL_DEG = 0.01, 0.05
@@ -147,7 +147,7 @@ def tests(window: Scores, baseline: Baseline, freed: Sequence[int], threshold: f
     gradient = window.at(shift)
     cross = np.zeros((0, information.shape[0]))
     if len(free):
-        normal = information[np.ix_(free, free)] + np.kron(np.eye(len(freed)), loose())
+        normal = information[np.ix_(free, free)] + np.kron(np.eye(len(freed)), centre_first(weak_prior()))
         cross = np.linalg.solve(normal, information[free])
         fitted = np.linalg.solve(normal, gradient[:, free].sum(axis=0))
         gradient = gradient - window.information[:, :, free] @ fitted
@@ -173,11 +173,13 @@ def _test(
         "fi,kfj->kij", cross[:, own], window.information[np.ix_(rows, free, own)]
     )
     sensitivity = information[own] - cross[:, own].T @ information[free]
-    normal = sensitivity[:, own] + loose()
+    normal = sensitivity[:, own] + centre_first(weak_prior())
     pull = score.sum(axis=0)
     shift = np.linalg.solve(normal, pull)
     residual = score - of_cluster @ shift
-    noise, freedom, scatter = spread(residual, normal, (baseline.scatter[camera], float(baseline.clusters[camera])))
+    noise, freedom, scatter = cluster_robust_covariance(
+        residual, normal, (baseline.scatter[camera], float(baseline.clusters[camera]))
+    )
     # However well the scatter is known, a sum of few stretches has longer tails than a normal variable.
     freedom = min(freedom, TAILS * len(rows))
     noise = noise + sensitivity @ covariance @ sensitivity.T

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import tomli_w
 
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
+from passerby.geometry.rotations import log_rotation
 from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.output_folder import RIG_FILE, read_report
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, read_rig, table_of
@@ -65,7 +65,7 @@ def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:
         camera = new[str(table.get("name", key))]
         assert camera.pose is not None
         fresh = table_of(camera)
-        table["rotation"] = np.asarray(cv2.Rodrigues(np.array(camera.pose.R_cw))[0]).ravel().tolist()
+        table["rotation"] = log_rotation(camera.pose.R_cw).tolist()
         table["translation"] = (np.asarray(camera.pose.t_cw) / unit).tolist()
         for name in ("position_sigma_mm", "orientation_sigma_deg", "covariance"):
             table.pop(name, None)

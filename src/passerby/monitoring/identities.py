@@ -18,8 +18,8 @@ from passerby.association.graph import ViewGraph
 from passerby.common.arrays import Ints
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
-from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
-from passerby.people.held_cameras import BODY_M
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
+from passerby.core.scale_cues import PERSON_HEIGHT_M
 
 
 def identified(
@@ -38,12 +38,14 @@ def identified(
         tell: told of every camera that is done.
     """
     level = rig.moved(np.eye(3), np.array([0.0, 0.0, -ground_m]))
-    cameras = build_tracklets(level, observations, clocks, BODY_M, rng, executor, tell=tell)
+    cameras = build_tracklets(level, observations, clocks, PERSON_HEIGHT_M, rng, executor, tell=tell)
     tracklets = Tracklets.of(cameras)
     offsets = np.array([clocks[camera.name].offset_s for camera in level])
     # The cameras' own times are told with their offsets: none is left to add.
     nothing = ViewGraph((), (), np.zeros_like(offsets))
-    person = cluster_by_rig(tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), BODY_M)
+    person = cluster_by_rig(
+        tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), PERSON_HEIGHT_M
+    )
     return Observations({
         camera.name: _named(camera, person[low:high])
         for camera, low, high in zip(cameras, tracklets.first[:-1], tracklets.first[1:], strict=True)
@@ -64,10 +66,6 @@ def _renamed(part: Boxes | Keypoints, person: Ints) -> Boxes | Keypoints:
     tracklet = part.identity[rows]
     who = person[tracklet] + 1
     length = np.bincount(tracklet, minlength=1)[tracklet]
-    order = np.lexsort((-length, who, part.frame[rows]))
-    frame, own = part.frame[rows][order], who[order]
-    first = np.ones(len(order), dtype=bool)
-    first[1:] = (np.diff(frame) != 0) | (np.diff(own) != 0)
-    kept = np.sort(order[first])
+    kept = once_in_frame(part.frame[rows], who, -length)
     found = part.take(rows[kept])
     return replace(found, identity=who[kept])

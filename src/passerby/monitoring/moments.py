@@ -10,7 +10,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.monitoring.evidence import Baseline
 from passerby.people.held_cameras import Ground, solve_people
-from passerby.people.resection import loose
+from passerby.people.resection import centre_first, weak_prior
 from passerby.people.rig_observations import Sightings, poses_of
 from passerby.people.scores import scores_of
 
@@ -44,7 +44,7 @@ def moment_of(rig: Rig, seen: Sightings, camera: str, baseline: Baseline, ground
     times, first = np.unique(scores.start_s, return_index=True)
     # From each time to the end.
     late_pull = np.cumsum(np.add.reduceat(pull, first, axis=0)[::-1], axis=0)[::-1]
-    late = np.cumsum(np.add.reduceat(information, first, axis=0)[::-1], axis=0)[::-1] + loose()
+    late = np.cumsum(np.add.reduceat(information, first, axis=0)[::-1], axis=0)[::-1] + centre_first(weak_prior())
     gain: Floats = (late_pull * np.linalg.solve(late, late_pull[:, :, None])[:, :, 0]).sum(axis=1) / INFLATION
     best = int(np.argmax(gain))
     likely = np.flatnonzero(gain >= gain[best] - WORSE)

@@ -278,7 +278,4 @@ def _difference(rig: Rig, new: Resection, before: Resection | None) -> tuple[Flo
 def _with_others(rig: Rig, new: Resection) -> PoseSigma:
     """The sigma of a new pose: what people leave open, and what the rig's other cameras are off by."""
     others = [stated(rig, camera.name) for camera in rig.posed() if camera.name != new.camera]
-    covariance = new.covariance + (np.mean(others, axis=0) / max(len(others), 1) if others else 0.0)
-    return PoseSigma(
-        float(np.sqrt(np.trace(covariance[:3, :3]))), float(np.degrees(np.sqrt(np.trace(covariance[3:, 3:])))), covariance
-    )
+    return PoseSigma.from_covariance(new.covariance + (np.mean(others, axis=0) / max(len(others), 1) if others else 0.0))

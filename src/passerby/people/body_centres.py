@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import CameraObservations, Observations
-from passerby.people.segments import segments_of_boxes, segments_of_keypoints, segments_without
+from passerby.geometry.groups import group_sums
+from passerby.people.segments import upright_segments
 
 SHARE, FLOOR_PX = 0.03, 1.0
 """What the middle of a person is off by: a share of the extent in the picture, and pixels. The centre of a box is another point
@@ -66,19 +67,12 @@ class People:
 
 def middles_of(seen: CameraObservations, camera: Camera) -> Middles:
     """The people whose top and bottom are in the picture, with or without identity."""
-    boxes = segments_of_boxes(seen.boxes, camera.lens, unknown=True)
-    joints = segments_without(segments_of_keypoints(seen.keypoints, named=True, unknown=True), boxes)
-    parts = [part for part in (boxes, joints) if len(part.frame)] or [boxes]
-
-    def column(name: str) -> Floats:
-        return np.concatenate([np.asarray(getattr(part, name), dtype=np.float64) for part in parts])
-
-    top, bottom = column("top").reshape(-1, 2), column("bottom").reshape(-1, 2)
-    extent = np.linalg.norm(bottom - top, axis=1)
-    ray = camera.lens.bearings(0.5 * (top + bottom))
+    ends = upright_segments(seen, camera.lens)
+    extent = np.linalg.norm(ends.bottom - ends.top, axis=1)
+    ray = camera.lens.bearings(0.5 * (ends.top + ends.bottom))
     found = Middles(
-        column("frame").astype(np.int64), column("identity").astype(np.int64), ray, camera.lens.tangents(ray),
-        np.hypot(FLOOR_PX, SHARE * extent), extent, 0.5 * (column("top_fraction") + column("bottom_fraction")),
+        ends.frame, ends.identity, ray, camera.lens.tangents(ray), np.hypot(FLOOR_PX, SHARE * extent), extent,
+        0.5 * (ends.top_fraction + ends.bottom_fraction),
     )  # fmt: skip
     sound = np.flatnonzero(np.isfinite(ray).all(axis=1) & np.isfinite(found.tangent).all(axis=(1, 2)))
     return found.take(sound[np.argsort(found.instant[sound], kind="stable")])
@@ -126,8 +120,7 @@ def people_without(left_out: int, rig: Rig, middles: list[Middles | None], perso
     # A first distance, where the ray meets the height of the middles or goes ten metres.
     weight = 1.0 / (sigma * 10.0) ** 2
     for _ in range(ROUNDS):
-        A = _summed(point, (weight[:, None, None] * across).reshape(-1, 9), n).reshape(-1, 3, 3)
-        b = _summed(point, weight[:, None] * toward, n)
+        A, b = group_sums(point, weight[:, None, None] * across, n), group_sums(point, weight[:, None] * toward, n)
         A[:, 2, 2] += 1 / MIDDLE_SD_M**2
         b[:, 2] += fraction * person_height_m / MIDDLE_SD_M**2
         A += 1e-6 * np.eye(3)
@@ -137,8 +130,3 @@ def people_without(left_out: int, rig: Rig, middles: list[Middles | None], perso
         miss = np.linalg.norm(np.einsum("mij,mj->mi", across, reach), axis=1) / distance / sigma
         weight = 1.0 / (sigma * distance) ** 2 / (1 + (miss / LOSS) ** 2)
     return People(who[:, 0], who[:, 1], np.asarray(place), np.asarray(np.linalg.inv(A)))
-
-
-def _summed(index: Ints, values: Floats, n: int) -> Floats:
-    """(n, K) sums of the rows (M, K) of each index."""
-    return np.column_stack([np.bincount(index, column, n) for column in values.T])

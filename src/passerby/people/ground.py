@@ -6,7 +6,9 @@ import numpy as np
 
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock, Observations
-from passerby.people.held_cameras import BODY_M, GROUND_SD, Ground, solve_people
+from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.geometry.robust import cauchy_weights, residual_scale
+from passerby.people.held_cameras import GROUND_SD, Ground, solve_people
 from passerby.people.rig_observations import Sightings, poses_of
 from passerby.people.upright_rays import bodies_of
 
@@ -32,9 +34,12 @@ def rough_height(rig: Rig, observations: Observations) -> float:
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         size = np.linalg.norm(seen.top - seen.bottom, axis=1)
         reach = (
-            BODY_M * (seen.top_fraction - seen.bottom_fraction) * np.hypot(middle[:, 0], middle[:, 1]) / np.maximum(size, 1e-4)
+            PERSON_HEIGHT_M
+            * (seen.top_fraction - seen.bottom_fraction)
+            * np.hypot(middle[:, 0], middle[:, 1])
+            / np.maximum(size, 1e-4)
         )
-        heights.append(camera.pose.centre[2] + reach * middle[:, 2] - BODY_M / 2)
+        heights.append(camera.pose.centre[2] + reach * middle[:, 2] - PERSON_HEIGHT_M / 2)
     joined = np.concatenate([np.zeros(0), *heights])
     return float(np.median(joined)) if len(joined) else 0.0
 
@@ -59,8 +64,8 @@ def fit_ground(rig: Rig, seen: Sightings, height_m: float) -> Ground:
     plane, scale = np.array([np.median(body[:, 2]), 0.0, 0.0]), 0.3
     for _ in range(20):
         miss = body[:, 2] - design @ plane
-        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.02)
-        weight = 1 / (1 + (miss / (2 * scale)) ** 2)
+        scale = residual_scale(miss, 0.02)
+        weight = cauchy_weights((miss / (2 * scale)) ** 2)
         # Where people stay in one place the slope is taken to be none.
         normal = design.T @ (weight[:, None] * design) + np.diag([0.0, 10.0, 10.0])
         plane = np.linalg.solve(normal, design.T @ (weight * body[:, 2]))

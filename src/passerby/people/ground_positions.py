@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
-from passerby.core.observations import UNKNOWN, Boxes, Clock
+from passerby.core.observations import UNKNOWN, Boxes, Clock, inside_picture
+from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.geometry.groups import least_of_groups
 
 STEP_S = 0.2
 """Instants are so far apart, farther where a camera is slower: a walking person moves 0.3 m meanwhile."""
@@ -27,7 +29,6 @@ SIZE = 0.15
 """Of the logarithm of a body's size in the picture: people differ by 5 %, bend, and are half hidden."""
 CUT_TIMES = 3.0
 """By so much less is known along the ray of a box that the picture's border cuts off."""
-BORDER_PX = 2.0
 SPEED_GAP_S = 0.7
 """Rows of an identity so close together tell its speed."""
 FASTEST_M_S, UNKNOWN_SPEED_M_S = 8.0, 1.0
@@ -69,7 +70,9 @@ class Places:
 COLUMNS = ("step", "camera", "row", "identity", "place", "covariance", "whole", "ltwh")
 
 
-def places_of(rig: Rig, boxes: Mapping[str, Boxes], clocks: Mapping[str, Clock], person_height_m: float = 1.72) -> Places:
+def places_of(
+    rig: Rig, boxes: Mapping[str, Boxes], clocks: Mapping[str, Clock], person_height_m: float = PERSON_HEIGHT_M
+) -> Places:
     """The places of all boxes at common instants, each camera's by its picture that is nearest in time.
 
     Args:
@@ -104,9 +107,7 @@ def _camera_places(
     seconds = clock.seconds(frames)
     nearest = np.round((seconds - start_s) / step_s).astype(np.int64)
     off = np.abs(seconds - start_s - nearest * step_s)
-    order = np.lexsort((off, nearest))  # of several pictures near one instant the nearest in time
-    _, first = np.unique(nearest[order], return_index=True)
-    chosen = order[first]
+    chosen = least_of_groups(nearest, off)  # of several pictures near one instant the nearest in time
     picture = np.searchsorted(frames, boxes.frame)
     is_chosen = np.zeros(len(frames), dtype=np.bool_)
     is_chosen[chosen] = True
@@ -140,8 +141,7 @@ def ground_places(camera: Camera, ltwh: Floats, person_height_m: float) -> tuple
     forward = ray[:, :2] / level[:, None]
     fall = -ray[:, 2] / level  # the ray's way down, a metre forward
     size = np.maximum(np.arccos(np.clip(np.einsum("ni,ni->n", top, bottom), -1, 1)), 1e-4)
-    width, height = camera.lens.size
-    whole = (x > BORDER_PX) & (y > BORDER_PX) & (x + w < width - BORDER_PX) & (y + h < height - BORDER_PX)
+    whole = inside_picture(ltwh, camera.lens.size)
     less = np.where(whole, 1.0, CUT_TIMES)
     # Seen from above a body is shorter by the cosine; the way to it is longer than the way along the ground by the same.
     by_size = person_height_m * level**2 / size

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import group_sums
+from passerby.geometry.robust import cauchy_weights, residual_scale
 from passerby.people.body_centres import People
 
 DEGREE = 3
@@ -78,11 +80,11 @@ def ground_shape(people: People, per_second: float) -> GroundShape | None:
     key, group = np.unique(stretch, axis=0, return_inverse=True)
     if len(key) < LEAST_STRETCHES:
         return None
-    count = np.bincount(group.ravel())
-    place = np.column_stack([np.bincount(group.ravel(), column) / count for column in xy.T])
+    group, count = group.ravel(), np.bincount(group.ravel())
+    place = group_sums(group, xy, len(key)) / count[:, None]
     # People differ in height: what counts is how high one and the same person is at different places.
     _, person = np.unique(key[:, 0], return_inverse=True)
-    return _shape(person.ravel(), place, np.bincount(group.ravel(), z) / count)
+    return _shape(person.ravel(), place, group_sums(group, z, len(key)) / count)
 
 
 def _walking(people: People, per_second: float) -> NDArray[np.bool_]:
@@ -124,8 +126,7 @@ def _shape(person: Ints, place: Floats, height: Floats) -> GroundShape:
         inverse = np.linalg.inv((design * weight[:, None]).T @ design + ridge)
         solved = inverse @ (design.T @ (weight * height))
         miss = height - design @ solved
-        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.01)
-        weight = 1.0 / (1.0 + (miss / (LOSS * scale)) ** 2)
+        weight = cauchy_weights((miss / (LOSS * residual_scale(miss, 0.01))) ** 2)
     # Robust variance of the residuals, by the weights that they got (Huber 1981).
     variance = float((weight**2 * miss**2).sum() / max(weight.sum() - design.shape[1], 1.0))
     covariance = inverse[:n, :n] * variance * EXCESS

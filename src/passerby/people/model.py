@@ -1,15 +1,10 @@
-"""The upright person: noise, priors, and the body's ends."""
+"""How people stand, and how boxes and joints of them are off: noise and priors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from passerby.common.arrays import Floats
-
-X, Y, LOW, HIGH = range(4)
-"""Columns of a body: its place on the ground, and its lowest and highest points above the ground, metres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +50,3 @@ GAIT_SHARE = 0.99
 
 # The height of a box is off by this many times what its centre is off by, where both edges err on their own.
 HEIGHT_PER_CENTRE = 2.0
-
-
-def body_ends(
-    centre: Floats, body: Floats, moved: Floats, top_fraction: Floats | float = 1.0, bottom_fraction: Floats | float = 0.0
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """The highest and the lowest point that cameras see of upright bodies.
-
-    Args:
-        centre: (M, 3) of the cameras, metres.
-        body: (M, 4) x, y, height of the lowest and of the highest point, metres.
-        moved: (M, 1) how much nearer to the camera the lowest visible point is than the body's axis, metres.
-        top_fraction: (M,) where on the body the highest point sits, as a share of its height.
-        bottom_fraction: (M,) the same of the lowest point.
-
-    Returns:
-        (M, 3) highest points; (M, 3) lowest points; (M, 2) unit vectors over the ground to the cameras, (M,) how far that is.
-    """
-    length = body[:, HIGH] - body[:, LOW]
-    top = np.column_stack([body[:, :2], body[:, LOW] + top_fraction * length])
-    toward = centre[:, :2] - body[:, :2]
-    distance = np.maximum(np.linalg.norm(toward, axis=1), 0.1)
-    toward = toward / distance[:, None]
-    bottom = np.column_stack([body[:, :2] + moved * toward, body[:, LOW] + bottom_fraction * length])
-    return top, bottom, toward, distance

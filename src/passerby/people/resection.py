@@ -5,23 +5,33 @@ For what is measured anew while the other cameras stay as they are: has this cam
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.core.observations import Observations
-from passerby.geometry.rotations import exp_rotation, log_rotation
-from passerby.people.held_cameras import Ground, solve_people
+from passerby.geometry.reprojection import retract_poses
+from passerby.geometry.robust import cut_cauchy_weights
+from passerby.geometry.rotations import log_rotation
+from passerby.people.held_cameras import Ground, People, solve_people
 from passerby.people.rig_observations import Sightings, poses_of, sightings_of
 from passerby.people.scores import Scores, scores_of
 
-LOOSE_M, LOOSE_DEG = 2.0, 40.0
-"""One sigma of a move before anything is seen: only to keep the equations soluble."""
-MAX_ROUNDS = 12
-STILL = 1e-5
-"""Metres and radians: steps below end the iteration."""
+CENTRE_SD_M, TURN_SD = 2.0, np.deg2rad(30.0)
+"""Cameras are seldom moved by more: it holds a pose that people do not fix."""
+STEPS, STILL = 8, 1e-5
+"""Steps at most, and metres and radians below which no more are made."""
+LOSS, BEYOND = 3.0, 25.0
+"""Scale of the Cauchy loss in sigmas, and the square of the sigmas beyond which a sighting shows somebody else."""
+WIDENING, ROUNDS = 64.0, 16
+"""Times that scale, from which a pose is sought where bodies are solved anew with it, and steps at most: a camera that was
+turned by ten degrees sees people some 80 sigmas off."""
+MOST_TURN = 0.5
+"""Radians that a camera turns in one step where its bodies are solved anew with it."""
 FEWEST_CLUSTERS = 6
 """Stretches of people below which scatter tells nothing of the sigma."""
 USUAL_INFLATION = 6.0
@@ -31,6 +41,66 @@ USUAL_WORTH = 6.0
 """Clusters that this counts for."""
 LASTING = 1.33
 """Variance that the scatter of 6 s stretches does not show: a bag on one side, a gait, stay as long as a person does."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseEquations:
+    """What K sightings, or clusters of them, ask of a pose; unknowns are a rotation vector in its frame, then the centre."""
+
+    gradient: Floats
+    """(K, 6) of half the robust cost, uphill,"""
+    information: Floats
+    """(K, 6, 6) and how fast it grows: of each sighting, so that parts can be summed."""
+
+
+Equations = TypeVar("Equations", bound=PoseEquations)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFit(Generic[Equations]):
+    """A pose at which the robust cost is least."""
+
+    pose: Pose
+    normal: Floats
+    """(6, 6) information, that of `weak_prior` included."""
+    equations: Equations
+    """At the pose."""
+
+
+def fit_pose(
+    start: Pose, equations_at: Callable[[Pose, float], Equations], *, widening: float = 1.0, steps: int = STEPS,
+    most_turn: float = np.inf,
+) -> PoseFit[Equations]:  # fmt: skip
+    """The pose that sightings fit, near `start`: Gauss-Newton with a robust loss, whose scale shrinks as it goes.
+
+    Args:
+        start: where the search begins; a weak prior holds the pose to it.
+        equations_at: what is seen asks of a pose, by a loss of so many times its usual scale.
+        widening: times the usual scale that the loss begins with; it is halved at each step, down to 1.
+        steps: at most.
+        most_turn: radians a step.
+    """
+    prior, pose = weak_prior(), start
+    for step in range(steps + 1):
+        scale = max(1.0, widening / 2.0**step)
+        equations = equations_at(pose, scale)
+        found = PoseFit(pose, prior + equations.information.sum(axis=0), equations)
+        if step == steps:
+            break
+        away = np.concatenate([log_rotation(pose.R_cw @ start.R_cw.T), pose.centre - start.centre])
+        delta = -np.linalg.solve(found.normal, equations.gradient.sum(axis=0) + prior @ away)
+        if scale == 1.0 and np.abs(delta).max() < STILL:
+            break
+        if (turn := float(np.linalg.norm(delta[:3]))) > most_turn:
+            delta = delta * (most_turn / turn)
+        R, centre = retract_poses(pose.R_cw[None], pose.centre[None], delta[None])
+        pose = Pose.from_centre(R[0], centre[0])
+    return found
+
+
+def weak_prior() -> Floats:
+    """(6, 6) information of a move of which nothing is known; its first and its last three rows are alike but for the unit."""
+    return np.diag(np.repeat([1 / TURN_SD**2, 1 / CENTRE_SD_M**2], 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,39 +164,61 @@ def resect_sightings(
     seen = seen.without(np.isin(seen.names, without))
     index = seen.names.index(camera)
     rotation, centre = poses_of(rig, seen.names)
-    start_rotation, start_centre = rotation[index].copy(), centre[index].copy()
-    own = slice(6 * index, 6 * index + 6)
     # The bodies' heights are the others' business: a camera that is far off would spoil them.
     apart = np.arange(len(seen.names)) == index
     if heights is None and (~apart[seen.camera]).any():
         heights = solve_people(seen.without(apart), rotation, centre, ground=ground).heights
-    for _ in range(MAX_ROUNDS):
-        people = solve_people(seen, rotation, centre, ground=ground, heights=heights)
-        scores = _of_camera(scores_of(seen, people), index)
-        if len(scores) < FEWEST_CLUSTERS:
-            return None
-        normal = scores.information[:, own, own].sum(axis=0) + loose()
-        step = np.linalg.solve(normal, scores.gradient[:, own].sum(axis=0))
-        step *= min(1.0, 0.5 / max(float(np.linalg.norm(step[3:])), 1e-12))
-        centre[index] = centre[index] + step[:3]
-        rotation[index] = exp_rotation(step[3:]) @ rotation[index]
-        if np.abs(step).max() < STILL:
-            break
-    residual = scores.gradient[:, own] - scores.information[:, own, own] @ step
-    inverse = np.linalg.inv(normal)
-    covariance = inverse @ spread(residual, normal)[0] @ inverse
-    shift = np.concatenate([centre[index] - start_centre, log_rotation(rotation[index] @ start_rotation.T)])
-    sigma = PoseSigma(
-        float(np.sqrt(np.trace(covariance[:3, :3]))), float(np.degrees(np.sqrt(np.trace(covariance[3:, 3:])))), covariance
-    )
+
+    def equations_at(pose: Pose, wide: float) -> _Clusters:
+        def weights_of(lengths: Floats) -> Floats:
+            return cut_cauchy_weights((lengths / wide) ** 2, LOSS, BEYOND)
+
+        rotation[index], centre[index] = pose.R_cw, pose.centre
+        people = solve_people(seen, rotation, centre, ground=ground, heights=heights, weights_of=weights_of)
+        return _Clusters.of(scores_of(seen, people), index, people)
+
+    start = Pose.from_centre(rotation[index].copy(), centre[index].copy())
+    fit = fit_pose(start, equations_at, widening=WIDENING, steps=ROUNDS, most_turn=MOST_TURN)
+    clusters = fit.equations
+    if len(clusters.gradient) < FEWEST_CLUSTERS:
+        return None
+    inverse = np.linalg.inv(fit.normal)
+    covariance = centre_first(inverse @ cluster_robust_covariance(clusters.gradient, fit.normal)[0] @ inverse)
+    shift = np.concatenate([fit.pose.centre - start.centre, log_rotation(fit.pose.R_cw @ start.R_cw.T)])
     return Resection(
-        camera, Pose.from_centre(rotation[index], centre[index]), sigma, shift, covariance,
-        float(shift @ np.linalg.solve(covariance, shift)), len(scores), int(np.count_nonzero(seen.camera == index)),
-        _cost(people.weight, people.equations.residual),
+        camera, fit.pose, PoseSigma.from_covariance(covariance), shift, covariance,
+        float(shift @ np.linalg.solve(covariance, shift)), len(clusters.gradient), int(np.count_nonzero(seen.camera == index)),
+        clusters.cost,
     )  # fmt: skip
 
 
-def spread(residual: Floats, normal: Floats, before: tuple[Floats, float] | None = None) -> tuple[Floats, float, Floats]:
+CENTRE_FIRST = [3, 4, 5, 0, 1, 2]
+
+
+def centre_first(matrix: Floats) -> Floats:
+    """(6, 6) from rotation vector and centre to the order of `PoseSigma` and of `Scores`, centre and rotation vector."""
+    return np.asarray(matrix[np.ix_(CENTRE_FIRST, CENTRE_FIRST)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Clusters(PoseEquations):
+    """The clusters in which a camera has a part, about its pose."""
+
+    cost: float
+    """Half the weighted squared residuals of all sightings, bodies eliminated."""
+
+    @classmethod
+    def of(cls, scores: Scores, index: int, people: People) -> _Clusters:
+        """Those of one of the cameras."""
+        own = 6 * index + np.array(CENTRE_FIRST)
+        scores = scores.take(scores.counts[:, index] > 0)
+        cost = float(0.5 * (people.weight[:, None] * people.equations.residual**2).sum())
+        return cls(-scores.gradient[:, own], scores.information[:, own[:, None], own], cost)
+
+
+def cluster_robust_covariance(
+    residual: Floats, normal: Floats, before: tuple[Floats, float] | None = None
+) -> tuple[Floats, float, Floats]:
     """The covariance of a sum of cluster scores, from how they scatter.
 
     In the frame in which the formal covariance, `normal`, is the unit matrix, the scatter is averaged with that of
@@ -149,18 +241,3 @@ def spread(residual: Floats, normal: Floats, before: tuple[Floats, float] | None
     total = n + more + USUAL_WORTH
     inflation = (scatter + pooled + USUAL_WORTH * USUAL_INFLATION * np.eye(len(normal))) / total
     return lower @ inflation @ lower.T, total - 3.0, scatter
-
-
-def loose() -> Floats:
-    """(6, 6) information of a move of which nothing is known."""
-    return np.diag(np.repeat([LOOSE_M**-2, np.radians(LOOSE_DEG) ** -2], 3))
-
-
-def _of_camera(scores: Scores, index: int) -> Scores:
-    """The clusters in which a camera has a part."""
-    return scores.take(scores.counts[:, index] > 0)
-
-
-def _cost(weight: Floats, residual: Floats) -> float:
-    """Half the weighted squared residuals."""
-    return float(0.5 * (weight[:, None] * residual**2).sum())

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.people.upright_rays import bodies_of
 
 Mask = NDArray[np.bool_]
 
-CENTRE_SHARE, SIZE_SHARE, FLOOR_PX = 0.02, 0.10, 0.7
-"""One sigma of a body's middle and of its size, as shares of its size, and what is added in pixels: the solver's own noise."""
+NOISE = Noise(floor_px=0.7)
+"""One sigma of a body's middle and of its size: the solver's own noise."""
 EVERY_S = 0.4
 """Instants that follow sooner are left out: a body's box errs alike for seconds, so that they say little that is new."""
 
@@ -75,7 +76,7 @@ class Sightings:
 
 
 BY_SIGHTING = "camera", "top", "bottom", "fractions", "foot_shift", "size", "middle_sd", "size_sd"
-FOOT_SHIFT = 0.08
+FOOT_SHIFT = Priors().foot_shift
 """Of a box: it ends at the nearer foot."""
 
 
@@ -99,12 +100,13 @@ def sightings_of(rig: Rig, observations: Observations, *, every_s: float = EVERY
         seen = seen.take(seen.tracklet != UNKNOWN)
         size = 2 * np.arcsin(np.clip(np.linalg.norm(seen.top - seen.bottom, axis=1) / 2, 1e-5, 1.0))
         whole = size / np.maximum(seen.top_fraction - seen.bottom_fraction, 0.2)
-        floor = size * FLOOR_PX / seen.extent_px
+        floor = size * NOISE.floor_px / seen.extent_px
         for name, values in {
             "camera": np.full(len(seen), number), "frame": seen.frame, "who": seen.tracklet, "top": seen.top,
             "bottom": seen.bottom, "fractions": np.column_stack([seen.top_fraction, seen.bottom_fraction]),
             "foot_shift": np.where(seen.from_joints, 0.0, FOOT_SHIFT), "size": size,
-            "middle_sd": np.hypot(floor, CENTRE_SHARE * whole), "size_sd": np.hypot(2 * floor, SIZE_SHARE * whole),
+            "middle_sd": np.hypot(floor, NOISE.centre * whole),
+            "size_sd": np.hypot(HEIGHT_PER_CENTRE * floor, NOISE.height * whole),
         }.items():  # fmt: skip
             columns.setdefault(name, []).append(values)
     joined = {name: np.concatenate(parts) for name, parts in columns.items()}

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
-from passerby.people.held_cameras import People, sums
+from passerby.geometry.groups import group_sums
+from passerby.people.held_cameras import People
 from passerby.people.rig_observations import Sightings
 
 STRETCH_S = 6.0
@@ -70,7 +71,7 @@ def scores_of(seen: Sightings, people: People, stretch_s: float = STRETCH_S) -> 
     by_camera = np.zeros((n, n_cameras, 6, 4))
     by_camera[seen.group, seen.camera] = JwA
     coupling = by_camera.reshape(n, 6 * n_cameras, 4)
-    right = people.pull + sums(seen.group, np.einsum("nki,n,nk->ni", A, w, r), n)
+    right = people.pull + group_sums(seen.group, np.einsum("nki,n,nk->ni", A, w, r), n)
     solved = np.linalg.solve(people.information, np.concatenate([right[:, :, None], coupling.transpose(0, 2, 1)], axis=2))
     pulls = np.zeros((n, n_cameras, 6))
     pulls[seen.group, seen.camera] = np.einsum("nki,n,nk->ni", J, w, r)

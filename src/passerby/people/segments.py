@@ -7,16 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Lens
-from passerby.core.observations import BORDER_PX, Boxes, Keypoints
+from passerby.core.observations import MIN_JOINT_SCORE, Boxes, CameraObservations, Keypoints
 from passerby.people.image_motion import image_velocity
 
 MIN_EXTENT_PX = 8.0
-
-MIN_JOINT_SCORE = 0.3
-
-MIN_JOINTS = 4
 
 BODY_HEIGHTS = {
     "head_top": 1.0, "nose": 0.93, "eye": 0.94, "ear": 0.93, "neck": 0.84, "shoulder": 0.82, "hip": 0.53,
@@ -47,6 +43,15 @@ class Segments:
     row: Ints
     """Which box, or which set of joints, each is."""
 
+    def take(self, rows: NDArray[np.generic]) -> Segments:
+        """The segments of the given rows (indices or a mask)."""
+        return Segments(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+    @property
+    def from_joints(self) -> Bools:
+        """(N,) whether each is of joints, which end at the ankles, and not of a box, which ends at the nearer foot."""
+        return np.asarray(self.has_foot == 0)
+
     def velocity(self, fps: float) -> Floats:
         """(M, 2) how fast the middles move through the picture, pixels a second."""
         extent = np.linalg.norm(self.bottom - self.top, axis=1)
@@ -58,12 +63,8 @@ def segments_of_boxes(boxes: Boxes, lens: Lens, *, unknown: bool = False) -> Seg
 
     Those without an identity are left out unless `unknown` are wanted.
     """
-    x, y, w, h = boxes.ltwh.T
-    whole = (
-        (x > BORDER_PX) & (y > BORDER_PX) & (x + w < lens.size[0] - BORDER_PX) & (y + h < lens.size[1] - BORDER_PX)
-        & (h >= MIN_EXTENT_PX) & ((boxes.identity >= 0) | unknown)
-    )  # fmt: skip
-    x, y, w, h = x[whole], y[whole], w[whole], h[whole]
+    whole = boxes.inside(lens.size) & (boxes.ltwh[:, 3] >= MIN_EXTENT_PX) & ((boxes.identity >= 0) | unknown)
+    x, y, w, h = boxes.ltwh[whole].T
     n = len(x)
     return Segments(
         boxes.frame[whole], boxes.identity[whole], np.column_stack([x + w / 2, y]), np.column_stack([x + w / 2, y + h]),
@@ -124,4 +125,18 @@ def segments_without(segments: Segments, other: Segments) -> Segments:
     _, number = np.unique(both, axis=0, return_inverse=True)
     number = number.ravel()
     new = ~np.isin(number[len(other.frame) :], number[: len(other.frame)])
-    return Segments(**{name: getattr(segments, name)[new] for name in segments.__dataclass_fields__})
+    return segments.take(new)
+
+
+def upright_segments(seen: CameraObservations, lens: Lens) -> Segments:
+    """People with or without identity whose top and bottom are in the picture: by boxes first, then by joints where those lack.
+
+    Args:
+        seen: boxes and joints.
+        lens: the camera's lens.
+    """
+    boxes = segments_of_boxes(seen.boxes, lens, unknown=True)
+    joints = segments_without(segments_of_keypoints(seen.keypoints, named=True, unknown=True), boxes)
+    return Segments(**{
+        name: np.concatenate([getattr(part, name) for part in (boxes, joints)]) for name in Segments.__dataclass_fields__
+    })  # fmt: skip

@@ -11,7 +11,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens
 from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level, level_camera
-from passerby.people.segments import segments_of_boxes, segments_of_keypoints, segments_without
+from passerby.people.segments import upright_segments
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,20 +57,11 @@ def bodies_of(seen: CameraObservations, lens: Lens, clock: Clock) -> Bodies:
         lens: the camera's lens.
         clock: from frames to seconds.
     """
-    boxes = segments_of_boxes(seen.boxes, lens, unknown=True)
-    joints = segments_without(segments_of_keypoints(seen.keypoints, named=True, unknown=True), boxes)
-    parts = [part for part in (boxes, joints) if len(part.frame)] or [boxes]
-
-    def column(name: str) -> Floats:
-        return np.concatenate([getattr(part, name) for part in parts])
-
-    top, bottom = column("top").reshape(-1, 2), column("bottom").reshape(-1, 2)
-    top_ray, bottom_ray = lens.bearings(top), lens.bearings(bottom)
-    frame = column("frame").astype(np.int64)
+    ends = upright_segments(seen, lens)
+    top_ray, bottom_ray = lens.bearings(ends.top), lens.bearings(ends.bottom)
     found = Bodies(
-        frame, clock.seconds(frame), column("identity").astype(np.int64), top_ray, bottom_ray, lens.tangents(top_ray),
-        np.linalg.norm(bottom - top, axis=1), column("top_fraction"), column("bottom_fraction"),
-        column("row").astype(np.int64), np.concatenate([np.full(len(p.frame), p is joints) for p in parts]),
+        ends.frame, clock.seconds(ends.frame), ends.identity, top_ray, bottom_ray, lens.tangents(top_ray),
+        np.linalg.norm(ends.bottom - ends.top, axis=1), ends.top_fraction, ends.bottom_fraction, ends.row, ends.from_joints,
     )  # fmt: skip
     found = found.take(np.isfinite(np.concatenate([top_ray, bottom_ray], axis=1)).all(axis=1))
     return found.take(np.argsort(found.frame, kind="stable"))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.core.observations import MIN_JOINTS
 
 # MoveNet (lightning and thunder alike) scores 0.5 % of the joints that it finds within 4 % of the person's height below this,
 # but 73 % of the joints of legs that are not in the crop; at 0.2 it is 0 % and 53 %. 0.3 is usual for RTMPose, too.
@@ -16,8 +17,6 @@ MIN_SCORE = 0.3
 OUTSIDE = 0.1
 # From eyes to ankles a standing person fills 0.9 of the box; one of whom only head and torso can be seen, 0.45.
 MIN_EXTENT = 0.3
-# Fewer joints than this are no person.
-MIN_JOINTS = 4
 
 
 def plausible_joints(xy: Floats, score: Floats, ltwh: Floats, picture_size: tuple[int, int]) -> Floats:

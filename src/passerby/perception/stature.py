@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.geometry.robust import cauchy_weights
 
 LEAST_BOXES = 12
 """Fewer boxes say too little about a plane of three unknowns."""
@@ -45,7 +46,7 @@ def learn_stature(ltwh: Floats, rng: np.random.Generator) -> Stature | None:
     plane = _consensus(normal, height, rng)
     for _ in range(ROUNDS):
         error = height / np.maximum(normal @ plane, 1.0) - 1.0
-        weight = 1.0 / (1.0 + (error / 0.1) ** 2) / np.maximum(normal @ plane, 1.0)
+        weight = cauchy_weights((error / 0.1) ** 2) / np.maximum(normal @ plane, 1.0)
         # A weak pull to no slope, a tenth of a box: without boxes at different places the slope is unknown.
         ridge = np.diag([0.0, 1.0, 1.0]) * 0.1 / np.median(height)
         rows = np.vstack([normal * weight[:, None], ridge])
@@ -73,7 +74,7 @@ def _consensus(design: Floats, height: Floats, rng: np.random.Generator) -> Floa
         expected = design @ plane
         if (expected < 0.2 * height).any():
             continue
-        support = float(np.sum(1.0 / (1.0 + ((height / expected - 1.0) / 0.1) ** 2)))
+        support = float(np.sum(cauchy_weights(((height / expected - 1.0) / 0.1) ** 2)))
         if support > most:
             best, most = plane, support
     return best

@@ -11,7 +11,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera
-from passerby.core.observations import BORDER_PX, UNKNOWN
+from passerby.core.observations import UNKNOWN
 from passerby.perception.pictures import Picture
 from passerby.perception.video import fit_of_size, probe
 from passerby.perception.video_still import still
@@ -82,10 +82,8 @@ def _worth(contents: Contents, camera: Camera) -> tuple[Ints, Floats]:
     seen = contents.observations.cameras.get(camera.name)
     if seen is None or not len(seen.boxes) + len(seen.keypoints):
         return np.array([FIRST_FRAME]), np.zeros(1)
-    first, last = seen.boxes.ltwh[:, :2], seen.boxes.ltwh[:, :2] + seen.boxes.ltwh[:, 2:]
-    whole = ((first > BORDER_PX) & (last < np.array(camera.lens.size) - BORDER_PX)).all(axis=1)
     frame = np.concatenate([seen.boxes.frame, seen.keypoints.frame])
-    value = np.concatenate([np.where(whole, 1.0, 0.1), np.full(len(seen.keypoints), 0.5)])
+    value = np.concatenate([np.where(seen.boxes.inside(camera.lens.size), 1.0, 0.1), np.full(len(seen.keypoints), 0.5)])
     value *= np.where(np.concatenate([seen.boxes.identity, seen.keypoints.identity]) == UNKNOWN, 0.01, 1.0)
     frames, number = np.unique(frame, return_inverse=True)
     return frames.astype(np.int64), np.bincount(number.ravel(), value).astype(np.float64)

@@ -12,12 +12,14 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.core.observations import BORDER_PX
+from passerby.core.observations import inside_picture
+from passerby.geometry.groups import group_numbers, group_sums
 from passerby.people.trajectories.smoothing import smooth
+from passerby.people.upright_bodies import BodyModel, IdentifiedBoxes, UprightBodies, fit_bodies, predict_boxes
 from passerby.report.contents import Contents
-from passerby.report.sampling import MOST_SIGHTINGS, Sample, grouped, sample_observations
+from passerby.report.sampling import MOST_SIGHTINGS, Sample, sample_observations
 from passerby.report.skeletons import Joints, joints_of
-from passerby.report.upright import Bodies, BodyModel, SeenBoxes, body_model, model_boxes, upright_bodies
+from passerby.report.upright import body_model
 
 SURE_M = 0.7
 """Whose place is less sure than this is left out of the ways: seen far away, or cut off, by one camera."""
@@ -97,7 +99,7 @@ class Fitted:
     model: BodyModel
     sample: Sample | None
     """None where no camera with a pose saw anybody."""
-    bodies: Bodies
+    bodies: UprightBodies
     sightings: FittedObservations
     joints: Joints
     ways: FittedTrajectories
@@ -122,10 +124,10 @@ def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
     model = body_model(contents.figures, contents.document.scene.scale.person_height_m)
     rig = sample.rig if sample is not None else Rig(())
     boxes = _boxes(sample)
-    bodies, body, agrees = upright_bodies(rig, boxes, model)
+    bodies, body, agrees = fit_bodies(rig, boxes, model)
     rows = np.flatnonzero(body >= 0)
     camera, body, seen = boxes.camera[rows], body[rows], boxes.ltwh[rows]
-    ltwh, top, foot = model_boxes(rig, camera, bodies, body, seen[:, 2], model)
+    ltwh, top, foot = predict_boxes(rig, camera, bodies, body, seen[:, 2], model)
     sightings = FittedObservations(
         camera, body, boxes.identity[rows], boxes.frame[rows], seen, ltwh, top, foot, agrees[rows] & ~_cut(rig, camera, seen)
     )
@@ -133,7 +135,7 @@ def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
     return Fitted(rig, model, sample, bodies, sightings, joints, _ways(sample, bodies, joints))
 
 
-def _boxes(sample: Sample | None) -> SeenBoxes:
+def _boxes(sample: Sample | None) -> IdentifiedBoxes:
     """The boxes of all cameras, by camera, then by frame."""
     columns: list[tuple[Ints, Ints, Ints]] = [(np.zeros(0, np.int64),) * 3]
     ltwh = [np.zeros((0, 4))]
@@ -144,14 +146,13 @@ def _boxes(sample: Sample | None) -> SeenBoxes:
         columns.append((np.full(len(order), number), boxes.identity[order], boxes.frame[order]))
         ltwh.append(boxes.ltwh[order])
     camera, identity, frame = (np.concatenate(parts).astype(np.int64) for parts in zip(*columns, strict=True))
-    return SeenBoxes(camera, identity, frame, np.concatenate(ltwh))
+    return IdentifiedBoxes(camera, identity, frame, np.concatenate(ltwh))
 
 
 def _cut(rig: Rig, camera: Ints, ltwh: Floats) -> Bools:
     """(M,) whether the picture's border cuts boxes off."""
     size = np.array([one.lens.size for one in rig], dtype=np.float64).reshape(-1, 2)[camera]
-    first, last = ltwh[:, :2], ltwh[:, :2] + ltwh[:, 2:]
-    return np.asarray(((first <= BORDER_PX) | (last >= size - BORDER_PX)).any(axis=1))
+    return ~inside_picture(ltwh, size)
 
 
 def _no_joints() -> Joints:
@@ -160,7 +161,7 @@ def _no_joints() -> Joints:
     return Joints(nothing, nothing, nothing, nothing, none, none, np.zeros(0, bool), nothing, np.zeros((0, 3)))
 
 
-def _ways(sample: Sample | None, bodies: Bodies, joints: Joints) -> FittedTrajectories:
+def _ways(sample: Sample | None, bodies: UprightBodies, joints: Joints) -> FittedTrajectories:
     """Everybody's way, smoothed; by joints for people and instants that have no sure body."""
     sure = (bodies.cameras > 0) & (bodies.sigma_m < SURE_M)
     by_box = np.column_stack([bodies.identity, bodies.frame])[sure]
@@ -187,15 +188,15 @@ def _joint_places(joints: Joints) -> tuple[Ints, Floats]:
     xyz = joints.xyz[joints.point[first]]
     known = np.isfinite(xyz[:, 0])
     rows = first[known]
-    number = grouped(joints.identity[rows], joints.frame[rows])
+    number = group_numbers(joints.identity[rows], joints.frame[rows])
     first, count = np.unique(number, return_index=True, return_counts=True)[1:]
     key = np.column_stack([joints.identity[rows], joints.frame[rows]])[first]
-    total = np.column_stack([np.bincount(number, xyz[known, k], len(first)) for k in range(2)])
+    total = group_sums(number, xyz[known, :2], len(first))
     enough = count >= FEWEST_JOINTS
     return key[enough], (total / np.maximum(count, 1)[:, None])[enough]
 
 
 def _in(rows: Ints, others: Ints) -> Bools:
     """(N,) whether rows (N, 2) stand among others (M, 2)."""
-    number = grouped(*np.concatenate([others, rows]).T)
+    number = group_numbers(*np.concatenate([others, rows]).T)
     return np.asarray(np.isin(number[len(others) :], number[: len(others)]))

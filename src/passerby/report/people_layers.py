@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Ints
 from passerby.core.cameras import Camera
 from passerby.core.colours import person_colour
+from passerby.people.upright_bodies import predict_boxes
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, element, join
 from passerby.report.sheet import Sheet, dot, dot_path, offset_words, path_of, short, within
 from passerby.report.through_lens import View
-from passerby.report.upright import model_boxes
 
 LIMBS = (
     ("left_ankle", "left_knee"), ("left_knee", "left_hip"), ("right_ankle", "right_knee"), ("right_knee", "right_hip"),
@@ -76,7 +76,7 @@ def model_layer(sheet: Sheet, now: Fitted) -> Html:
     count = np.bincount(s.body[s.agrees], minlength=len(now.bodies))
     alone = np.bincount(s.body[own][s.agrees[own]], minlength=len(now.bodies))
     every = np.flatnonzero(count > alone)
-    boxes, top, foot = model_boxes(now.rig, np.full(len(every), place), now.bodies, every, np.zeros(len(every)), now.model)
+    boxes, top, foot = predict_boxes(now.rig, np.full(len(every), place), now.bodies, every, np.zeros(len(every)), now.model)
     row_of = dict(zip(s.body[own].tolist(), own.tolist(), strict=True))
     shown = np.isfinite(boxes).all(axis=1) & _in_view(sheet.camera, now, every)
     parts = []

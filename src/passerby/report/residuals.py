@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import group_sums
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.html import Html, element, join
@@ -91,8 +92,8 @@ def residual_cells(residuals: Residuals, size: tuple[int, int]) -> Cells:
     number, n = at[:, 1] * columns + at[:, 0], rows * columns
     count = np.bincount(number, minlength=n)
     with np.errstate(invalid="ignore", divide="ignore"):
-        mean = np.stack([np.bincount(number, residuals.miss[:, k], n) / count for k in range(2)], axis=1)
-        rms = np.sqrt(np.bincount(number, (residuals.miss**2).sum(axis=1), n) / count)
+        mean = group_sums(number, residuals.miss, n) / count[:, None]
+        rms = np.sqrt(group_sums(number, (residuals.miss**2).sum(axis=1), n) / count)
     return Cells((wide, high), count.reshape(rows, columns), mean.reshape(rows, columns, 2), rms.reshape(rows, columns))
 
 

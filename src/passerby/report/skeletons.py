@@ -8,10 +8,9 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.core.observations import Observations
+from passerby.core.observations import MIN_JOINT_SCORE, MIN_JOINTS, Observations
+from passerby.geometry.groups import group_numbers
 from passerby.geometry.ray_consensus import vote_points
-from passerby.people.segments import MIN_JOINT_SCORE, MIN_JOINTS
-from passerby.report.sampling import grouped
 
 TOLERANCE_PX, TOLERANCE_SHARE = 2.0, 0.05
 """Joints that agree lie within so many pixels, and this share of the person's height in the picture, of where they project:
@@ -57,7 +56,7 @@ def joints_of(rig: Rig, observations: Observations) -> Joints:
     values = np.concatenate([found for _, found in parts])
     camera, frame, identity, kind = index.T
     xy, size = values[:, :2], values[:, 2]
-    point = grouped(identity, frame, kind)
+    point = group_numbers(identity, frame, kind)
     n_points = int(point.max(initial=-1)) + 1
     xyz, agrees = np.full((n_points, 3), np.nan), np.zeros(len(camera), bool)
     bearing, tangent = np.full((len(camera), 3), np.nan), np.zeros((len(camera), 2, 3))

@@ -1,50 +1,16 @@
-"""Upright bodies fitted to the boxes of single instants, by a rig that is held; and the boxes that these bodies should have.
-
-The measurements are those of `passerby.people.bodies`, the two ends of a body those of `passerby.solver.person_model`.
-Robust: Cauchy weights on each box (the solver's scale) and on each person's stance, begun at the median of where the boxes by
-themselves put the body.
-"""
+"""The model of people and boxes as `calibration.json` tells of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import numpy as np
 
-from passerby.common.arrays import Bools, Floats, Ints
-from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, heights_of
-from passerby.people.bodies import STANCE_SD, Rays, measure, rays_of, stand, stand_alone
-from passerby.people.model import GAIT_SHARE, Noise, Priors, body_ends
-from passerby.report.sampling import grouped
+from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.people.model import Noise, Priors
+from passerby.people.upright_bodies import BodyModel
 
-ROUNDS = 8
-"""Of weighing and solving; the last moves a body by less than a millimetre."""
-SOFT_ROUNDS = 4
-"""After so many, boxes that disagree with a body that others agree with no longer pull at it: some pixels, for one 100 off."""
-AGREES_SIGMAS = 5.0
-"""A box whose centre is farther off is another person's, or shows a part of one: the Cauchy scale of the solver's loss."""
-UNKNOWN_HEIGHT_SD = 0.07
-"""Of people whose height the calibration does not tell, as a share of it: adults differ by 5 %; stance adds."""
-USUAL_HEIGHT_M = 1.72
 SLACK_RANGE = 0.7
 """Boxes are believed to be at most twice as tall as people, or half as tall."""
-
-
-@dataclass(frozen=True, eq=False)
-class BodyModel:
-    """What the calibration found out about people and boxes."""
-
-    noise: Noise
-    foot_shift: float
-    """How much nearer to the camera the lowest visible point is than the body's axis, as a share of the height."""
-    slack: Mapping[str, float]
-    """By camera: boxes are taller than people by this factor, as a logarithm."""
-    heights: Mapping[int, float]
-    """By identity, metres."""
-    usual_m: float
-    """Of the others."""
 
 
 def body_model(figures: AdjustedFigures, person_height_m: float | None) -> BodyModel:
@@ -58,7 +24,7 @@ def body_model(figures: AdjustedFigures, person_height_m: float | None) -> BodyM
     noise = figures.noise
     slack = {one.name: _believed(one.slack, 0.0, -SLACK_RANGE, SLACK_RANGE) for one in figures.cameras}
     heights = {int(who): height for who, height in heights_of(figures).items() if who.isdecimal() and 0.3 <= height <= 3.0}
-    assumed = _believed(person_height_m, USUAL_HEIGHT_M, 0.5, 2.5)
+    assumed = _believed(person_height_m, PERSON_HEIGHT_M, 0.5, 2.5)
     usual = float(np.mean(list(heights.values()))) if heights else assumed
     return BodyModel(
         Noise(
@@ -73,173 +39,6 @@ def body_model(figures: AdjustedFigures, person_height_m: float | None) -> BodyM
         heights,
         usual,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Bodies:
-    """B upright bodies. World of the rig: z up, ground at z = 0, metres."""
-
-    identity: Ints
-    """(B,)"""
-    frame: Ints
-    """(B,) of the sample's clock."""
-    xy: Floats
-    """(B, 2) where it stands."""
-    top: Floats
-    """(B,) height of its highest point."""
-    sigma_m: Floats
-    """(B,) root of the trace of the covariance of (x, y), the cameras held."""
-    cameras: Ints
-    """(B,) cameras that agree."""
-
-    def __len__(self) -> int:
-        return len(self.identity)
-
-    @classmethod
-    def none(cls) -> Bodies:
-        """Nobody."""
-        nothing = np.zeros(0, np.int64)
-        return cls(nothing, nothing, np.zeros((0, 2)), np.zeros(0), np.zeros(0), nothing)
-
-    @property
-    def standing(self) -> Floats:
-        """(B, 4) x, y, height of the lowest and of the highest point: as the person model has them."""
-        return np.column_stack([self.xy, np.zeros(len(self.top)), self.top])
-
-
-@dataclass(frozen=True, eq=False)
-class SeenBoxes:
-    """M boxes of identified people."""
-
-    camera: Ints
-    """(M,) in the sample's rig."""
-    identity: Ints
-    """(M,)"""
-    frame: Ints
-    """(M,) of the sample's clock."""
-    ltwh: Floats
-    """(M, 4) pixels."""
-
-
-def upright_bodies(rig: Rig, seen: SeenBoxes, model: BodyModel) -> tuple[Bodies, Ints, Bools]:
-    """Bodies of people, one for each identity and instant.
-
-    Args:
-        rig: cameras with poses.
-        seen: the boxes.
-        model: of people and boxes.
-
-    Returns:
-        The bodies, sorted by identity, then by frame; the body of each box (M,), -1 where the lens cannot tell its rays; and
-        (M,) whether each box agrees with its body.
-    """
-    if not len(seen.frame):
-        return Bodies.none(), np.zeros(0, np.int64), np.zeros(0, bool)
-    rays = _rays(rig, seen, model)
-    rows = np.flatnonzero(rays.known)
-    body_of = np.full(len(seen.frame), -1)
-    identity, frame = seen.identity[rows], seen.frame[rows]
-    block = grouped(identity, frame)
-    first = np.unique(block, return_index=True)[1]
-    identity, frame = identity[first], frame[first]
-    body_of[rows] = block
-    agrees = np.zeros(len(seen.frame), bool)
-    if not len(rows):
-        return Bodies.none(), body_of, agrees
-    height = np.array([model.heights.get(one, np.nan) for one in identity.tolist()])
-    sd = np.where(np.isfinite(height), STANCE_SD, UNKNOWN_HEIGHT_SD)
-    height = GAIT_SHARE * np.where(np.isfinite(height), height, model.usual_m)
-    body, covariance, off = _solved(rays.take(rows), block, height, sd * height, model)
-    agrees[rows] = off < AGREES_SIGMAS
-    count = np.bincount(body_of[agrees], minlength=len(first))
-    sigma = np.sqrt(np.trace(covariance[:, :2, :2], axis1=1, axis2=2))
-    return Bodies(identity, frame, body[:, :2], body[:, 2], sigma, count), body_of, agrees
-
-
-def model_boxes(
-    rig: Rig, camera: Ints, bodies: Bodies, body: Ints, width: Floats, model: BodyModel
-) -> tuple[Floats, Floats, Floats]:
-    """What boxes bodies should have.
-
-    Args:
-        rig: cameras with poses.
-        camera: (M,) which camera looks,
-        bodies: at which of these
-        body: (M,) rows of `bodies`.
-        width: (M,) of the boxes, pixels: how wide people are the model does not say.
-        model: of people and boxes.
-
-    Returns:
-        (M, 4) left, top, width, height; (M, 2) and (M, 2) pixels of the highest and of the lowest point. NaN where they are
-        behind the camera.
-    """
-    centre = np.array([c.centre for c in rig]).reshape(-1, 3)[camera]
-    standing = bodies.standing[body]
-    heights = np.array([model.heights.get(one, model.usual_m) for one in bodies.identity.tolist()])
-    moved = model.foot_shift * heights[body][:, None]
-    top, bottom, _, _ = body_ends(centre, standing, moved)
-    top_px, bottom_px = np.full((len(body), 2), np.nan), np.full((len(body), 2), np.nan)
-    taller = np.ones(len(body))
-    for index, one in enumerate(rig):
-        rows = np.flatnonzero(camera == index)
-        top_px[rows], bottom_px[rows] = one.project(top[rows]), one.project(bottom[rows])
-        taller[rows] = np.exp(model.slack.get(one.name, 0.0))
-    middle, height = (top_px + bottom_px) / 2, (bottom_px - top_px)[:, 1] * taller
-    return np.column_stack([middle[:, 0] - width / 2, middle[:, 1] - height / 2, width, height]), top_px, bottom_px
-
-
-def _rays(rig: Rig, seen: SeenBoxes, model: BodyModel) -> Rays:
-    """The rays of all boxes, each as much shorter as the boxes of its camera are taller than people."""
-    parts, order = [], []
-    for index, camera in enumerate(rig):
-        rows = np.flatnonzero(seen.camera == index)
-        ltwh = np.array(seen.ltwh[rows])
-        less = ltwh[:, 3] * -np.expm1(-model.slack.get(camera.name, 0.0))
-        ltwh[:, 1] += less / 2
-        ltwh[:, 3] -= less
-        parts.append(rays_of(camera, ltwh, model.noise))
-        order.append(rows)
-    back = np.argsort(np.concatenate(order), kind="stable")
-    return Rays.joined(parts).take(back)
-
-
-def _solved(rays: Rays, block: Ints, height: Floats, height_sd: Floats, model: BodyModel) -> tuple[Floats, Floats, Floats]:
-    """Bodies (B, 3), their covariances, and how many sigmas each box's centre (M,) is off."""
-    n = len(height)
-    shift = (model.foot_shift * height)[block][:, None]
-    alone = stand_alone(rays, float(np.median(height)), model.foot_shift * model.usual_m)[0]
-    body = np.column_stack([_medians(alone[:, 0], block, n), _medians(alone[:, 1], block, n), height])
-    off, sd = np.zeros(len(block)), height_sd
-    for number in range(ROUNDS):
-        found = measure(rays, body[block], shift)
-        residual = (found.by_body @ body[block][:, :, None])[:, :, 0] - found.value
-        off = np.linalg.norm(residual[:, :2], axis=1)
-        if number == ROUNDS - 1:
-            break
-        weight = 1 / (1 + (off / AGREES_SIGMAS) ** 2)
-        if number >= SOFT_ROUNDS:
-            agrees = off < AGREES_SIGMAS
-            weight[~agrees & (np.bincount(block[agrees], minlength=n) > 0)[block]] = 0.0
-        information = _sums(block, (found.information * weight[:, None, None]).reshape(-1, 9), n).reshape(-1, 3, 3)
-        pull = _sums(block, found.pull * weight[:, None], n)
-        # Who crouches or jumps is let go, as by the solver's loss on stance.
-        sd = height_sd * np.sqrt(1 + ((body[:, 2] - height) / (Priors().stance_loss * height_sd)) ** 2)
-        body, covariance = stand(information, pull, height, sd)
-        body[:, 2] = np.clip(body[:, 2], 0.2 * height, 1.5 * height)
-    return body, covariance, off
-
-
-def _medians(values: Floats, block: Ints, n: int) -> Floats:
-    """(n,) median of the values (M,) of each block; every block has one."""
-    order = np.lexsort((values, block))
-    count = np.bincount(block, minlength=n)
-    first = np.cumsum(count) - count
-    return np.asarray(0.5 * (values[order[first + (count - 1) // 2]] + values[order[first + count // 2]]))
-
-
-def _sums(group: Ints, values: Floats, n: int) -> Floats:
-    """(n, K) sums of the rows (M, K) of each group."""
-    return np.stack([np.bincount(group, values[:, k], minlength=n) for k in range(values.shape[1])], axis=1)
 
 
 def _believed(value: float | None, otherwise: float, low: float, high: float) -> float:

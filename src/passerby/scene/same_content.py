@@ -18,6 +18,7 @@ from passerby.core.cameras import Rig
 from passerby.core.extents import extents_of
 from passerby.core.findings import Finding, doubt
 from passerby.core.observations import CameraObservations, Observations
+from passerby.geometry.groups import rows_of_equal
 
 MIN_FRAMES, MIN_MATCHES = 30, 60
 """Fewer frames with people in both, or fewer boxes that agree, tell nothing."""
@@ -296,10 +297,7 @@ def _matched(
 
 def _nearest(bin_a: Ints, at: Floats, bin_b: Ints, extent: Floats, near: float) -> tuple[Ints, Ints]:
     """(K,) rows of either that are each other's nearest in their frame, no farther apart than a share of the height."""
-    first, last = np.searchsorted(bin_b, bin_a, side="left"), np.searchsorted(bin_b, bin_a, side="right")
-    width = last - first
-    rows = np.repeat(np.arange(len(bin_a)), width)
-    columns = np.arange(len(rows)) - np.repeat(np.cumsum(width) - width, width) + np.repeat(first, width)
+    rows, columns = rows_of_equal(bin_a, bin_b)
     away = np.abs(at[rows] - extent[columns]).max(axis=1) / (extent[columns, 3] - extent[columns, 1])
     best_a, best_b = np.full(len(bin_a), np.inf), np.full(len(bin_b), np.inf)
     np.minimum.at(best_a, rows, away)

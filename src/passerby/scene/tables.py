@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from passerby.common.addresses import not_a_file, plain_without_credentials
+from passerby.core.scale_cues import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 
 
 def _finite(value: float) -> float:
@@ -229,9 +230,9 @@ class CameraHeightTable(Table):
 class ScaleTable(Table):
     """`[scale]`: what is known about lengths; all of it is combined, weighted by the standard deviations."""
 
-    person_height_m: Height = 1.72
+    person_height_m: Height = PERSON_HEIGHT_M
     """Mean standing height of the people, shoes on: adults of both sexes, worldwide."""
-    person_height_sd_m: Metres = 0.09
+    person_height_sd_m: Metres = PERSON_HEIGHT_SD_M
     """How much people's heights differ around it."""
     person_height_mean_sd_m: Metres | None = None
     """How well that mean is known of the people in these videos. None: 4 % of it, as where nobody asked them; 0.02 is as good

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from passerby.core.cameras import Lens
 from passerby.core.findings import Finding, doubt
-from passerby.core.observations import CameraObservations, Clock, Keypoints
+from passerby.core.observations import MIN_JOINT_SCORE, CameraObservations, Clock, Keypoints
 from passerby.geometry.single_view import Level, level_camera
-from passerby.people.segments import FEET, HEAD, MIN_JOINT_SCORE
+from passerby.people.segments import FEET, HEAD
 from passerby.people.upright_rays import bodies_of
 
 MIN_BODIES = 50

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.errors import InputError
+from passerby.core.scale_cues import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 from passerby.simulation.presets import PRESETS, Preset
 
 MAX_CLOCK_OFFSET_S = 5.0
@@ -32,8 +33,8 @@ class SimulationOptions:
     fps: float = 5.0
     """Instants per second. Five are enough: neighbouring frames of a video add little that is independent."""
     camera_height_m: float | None = None
-    person_height_mean_m: float = 1.72
-    person_height_sd_m: float = 0.09
+    person_height_mean_m: float = PERSON_HEIGHT_M
+    person_height_sd_m: float = PERSON_HEIGHT_SD_M
     occlusion: bool = True
     """People hide each other: no box where over 60 % is hidden, half of the partly hidden get a box of what is visible."""
     box_noise: float = 0.0

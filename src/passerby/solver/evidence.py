@@ -14,13 +14,11 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.findings import Finding, doubt
-from passerby.core.observations import Observations
+from passerby.core.observations import MIN_JOINT_SCORE, MIN_JOINTS, Observations
 from passerby.geometry.reprojection import PointObservations
 from passerby.people.image_motion import image_velocity
 from passerby.people.segments import (
     MIN_EXTENT_PX,
-    MIN_JOINT_SCORE,
-    MIN_JOINTS,
     MIN_ORDER_CORRELATION,
     Segments,
     nominal_heights,

@@ -15,7 +15,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Rig
-from passerby.people.model import body_ends
+from passerby.people.upright_body import body_ends
 from passerby.solver.optimizer.least_squares import Layout, Term
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import FOOT_SHIFT, JOINT, PeopleProblem

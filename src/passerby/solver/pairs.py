@@ -15,6 +15,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError
 from passerby.geometry.relative_pose import PairHypothesis
+from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.geometry.single_view import Level
 from passerby.geometry.triangulation import triangulate_two_views
@@ -139,10 +140,10 @@ def _by_ground(
     shift = b[anchor] - turn * a[anchor]
     miss = np.abs(turn[:, None] * a[None, :] + shift[:, None] - b[None, :]) / sigma
     best = int(np.argmin(np.log1p(miss**2).sum(axis=1)))
-    weight = 1.0 / (1.0 + miss[best] ** 2)
+    weight = cauchy_weights(miss[best] ** 2)
     for _ in range(10):
         fit = fit_plane_similarity(ground_a, ground_b, weight / sigma**2, with_scale=False)
-        weight = 1.0 / (1.0 + (np.linalg.norm(fit.apply(ground_a) - ground_b, axis=1) / sigma) ** 2)
+        weight = cauchy_weights((np.linalg.norm(fit.apply(ground_a) - ground_b, axis=1) / sigma) ** 2)
     c, s = np.cos(fit.yaw), np.sin(fit.yaw)
     turn_level = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     R_lb = level_b.R_lc

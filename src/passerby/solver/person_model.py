@@ -18,7 +18,8 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near, retract_poses
-from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, HIGH, LOW, Noise, Priors, body_ends
+from passerby.people.model import GAIT_SHARE, HEIGHT_PER_CENTRE, Noise, Priors
+from passerby.people.upright_body import HIGH, LOW, body_ends, by_low_and_high
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.optimizer.least_squares import Cauchy, Family, Layout, Step, Term
 from passerby.solver.people_state import AdjustmentState, UprightObservations
@@ -164,8 +165,8 @@ class PeopleProblem:
         turn = (moved / distance[:, None])[:, :, None] * (np.eye(2) - toward[:, :, None] * toward[:, None, :])
         lean = bottom_by_point[:, :, :2] @ turn
         bottom_by_pose[:, :, 3:5] += lean
-        top_by_block = _by_body(top_by_point, s.top_fraction)
-        bottom_by_block = _by_body(bottom_by_point, s.bottom_fraction)
+        top_by_block = by_low_and_high(top_by_point, s.top_fraction)
+        bottom_by_block = by_low_and_high(bottom_by_point, s.bottom_fraction)
         bottom_by_block[:, :, :2] -= lean
         bottom_by_reach = (bottom_by_point[:, :, :2] @ toward[:, :, None]) * s.has_foot[:, None, None]
         n, n_globals = len(s), len(state.globals)
@@ -314,9 +315,3 @@ class PeopleProblem:
             state.time + by_camera[:, TIME] if self.timed else state.time,
             state.lens + by_camera[:, self.camera_size - self.n_lens :] if self.n_lens else state.lens,
         )  # fmt: skip
-
-
-def _by_body(by_point: Floats, fraction: Floats) -> Floats:
-    """Chain (M, k, 3) derivatives by a point on the body's axis to (M, k, 4) by x, y, low and high."""
-    by_z = by_point[:, :, 2:]
-    return np.concatenate([by_point[:, :, :2], by_z * (1 - fraction)[:, None, None], by_z * fraction[:, None, None]], axis=2)

@@ -64,17 +64,11 @@ class RigCovariance:
 
     def sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures in the metric world."""
-        return _pose_sigma(self.metric[camera])
+        return PoseSigma.from_covariance(self.metric[camera])
 
     def shape_sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures within the rig."""
-        return _pose_sigma(self.shape[camera])
-
-
-def _pose_sigma(block: Floats) -> PoseSigma:
-    position, turn = max(np.trace(block[:3, :3]), 0.0), max(np.trace(block[3:, 3:]), 0.0)
-    known = bool(np.isfinite(position + turn))
-    return PoseSigma(float(np.sqrt(position)), float(np.degrees(np.sqrt(turn))), block if known else None)
+        return PoseSigma.from_covariance(self.shape[camera])
 
 
 def rig_covariance(

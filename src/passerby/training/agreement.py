@@ -13,9 +13,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.sampling import first_of
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import UNKNOWN
+from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.geometry.groups import group_sums, least_of_groups, rows_of_equal
 from passerby.people.ground_positions import Places
 
 FITS = 9.2
@@ -35,7 +36,6 @@ CROWDED = 6.0
 BLOCK_ROWS = 50_000
 """Boxes that are compared at once, so that memory stays flat."""
 
-BODY_M = 1.72
 HALF_WIDTH_M = 0.3
 """Of a body with its arms, and of what a place on the ground is off by."""
 BEHIND_M = 0.5
@@ -92,10 +92,7 @@ def verify_boxes(places: Places) -> GeometricAgreement:
 
 def pairs_within(key: Ints) -> tuple[Ints, Ints]:
     """All ordered pairs of different rows with the same key (N,), which is sorted."""
-    low, high = np.searchsorted(key, key), np.searchsorted(key, key, side="right")
-    count = high - low
-    i = np.repeat(np.arange(len(key)), count)
-    j = np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(i))
+    i, j = rows_of_equal(key, key)
     return i[i != j], j[i != j]
 
 
@@ -135,9 +132,7 @@ class _Groups:
     def sums(self, rows: Ints) -> tuple[Ints, Floats, Floats]:
         """(G,) number, (G, 2, 2) information and (G, 2) pull of the given rows, added up by group."""
         number = np.bincount(self.group[rows], minlength=self.count)
-        information, pull = np.zeros((self.count, 2, 2)), np.zeros((self.count, 2))
-        np.add.at(information, self.group[rows], self.information[rows])
-        np.add.at(pull, self.group[rows], self.pull[rows])
+        information, pull = (group_sums(self.group[rows], part[rows], self.count) for part in (self.information, self.pull))
         return number, information, pull
 
     def elsewhere(self, rows: Ints) -> tuple[Floats, Floats]:
@@ -197,7 +192,7 @@ def _leave_out(groups: _Groups, step: Ints, reason: Ints, mine: Ints, theirs: In
         if not failed.any():
             break
         rows = active[failed]
-        worst = rows[first_of(groups.group[rows], -worse[failed])]
+        worst = rows[least_of_groups(groups.group[rows], -worse[failed])]
         why_of = np.full(len(reason), SURE)
         why_of[active] = why
         reason[worst] = why_of[worst]
@@ -211,10 +206,8 @@ def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
     places = groups.places
     where, _ = _positions(groups, step, reason, 1)
     rows = np.flatnonzero(reason == SURE)
-    low, high = np.searchsorted(step, places.step[rows]), np.searchsorted(step, places.step[rows], side="right")
-    count = high - low
-    row = np.repeat(rows, count)
-    other = np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(row))
+    which, other = rows_of_equal(places.step[rows], step)
+    row = rows[which]
     row, other = row[groups.group[row] != other], other[groups.group[row] != other]
     has_box = np.zeros((groups.count, len(places.centre)), dtype=np.bool_)
     known = np.flatnonzero(groups.group >= 0)
@@ -225,11 +218,11 @@ def _hidden(groups: _Groups, step: Ints, reason: Ints) -> NDArray[np.bool_]:
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.einsum("ni,ni->n", to_own, to_other) / reach
         across = np.sqrt(np.maximum((to_other**2).sum(axis=1) - depth**2, 0.0))
-        shaded_m = centre[:, 2] - (centre[:, 2] - BODY_M) * reach / depth
+        shaded_m = centre[:, 2] - (centre[:, 2] - PERSON_HEIGHT_M) * reach / depth
         # Of two on one line the farther one is hidden, and a box that is the only one there may hold both.
         two_boxes = has_box[other, places.camera[row]]
         before = (depth > 0) & (depth < np.where(two_boxes, reach + BEHIND_M, FAR_BEHIND * reach))
-        before &= (across < HALF_WIDTH_M * (1 + depth / reach)) & (shaded_m > COVERED * BODY_M)
+        before &= (across < HALF_WIDTH_M * (1 + depth / reach)) & (shaded_m > COVERED * PERSON_HEIGHT_M)
     hidden = np.zeros(len(places), dtype=np.bool_)
     hidden[row[before]] = True
     return hidden
@@ -270,11 +263,8 @@ def _elsewhere_somebody(groups: _Groups, step: Ints, active: Ints) -> tuple[Ints
     places = groups.places
     number, information, pull = groups.sums(active)
     seen = np.flatnonzero(number > 1)  # sorted by instant
-    low = np.searchsorted(step[seen], places.step[active])
-    high = np.searchsorted(step[seen], places.step[active], side="right")
-    count = high - low
-    row = np.repeat(np.arange(len(active)), count)
-    other = seen[np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(row))]
+    row, place = rows_of_equal(places.step[active], step[seen])
+    other = seen[place]
     foreign = groups.group[active[row]] != other
     row, other = row[foreign], other[foreign]
     # The other's box in the row's own camera is no further proof: it is taken out, which leaves those with two more.

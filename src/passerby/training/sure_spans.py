@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.association.sampling import first_of
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import UNKNOWN
+from passerby.geometry.groups import expanded_ranges, least_of_groups, rows_of_equal
 from passerby.people.ground_positions import Places
 from passerby.training.agreement import (
     AMBIGUOUS,
@@ -118,20 +118,16 @@ def _spans(step_s: float, agreed: GeometricAgreement) -> Ints:
 def _met_unseen(agreed: GeometricAgreement, first: Ints, second: Ints) -> NDArray[np.bool_]:
     """(K,) whether somebody else is near the straight way of a person from one sure instant to the next, unsure in between."""
     missing = agreed.step[second] - agreed.step[first] - 1
-    gap = np.repeat(np.arange(len(first)), missing)
+    gap, nth = expanded_ranges(np.ones_like(missing), missing)
     met = np.zeros(len(first), dtype=np.bool_)
     if not len(gap):
         return met
-    nth = np.arange(len(gap)) - np.repeat(np.cumsum(missing) - missing, missing) + 1
     share = (nth / (missing[gap] + 1))[:, None]
     way = (1 - share) * agreed.place[first[gap]] + share * agreed.place[second[gap]]
     at = agreed.step[first[gap]] + nth
     order = np.argsort(agreed.step, kind="stable")
-    step = agreed.step[order]
-    low, high = np.searchsorted(step, at), np.searchsorted(step, at, side="right")
-    count = high - low
-    k = np.repeat(np.arange(len(gap)), count)
-    other = order[np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(k))]
+    k, place = rows_of_equal(at, agreed.step[order])
+    other = order[place]
     with np.errstate(invalid="ignore"):
         near = np.linalg.norm(agreed.place[other] - way[k], axis=1) < NEAR_M
     near &= agreed.identity[other] != agreed.identity[first[gap[k]]]
@@ -166,7 +162,7 @@ def _without_passing(span: Ints, places: Places, agreed: GeometricAgreement) -> 
     alone = np.ones(len(span), dtype=np.bool_)
     alone[rows] = False
     span[alone] = -1
-    instants = first_of(agreed.group[rows], np.zeros(len(rows)))
+    instants = least_of_groups(agreed.group[rows], np.zeros(len(rows)))
     count = np.bincount(span[rows][instants], minlength=span.max(initial=-1) + 1)
     low, high = np.full(len(count), np.inf), np.full(len(count), -np.inf)
     np.minimum.at(low, span[rows], places.step[rows])

@@ -19,6 +19,8 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.core.findings import Finding, Severity
+from passerby.geometry.groups import group_sums
+from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.single_view import Level
 
 TOLERANCE = Tolerance(floor_m=0.08, along=0.04, across=0.008, foot_m=0.25)
@@ -224,10 +226,9 @@ def _slopes(walks: _Walks) -> tuple[Floats, Floats]:
         solved = np.linalg.solve(normal, np.einsum("gcik,gci->k", scaled, target, optimize=True))
         miss = target - rows @ solved
         square = (miss**2).sum(axis=2)
-        weight = np.asarray(1.0 / (1.0 + square / (3.0 * float(np.median(square[known])) + 1e-12)))
+        weight = cauchy_weights(square / (3.0 * float(np.median(square[known])) + 1e-12))
     score = np.einsum("gcik,gci->gk", scaled, miss, optimize=True)
-    summed = np.zeros((int(walks.cluster.max()) + 1, len(solved)))
-    np.add.at(summed, walks.cluster, score)
+    summed = group_sums(walks.cluster, score, int(walks.cluster.max()) + 1)
     inverse = np.linalg.inv(normal)
     slopes = np.arange(n) * _UNKNOWNS + 1
     covariance = (inverse @ (summed.T @ summed) @ inverse)[np.ix_(slopes, slopes)]

@@ -9,6 +9,7 @@ import numpy as np
 
 from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import expanded_ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +107,7 @@ def find_synchronous_pairs(tracks: TrackPair, lag: int, most_instants: int | Non
     low_b, high_b = (np.searchsorted(tracks.b.step, steps + lag, side=side) for side in ("left", "right"))
     n_a, n_b = high_a - low_a, high_b - low_b
     count = n_a * n_b
-    instant = np.repeat(np.arange(len(steps)), count)
-    within = np.arange(len(instant)) - np.repeat(np.cumsum(count) - count, count)
+    instant, within = expanded_ranges(np.zeros_like(count), count)
     return SynchronousPairs(
         tracks, lag, low_a[instant] + within // n_b[instant], low_b[instant] + within % n_b[instant], thinned
     )

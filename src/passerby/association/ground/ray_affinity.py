@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.association.sampling import STEP_S, first_of, interpolate_samples
+from passerby.association.sampling import STEP_S, interpolate_samples
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
+from passerby.geometry.groups import least_of_groups, rows_of_equal
 from passerby.people.upright_rays import Bodies
 
 MIDDLE_FLOOR_RAD = 0.002
@@ -98,7 +99,7 @@ def pairwise_ray_affinity(a: RayTracks, b: RayTracks, lag_s: float, person_heigh
         (K,) tracklets of camera a, (K,) of camera b, and (K,) the sum over their common samples of 1 (they meet) down to -1.
     """
     lag = round(lag_s / STEP_S)
-    i, j = _together(a.step, b.step - lag)
+    i, j = rows_of_equal(a.step, b.step - lag)
     if not len(i):
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
     ray_b = b.ray[j] + b.rate[j] * (lag_s - lag * STEP_S)
@@ -110,14 +111,6 @@ def pairwise_ray_affinity(a: RayTracks, b: RayTracks, lag_s: float, person_heigh
     n_b = int(b.tracklet.max()) + 1
     pair, which = np.unique(a.tracklet[i] * n_b + b.tracklet[j], return_inverse=True)
     return pair // n_b, pair % n_b, np.asarray(np.bincount(which.ravel(), value, len(pair)), dtype=np.float64)
-
-
-def _together(step_a: Ints, step_b: Ints) -> tuple[Ints, Ints]:
-    """Rows of both (sorted) columns with equal values, every combination."""
-    low, high = np.searchsorted(step_b, step_a), np.searchsorted(step_b, step_a, side="right")
-    count = high - low
-    i = np.repeat(np.arange(len(step_a)), count)
-    return i, np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(i))
 
 
 def _cost(residuals: Floats) -> Floats:
@@ -133,7 +126,7 @@ def _learnt(residuals: Floats, i: Ints, j: Ints, spread: Spread) -> Spread:
     """The spread of samples that are each other's nearest."""
     cost = _cost(residuals)
     near = np.flatnonzero(cost < 4 * AGAINST)
-    mutual = near[np.intersect1d(first_of(i[near], cost[near]), first_of(j[near], cost[near]))]
+    mutual = near[np.intersect1d(least_of_groups(i[near], cost[near]), least_of_groups(j[near], cost[near]))]
     if len(mutual) < NEAREST:
         return spread
     # Median absolute deviations as sigmas of a normal distribution.

@@ -24,8 +24,9 @@ from passerby.association.ground.pair_matching import (
     fit_motion,
     match_tracklets,
 )
-from passerby.association.sampling import STEP_S, first_of
+from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import least_of_groups
 
 _CANDIDATES = 6
 # Instants and encounters that the refinement looks at; more would only say the same again. They come in stretches of ten
@@ -224,7 +225,7 @@ def _usual_miss(met: SynchronousPairs, value: Floats) -> float:
         value: (N,) their agreement at the widest tolerance.
     """
     near = np.flatnonzero(value > -1.0)
-    mutual = near[np.intersect1d(first_of(met.a[near], -value[near]), first_of(met.b[near], -value[near]))]
+    mutual = near[np.intersect1d(least_of_groups(met.a[near], -value[near]), least_of_groups(met.b[near], -value[near]))]
     if len(mutual) < _MIN_NEAREST:
         return 0.0
     return float(np.median(_WIDEST * np.sqrt(1.0 - value[mutual])))

@@ -23,7 +23,7 @@ from passerby.geometry.two_view import epipolar_errors, essential_matrix, judge_
 
 TOLERANCE = 0.04
 """Largest epipolar error of a joint that agrees, as a share of the body's size in the picture."""
-MIN_SAMPLES, MIN_JOINTS = 20, 40
+MIN_SAMPLES, MIN_RAYS = 20, 40
 """Fewer common samples (a twentieth of a second each) show too little movement; fewer common joints, no shape."""
 MOST_TRACKLETS = 10
 """Of each camera, those seen longest are tried."""
@@ -177,7 +177,7 @@ def _common(
 def _fitted(common: _Common, rng: np.random.Generator, *, rounds: int) -> tuple[Floats, Floats, float] | None:
     """The relative pose of simultaneous joints and its score, the share of them that agree."""
     rays_a, rays_b = common.rays_a[common.both], common.rays_b[common.both]
-    if len(rays_a) < MIN_JOINTS:
+    if len(rays_a) < MIN_RAYS:
         return None
     try:
         view = relative_pose(

@@ -8,13 +8,13 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Lens
-from passerby.core.observations import UNKNOWN, Clock, Keypoints
+from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Clock, Keypoints
 from passerby.core.synchronisation import MAX_GAP_S
+from passerby.geometry.groups import expanded_ranges
 
 GRID_S = 0.05
 """A recording of a second or two is to give some dozens of samples; more from one movement say little new."""
-MIN_JOINT_SCORE = 0.3
-MIN_JOINTS = 6
+MIN_TRACKED_JOINTS = 6
 """Fewer joints of a person at one time say little of the pose, and are wrong together more often."""
 
 
@@ -54,7 +54,7 @@ def joint_tracks(keypoints: Keypoints, lens: Lens, clock: Clock) -> JointTracks:
         clock: from frames to seconds.
     """
     found = keypoints.score > MIN_JOINT_SCORE
-    known = np.flatnonzero((keypoints.identity > UNKNOWN) & (found.sum(axis=1) >= MIN_JOINTS))
+    known = np.flatnonzero((keypoints.identity > UNKNOWN) & (found.sum(axis=1) >= MIN_TRACKED_JOINTS))
     seconds = clock.seconds(keypoints.frame[known])
     order = np.lexsort((seconds, keypoints.identity[known]))
     known, at = known[order], seconds[order] / GRID_S
@@ -69,7 +69,7 @@ def joint_tracks(keypoints: Keypoints, lens: Lens, clock: Clock) -> JointTracks:
     y = xy[..., 1]
     low = np.where(seen, y, -np.inf).max(axis=1, initial=-np.inf)
     high = np.where(seen, y, np.inf).min(axis=1, initial=np.inf)
-    whole = np.flatnonzero((seen.sum(axis=1) >= MIN_JOINTS) & (low > high))
+    whole = np.flatnonzero((seen.sum(axis=1) >= MIN_TRACKED_JOINTS) & (low > high))
     size = (low[whole] - high[whole]) / lens.focal
     tracklet = keypoints.identity[known[before]]
     return JointTracks(tracklet[whole], step[whole], rays[whole], seen[whole], size, keypoints.joints)
@@ -94,8 +94,7 @@ def _on_grid(tracklet: Ints, at: Floats) -> tuple[Ints, Floats, Ints]:
     # Each row answers for the grid times from its own to before the next row's, or for its own alone.
     last = np.where(joined, np.ceil(at + ahead).astype(np.int64) - 1, np.floor(at).astype(np.int64))
     count = np.maximum(last - first + 1, 0)
-    before = np.repeat(np.arange(len(at)), count)
-    step = first[before] + np.arange(len(before)) - np.repeat(np.cumsum(count) - count, count)
+    before, step = expanded_ranges(first, count)
     share = np.divide(step - at[before], ahead[before], out=np.zeros(len(before)), where=joined[before])
     # Two samples may fall on one grid time where a camera is faster than the grid: each time once.
     return before, share, step

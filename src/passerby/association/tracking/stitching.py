@@ -25,6 +25,7 @@ from passerby.association.tracking.splitting import sample_interval_s
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes
+from passerby.geometry.groups import expanded_ranges
 
 MEMORY_S = 2.0
 """How much of a tracklet tells place and velocity at its end: the filter forgets what is older."""
@@ -133,8 +134,8 @@ def _candidates(begin_s: Floats, end_s: Floats, max_gap_s: float) -> tuple[Ints,
     order = np.argsort(begin_s, kind="stable")
     low = np.searchsorted(begin_s[order], end_s, side="right")
     count = np.searchsorted(begin_s[order], end_s + max_gap_s * (1 + 1e-9), side="right") - low
-    before = np.repeat(np.arange(len(end_s)), count)
-    return before, order[np.repeat(low - np.cumsum(count) + count, count) + np.arange(len(before))]
+    before, place = expanded_ranges(low, count)
+    return before, order[place]
 
 
 def _last_states(boxes: Boxes, seconds: Floats) -> Tracks:

@@ -100,7 +100,7 @@ class _Standing:
 
 def _standing(camera: Camera, boxes: Boxes) -> _Standing:
     """Who stands upright on the ground, by one camera."""
-    rows = np.flatnonzero((boxes.identity > UNKNOWN) & _whole(camera, boxes))
+    rows = np.flatnonzero((boxes.identity > UNKNOWN) & boxes.inside(camera.lens.size))
     rows = rows[:: max(1, len(rows) // MOST_BOXES)]
     left, top, width, height = boxes.ltwh[rows].T
     middle = left + width / 2
@@ -112,13 +112,6 @@ def _standing(camera: Camera, boxes: Boxes) -> _Standing:
     usual = float(np.median(tall[sound])) if sound.any() else BODY_M
     sound &= (tall > UPRIGHT[0] * usual) & (tall < UPRIGHT[1] * usual)
     return _Standing(boxes.frame[rows][sound], places[0][sound], places[2][sound])
-
-
-def _whole(camera: Camera, boxes: Boxes) -> Bools:
-    """(N,) boxes that the picture's border does not cut."""
-    left, top, width, height = boxes.ltwh.T
-    across, down = camera.lens.size
-    return np.asarray((left > 2) & (top > 2) & (left + width < across - 2) & (top + height < down - 2))
 
 
 def _on_ground(camera: Camera, pixels: Floats) -> Floats:

@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.reprojection import pose_jacobian, project_near, retract_poses
+from passerby.geometry.groups import group_sums, least_of_groups, rows_of_equal
+from passerby.geometry.reprojection import pose_jacobian, project_near
+from passerby.geometry.robust import cut_cauchy_cost, cut_cauchy_weights
 from passerby.geometry.rotations import angle_between, log_rotation
 from passerby.people.body_centres import Middles, People
+from passerby.people.resection import BEYOND, LOSS, STEPS, PoseEquations, PoseFit, fit_pose, weak_prior
 
-LOSS, BEYOND = 3.0, 25.0
-"""Scale of the Cauchy loss in sigmas, and the square of the sigmas beyond which a sighting shows somebody else."""
+MOST_COST = float(cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
+"""Of a sighting that shows somebody else."""
 WINDOWS, WINDOW_ROWS, MOST_ROWS = 10, 24, 4000
 """Windows of time at most, sightings in each at least, and sightings of a camera at most: of more, even steps are taken."""
-CENTRE_SD_M, TURN_SD = 2.0, np.deg2rad(30.0)
-"""Cameras are seldom moved by more: it holds a pose that a window's people do not fix."""
-STEPS, ROUNDS = 8, 4
+ROUNDS = 4
 SIZE_SD = 0.25
 """By how much (as a logarithm) the size of a box may differ from that of a person of middling height where it is."""
 CLUSTER_S = 3.0
@@ -82,10 +83,7 @@ def matched(own: Middles, people: People, person_height_m: float, *, given: bool
     if count.sum() > MOST_ROWS:
         instants = instants[:: int(np.ceil(count.sum() / MOST_ROWS))]
     own = own.take(np.isin(own.instant, instants))
-    first = np.searchsorted(people.instant, own.instant)
-    count = np.searchsorted(people.instant, own.instant, side="right") - first
-    row = np.repeat(np.arange(len(own)), count)
-    person = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
+    row, person = rows_of_equal(own.instant, people.instant)
     if given:
         same = own.identity[row] == people.identity[person]
         row, person = row[same], person[same]
@@ -101,11 +99,6 @@ class _Fit:
     """(M,) robust square in sigmas, at most `BEYOND`'s."""
     pair: Ints
     """(M,) the pair of the person that fits best."""
-
-
-def _loss(square: Floats) -> Floats:
-    """Cauchy's loss of squares in sigmas, cut off: a sighting of somebody else says nothing more."""
-    return np.asarray(LOSS**2 * np.log1p(np.minimum(square, BEYOND) / LOSS**2))
 
 
 def _residuals(m: Matched, pose: Pose, pairs: Ints) -> tuple[Floats, Floats, Floats, Floats]:
@@ -131,57 +124,36 @@ def _residuals(m: Matched, pose: Pose, pairs: Ints) -> tuple[Floats, Floats, Flo
 def _fit(m: Matched, pose: Pose) -> _Fit:
     """The costs under a pose, each sighting given to the person who fits best."""
     square = _residuals(m, pose, np.arange(len(m.row)))[3]
-    order = np.lexsort((square, m.row))
-    first = order[np.unique(m.row[order], return_index=True)[1]]
-    return _Fit(_loss(square[first]), first)
+    first = least_of_groups(m.row, square)
+    return _Fit(cut_cauchy_cost(square[first], LOSS, BEYOND), first)
 
 
 @dataclass(frozen=True, eq=False)
-class _Resection:
-    """A pose fitted to R sightings; unknowns are a rotation vector in the camera's frame, then the centre."""
+class _Seen(PoseEquations):
+    """What R sightings ask of a pose."""
 
-    pose: Pose
-    H: Floats
-    """(6, 6) information."""
     pairs: Ints
     """(R,)"""
-    score: Floats
-    """(R, 6) gradient of each sighting's cost,"""
-    information: Floats
-    """(R, 6, 6) and its information."""
     by_pose: Floats
     """(R, 2, 6) pixels by the unknowns."""
 
 
-def _resected(m: Matched, rows: NDArray[np.bool_], start: Pose, *, wide: float = 1.0, steps: int = STEPS) -> _Resection:
-    """A pose fitted to some of the sightings: Gauss-Newton with a Cauchy loss, from `wide` times its scale down to once."""
-    prior = np.diag(np.repeat([1 / TURN_SD**2, 1 / CENTRE_SD_M**2], 3))
-    pose = start
-    for step in range(steps + 1):
-        scale = LOSS * max(1.0, wide / 2.0**step)
+def _resected(m: Matched, rows: NDArray[np.bool_], start: Pose, *, widening: float = 1.0, steps: int = STEPS) -> PoseFit[_Seen]:
+    """A pose fitted to some of the sightings, each of the person who fits best by then."""
+
+    def equations_at(pose: Pose, wide: float) -> _Seen:
         pairs = _fit(m, pose).pair[rows]
         residual, information, by_pose, square = _residuals(m, pose, pairs)
-        weight = 1.0 / (1.0 + square / scale**2)
-        weight[square > BEYOND * (scale / LOSS) ** 2] = 0.0
+        weight = cut_cauchy_weights(square, LOSS * wide, BEYOND * wide**2)
         weighed = weight[:, None, None] * (by_pose.transpose(0, 2, 1) @ information)
-        score = (weighed @ residual[:, :, None])[:, :, 0]
-        informs = weighed @ by_pose
-        H = prior + informs.sum(axis=0)
-        last = _Resection(pose, H, pairs, score, informs, by_pose)
-        if step == steps:
-            break
-        away = np.concatenate([log_rotation(pose.R_cw @ start.R_cw.T), pose.centre - start.centre])
-        delta = -np.linalg.solve(H, score.sum(axis=0) + prior @ away)
-        if scale == LOSS and np.abs(delta).max() < 1e-5:
-            break
-        R, centre = retract_poses(pose.R_cw[None], pose.centre[None], delta[None])
-        pose = Pose.from_centre(R[0], centre[0])
-    return last
+        return _Seen((weighed @ residual[:, :, None])[:, :, 0], weighed @ by_pose, pairs, by_pose)
+
+    return fit_pose(start, equations_at, widening=widening, steps=steps)
 
 
 def resected(m: Matched, start: Pose) -> Pose:
     """The pose that a camera's sightings fit, near `start`."""
-    return _resected(m, np.ones(len(m), dtype=bool), start, wide=4.0).pose
+    return _resected(m, np.ones(len(m), dtype=bool), start, widening=4.0).pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +249,7 @@ def find_change(m: Matched, pose: Pose, per_second: float = 5.0, *, screened: bo
         stretch, pair, fits, costs = ~stretch, pair[::-1], fits[::-1], costs[::-1]
         at_start, at_end = bool(stretch[0]), bool(stretch[-1])
     inside = m.own.instant[stretch]
-    agreeing = costs < _loss(np.array(BEYOND)) - 1e-9
+    agreeing = costs < MOST_COST - 1e-9
     return Change(
         int(inside.min()), int(inside.max()), at_start, at_end, pair[0], pair[1], 0.5 * (float(single) - two),
         _sigmas(m, fits, per_second), _shift(m, pair),
@@ -286,25 +258,22 @@ def find_change(m: Matched, pose: Pose, per_second: float = 5.0, *, screened: bo
     )  # fmt: skip
 
 
-def _suspicious(m: Matched, whole: _Resection, window: Ints) -> bool:
+def _suspicious(m: Matched, whole: PoseFit[_Seen], window: Ints) -> bool:
     """Whether windows of time would like another pose each, or hold many sightings that no pose explains.
 
     One Gauss-Newton step before and after each end of a window, from the sums of all that is needed.
     """
     n = int(window.max()) + 1
-    astray = _fit(m, whole.pose).cost >= _loss(np.array(BEYOND)) - 1e-9
+    astray = _fit(m, whole.pose).cost >= MOST_COST - 1e-9
     share = np.bincount(window, astray, n) / np.maximum(np.bincount(window, minlength=n), 1)
     if np.ptp(share) > ASTRAY:
         return True
-    H = np.zeros((n, 6, 6))
-    np.add.at(H, window, whole.information)
-    g = np.zeros((n, 6))
-    np.add.at(g, window, whole.score)
-    prior = np.diag(np.repeat([1 / TURN_SD**2, 1 / CENTRE_SD_M**2], 3))
+    H, g = group_sums(window, whole.equations.information, n), group_sums(window, whole.equations.gradient, n)
+    prior = weak_prior()
     H, g = H.cumsum(axis=0), g.cumsum(axis=0)
     before = -np.linalg.solve(H[:-1] + prior, g[:-1, :, None])[:, :, 0]
     after = -np.linalg.solve(H[-1] - H[:-1] + prior, (g[-1] - g[:-1])[:, :, None])[:, :, 0]
-    moved = np.abs(np.einsum("kij,wj->wki", whole.by_pose, after - before))
+    moved = np.abs(np.einsum("kij,wj->wki", whole.equations.by_pose, after - before))
     shift = np.median(np.linalg.norm(moved, axis=2) / m.own.extent_px, axis=1)
     return bool(shift.max() > 0.7 * LEAST_SHIFT)
 
@@ -319,7 +288,7 @@ def _window_poses(m: Matched, rows: NDArray[np.bool_], poses: list[Pose]) -> lis
     best = poses[int(costs.argmin())]
     found = [_resected(part, every, best).pose]
     if part.given:
-        found.append(_resected(part, every, poses[0], wide=64.0).pose)
+        found.append(_resected(part, every, poses[0], widening=64.0).pose)
     elif costs.min() > POORLY:
         found += _searched(part, poses[0])
     return found
@@ -347,7 +316,7 @@ def _searched(part: Matched, start: Pose) -> list[Pose]:
         pose = Pose.from_centre(turn, start.centre)
         tried.append((float(_fit(part, pose).cost.mean()), int(k), pose))
     tried.sort(key=lambda one: one[:2])
-    return [_resected(part, every, pose, wide=4.0).pose for _, _, pose in tried[:3]]
+    return [_resected(part, every, pose, widening=4.0).pose for _, _, pose in tried[:3]]
 
 
 def _best_stretch(costs: Floats, *, swap: bool = True) -> tuple[int, int, NDArray[np.bool_]]:
@@ -380,17 +349,16 @@ def _best_stretch(costs: Floats, *, swap: bool = True) -> tuple[int, int, NDArra
     return a, b, stretch
 
 
-def _sigmas(m: Matched, fits: tuple[_Resection, _Resection], per_second: float) -> float:
+def _sigmas(m: Matched, fits: tuple[PoseFit[_Seen], PoseFit[_Seen]], per_second: float) -> float:
     """How far two poses are apart, in sigmas by the scatter of clusters of sightings (sandwich)."""
     length = max(1, round(CLUSTER_S * per_second))
     total = np.zeros((6, 6))
     for fit in fits:
-        person, instant = m.people.identity[m.person[fit.pairs]], m.own.instant[m.row[fit.pairs]]
+        person, instant = m.people.identity[m.person[fit.equations.pairs]], m.own.instant[m.row[fit.equations.pairs]]
         _, cluster = np.unique(np.column_stack([person, instant // length]), axis=0, return_inverse=True)
         n = int(cluster.max()) + 1
-        summed = np.zeros((n, 6))
-        np.add.at(summed, cluster.ravel(), fit.score)
-        inverse = np.linalg.inv(fit.H)
+        summed = group_sums(cluster.ravel(), fit.equations.gradient, n)
+        inverse = np.linalg.inv(fit.normal)
         total += inverse @ (summed.T @ summed * n / max(n - 6, 1)) @ inverse
     a, b = fits[0].pose, fits[1].pose
     apart = np.concatenate([log_rotation(b.R_cw @ a.R_cw.T), b.centre - a.centre])
@@ -407,8 +375,8 @@ def _borne_out(m: Matched, pair: tuple[Pose, Pose], costs: Floats, stretch: NDAr
         pairs = _fit(m, pair[own]).pair
         here, information = _residuals(m, pair[own], pairs)[:2]
         apart = _residuals(m, pair[other], pairs)[0] - here
-        expected = _loss(np.einsum("ki,kij,kj->k", apart, information, apart))
-        rows = rows & (costs.min(axis=0) < _loss(np.array(BEYOND)) - 1e-9)
+        expected = cut_cauchy_cost(np.einsum("ki,kij,kj->k", apart, information, apart), LOSS, BEYOND)
+        rows = rows & (costs.min(axis=0) < MOST_COST - 1e-9)
         out.append(float((costs[other] - costs[own])[rows].sum() / max(float(expected[rows].sum()), 1e-9)))
     return out[0], out[1]
 

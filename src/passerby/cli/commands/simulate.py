@@ -8,6 +8,7 @@ from typing import Annotated, TypeVar
 import typer
 
 from passerby.common.errors import InputError
+from passerby.core.scale_cues import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 
 Number = TypeVar("Number", int, float)
 
@@ -21,8 +22,8 @@ def simulate(
     seconds: Annotated[float, typer.Option(help="Length of the recording.")] = 40.0,
     fps: Annotated[float, typer.Option(help="Instants per second.")] = 5.0,
     camera_height_m: Annotated[float | None, typer.Option(help="Height of the cameras; the preset's.")] = None,
-    person_height_mean_m: Annotated[float, typer.Option(help="Mean standing height, shoes on.")] = 1.72,
-    person_height_sd_m: Annotated[float, typer.Option(help="Its standard deviation.")] = 0.09,
+    person_height_mean_m: Annotated[float, typer.Option(help="Mean standing height, shoes on.")] = PERSON_HEIGHT_M,
+    person_height_sd_m: Annotated[float, typer.Option(help="Its standard deviation.")] = PERSON_HEIGHT_SD_M,
     occlusion: Annotated[bool, typer.Option(help="People hide each other.")] = True,
     box_noise: Annotated[float, typer.Option(help="Sigma of each edge, as a fraction of the box height.")] = 0.0,
     corner_noise_px: Annotated[float, typer.Option(help="Uniform noise of the corners, plus or minus pixels.")] = 0.0,

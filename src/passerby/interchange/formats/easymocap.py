@@ -25,6 +25,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.geometry.rotations import log_rotation
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import RADTAN_5, express_lens
 from passerby.interchange.formats.losses import Losses
@@ -34,7 +35,6 @@ from passerby.interchange.formats.values import (
     matrix_data,
     numbers,
     padded,
-    rodrigues,
     rotation,
     table,
 )
@@ -68,7 +68,7 @@ def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
             f"W_{name}: {lens.size[0]}\n",
         ]
         extrinsics += [
-            _matrix_text(f"R_{name}", rodrigues(camera.pose.R_cw)[:, None]),
+            _matrix_text(f"R_{name}", log_rotation(camera.pose.R_cw)[:, None]),
             _matrix_text(f"Rot_{name}", camera.pose.R_cw),
             _matrix_text(f"T_{name}", camera.pose.t_cw[:, None]),
         ]

@@ -44,6 +44,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.scale_cues import PERSON_HEIGHT_M
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import PINHOLE, express_lens
 from passerby.interchange.formats.losses import Losses
@@ -64,8 +65,8 @@ CAMERAS, CALIBRATION = "camInfo", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")
 SKEWED = replace(PINHOLE, name="a pinhole with skew", skew=True)
 """A projection matrix holds it; a lens that has none is not given one to come nearer."""
-PERSON_HEIGHT_M, PERSON_RADIUS_M = 1.72, 0.3
-"""Of the cylinder that MV3DT takes for a person: the mean height that Passerby counts with, the radius of NVIDIA's files."""
+PERSON_RADIUS_M = 0.3
+"""Of the cylinder that MV3DT takes for a person, as in NVIDIA's files; its height is the mean that Passerby counts with."""
 GROUND_POINTS = (0.125, 0.375, 0.625, 0.875)
 """Shares of width and height: where pixels are given together with their points on the ground."""
 FARTHEST_GROUND_M = 60.0

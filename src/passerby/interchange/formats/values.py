@@ -7,7 +7,6 @@ from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 
@@ -101,11 +100,6 @@ def rotation(place: str, matrix: Floats) -> Floats:
     if np.abs(stretch - 1).max() > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0:
         raise InputError(f"{place}: {shortened(matrix.tolist())} is no rotation: orthonormal axes, right-handed, are needed")
     return np.asarray(u @ vt)
-
-
-def rodrigues(R: Floats) -> Floats:
-    """(3,) rotation vector, radians, of a rotation matrix."""
-    return np.asarray(cv2.Rodrigues(np.array(R))[0], dtype=np.float64).ravel()
 
 
 def rigid(place: str, matrix: Floats, metres: float) -> Pose:

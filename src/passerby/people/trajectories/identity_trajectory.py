@@ -8,10 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.people.bodies import STANCE_SD, Rays, measure, stand, stand_alone
+from passerby.geometry.groups import group_sums
+from passerby.geometry.robust import cauchy_weights
+from passerby.people.bodies import STANCE_SD, measure, stand, stand_alone
 from passerby.people.standing import MIN_INSTANTS, standing_share
 from passerby.people.trajectories.smoothing import smooth
 from passerby.people.trajectories.voting import FITS, apart2, vote
+from passerby.people.upright_body import Rays
 
 ROUNDS = 3
 """Of solving, smoothing and judging the boxes again; the choice of boxes rests after two."""
@@ -155,13 +158,13 @@ def _judged(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> _W
     with np.errstate(invalid="ignore"):
         off2 = apart2(walk.alone - here[seen.instant], walk.alone_covariance * spread + here_covariance[seen.instant])
         missed2 = apart2(state.body[:, :2] - here, state.covariance)
-    trust = np.where(np.isfinite(missed2), 1 / (1 + missed2 / FITS), 1.0)
+    trust = np.where(np.isfinite(missed2), cauchy_weights(missed2 / FITS), 1.0)
     return replace(walk, accepted=off2 < FITS, trust=trust)
 
 
 def _mean_bodies(seen: Seen, alone: Floats, accepted: Bools) -> Floats:
     """(T, 3) mean of what the accepted boxes say one by one."""
-    total = _sums(seen.instant[accepted], alone[accepted], len(seen.seconds))
+    total = group_sums(seen.instant[accepted], alone[accepted], len(seen.seconds))
     count = np.bincount(seen.instant[accepted], minlength=len(seen.seconds))
     return np.asarray(total / np.maximum(count, 1)[:, None])
 
@@ -176,8 +179,8 @@ def _solve(seen: Seen, accepted: Bools, state: _State, foot_shift: float, person
     for _ in range(2):
         found = measure(rays, body[instant], foot_shift * height)
         weight = state.spread[rows] ** -2
-        information = _sums(instant, (found.information * weight[:, None, None]).reshape(-1, 9), n).reshape(-1, 3, 3)
-        pull = _sums(instant, found.pull * weight[:, None], n)
+        information = group_sums(instant, found.information * weight[:, None, None], n)
+        pull = group_sums(instant, found.pull * weight[:, None], n)
         top = stand(information, pull, np.full(n, height), np.full(n, FREE_SD))[0][:, 2]
         height = _height(top[count > 1], person_height_m)
         sd = STANCE_SD * height
@@ -277,8 +280,3 @@ def _result(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> Wa
     bent = BENT_SD * np.clip((1 - top / state.height) / BENT, 0.0, 1.0)
     sigma = np.sqrt(variance + LASTING**2 * lasting + 2 * (MODEL_SD**2 + bent**2))
     return Way(xy, top / 2, sigma, count, part, row, walk.accepted, miss)
-
-
-def _sums(group: Ints, values: Floats, n: int) -> Floats:
-    """(n, K) sums of the rows (M, K) of each group."""
-    return np.stack([np.bincount(group, values[:, k], minlength=n) for k in range(values.shape[1])], axis=1)

@@ -14,11 +14,13 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Clock, Observations
+from passerby.core.scale_cues import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps, resample_to_common_steps
 from passerby.core.trajectories import Trajectories
-from passerby.people.bodies import Rays, rays_of
+from passerby.people.model import Priors
 from passerby.people.trajectories.identity_trajectory import Seen, follow
 from passerby.people.trajectories.pairwise import pairwise_points
+from passerby.people.upright_body import Rays, rays_of
 
 Method = Literal["smoothed", "pairwise"]
 _Own = Sequence[tuple[Ints, Floats]]
@@ -40,9 +42,9 @@ class TrackOptions:
     max_gap_s: float = 2.0
     """So long an instant without an agreeing box is bridged and marked; after longer ones a new part begins. A person who walks
     steadily strays 0.7 m from a straight line in the middle of it."""
-    person_height_m: float = 1.72
+    person_height_m: float = PERSON_HEIGHT_M
     """Typical standing height, in the rig's metres."""
-    foot_shift: float = 0.08
+    foot_shift: float = Priors().foot_shift
     """How much nearer to the camera the lowest visible point of a body is than its axis, as a share of its height."""
     min_instants: int = 3
     """Instants with a box below which a part is left out: so few tell of no way."""

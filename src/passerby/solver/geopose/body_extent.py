@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.findings import Finding, doubt, refusal
-from passerby.core.observations import Observations
+from passerby.core.observations import MIN_JOINT_SCORE, Observations
 from passerby.core.refusals import RefusalError
+from passerby.geometry.groups import group_sums, least_of_groups
+from passerby.geometry.robust import cauchy_weights, residual_scale
 from passerby.geometry.rotations import direction_angle, rotation_between
 from passerby.geometry.similarity import Similarity
 from passerby.geometry.triangulation import angular_residuals, depths, in_camera_frames, triangulate
 from passerby.people.segments import EXTREME_FRACTIONS, HEAD, MIN_ORDER_CORRELATION, SHOULDERS, nominal_heights
-from passerby.solver.geopose.correspondences import BOTTOM, MIN_JOINT_SCORE, TOP, ImagePoints, box_points, joint_points
+from passerby.solver.geopose.correspondences import BOTTOM, TOP, ImagePoints, box_points, joint_points
 
 # A segment's ends must fit all their rays to within so many of their sigmas: worse ones are swapped or half hidden people.
 MAX_RESIDUAL_SIGMAS = 4.0
@@ -192,8 +194,8 @@ def vertical(segments: Segments) -> Floats:
     plane = np.array([0.0, 0.0, np.median(feet[:, 2])])
     for _ in range(20):
         miss = feet[:, 2] - design @ plane
-        scale = max(1.4826 * float(np.median(np.abs(miss))), 0.02)
-        weight = 1.0 / (1.0 + (miss / (2 * scale)) ** 2) / (INSTANTS_PER_STEP * scale**2)
+        scale = residual_scale(miss, 0.02)
+        weight = cauchy_weights((miss / (2 * scale)) ** 2) / (INSTANTS_PER_STEP * scale**2)
         plane = np.linalg.solve(design.T @ (weight[:, None] * design) + prior, design.T @ (weight * feet[:, 2]))
     normal = turn.T @ np.array([-plane[0], -plane[1], 1.0])
     return np.asarray(normal / np.linalg.norm(normal))
@@ -288,9 +290,7 @@ def _nan_extremes(values: Floats) -> tuple[Floats, Floats]:
 
 def _ray_spread(label: Ints, directions: Floats, count: int) -> Floats:
     """(N,) twice the angle of the ray farthest from the mean ray: for two rays the angle between them."""
-    mean: Floats = np.zeros((count, 3))
-    np.add.at(mean, label, directions)
-    angle = direction_angle(directions, mean[label])
+    angle = direction_angle(directions, group_sums(label, directions, count)[label])
     spread = np.zeros(count)
     np.maximum.at(spread, label, angle)
     return 2 * spread
@@ -300,13 +300,12 @@ def _pair_ends(key: Ints, ends: Floats, top: NDArray[np.bool_], bottom: NDArray[
     """Join the mean upper end of each identity and frame with the lower end farthest from it: of two feet, the one stood on."""
     instant, number = np.unique(key[:, :2], axis=0, return_inverse=True)
     number = number.reshape(-1)
-    upper = np.zeros((len(instant), 3))
-    np.add.at(upper, number[top], ends[top])
+    upper = group_sums(number[top], ends[top], len(instant))
     count = np.bincount(number[top], minlength=len(instant))
     with np.errstate(invalid="ignore", divide="ignore"):
         upper /= count[:, None]
     lower = np.flatnonzero(bottom & (count[number] > 0))
     length = np.linalg.norm(ends[lower] - upper[number[lower]], axis=1)
-    order = lower[np.lexsort((-length, number[lower]))]
-    both, first = np.unique(number[order], return_index=True)
-    return Segments(instant[both, 0], upper[both], ends[order[first]])
+    longest = lower[least_of_groups(number[lower], -length)]
+    both = number[longest]
+    return Segments(instant[both, 0], upper[both], ends[longest])

@@ -16,17 +16,11 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens, Rig
-from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Observations
+from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, Keypoints, Observations
 from passerby.geometry.reprojection import PointObservations
 
 CENTRE, TOP, BOTTOM = -1, -2, -3
 """Parts of a box; parts from 0 are joints, by number."""
-
-BORDER_PX = 2.0
-"""A box this near the picture's border is cut off there: neither its centre nor its edges mean the body's."""
-
-MIN_JOINT_SCORE = 0.3
-"""Joints below this confidence are left out, as Pose2Sim and Anipose do by default."""
 
 # Standard deviations: pixels, and share of the person's height in the picture. A box's slack moves its edges apart and cancels
 # in the centre, which is therefore the better known; joints wander by about a hundredth of the body.
@@ -167,11 +161,8 @@ def numbered_points(rig: Rig, sightings: Mapping[str, tuple[Ints, Floats]], sigm
 
 
 def whole_boxes(boxes: Boxes, lens: Lens) -> NDArray[np.bool_]:
-    """(N,) which boxes have an identity and lie inside the picture, more than `BORDER_PX` from its border."""
-    left, top, width, height = boxes.ltwh.T
-    inside = (left > BORDER_PX) & (top > BORDER_PX)
-    inside &= (left + width < lens.size[0] - BORDER_PX) & (top + height < lens.size[1] - BORDER_PX)
-    return np.asarray(inside & (boxes.identity != UNKNOWN))
+    """(N,) which boxes have an identity and lie inside the picture."""
+    return np.asarray(boxes.inside(lens.size) & (boxes.identity != UNKNOWN))
 
 
 def match_pair(points: ImagePoints, label: Ints, camera_a: int, camera_b: int) -> tuple[Ints, Ints]:

@@ -21,6 +21,7 @@ from passerby.core.findings import Finding, doubt
 from passerby.core.refusals import RefusalError, findings_of
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution, Verdict
+from passerby.geometry.groups import group_sums
 from passerby.geometry.similarity import Similarity
 from passerby.solver.geopose.correspondences import ImagePoints, point_observations
 from passerby.solver.geopose.known_lengths import measured_lengths
@@ -190,7 +191,7 @@ def merge_points(pairs: list[PairGeometry], count: int) -> tuple[Floats, float]:
     points = np.concatenate([pair.points for pair in pairs])
     times = np.bincount(label, minlength=count)
     with np.errstate(invalid="ignore"):
-        merged = np.stack([np.bincount(label, points[:, k], count) for k in range(3)], axis=1) / times[:, None]
+        merged = group_sums(label, points, count) / times[:, None]
     several = times[label] > 1
     if not several.any():
         return merged, 0.0
@@ -254,13 +255,10 @@ def _placed_rig(rig: Rig, reference: int, pairs: list[PairGeometry], covariances
     turn[:3, :3] = world.rotation
     solved: dict[int, Camera] = {}
     for index, (camera, pose) in enumerate([(reference, IDENTITY), *((pair.camera, pair.pose) for pair in pairs)]):
-        covariance = turn @ covariances[index] @ turn.T
-        position = float(np.sqrt(np.trace(covariance[:3, :3])))
-        orientation = float(np.degrees(np.sqrt(np.trace(covariance[3:, 3:]))))
         solved[camera] = replace(
             rig.cameras[camera],
             pose=pose.moved(world.rotation, world.translation),
-            sigma=PoseSigma(position, orientation, covariance),
+            sigma=PoseSigma.from_covariance(turn @ covariances[index] @ turn.T),
         )
     return Rig(tuple(solved.get(i, replace(camera, pose=None, sigma=None)) for i, camera in enumerate(rig)))
 

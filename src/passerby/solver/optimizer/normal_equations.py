@@ -10,6 +10,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import group_sums
+from passerby.geometry.robust import cauchy_weights
 
 _TINY = 1e-12
 
@@ -28,7 +30,7 @@ class Cauchy:
 
     def weight(self, squared: Floats) -> Floats:
         """IRLS weights (M,) of squared norms (M,)."""
-        return np.asarray(1.0 / (1.0 + squared / self.scale**2))
+        return np.asarray(cauchy_weights(squared / self.scale**2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +216,7 @@ class NormalEquations:
                 if j > i:
                     V[:, j, i] += entry
         if J_p is not None:
-            self._w[term.family] += _sum_rows(term.block, (J_bt @ J_p[:, :, None])[:, :, 0], n)
+            self._w[term.family] += group_sums(term.block, (J_bt @ J_p[:, :, None])[:, :, 0], n)
         if J_c is not None and term.camera is not None:
             C = np.ascontiguousarray(J_c.transpose(1, 2, 0))
             place = term.block * self.layout.n_cameras + term.camera
@@ -225,7 +227,7 @@ class NormalEquations:
             self._W[term.family][place] += cells.reshape(len(place), -1)
         if J_g is not None:
             g = J_g.shape[2]
-            self._W_globals[term.family] += _sum_rows(term.block, (J_bt @ J_g).reshape(-1, d * g), n).reshape(n, d, g)
+            self._W_globals[term.family] += group_sums(term.block, (J_bt @ J_g).reshape(-1, d * g), n).reshape(n, d, g)
 
     def reduce(self, damping: float = 0.0) -> Reduced:
         """Eliminate blocks and groups; `damping` adds that share of each diagonal (Marquardt)."""
@@ -247,7 +249,7 @@ class NormalEquations:
             if normal.group is not None:
                 y = (inverse_root @ normal.w[:, :, None])[:, :, 0]
                 n_groups = len(G)
-                cross -= _sum_rows(normal.group, (y[:, None, :] @ Y)[:, 0], n_groups).T
+                cross -= group_sums(normal.group, (y[:, None, :] @ Y)[:, 0], n_groups).T
                 G -= np.bincount(normal.group, np.einsum("nd,nd->n", y, y), n_groups)
                 group_gradient -= np.bincount(normal.group, np.einsum("nd,nd->n", y, z), n_groups)
             eliminated.append((inverse_root, Y, y, z, normal.group))
@@ -284,11 +286,3 @@ class Reduced:
                 right = right + y * groups[group][:, None]
             blocks.append(-(inverse_root.transpose(0, 2, 1) @ right[:, :, None])[:, :, 0])
         return Step(shared, groups, tuple(blocks))
-
-
-def _sum_rows(index: Ints, rows: Floats, count: int) -> Floats:
-    """(count, n): the sums of the rows (M, n) of each index."""
-    out = np.empty((count, rows.shape[1]))
-    for column in range(rows.shape[1]):
-        out[:, column] = np.bincount(index, rows[:, column], count)
-    return out

@@ -1,0 +1,67 @@
+"""Rows in groups: sums, medians, the first of each, and joins of sorted columns. Arrays in, arrays out, no loop over groups."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+
+
+def group_sums(group: Ints, values: NDArray[Any], n_groups: int) -> Floats:
+    """(G, ...) sums of the rows of `values` (N, ...) by `group` (N,), added up in the rows' order; 0 where there are none."""
+    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
+    total = np.empty((n_groups, flat.shape[1]))
+    for column in range(flat.shape[1]):
+        total[:, column] = np.bincount(group, flat[:, column], n_groups)
+    return total.reshape(n_groups, *values.shape[1:])
+
+
+def group_medians(group: Ints, values: Floats, n_groups: int) -> Floats:
+    """(G,) medians (the mean of the two in the middle) of `values` (N,) by `group` (N,); every group has a value."""
+    order = np.lexsort((values, group))
+    count = np.bincount(group, minlength=n_groups)
+    first = np.cumsum(count) - count
+    return np.asarray((values[order[first + (count - 1) // 2]] + values[order[first + count // 2]]) / 2)
+
+
+def group_numbers(*columns: Ints) -> Ints:
+    """(N,) number of each row's group of equal rows, counted in the order of the columns (N,), the first before the second.
+
+    `np.unique` of rows takes twenty times as long.
+    """
+    order = np.lexsort(columns[::-1])
+    new = np.zeros(len(order), bool)
+    for column in columns:
+        new[1:] |= np.diff(column[order]) != 0
+    number = np.empty(len(order), np.int64)
+    number[order] = np.cumsum(new)
+    return number
+
+
+def least_of_groups(key: Ints, cost: NDArray[Any]) -> Ints:
+    """(G,) for each key, ascending, the row of its smallest cost; of equal costs the first row."""
+    order = np.lexsort((cost, key))
+    return np.asarray(order[np.unique(key[order], return_index=True)[1]])
+
+
+def expanded_ranges(first: Ints, count: Ints) -> tuple[Ints, Ints]:
+    """All whole numbers of the ranges [first, first + count), both (N,), one range after the other.
+
+    Returns:
+        (M,) which range each number is of; (M,) the numbers.
+    """
+    owner = np.repeat(np.arange(len(count)), count)
+    return owner, np.repeat(first - np.cumsum(count) + count, count) + np.arange(len(owner))
+
+
+def rows_of_equal(wanted: NDArray[Any], ascending: NDArray[Any]) -> tuple[Ints, Ints]:
+    """The join of two columns: for each value wanted (N,), in order, the rows of an ascending column (K,) that equal it.
+
+    Returns:
+        (M,) rows of `wanted`; (M,) rows of `ascending`.
+    """
+    first = np.searchsorted(ascending, wanted)
+    return expanded_ranges(first, np.searchsorted(ascending, wanted, side="right") - first)
