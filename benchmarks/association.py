@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -143,8 +142,7 @@ def _groups(scratch: Path, seeds: range) -> str:
         cameras = run.report.get("cameras", [])
         in_rig = [camera["name"] for camera in cameras if camera["registered"]]
         others = [camera["name"] for camera in cameras[GROUPS[0] :]]
-        named = re.compile(rf"(?<!, ){'(?:,| and) '.join(map(re.escape, others))}\b(?!,)")
-        told = bool(others) and any(named.search(reason) for reason in run.report["reasons"])
+        told = bool(others) and any(one["cameras"] == others for one in run.report["diagnostics"])
         right = in_rig == [camera["name"] for camera in cameras[: GROUPS[0]]] and told and run.status == DOUBTFUL
         error = (run.errors or {}).get("similarity", {}).get("mean_position_mm")
         rows.append([str(seed), ", ".join(in_rig), f"{number(error)} mm", yes(told), str(run.status), yes(right)])

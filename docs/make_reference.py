@@ -1,4 +1,4 @@
-"""Writes `docs/reference/*.md` from the code: every key of the scene file, every option of the commands, all codes of findings.
+"""Writes `docs/reference/*.md` from the code: keys of the scene file, options of the commands and codes of findings.
 
     python docs/make_reference.py
 
@@ -37,6 +37,8 @@ from passerby.scene import tables as scene_tables
 
 FOLDER = Path(__file__).resolve().parent / "reference"
 WRITTEN = "<!-- Written by docs/make_reference.py from the code: change it there. -->"
+ABOUT_FINDINGS = """What speaks against a calibration, or is odd about its input, stands in `calibration.json` under
+[`diagnostics`](../output.md#diagnostics) by these codes; [troubleshooting](../troubleshooting.md) says what to do."""
 WORDS: dict[type, str] = {str: "text", float: "number", int: "whole number", bool: "true or false", Path: "path"}
 SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le", "to")}
 Row = Sequence[str]
@@ -347,11 +349,7 @@ def _help(parameter: Parameter) -> str:
 def findings_page() -> str:
     """Every code of a finding, with its severities and what it means."""
     rows = [(f"`{code}`", ", ".join(kind.severities), kind.meaning) for code, kind in KINDS.items()]
-    head = (
-        f"{WRITTEN}\n\n# Codes of findings\n\nWhat speaks against a calibration, or is odd about its input, stands in "
-        "`calibration.json` under\n[`diagnostics`](../output.md#diagnostics) by these codes; "
-        "[troubleshooting](../troubleshooting.md) says what to do.\n\n"
-    )
+    head = f"{WRITTEN}\n\n# Codes of findings\n\n{ABOUT_FINDINGS}\n\n"
     return head + table(("code", "severity", "meaning"), rows)
 
 

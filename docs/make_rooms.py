@@ -2,8 +2,8 @@
 
     python docs/make_rooms.py
 
-Layers are those of the contract in pyproject.toml, arrows and lines of code are counted in the source. The same source draws the
-same bytes.
+Layers are those of the contract in pyproject.toml; arrows and lines of code are counted in the source. The same source draws
+the same bytes.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ INK, PAPER, LINE = "#1f2430", "#eef3fb", "#8ea3c0"
 
 
 def main() -> None:
+    """Write the picture."""
     PICTURE.write_text(drawing(), encoding="utf-8")
     print(f"written: {PICTURE.relative_to(ROOT).as_posix()}")
 
@@ -87,7 +88,7 @@ def drawing() -> str:
     for room, (x, y, w) in boxes.items():
         parts += [
             f'<rect x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{HIGH}" rx="6" fill="{PAPER}" stroke="{INK}"/>',
-            f'<text x="{x + w / 2:.1f}" y="{y + 19:.1f}" text-anchor="middle" font-size="15" fill="{INK}">{escape(room)}</text>',
+            f'<text x="{x + w / 2:.1f}" y="{y + 19:.1f}" text-anchor="middle" font-size="15" fill="{INK}">{room}</text>',
             f'<text x="{x + w / 2:.1f}" y="{y + 35:.1f}" text-anchor="middle" font-size="11" fill="{INK}" '
             f'fill-opacity="0.7">{lines_of(room):,} lines</text>',
         ]

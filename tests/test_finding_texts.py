@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -43,27 +44,27 @@ def test_an_unknown_code_and_a_missing_value_are_errors() -> None:
     with pytest.raises(KeyError, match="eaten"):
         text_of(doubt("eaten"))
     with pytest.raises(KeyError, match="agreeing"):
-        text_of(doubt("few_sightings", "C1"))
+        text_of(doubt("few_observations", "C1"))
     with pytest.raises(KeyError, match="camera"):
-        text_of(doubt("few_sightings", agreeing=3))
+        text_of(doubt("few_observations", agreeing=3))
 
 
 def test_a_sentence_is_the_problem_and_the_remedy() -> None:
-    few = doubt("few_sightings", "C1", agreeing=3)
+    few = doubt("few_observations", "C1", agreeing=3)
     assert text_of(few) == f"{problem_of(few)}: {remedy_of(few)}"
     placed = Finding(few.code, few.severity, few.cameras, {"place": "scene.toml", **few.values})
     assert texts_of([few, placed]) == (text_of(few), f"scene.toml: {text_of(few)}")
-    silent = doubt("few_points_agree", "C1", share=0.2)
+    silent = doubt("few_inliers", "C1", share=0.2)
     assert text_of(silent) == problem_of(silent)
     assert remedy_of(silent)
 
 
 def test_a_finding_says_the_same_whatever_it_weighs() -> None:
-    few = doubt("few_sightings", "C1", agreeing=3)
-    assert few.says_same(refusal("few_sightings", "C1", agreeing=3))
+    few = doubt("few_observations", "C1", agreeing=3)
+    assert few.says_same(refusal("few_observations", "C1", agreeing=3))
     for other in (
-        doubt("few_sightings", "C2", agreeing=3),
-        doubt("few_sightings", "C1", agreeing=4),
+        doubt("few_observations", "C2", agreeing=3),
+        doubt("few_observations", "C1", agreeing=4),
         notice("few_walkers", "C1"),
     ):
         assert not few.says_same(other)
@@ -77,6 +78,8 @@ def test_a_refusal_carries_its_findings() -> None:
     ]
     assert str(error) == error.reasons[0] == text_of(error.findings[0])
     assert error.exit_status == 3
+    again = pickle.loads(pickle.dumps(error))
+    assert (again.findings, again.reasons, str(again)) == (error.findings, error.reasons, str(error))
     (plain,) = findings_of(EvidenceError("too few"))
     assert (plain.code, text_of(plain)) == ("too_little_evidence", "too few")
     solution = Solution("people", ring(2), "refused", findings_of(error))

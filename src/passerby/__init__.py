@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from passerby.calibration.pipeline import calibrate
     from passerby.common.errors import EvidenceError, InputError, PasserbyError
     from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
+    from passerby.core.findings import Finding
     from passerby.core.known_places import KnownPoint, KnownPosition
     from passerby.core.observations import Boxes, Keypoints, Observations
     from passerby.core.solution import Verdict
@@ -40,6 +41,7 @@ __all__ = [
     "Camera",
     "Comparison",
     "EvidenceError",
+    "Finding",
     "InputError",
     "Keypoints",
     "KnownPoint",
@@ -75,6 +77,7 @@ _HOMES = {
     "Camera": "core.cameras",
     "Comparison": "evaluation.metrics",
     "EvidenceError": "common.errors",
+    "Finding": "core.findings",
     "InputError": "common.errors",
     "Keypoints": "core.observations",
     "KnownPoint": "core.known_places",

@@ -83,7 +83,7 @@ def test_a_rig_from_one_person_on_the_spot(exchanged):
     assert judged.mean_position_mm < 60
     assert judged.mean_orientation_deg < 1.0
     assert {pair.route for pair in association.figures.pairs} == {"joints"}
-    assert "joined_by_joints" in [notice.code for notice in association.notices]
+    assert "registered_by_keypoints" in [notice.code for notice in association.notices]
 
 
 def test_cameras_that_see_different_people_on_the_spot_are_refused():

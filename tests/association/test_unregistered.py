@@ -137,7 +137,7 @@ def test_each_camera_that_is_lost_has_its_own_finding() -> None:
     assert [(name, doubt.code, doubt.cameras) for name, doubt in found.items()] == [
         ("late", "camera_unregistered", ("late",)),
         ("elsewhere", "camera_unregistered", ("elsewhere",)),
-        ("blind", "nobody_whole", ("blind",)),
+        ("blind", "nobody_seen_whole", ("blind",)),
         ("flat", "few_walkers", ("flat",)),
     ]
     fixed = Finding.of_value(found["late"].values["fixed_by"])

@@ -22,11 +22,11 @@ from passerby.calibration.diagnostics.pose_change import Change
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.repairs import Repair, apply_repairs
-from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import AdjustedFigures, ClockCorrection
 from passerby.core.findings import refusal
 from passerby.core.observations import Clock
+from passerby.core.refusals import RefusalError
 from passerby.core.solution import Solution
 from passerby.scene.inputs import SceneInputs
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
@@ -174,7 +174,7 @@ def test_lenses_from_which_no_first_guess_can_be_made_anew_leave_a_doubtful_rig(
     def only_once(*args: Any) -> Any:
         calls.append(args)
         if len(calls) > 1:
-            raise EvidenceError(FORCED)
+            raise RefusalError(FORCED)
         return select(*args)
 
     monkeypatch.setattr(people, "select_initial_rig", only_once)
@@ -182,5 +182,5 @@ def test_lenses_from_which_no_first_guess_can_be_made_anew_leave_a_doubtful_rig(
     solution = solve(stated, part(truth.observations), options=options)
     assert len(calls) == 2
     assert solution.verdict == "doubtful"
-    assert "no_other_first_guess" in [doubt.code for doubt in solution.findings]
+    assert "reinitialisation_failed" in [doubt.code for doubt in solution.findings]
     assert len(solution.rig.posed()) == len(truth.rig)

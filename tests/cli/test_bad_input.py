@@ -75,6 +75,10 @@ def test_check_of_a_sound_scene(tmp_path, capsys):
         "shared": {"A": {"people": 2, "sightings": 16}}, "faults": [],
     }  # fmt: skip
     assert "1 of 37 rows have no identity" in report["findings"][0]
+    (told,) = report["diagnostics"]
+    assert (told["code"], told["severity"], told["cameras"]) == ("rows_without_identity", "notice", ["B"])
+    assert told["values"] == {"place": str(tmp_path / "B.txt"), "unknown": 1, "rows": 37}
+    assert told["text"] == report["findings"][0]
 
 
 def test_check_warns_of_odd_input(tmp_path, capsys):

@@ -94,7 +94,7 @@ def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
 
 def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
     found = calibration(SEARCHED, lost=True)
-    association = replace(found.association, lost={"B": doubt("nobody_whole", "B")})
+    association = replace(found.association, lost={"B": doubt("nobody_seen_whole", "B")})
     found = replace(found, association=association, verdict="doubtful", diagnostics=(doubt("camera_without_pose", "B"),))
     show_calibration(found, verbose=False)
     assert "head to feet" not in capsys.readouterr().out

@@ -95,4 +95,4 @@ def test_nothing_is_fetched_to_foresee(nowhere):
     )
     choices, (note,) = foresee("tiny", "", "", models=None, base=None)
     assert choices == {"detector": {"network": "tiny"}}
-    assert note.endswith("and so does calibrating")
+    assert text_of(note).endswith("and so does calibrating")

@@ -128,7 +128,7 @@ def doubtful(contents):
     lost = replace(contents.rig["C2"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C2" else one for one in contents.rig))
     cameras = [plain(replace(one, centre_m=None) if one.name == "C2" else one) for one in contents.document.cameras]
-    apart = doubt("nobody_shared", "C2", main=["C1"], given=True)
+    apart = doubt("cameras_share_nobody", "C2", main=["C1"], given=True)
     odd = notice("frame_rate_missing", place="scene.toml")
     return replace(changed(contents, verdict="doubtful", cameras=cameras, **diagnosed(apart, odd)), rig=rig)
 
@@ -189,7 +189,7 @@ def test_the_table_of_cameras_is_what_calibration_json_holds(laptop, calibrated)
 
 @pytest.mark.parametrize("verdict", ["accepted", "refused"])
 def test_a_phone_never_scrolls_sideways(opened, contents, verdict):
-    shown = contents if verdict == "accepted" else without_poses(contents, refusal("nobody_whole", "C1"))
+    shown = contents if verdict == "accepted" else without_poses(contents, refusal("nobody_seen_whole", "C1"))
     one = opened(shown, PHONE, has_touch=True)
     assert one.told(OVERFLOW) == 0
     one.told("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
@@ -199,7 +199,7 @@ def test_a_phone_never_scrolls_sideways(opened, contents, verdict):
 
 @pytest.mark.parametrize("verdict", ["accepted", "doubtful", "refused"])
 def test_text_is_readable_in_light_and_dark(opened, laptop, contents, verdict):
-    shown = doubtful(contents) if verdict == "doubtful" else without_poses(contents, refusal("nobody_whole", "C1"))
+    shown = doubtful(contents) if verdict == "doubtful" else without_poses(contents, refusal("nobody_seen_whole", "C1"))
     one = laptop if verdict == "accepted" else opened(shown)
     selectors = [
         "#verdict", ".meaning", ".lead", ".key-figures dt", ".key-figures dd", "thead th", "tbody td", "tbody th", ".what",
@@ -349,7 +349,7 @@ def test_without_webgl_a_note_stands_where_the_view_would_be(opened, contents):
 
 
 def test_names_run_nothing_and_are_shown_as_they_are(opened, contents):
-    odd = diagnosed(doubt("nobody_shared", HOSTILE[1], main=[HOSTILE[2]], given=True))
+    odd = diagnosed(doubt("cameras_share_nobody", HOSTILE[1], main=[HOSTILE[2]], given=True))
     one = opened(changed(named(contents, HOSTILE), name=HOSTILE[0], verdict="doubtful", **odd))
     names = one.told("Array.from(document.querySelectorAll('#cameras-table tbody .name'), (name) => name.textContent)")
     assert names == list(HOSTILE)

@@ -76,7 +76,7 @@ def test_the_distances_are_those_of_the_centres(page, calibrated):
 
 def test_a_doubtful_one_tells_what_is_wrong_and_what_to_do(calibrated):
     contents = contents_from(calibrated[1])
-    told = changed(contents, verdict="doubtful", **diagnosed(doubt("few_sightings", "C2", agreeing=3)))
+    told = changed(contents, verdict="doubtful", **diagnosed(doubt("few_observations", "C2", agreeing=3)))
     summary = Page(report_page(told)).sections["summary"]
     assert "Doubtful" in summary
     assert "Camera C2 rests on 3 sightings only." in summary
@@ -101,7 +101,7 @@ def test_a_frame_that_was_set_is_told_with_what_it_rests_on(calibrated):
 
 
 def test_a_refused_one_has_dashes_and_says_why_in_every_section(calibrated):
-    contents = without_poses(contents_from(calibrated[1]), refusal("no_two_cameras_share", given=True))
+    contents = without_poses(contents_from(calibrated[1]), refusal("no_shared_people", given=True))
     page = Page(report_page(contents))
     assert "Refused" in page.sections["summary"]
     assert "0 of 4" in page.sections["summary"]
@@ -127,7 +127,7 @@ def test_a_camera_without_a_pose_is_told_with_its_reason(calibrated):
     contents = contents_from(calibrated[1])
     lost = replace(contents.rig["C3"], pose=None, sigma=None)
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C3" else one for one in contents.rig))
-    told = changed(contents, verdict="doubtful", **diagnosed(doubt("nobody_shared", "C3", main=["C1"], given=True)))
+    told = changed(contents, verdict="doubtful", **diagnosed(doubt("cameras_share_nobody", "C3", main=["C1"], given=True)))
     page = Page(report_page(replace(told, rig=rig)))
     assert "no pose: Camera C3 shares nobody with C1." in page.sections["cameras"]
     assert "3 of 4" in page.sections["summary"]

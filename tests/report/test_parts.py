@@ -49,19 +49,19 @@ def points(*findings):
 
 
 def test_a_doubt_is_a_problem_and_a_remedy():
-    few, slow = doubt("few_sightings", "C1", agreeing=7), doubt("not_converged")
+    few, slow = doubt("few_observations", "C1", agreeing=7), doubt("adjustment_not_converged")
     assert points(few, slow, notice("frame_rate_missing", place="scene.toml")) == [
         Point("Camera C1 rests on 7 sightings only.", "Record more people in its view."),
         Point("The adjustment did not converge.", "Under [solver.options] set max_iterations = 200."),
     ]
-    cut = doubt("pictures_cut", "V1", place="V1.txt", seen_size=[96, 54], size=[192, 108], cut=5)
+    cut = doubt("smaller_image_cut", "V1", place="V1.txt", seen_size=[96, 54], size=[192, 108], cut=5)
     (point,) = points(cut)
     assert point.problem.startswith("V1.txt: camera V1: all people lie within 96 x 54")
     assert point.remedy.startswith("Give a lens for pictures of that size")
 
 
 def test_a_doubt_whose_sentence_has_no_remedy_gets_one():
-    (point,) = points(doubt("few_points_agree", "C1", share=0.2))
+    (point,) = points(doubt("few_inliers", "C1", share=0.2))
     assert point.problem == "Only 20% of the points that camera C1 shares with the reference agree with its pose."
     assert point.remedy == "Record people who walk where the views of these cameras overlap."
 
@@ -69,7 +69,7 @@ def test_a_doubt_whose_sentence_has_no_remedy_gets_one():
 def test_what_another_passerby_wrote_is_shown_as_it_stands():
     row = {"code": "eaten", "severity": "doubt", "cameras": ["C1"], "values": {}, "text": "a dog ate it", "remedy": "feed it"}
     assert points_of(reported_doubts({"diagnostics": [row]})) == [Point("A dog ate it.", "Feed it.")]
-    lacking = {**row, "code": "few_sightings"}
+    lacking = {**row, "code": "few_observations"}
     assert points_of(reported_doubts({"diagnostics": [lacking]})) == [Point("A dog ate it.", "Feed it.")]
     (point,) = points_of(reported_doubts({"reasons": ["a dog ate it: feed it"]}))
     assert point == Point("A dog ate it: feed it.", sentence(FOR_ANY))
@@ -79,7 +79,7 @@ def test_what_another_passerby_wrote_is_shown_as_it_stands():
 def test_what_is_said_of_several_cameras_is_said_once():
     (point,) = points(*(doubt("few_walkers", name) for name in "ABC"))
     assert point.problem == "Cameras A, B and C saw too few people who walk for a second or longer."
-    assert len(points(*(doubt("few_sightings", name, agreeing=3) for name in "AB"))) == 2
+    assert len(points(*(doubt("few_observations", name, agreeing=3) for name in "AB"))) == 2
     assert len(points(*(doubt("lens_part_contradicted", "A", part=part) for part in ("distortion", "skew")))) == 2
 
 
@@ -184,7 +184,7 @@ def test_a_camera_that_stands_out_is_named_with_a_mend():
     worse = with_figures(contents, cameras=cameras)
     points = weak_points(worse, seen_in(worse))
     assert any(bad in point.problem and "300 mm" in point.problem and point.remedy for point in points)
-    told = changed(worse, **diagnosed(doubt("few_sightings", bad, agreeing=3)))
+    told = changed(worse, **diagnosed(doubt("few_observations", bad, agreeing=3)))
     assert not any(bad in point.problem for point in weak_points(told, seen_in(told)))
     assert "3.0 %" in points[0].problem
     assert "[[scale.distances]]" in points[0].remedy

@@ -148,7 +148,7 @@ def test_no_rig_with_one_camera_twice_is_accepted(given: bool) -> None:
         lenses, boxes | {"C4": boxes["C1"]}, fps=5.0, association={"mode": "given" if given else "combined"}
     )
     assert found.verdict != "accepted"
-    (same,) = [doubt for doubt in found.doubts if doubt.code == "same_pictures"]
+    (same,) = [doubt for doubt in found.doubts if doubt.code == "same_recording"]
     assert same.cameras == ("C1", "C4")
     assert same.values["share"] > 0.995
 

@@ -129,7 +129,7 @@ def test_a_flip_top_to_bottom_is_told_and_right_pictures_are_not(preset: str, he
         assert fits_better_turned(camera.lens, wrong, 1.72) > 1.2
     wrong = CameraObservations(flipped(made.observations["C1"].boxes, made.rig["C1"].lens.size))
     told = doubt_of_upside_down("C1", made.rig["C1"].lens, wrong, 1.72)
-    assert told == doubt("upside_down", "C1")
+    assert told == doubt("image_upside_down", "C1")
 
 
 @pytest.mark.parametrize("height", [1.2, 8.0])
@@ -143,7 +143,7 @@ def test_where_both_ways_fit_alike_nothing_is_said(height: float) -> None:
 def test_no_rig_with_a_picture_turned_over_is_accepted(change: Change) -> None:
     found = calibrated(scene(), ("C2",), change)
     assert found.verdict != "accepted"
-    assert doubt("upside_down", "C2") in found.doubts
+    assert doubt("image_upside_down", "C2") in found.doubts
 
 
 def test_joints_tell_themselves() -> None:
@@ -155,7 +155,7 @@ def test_joints_tell_themselves() -> None:
         joints.frame, joints.identity, (0, camera.lens.size[1]) + joints.xy * (1, -1), joints.score, joints.joints
     )
     told = doubt_of_upside_down("C1", camera.lens, CameraObservations(keypoints=turned), 1.72)
-    assert told == doubt("upside_down", "C1")
+    assert told == doubt("image_upside_down", "C1")
 
 
 def test_findings_of_the_files_are_told_with_the_path(tmp_path: Path) -> None:

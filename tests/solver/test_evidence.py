@@ -167,7 +167,7 @@ def test_wrong_names_of_joints_are_noticed() -> None:
     shuffled = tuple(BODY_17[i] for i in np.random.default_rng(1).permutation(17))
     right, wrong = gather(standing(20), standing(20)), gather(standing(20, joints=shuffled), standing(20, joints=shuffled))
     assert right.findings == ()
-    assert [doubt.code for doubt in wrong.findings] == ["joint_names_unfit"]
+    assert [doubt.code for doubt in wrong.findings] == ["keypoint_names_unfit"]
     # Head and feet are then found by position, not by name.
     assert len(wrong.sightings) == 40
     np.testing.assert_allclose(wrong.sightings.extent_px, right.sightings.extent_px, rtol=0.1)

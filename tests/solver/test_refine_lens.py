@@ -189,7 +189,7 @@ def test_a_principal_point_that_boxes_do_not_tell_stays_as_stated_and_is_said_to
     refined, truth = solved((), ("principal_point",))
     moved = [refined.rig[name].lens.matrix[:2, 2] - truth[name].lens.matrix[:2, 2] for name in truth.names]
     assert np.abs(moved).max() < 0.01 * truth[truth.names[0]].lens.size[0]
-    assert [note.values["told"] for note in lens_notes(refined.figures.lenses)] == [False] * len(truth)
+    assert [note.values["constrained"] for note in lens_notes(refined.figures.lenses)] == [False] * len(truth)
     without, _ = solved((), ())
     for name in truth.names:
         own, other = refined.rig[name].sigma, without.rig[name].sigma

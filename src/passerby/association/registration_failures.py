@@ -91,7 +91,7 @@ def fixed_by(better: Finding | None) -> dict[str, Any]:
 def sees_too_little(camera: CameraTracklets) -> Finding | None:
     """A doubt where a camera has no tracks at all."""
     if not len(camera.bodies):
-        return doubt("nobody_whole", camera.name)
+        return doubt("nobody_seen_whole", camera.name)
     if not _samples(camera):
         return doubt("few_walkers", camera.name)
     return None

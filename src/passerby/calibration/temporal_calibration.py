@@ -171,7 +171,7 @@ def _without_clocks(solution: Solution, lost: Mapping[str, Finding]) -> Solution
     """The solution with the finding for each camera whose clock is not known, in place of the solver's."""
     if not lost:
         return solution
-    said = {("cameras_not_joined", (name,)) for name in lost}
+    said = {("cameras_disconnected", (name,)) for name in lost}
     kept = tuple(finding for finding in solution.findings if (finding.code, finding.cameras) not in said)
     verdict = "doubtful" if solution.verdict == "accepted" else solution.verdict
     return replace(solution, verdict=verdict, findings=(*lost.values(), *kept))

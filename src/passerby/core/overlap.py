@@ -65,5 +65,5 @@ def missing_overlap(shared: Mapping[str, Mapping[str, Shared]], *, given: bool =
     """
     main, *others = connected_groups(shared)
     if len(main) == 1:
-        return [doubt("no_two_cameras_share", given=given)]
-    return [doubt("nobody_shared", *group, main=main, given=given) for group in others]
+        return [doubt("no_shared_people", given=given)]
+    return [doubt("cameras_share_nobody", *group, main=main, given=given) for group in others]

@@ -23,6 +23,10 @@ class RefusalError(EvidenceError):
         texts = tuple(map(text_of, self.findings))
         super().__init__(texts[0] if message is None else message, texts)
 
+    def __reduce__(self) -> tuple[type[RefusalError], tuple[tuple[Finding, ...], str]]:
+        # Between processes an exception is made anew from its arguments.
+        return type(self), (self.findings, str(self))
+
 
 def findings_of(error: EvidenceError) -> tuple[Finding, ...]:
     """The findings of an error, also of one that has only words."""

@@ -36,6 +36,10 @@ class NoRelativePoseError(EvidenceError):
         super().__init__(f"{common} common points, {usable} usable: {found}; at least {MIN_POINTS} are needed")
         self.common, self.usable, self.agreeing = common, usable, agreeing
 
+    def __reduce__(self) -> tuple[type[NoRelativePoseError], tuple[int, int, int | None]]:
+        # Between processes an exception is made anew from its arguments.
+        return type(self), (self.common, self.usable, self.agreeing)
+
 
 @dataclass(frozen=True, eq=False)
 class TwoView:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict
 from typing import Any, Literal
 
-from passerby.common.errors import EvidenceError, InputError
+from passerby.common.errors import EvidenceError
 from passerby.perception.background import (
     VERSION,
     BackgroundDetector,
@@ -20,6 +20,7 @@ from passerby.perception.networks import Network
 from passerby.perception.pictures import Detector, Embedder, Frame, KeypointEstimator
 from passerby.perception.plan import Plan
 from passerby.perception.video import VideoInfo, VideoReader, expected_count
+from passerby.perception.video_error import VideoError
 from passerby.perception.yolox import YoloxDetector, YoloxOptions
 
 UNKNOWN_LENGTH_S = 3600.0
@@ -72,7 +73,7 @@ def open_background(kept: StageCache, info: VideoInfo, tell: Callable[[int], Non
         try:
             model = learn_background(_counted(VideoReader(info, rate=1.0 / sampling.interval_s), tell), sampling)
         except EvidenceError as error:
-            raise InputError(f"{info.path}: {error}") from None
+            raise VideoError(info.path, str(error)) from None
         kept.save(0, model.to_arrays())
         kept.finish({})
     else:

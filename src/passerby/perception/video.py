@@ -23,6 +23,7 @@ from av.video.stream import VideoStream
 
 from passerby.common.errors import InputError
 from passerby.perception.pictures import Frame, Picture
+from passerby.perception.video_error import VideoError
 from passerby.perception.video_probe import GRID_TOLERANCE_S, VideoInfo, fit_of_size, open_video, probe
 
 __all__ = ["Decoded", "VideoInfo", "VideoReader", "expected_count", "fit_of_size", "frames", "probe"]
@@ -137,7 +138,7 @@ class _Reading:
                 if self._number > previous:
                     yield self._number, self._seconds, frame
         if self._pictures == 0:
-            raise InputError(f"{self._info.path}: nothing of it can be decoded: copy the video again")
+            raise VideoError(self._info.path, "nothing of it can be decoded: copy the video again")
 
     def _packets(self, container: InputContainer, stream: VideoStream) -> Iterator[Packet[VideoStream] | None]:
         """The packets, past places where the file cannot be read; None at the end of one that breaks off."""
@@ -174,9 +175,10 @@ class _Reading:
         if self._size is None:
             self._size = size
         if size != self._size:
-            raise InputError(
-                f"{self._info.path}: the pictures change from {self._size[0]} x {self._size[1]} to {size[0]} x {size[1]} after"
-                f" {self._seconds:.2f} s: cut the video there and keep the part that the lens belongs to"
+            raise VideoError(
+                self._info.path,
+                f"the pictures change from {self._size[0]} x {self._size[1]} to {size[0]} x {size[1]} after"
+                f" {self._seconds:.2f} s: cut the video there and keep the part that the lens belongs to",
             )
 
     def _count(self, frame: VideoFrame) -> None:

@@ -25,6 +25,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
 from passerby.perception.pieces import JOIN_PICTURES, why_a_pattern_is_no_video, why_no_video_is_there
+from passerby.perception.video_error import VideoError
 
 VARIABLE_CLOCK_FPS = 100.0
 
@@ -105,7 +106,7 @@ def probe(path: str | Path) -> VideoInfo:
         first = _first_picture(path, container, stream)
         rate, variable = _rate(stream, timestamps)
         if not variable and (rate is None or rate <= 0):
-            raise InputError(f"{path}: the file does not tell its pictures per second: {_mend(path)}")
+            raise VideoError(path, f"the file does not tell its pictures per second: {_mend(path)}")
         average = _average(timestamps) if variable or rate is None else rate
         rotation = first.rotation % 360 if first.rotation % 90 == 0 else 0
         return VideoInfo(
@@ -134,13 +135,14 @@ def open_video(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
         container = av.open(str(path.absolute()), metadata_errors="replace", options=OPTIONS)
     except (FFmpegError, OSError) as error:
         if "moov atom" in str(getattr(error, "log", "")) or _is_unfinished_mp4(path):
-            raise InputError(
-                f"{path}: the recording was cut off before its index (moov) was written: copy the file again, or repair it,"
-                f" for example with untrunc"
+            raise VideoError(
+                path,
+                "the recording was cut off before its index (moov) was written: copy the file again, or repair it,"
+                " for example with untrunc",
             ) from error
         if isinstance(error, PermissionError):
-            raise InputError(f"{path}: may not be read: give yourself the right to read it") from error
-        raise InputError(f"{path}: is not a video that can be read ({error.strerror or error}): {_mend(path)}") from error
+            raise VideoError(path, "may not be read: give yourself the right to read it") from error
+        raise VideoError(path, f"is not a video that can be read ({error.strerror or error}): {_mend(path)}") from error
     with container:
         yield container, _video_stream(path, container)
 
@@ -151,17 +153,17 @@ def _check_file(path: Path) -> None:
         kind = path.stat()
     except FileNotFoundError:
         if join := why_a_pattern_is_no_video(path):
-            raise InputError(f"{path}: {join}") from None
-        raise InputError(f"{path}: no such file: a video is needed here; check the path and its spelling") from None
+            raise VideoError(path, join) from None
+        raise VideoError(path, "no such file: a video is needed here; check the path and its spelling") from None
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or error
         raise InputError(f"{shortened_text(str(path), 1000)}: cannot be read ({why}): a video is needed here") from None
     if stat.S_ISDIR(kind.st_mode):
-        raise InputError(f"{path}: {why_no_video_is_there(path)}")
+        raise VideoError(path, why_no_video_is_there(path))
     if not stat.S_ISREG(kind.st_mode):
-        raise InputError(f"{path}: is a pipe or a device: name a video file")
+        raise VideoError(path, "is a pipe or a device: name a video file")
     if kind.st_size == 0:
-        raise InputError(f"{path}: holds 0 bytes: copy the video again, or take it out of the scene")
+        raise VideoError(path, "holds 0 bytes: copy the video again, or take it out of the scene")
 
 
 def _is_unfinished_mp4(path: Path) -> bool:
@@ -184,19 +186,19 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
     kind = container.format.name
     streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
     if kind.endswith("_pipe") or kind == "image2":
-        raise InputError(
-            f"{path}: is not a video ({container.format.long_name}), but one picture: {JOIN_PICTURES}, and name that file"
+        raise VideoError(
+            path, f"is not a video ({container.format.long_name}), but one picture: {JOIN_PICTURES}, and name that file"
         )
     if kind == "tty":
-        raise InputError(f"{path}: is not a video ({container.format.long_name}): name a video file")
+        raise VideoError(path, f"is not a video ({container.format.long_name}): name a video file")
     if not streams:
         kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
-        raise InputError(f"{path}: has no video stream, only {kinds}: name a file with pictures")
+        raise VideoError(path, f"has no video stream, only {kinds}: name a file with pictures")
     stream = streams[0]
     if stream.codec_context is not None:
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
     else:
-        raise InputError(f"{path}: its video codec is unknown and cannot be decoded: {_mend(path)}")
+        raise VideoError(path, f"its video codec is unknown and cannot be decoded: {_mend(path)}")
     return stream
 
 
@@ -217,7 +219,7 @@ def _first_picture(path: Path, container: InputContainer, stream: VideoStream) -
                 reason = error.strerror or str(error)
     except FFmpegError as error:
         reason = error.strerror or str(error)
-    raise InputError(f"{path}: nothing of it can be decoded ({stream.codec_context.name}: {reason}): {_mend(path)}")
+    raise VideoError(path, f"nothing of it can be decoded ({stream.codec_context.name}: {reason}): {_mend(path)}")
 
 
 def _duration(container: InputContainer, stream: VideoStream) -> float | None:

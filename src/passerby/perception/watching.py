@@ -37,6 +37,7 @@ from passerby.perception.pictures import Detections, Detector, Embedder, Frame, 
 from passerby.perception.plan import Plan
 from passerby.perception.steadiness import SteadinessWatcher
 from passerby.perception.video import VideoInfo, VideoReader, expected_count
+from passerby.perception.video_error import VideoError
 
 REVISION = 1
 """Counted up whenever a stage gives other results than before, so that what an older version kept is not taken for them."""
@@ -119,13 +120,13 @@ class VideoObservations:
         """What is odd about the video, but does not stop a calibration."""
         place, broken = str(info.path), self.summary["broken"]
         found = [
-            notice("camera_knocked", name, place=place, from_s=move["seconds"], until_s=move["until"], pixels=move["pixels"])
+            notice("camera_bumped", name, place=place, from_s=move["seconds"], until_s=move["until"], pixels=move["pixels"])
             for move in self.summary["moves"]
             if move["until"] is not None
         ]
         if broken:
             first = self.summary["first_broken_s"]
-            found.append(notice("pictures_undecodable", name, place=place, broken=broken, first_s=first))
+            found.append(notice("frames_undecodable", name, place=place, broken=broken, first_s=first))
         return found
 
 
@@ -257,7 +258,7 @@ class _Watch:
         """End the segment before this one and begin this one; nothing is kept of a video that has become another one."""
         path = self._job.info.path
         if _state(path) != self._file:
-            raise InputError(f"{path}: camera {self._job.name}: was changed while it was watched: run the same command again")
+            raise VideoError(path, f"camera {self._job.name}: was changed while it was watched: run the same command again")
         for stage in self._stages:
             if segment:
                 stage.end(segment - 1)

@@ -14,6 +14,7 @@ from passerby.core.cameras import Camera
 from passerby.core.observations import UNKNOWN
 from passerby.perception.pictures import Picture
 from passerby.perception.video import fit_of_size, probe
+from passerby.perception.video_error import VideoError
 from passerby.perception.video_still import still
 from passerby.report.contents import Contents
 
@@ -51,8 +52,10 @@ def backdrop(contents: Contents, name: str) -> Backdrop:
         info = probe(path)
         fit_of_size(info.size, camera.lens.size)
         found = still(info, frames, worth)
+    except VideoError as error:
+        return Backdrop(best, None, camera.lens.size, f"no picture: {error.what}")
     except InputError as error:
-        return Backdrop(best, None, camera.lens.size, f"no picture: {str(error).removeprefix(f'{path}: ')}")
+        return Backdrop(best, None, camera.lens.size, f"no picture: {error}")
     except OSError as error:
         return Backdrop(best, None, camera.lens.size, f"no picture: {error.strerror or 'the video cannot be read'}")
     if found is None:

@@ -14,8 +14,6 @@ from passerby.report.values import listed
 
 FOR_ANY = "run passerby check on the scene file, and record more people who walk where the views overlap"
 """What to do about anything of which nothing better is known."""
-_MARK = "\0"
-"""Stands for the cameras' names, to see where a sentence has them."""
 
 
 @dataclass(frozen=True)
@@ -86,11 +84,11 @@ def _reported(row: Mapping[str, Any]) -> Reported:
 
 
 def _says_same(one: Reported, other: Reported) -> bool:
-    """Whether two diagnostics say the same of one camera each, which their sentences begin with."""
+    """Whether two diagnostics say the same of one camera each, so that it can be said at once."""
     a, b = one.finding, other.finding
     if a is None or b is None or not len(a.cameras) == len(b.cameras) == 1:
         return False
-    return (a.code, a.values) == (b.code, b.values) and problem_of(a, _MARK).startswith(_MARK)
+    return KINDS[a.code].common and (a.code, a.values) == (b.code, b.values)
 
 
 def _merged(group: Sequence[Reported]) -> Point:

@@ -48,7 +48,7 @@ class DuplicateRows:
         """The notice of it; `place` is the file, which need not be a camera's."""
         frame, identity = self.first
         return notice(
-            "rows_doubled", *camera, place=place, doubled=self.second + self.repeated, rows=self.rows, frame=frame,
+            "duplicate_rows", *camera, place=place, doubled=self.second + self.repeated, rows=self.rows, frame=frame,
             identity=None if identity == UNKNOWN else identity, too_many=self.is_rule,
         )  # fmt: skip
 

@@ -38,7 +38,7 @@ def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> Non
     beyond = float((np.abs(lens.matrix[:2, 2] / lens.size - 0.5) - 0.5).max())
     if beyond > 0:
         place, point = str(scene.resolve(scene.cameras[reading.name].intrinsics)), lens.matrix[:2, 2].round(1).tolist()
-        finding = notice("principal_point_outside", reading.name, place=place, point=point, size=list(lens.size))
+        finding = notice("principal_point_outside_image", reading.name, place=place, point=point, size=list(lens.size))
         if beyond > PRINCIPAL_SHARE:
             reading.faults.append(text_of(finding))
         else:
@@ -63,7 +63,7 @@ def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
             first = int(np.flatnonzero(outside)[0])
             corners = extent[first].round(1).reshape(2, 2).tolist()
             finding = notice(
-                "people_outside_picture", reading.name, place=place, outside=count, people=len(extent),
+                "people_outside_image", reading.name, place=place, outside=count, people=len(extent),
                 frame=int(rows.frame[first]), corners=corners, size=size,
             )  # fmt: skip
             if count > OUTSIDE_SHARE * len(extent):
@@ -78,11 +78,11 @@ def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
         if smaller is not None:
             cut, seen_size = smaller
             reading.doubts.append(
-                doubt("pictures_cut", reading.name, place=place, cut=cut, seen_size=list(seen_size), size=size)
+                doubt("smaller_image_cut", reading.name, place=place, cut=cut, seen_size=list(seen_size), size=size)
             )
         elif len(extent) >= FILLED_ROWS and filled.max() < FILLED_SHARE:
             values = {"across": float(filled[0]), "down": float(filled[1]), "size": size, "intrinsics": intrinsics}
-            reading.findings.append(notice("people_in_a_part", reading.name, place=place, **values))
+            reading.findings.append(notice("people_in_part_of_image", reading.name, place=place, **values))
 
 
 def smaller_picture(extent: Floats, size: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:

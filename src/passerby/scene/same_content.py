@@ -66,7 +66,7 @@ class SameContent:
     def finding(self) -> Finding:
         """The doubt that it is."""
         values = {"share": self.share, "scale": self.scale, "later": self.later, "timed": self.timed}
-        return doubt("same_pictures", self.first, self.second, **values)
+        return doubt("same_recording", self.first, self.second, **values)
 
 
 @dataclass(frozen=True, eq=False)

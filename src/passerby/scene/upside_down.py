@@ -42,7 +42,7 @@ def doubt_of_upside_down(name: str, lens: Lens, seen: CameraObservations, person
     below = heads_below(seen.keypoints)
     if not (fits_better_turned(lens, seen, person_height_m) >= FITS_BETTER if below is None else below > HEADS_BELOW):
         return None
-    return doubt("upside_down", name)
+    return doubt("image_upside_down", name)
 
 
 def heads_below(keypoints: Keypoints) -> float | None:

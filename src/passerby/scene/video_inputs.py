@@ -21,6 +21,7 @@ from passerby.core.findings import Finding, doubt
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
+from passerby.perception.video_error import VideoError
 from passerby.perception.watching import CameraJob, Tell, VideoObservations, watch_camera, work_of
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.reading import add_video_results, needs_embeddings, needs_keypoints, needs_video, of_video
@@ -116,7 +117,7 @@ def joints_remedy(scene: Scene) -> Finding | None:
     name = keypoints_for(scene)
     if name is None:
         return None
-    return doubt("joints_unused", network=name)
+    return doubt("keypoints_unused", network=name)
 
 
 def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo) -> float:
@@ -208,5 +209,7 @@ def _result(job: CameraJob, tell: Tell) -> VideoObservations | InputError:
         # One thread each: more would wait for each other, and their number would change the last bits.
         with threadpool_limits(limits=1, user_api="blas"):
             return watch_camera(job, tell)
+    except VideoError as error:
+        return of_video(error, job.name) if error.path == job.info.path else InputError(str(error))
     except InputError as error:
-        return of_video(error, job.name) if str(error).startswith(f"{job.info.path}:") else InputError(str(error))
+        return InputError(str(error))

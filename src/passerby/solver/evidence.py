@@ -120,7 +120,7 @@ def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[Findi
     order = float(np.median(correlations))
     if order >= MIN_ORDER_CORRELATION:
         return True, ()
-    return False, (doubt("joint_names_unfit", correlation=order),)
+    return False, (doubt("keypoint_names_unfit", correlation=order),)
 
 
 def _shared_instants(

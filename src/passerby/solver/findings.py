@@ -47,7 +47,7 @@ _NORMAL_QUARTILE = 0.3186
 def apart(rig: Rig, groups: list[list[int]]) -> list[Finding]:
     """The groups of cameras that nobody joins to the largest one."""
     main, *others = ([rig.names[c] for c in group] for group in groups)
-    return [doubt("cameras_not_joined", *names, main=main) for names in others]
+    return [doubt("cameras_disconnected", *names, main=main) for names in others]
 
 
 def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> list[Finding]:
@@ -61,7 +61,7 @@ def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> 
         if c in covariance.free.cameras:
             out.append(doubt("camera_undetermined", camera.name))
         if agrees.agreeing[c] < _MIN_SIGHTINGS:
-            out.append(doubt("few_sightings", camera.name, agreeing=int(agrees.agreeing[c])))
+            out.append(doubt("few_observations", camera.name, agreeing=int(agrees.agreeing[c])))
         elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
             out.append(contradiction)
         vague = sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > _MAX_ORIENTATION_DEG
@@ -74,7 +74,7 @@ def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> 
     if noise > _MAX_HEIGHT_NOISE:
         out.append(doubt("boxes_noisy", noise_percent=100 * noise))
     if not fit.result.converged:
-        out.append(doubt("not_converged"))
+        out.append(doubt("adjustment_not_converged"))
     return out
 
 
@@ -131,7 +131,7 @@ def wrong_lenses(focals: Sequence[FocalCheck], shapes: Sequence[ShapeCheck] = ()
     out = [doubt("focal_contradicted", check.camera, change=float(np.expm1(check.change))) for check in focals if check.wrong]
     common = common_change(focals)
     if common is not None and not out:
-        out.append(doubt("focals_contradicted", change=float(np.expm1(common))))
+        out.append(doubt("all_focals_contradicted", change=float(np.expm1(common))))
     # A focal length that is wrong bends the other parts as well: one cause is named, the likelier.
     if not out:
         out = [doubt("lens_part_contradicted", check.camera, part=check.part) for check in shapes if check.wrong]

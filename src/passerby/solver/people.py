@@ -79,7 +79,7 @@ def solve_people(
         try:
             choice = select_initial_rig(start, options, rng)
         except EvidenceError:
-            findings.append(doubt("no_other_first_guess"))
+            findings.append(doubt("reinitialisation_failed"))
             break
         fit = refine_in_stages(start, choice.state, options, rng)
     start = fit.start

@@ -119,14 +119,14 @@ def lens_notes(lenses: Mapping[str, LensFigures]) -> list[Finding]:
             out.append(
                 notice(
                     "focal_refined", name, refined_px=focal.refined_px, stated_px=focal.stated_px,
-                    change_percent=100 * change, sigma_percent=100 * sigma, told=focal.told,
+                    change_percent=100 * change, sigma_percent=100 * sigma, constrained=focal.told,
                 )
             )  # fmt: skip
         if point := parts.principal_point:
             out.append(
                 notice(
                     "principal_point_refined", name, refined_px=list(point.refined_px), stated_px=list(point.stated_px),
-                    sigma_px=max(point.sigma_px), told=point.told,
+                    sigma_px=max(point.sigma_px), constrained=point.told,
                 )
             )  # fmt: skip
     return out

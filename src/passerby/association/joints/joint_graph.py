@@ -149,7 +149,7 @@ def joined_by_joints(cameras: Sequence[CameraTracklets], registrations: Sequence
     joined = sorted({c for one in registrations if one.used for c in (one.a, one.b)})
     if not joined:
         return []
-    return [notice("joined_by_joints", *(cameras[c].name for c in joined))]
+    return [notice("registered_by_keypoints", *(cameras[c].name for c in joined))]
 
 
 def known_pairs(tracklets: Tracklets, registrations: Sequence[JointRegistration]) -> Pairs:

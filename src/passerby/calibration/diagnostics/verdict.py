@@ -47,7 +47,7 @@ def judged(
         apart = _apart(observations, given, why or {}, nothing_known=not findings)
         # That nobody is shared says more than that too few are.
         known = {finding.cameras for finding in apart}
-        findings = [one for one in findings if one.code != "cameras_not_joined" or one.cameras not in known]
+        findings = [one for one in findings if one.code != "cameras_disconnected" or one.cameras not in known]
         findings += [one for one in apart if not any(one.says_same(other) for other in findings)]
     if 0 < len(lost) < len(solution.rig):
         about = {name for finding in findings for name in finding.cameras}
@@ -72,7 +72,7 @@ def _against_people(solution: Solution, observations: Observations, basis: Scale
 def _apart(observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool) -> list[Finding]:
     """What keeps cameras apart, one finding for each group of them."""
     found = missing_overlap(count_shared_observations(observations), given=given)
-    if not given and any(one.code == "no_two_cameras_share" for one in found) and not nothing_known:
+    if not given and any(one.code == "no_shared_people" for one in found) and not nothing_known:
         return []  # that identities were not found has been said, and why
     return [why.get(one.cameras[0], one) if len(one.cameras) == 1 else one for one in found]
 

@@ -65,11 +65,11 @@ def _to_share(v: Fields) -> str:
 
 
 ASSOCIATION: Mapping[str, Kind] = {
-    "no_two_cameras_share": Kind(
+    "no_shared_people": Kind(
         _ANY, "No two cameras saw one person at one instant; `given` says whether identities were given.",
         "no two cameras share a person at the same instant", _to_share,
     ),
-    "nobody_shared": Kind(
+    "cameras_share_nobody": Kind(
         _ANY, "Nobody ties a group of cameras to the largest one, `main`.",
         _nobody_shared, lambda v: f"record people where their views overlap, or {_to_share(v)}",
     ),
@@ -81,14 +81,14 @@ ASSOCIATION: Mapping[str, Kind] = {
         REFUSAL, "How far the ground tracks of two cameras fit, and what would make them fit.",
         _pair, lambda v: "" if (fixed := _fixed(v)) is None else fixed.remedy, advice=VIEW,
     ),
-    "nobody_whole": Kind(
+    "nobody_seen_whole": Kind(
         _ANY, "In all its boxes people are cut off or hidden.",
         "{who} saw nobody from head to feet: it cannot be calibrated",
-        advice="turn or raise the camera, so that whole people are in view",
+        advice="turn or raise the camera, so that whole people are in view", common=True,
     ),
     "few_walkers": Kind(
         _ANY, "The camera has no ground tracks.",
-        "{who} saw too few people who walk for a second or longer", WALK,
+        "{who} saw too few people who walk for a second or longer", WALK, common=True,
     ),
     "camera_unregistered": Kind(
         DOUBT, "The camera's ground tracks fit no other camera's; `fit` says how far, `fixed_by` what would make them fit.",
@@ -140,7 +140,7 @@ ASSOCIATION: Mapping[str, Kind] = {
         'mode = "combined"',
         joint="; ",
     ),
-    "joined_by_joints": Kind(
+    "registered_by_keypoints": Kind(
         NOTICE, "The cameras were joined by the joints of people who move; their clocks were not searched for.",
         lambda v: f"cameras {', '.join(v['names'][:-1])} and {v['names'][-1]} were joined by the joints of people who "
         f"move, nobody "

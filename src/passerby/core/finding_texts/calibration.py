@@ -71,7 +71,7 @@ def _to_slow(v: Fields) -> str:
 CALIBRATION: Mapping[str, Kind] = {
     "camera_without_pose": Kind(
         DOUBT, "The camera could not be registered, and nothing else says why.",
-        "{who} could not be registered", "record more people in the view that it shares with the others",
+        "{who} could not be registered", "record more people in the view that it shares with the others", common=True,
     ),
     "camera_moved": Kind(
         DOUBT, "The camera moved while it filmed (or the second one did); `left_out` says which part was not used.",
@@ -115,14 +115,14 @@ CALIBRATION: Mapping[str, Kind] = {
         '"points.csv" '
         "and tilt = true; or people on one level", subjects=("vertical",),
     ),
-    "pictures_smaller": Kind(
+    "smaller_image_fits": Kind(
         DOUBT, "All cameras agree better if the camera's people were found in smaller pictures than its lens is for.",
         "camera {camera}: its people seem to be found in pictures of {seen_size[0]} x {seen_size[1]}, not of the stated "
         "{size[0]} x "
         "{size[1]}: they lie within that part, and all cameras agree better so",
         "give a lens for pictures of that size, or scale its boxes and joints to the size of the lens",
     ),
-    "joints_unused": Kind(
+    "keypoints_unused": Kind(
         DOUBT, "A camera is missing, and the joints of people were not looked for.",
         "the joints of people were not looked for, which tell more than boxes where people stand or the recording is short",
         'under [perception] set keypoints = "{network}"',

@@ -11,7 +11,7 @@ _EITHER: tuple[Severity, ...] = ("doubt", "refusal")
 _OVERLAP = "record people who walk where the views of these cameras overlap"
 
 GEOPOSE: Mapping[str, Kind] = {
-    "joint_ends_unnamed": Kind(
+    "keypoint_ends_unnamed": Kind(
         _EITHER, "The joints' names do not fit the pictures: the highest and lowest joints are taken for head and feet.",
         "the joints' names do not fit the pictures (correlation of {correlation:.2f} with the order from head to feet): "
         "joints are "
@@ -63,7 +63,7 @@ GEOPOSE: Mapping[str, Kind] = {
         "{seen} upright people were measured: at least {needed} are needed for the scale",
         advice="let people walk where the pictures hold them whole",
     ),
-    "few_points_agree": Kind(
+    "few_inliers": Kind(
         DOUBT, "Few of the points that the camera shares with the reference agree with its pose.",
         "only {share:.0%} of the points that camera {camera} shares with the reference agree with its pose", advice=_OVERLAP,
     ),

@@ -44,16 +44,16 @@ def _same(v: Fields) -> str:
 
 
 def _short(v: Fields) -> str:
-    told = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in v["seconds"].items())
+    cameras = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in v["seconds"].items())
     return (
-        f"what camera{'s' if len(v['names']) > 1 else ''} {told} recorded is too short to tell cameras by how people "
+        f"what camera{'s' if len(v['names']) > 1 else ''} {cameras} recorded is too short to tell cameras by how people "
         f"walk, which "
         f"takes more than {v['shortest_s']:g} s"
     )
 
 
 INPUT_FILES: Mapping[str, Kind] = {
-    "same_pictures": Kind(
+    "same_recording": Kind(
         DOUBT, "Two cameras show the same pictures.",
         _same, "give each camera a recording of its own, or delete [cameras.{second}]",
     ),
@@ -63,17 +63,17 @@ INPUT_FILES: Mapping[str, Kind] = {
         "them apart",
         "if it is one camera, delete [cameras.{second}]; if not, record people near them",
     ),
-    "pictures_cut": Kind(
+    "smaller_image_cut": Kind(
         DOUBT, "People keep to a part of the picture and are cut off at its edge: they were found in smaller pictures.",
         "camera {camera}: all people lie within {seen_size[0]} x {seen_size[1]} of the {size[0]} x {size[1]} picture, and "
         "{cut} are "
         "cut off just there: were they found in pictures of {seen_size[0]} x {seen_size[1]}?",
         _OF_THAT_SIZE, joint=" ",
     ),
-    "upside_down": Kind(
+    "image_upside_down": Kind(
         DOUBT, "The camera's people stand on their heads.",
         "{who}: people stand on their heads: the picture seems flipped top to bottom, or the camera hangs upside down",
-        "turn its pictures the right way up, with the boxes and joints in them",
+        "turn its pictures the right way up, with the boxes and joints in them", common=True,
     ),
     "recordings_short": Kind(
         DOUBT, "The recordings are too short for people to be followed, and joints are not used.",
@@ -148,23 +148,23 @@ INPUT_FILES: Mapping[str, Kind] = {
         NOTICE, "Some rows have no identity and are not used.",
         "camera {camera}: {unknown} of {rows} rows have no identity and are not used",
     ),
-    "rows_doubled": Kind(
+    "duplicate_rows": Kind(
         NOTICE, "One identity has several rows in one frame; with `too_many` of them the file cannot be used.",
         _doubled, lambda v: "give every person in a frame an id of their own, once" if v["too_many"] else "",
     ),
-    "principal_point_outside": Kind(
+    "principal_point_outside_image": Kind(
         NOTICE, "The principal point lies outside the picture.",
         "[{camera}] the principal point {point} lies outside the {size[0]} x {size[1]} picture: wrong image size? Matrix "
         "and size "
         "must be of one picture",
     ),
-    "people_outside_picture": Kind(
+    "people_outside_image": Kind(
         NOTICE, "Some people lie outside the picture.",
         "camera {camera}: {outside} of {people} people lie outside the {size[0]} x {size[1]} picture (first: frame "
         "{frame}, from "
         "{corners[0]} to {corners[1]})",
     ),
-    "people_in_a_part": Kind(
+    "people_in_part_of_image": Kind(
         NOTICE, "All people keep to a part of the picture: its size may be wrong.",
         "camera {camera}: all people lie within {across:.0%} of the width and {down:.0%} of the height: wrong image size? "
         "perhaps "

@@ -35,6 +35,8 @@ class Kind:
     """What to do where the sentence has no remedy."""
     subjects: tuple[Subject, ...] = ()
     """What it is about besides cameras."""
+    common: bool = False
+    """Whether the same of several cameras can be said at once, with all of them as `who`."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ def _focal(v: Fields) -> str:
         f"camera {v['camera']}: focal length {v['refined_px']:.0f} px instead of {v['stated_px']:.0f} "
         f"({v['change_percent']:+.1f} %, sigma {v['sigma_percent']:.1f} %)"
     )
-    return text if v["told"] else f"{text}; the people hardly tell it"
+    return text if v["constrained"] else f"{text}; the people hardly tell it"
 
 
 def _point(v: Fields) -> str:
@@ -23,7 +23,7 @@ def _point(v: Fields) -> str:
         f"camera {v['camera']}: principal point ({u:.0f}, {w:.0f}) px instead of ({x:.0f}, {y:.0f}), sigma "
         f"{v['sigma_px']:.0f} px"
     )
-    return text if v["told"] else f"{text}; the people hardly tell it"
+    return text if v["constrained"] else f"{text}; the people hardly tell it"
 
 
 LENSES: Mapping[str, Kind] = {
@@ -32,7 +32,7 @@ LENSES: Mapping[str, Kind] = {
         lambda v: f"camera {v['camera']}: people fit a focal length {longer(v['change'])} than stated",
         'check its intrinsics, or let it be refined: under [solver] set refine = ["focal"]',
     ),
-    "focals_contradicted": Kind(
+    "all_focals_contradicted": Kind(
         DOUBT, "The people contradict the focal lengths of all cameras alike, relative `change`.",
         lambda v: f"people fit focal lengths {longer(v['change'])} than stated in all cameras",
         "check the intrinsics and the size of the pictures that they were made for, or let them be refined: under [solver] set "
@@ -40,7 +40,7 @@ LENSES: Mapping[str, Kind] = {
     ),
     "lens_part_contradicted": Kind(
         DOUBT, "The people contradict another `part` of the camera's intrinsics.",
-        "{who}: people fit another {part} than stated", "check its intrinsics",
+        "{who}: people fit another {part} than stated", "check its intrinsics", common=True,
     ),
     "focal_refined_far": Kind(
         DOUBT, "The refined focal length is farther from the stated one than stated ones are off.",
@@ -53,11 +53,11 @@ LENSES: Mapping[str, Kind] = {
         "check its intrinsics and whether its picture was cropped",
     ),
     "focal_refined": Kind(
-        NOTICE, "The focal length was refined; `told` says whether the people constrain it.",
-        _focal, lambda v: "" if v["told"] else _HARDLY_KNOWN.format(part="focal"),
+        NOTICE, "The focal length was refined; `constrained` says whether the people tell it.",
+        _focal, lambda v: "" if v["constrained"] else _HARDLY_KNOWN.format(part="focal"),
     ),
     "principal_point_refined": Kind(
-        NOTICE, "The principal point was refined; `told` says whether the people constrain it.",
-        _point, lambda v: "" if v["told"] else _HARDLY_KNOWN.format(part="principal_point"),
+        NOTICE, "The principal point was refined; `constrained` says whether the people tell it.",
+        _point, lambda v: "" if v["constrained"] else _HARDLY_KNOWN.format(part="principal_point"),
     ),
 }  # fmt: skip

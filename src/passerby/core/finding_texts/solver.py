@@ -34,21 +34,21 @@ SOLVER: Mapping[str, Kind] = {
         REFUSAL, "The pairs of cameras contradict each other.",
         "no arrangement of the cameras agrees with the people", "check their identities and the intrinsics",
     ),
-    "joint_names_unfit": Kind(
+    "keypoint_names_unfit": Kind(
         DOUBT, "The joints' names do not order them from head to feet as the pictures do.",
         "the joints' names do not fit the pictures (they order them from head to feet with a correlation of "
         "{correlation:.2f}): "
         "is it another layout than the file says? Joints are matched by their number, head and feet by position",
         advice="write the joints under the names of the layout that they were found with",
     ),
-    "cameras_not_joined": Kind(
+    "cameras_disconnected": Kind(
         DOUBT, "Too few of the same people join a group of cameras to the largest one, `main`.",
         lambda v: f"{v['who']} could not be joined to {', '.join(v['main'])}: too few of the same people were seen by "
         f"both at the "
         "same instants",
-        "record people who walk through both views", joint="; ",
+        "record people who walk through both views", joint="; ", common=True,
     ),
-    "no_other_first_guess": Kind(
+    "reinitialisation_failed": Kind(
         DOUBT, "With the refined focal lengths the cameras' arrangement could not be guessed anew.",
         "with the refined focal lengths no first guess at the cameras' arrangement agrees with the people",
         "state focal lengths that are nearer to the true ones, or leave [solver] refine out",
@@ -66,7 +66,7 @@ SOLVER: Mapping[str, Kind] = {
         "nothing fixes where camera {camera} stands among the others",
         "record more people, seen from head to feet, in the view that it shares with them",
     ),
-    "few_sightings": Kind(
+    "few_observations": Kind(
         DOUBT, "Few sightings agree with the camera's pose.",
         "camera {camera} rests on {agreeing} sightings only", "record more people in its view",
     ),
@@ -96,7 +96,7 @@ SOLVER: Mapping[str, Kind] = {
         "half of the boxes are off by more than {noise_percent:.0f} % of their own height, which biases shape and scale",
         "use a better detector, or pictures in which people are larger", subjects=("scale",),
     ),
-    "not_converged": Kind(
+    "adjustment_not_converged": Kind(
         DOUBT, "The adjustment ended before its optimum.",
         "the adjustment did not converge", "under [solver.options] set max_iterations = 200",
     ),

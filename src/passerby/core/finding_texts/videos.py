@@ -18,13 +18,13 @@ def _to_fetch(v: Fields) -> str:
 
 
 VIDEOS: Mapping[str, Kind] = {
-    "camera_knocked": Kind(
+    "camera_bumped": Kind(
         NOTICE, "The camera moves for a while and comes back.",
         lambda v: f"camera {v['camera']}: the camera is knocked {v['from_s']:.1f} s after the beginning, "
         f"{'farther than can be told' if v['pixels'] is None else 'by {:.0f} pixels'.format(v['pixels'])}, and is back after "
         f"{v['until_s']:.1f} s",
     ),
-    "pictures_undecodable": Kind(
+    "frames_undecodable": Kind(
         NOTICE, "Some pictures of the video could not be decoded.",
         "camera {camera}: {broken} pictures or packets could not be decoded, the first after {first_s:.1f} s",
     ),

@@ -135,7 +135,7 @@ def joint_extents(rig: Rig, observations: Observations) -> Extents:
         return Extents(points, np.zeros(len(names), bool), np.zeros(len(names), bool), (1.0, 0.0))
     top = np.arange(len(names)) == int(np.nanargmax(height))
     bottom = np.nan_to_num(height, nan=np.inf) <= np.nanmin(height) + FEET_BAND
-    return Extents(points, top, bottom, EXTREME_FRACTIONS, doubt("joint_ends_unnamed", correlation=order))
+    return Extents(points, top, bottom, EXTREME_FRACTIONS, doubt("keypoint_ends_unnamed", correlation=order))
 
 
 def triangulate_segments(

@@ -170,7 +170,7 @@ def doubts(rig: Rig, star: StarReconstruction, what: str, other: str) -> list[Fi
     for pair in star.pairs:
         name, share = rig.names[pair.camera], len(pair.rows) / pair.correspondences
         if share < MIN_INLIER_SHARE:
-            found.append(doubt("few_points_agree", name, share=share))
+            found.append(doubt("few_inliers", name, share=share))
         if pair.parallax_deg < MIN_PARALLAX_DEG:
             found.append(doubt("near_reference", name, parallax_deg=pair.parallax_deg))
     if star.disagreement > MAX_DISAGREEMENT:
