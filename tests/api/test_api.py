@@ -14,6 +14,7 @@ import passerby
 from passerby.cli.main import run
 from passerby.core.findings import notice, refusal
 from passerby.core.observations import CameraObservations
+from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
 
@@ -292,19 +293,15 @@ def test_notebooks_show_what_was_written(calibration, out):
     assert page.count == fresh.count
     assert set(fresh.words) <= set(page.words)
     lost = replace(calibration.rig["C4"], pose=None, sigma=None)
-    report = {
-        **written.report,
-        "name": "<b>",
-        "findings": ["odd & strange"] * 20,
-        "cameras": [{"name": "C1", "people": "<i>", "median_residual_px": float("nan"), "time_offset_s": 10**400}, "no table"],
-    }
-    odd = replace(written, report=report, verdict="doubtful", reasons=("too <few> people",), all_cameras=5)
+    cameras = (CameraEntry(name="C1", median_residual_px=float("nan"), time_offset_s=1e300),)
+    document = replace(written.document, name="<b>", findings=("odd & strange",) * 20, cameras=cameras)
+    odd = replace(written, document=document, verdict="doubtful", reasons=("too <few> people",), all_cameras=5)
     page = Checked(odd._repr_html_())
     assert {"<b>", "! doubtful", "too <few> people", "odd & strange", "and 8 more", "4 of 5 cameras registered"} <= set(
         page.words
     )
-    assert "<i>" not in page.words
-    assert Checked(replace(written, rig=passerby.Rig((lost,)), report={})._repr_html_()).count["tr"] == 2
+    nothing = CalibrationDocument(verdict="accepted", cameras=())
+    assert Checked(replace(written, rig=passerby.Rig((lost,)), document=nothing)._repr_html_()).count["tr"] == 2
 
 
 def test_names_from_elsewhere_stay_text(calibration):

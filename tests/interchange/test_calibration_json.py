@@ -29,6 +29,7 @@ from passerby.interchange.calibration_json import (
     CalibrationDocument,
     CameraEntry,
     DeclaredScene,
+    PerceptionEntry,
     WorldEntry,
     entry_of,
     parse_document,
@@ -56,10 +57,17 @@ STAR = StarFigures(
 )  # fmt: skip
 SCENE = {"scene": {"fps": 25.0, "later": [1, 2]}, "cameras": {"A": {"video": "a.mp4", "from_s": 3.0}}, "later": {"key": None}}
 PLACED = {"by": "points p.csv", "rotation": [0.0, 0.0, 1.0], "residuals": [{"camera": "A", "off_px": None}]}
+NETWORK = {"network": "people.onnx", "sha256": "00", "licence": "MIT"}
+VIDEO = {
+    "pictures": 90, "boxes": 40, "ended_early": None, "broken": 2, "first_broken_s": 1.5,
+    "moves": [{"seconds": 3.0, "until": None, "pixels": 20.0}], "shake_px": 0.4,
+}  # fmt: skip
+SEEN = {"detector": NETWORK, "embedder": "stripes", "keypoints": "none", "cameras": {"A": VIDEO}}
 WHOLE = CalibrationDocument(
     scene_file="/there/scene.toml", files={"rig.toml": "00"}, name="yard", passerby="1", versions={"numpy": "2", "av": None},
     verdict="doubtful", reasons=("one: do this",), findings=("two",), diagnostics=[{"code": "x"}],
     cameras=(CameraEntry(name="A", boxes=3, fps=25.0, time_offset_s=0.5), CameraEntry(name="B")),
+    perception=entry_of(PerceptionEntry, SEEN),
     association=AssociationFigures(mode="combined", people=3, rounds=(AssociationRound(registered=2, unchanged=1.0),)),
     method="people", seed=4, options={"rounds": 3}, scene=entry_of(DeclaredScene, SCENE), figures=ADJUSTED,
     world=entry_of(WorldEntry, PLACED),
@@ -84,7 +92,8 @@ def test_keys_are_those_of_the_file():
     assert tables["world"]["residuals"][0]["off_px"] is None
     assert plain(STAR)["scale"] == {"from": "known lengths", "factor": 1.2, "relative_sd": 0.02, "lengths": 2}
     assert not {"undetermined", "clock_rates"} & set(plain(AdjustedFigures()))
-    assert "perception" not in tables
+    assert tables["perception"] == SEEN
+    assert "perception" not in plain(replace(WHOLE, perception=None))
 
 
 def test_an_older_file_is_read():

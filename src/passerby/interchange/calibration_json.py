@@ -140,6 +140,7 @@ class VideoEntry:
 class PerceptionEntry:
     """How people were found in the videos: a word, or a network."""
 
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
     detector: str | NetworkEntry | None = None
     embedder: str | NetworkEntry | None = None
     keypoints: str | NetworkEntry | None = None
@@ -269,10 +270,14 @@ class CalibrationDocument:
         """The cameras by name."""
         return {one.name: one for one in self.cameras}
 
+    def entry(self, name: str) -> CameraEntry:
+        """Of a camera; an empty one where it is not told of."""
+        return self.entries.get(name) or CameraEntry(name=name)
+
 
 def entry_of(kind: type[Entry], table: Mapping[str, Any]) -> Entry:
     """A table of plain values as an entry of a document. Raises `ValueError` for one that is none."""
-    return TypeAdapter(kind, config=None if hasattr(kind, "__pydantic_config__") else _STRICT).validate_json(to_json(table))
+    return TypeAdapter(kind).validate_json(to_json(table))
 
 
 @cache

@@ -40,8 +40,7 @@ class Contents:
     @property
     def cameras(self) -> dict[str, CameraEntry]:
         """By camera, its entry of `calibration.json`; empty entries for cameras that it does not tell of."""
-        found = self.document.entries
-        return {name: found.get(name) or CameraEntry(name=name) for name in self.rig.names}
+        return {name: self.document.entry(name) for name in self.rig.names}
 
     @property
     def figures(self) -> AdjustedFigures:

@@ -45,7 +45,7 @@ def rig_html(rig: Rig) -> str:
 def output_folder_html(folder: OutputFolder) -> str:
     """What a calibration has written, as `result_html`."""
     document = folder.document
-    cameras = [document.entries[name] for name in folder.rig.names]
+    cameras = [document.entry(name) for name in folder.rig.names]
     return result_html(
         document.name or folder.path.name,
         folder.rig,
