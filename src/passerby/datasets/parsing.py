@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,8 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
+from passerby.common.text import shortened
+from passerby.interchange.numbers import NotNumbers, finite_numbers
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_json, parse_xml
 
@@ -34,29 +34,24 @@ def numbers(value: Any, shape: tuple[int, ...], place: str, meaning: str) -> Flo
 
     `place` is file and key, `meaning` what belongs there. Raises `InputError` for anything else.
     """
-    flat = list(_flat(value))
-    wanted = len(flat) if shape == (-1,) else math.prod(shape)
-    if any(type(number) not in (int, float) for number in flat) or len(flat) != wanted:
-        raise InputError(f"{place} is {_short(value)}: {meaning} are needed")
-    if any(abs(number) > sys.float_info.max for number in flat):
-        raise InputError(f"{place} is {_short(value)}: its numbers must be finite")
-    array = np.array(flat, dtype=np.float64).reshape(shape)
-    if not np.isfinite(array).all():
-        raise InputError(f"{place} is {_short(value)}: its numbers must be finite")
-    return array
+    try:
+        return finite_numbers(value, shape)
+    except NotNumbers as fault:
+        wanted = "its numbers must be finite" if fault.infinite else f"{meaning} are needed"
+        raise InputError(f"{place} is {shortened(value)}: {wanted}") from None
 
 
 def whole(value: Any, place: str, least: int = 0) -> int:
     """A whole number from `least` on. Raises `InputError` for anything else."""
     if type(value) is not int or value < least:
-        raise InputError(f"{place} is {_short(value)}: a whole number from {least} on is needed")
+        raise InputError(f"{place} is {shortened(value)}: a whole number from {least} on is needed")
     return value
 
 
 def real(value: Any, place: str) -> float:
     """A finite number. Raises `InputError` for anything else."""
     if type(value) not in (int, float) or not math.isfinite(value):
-        raise InputError(f"{place} is {_short(value)}: a finite number is needed")
+        raise InputError(f"{place} is {shortened(value)}: a finite number is needed")
     return float(value)
 
 
@@ -131,24 +126,9 @@ def check_size(path: Path, size: tuple[int, int]) -> None:
         )
 
 
-def _flat(value: Any) -> Iterator[Any]:
-    """The leaves of nested lists."""
-    if isinstance(value, list):
-        for item in value:
-            yield from _flat(item)
-    else:
-        yield value
-
-
 def _parsed(words: list[str]) -> list[Any]:
     """Words as numbers, or as they are where one is none."""
     try:
         return [float(word) for word in words]
     except ValueError:
         return list(words)
-
-
-def _short(value: Any) -> str:
-    """A value as text that fits into a message."""
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -22,13 +22,15 @@ from passerby.common.text import shortened
 from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Lens, Pose, PoseSigma, Rig
 from passerby.geometry.rotations import log_rotation
 from passerby.interchange.gathering import gathered_rig
+from passerby.interchange.numbers import NotNumbers, finite_numbers
 from passerby.interchange.rotation_vectors import rotation_of
 from passerby.interchange.storage.atomic import write_text
-from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.interchange.storage.faults import read_toml
+from passerby.interchange.storage.safe_parsing import leaves
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
+RIG = "a rig file (TOML)"
 FOCAL_SD = "focal_sd_percent"
 UNFILLED = ("FX", "FY", "CX", "CY")
 """What `passerby init` writes for numbers that it does not know."""
@@ -39,7 +41,7 @@ def read_rig(path: str | Path) -> Rig:
 
     Raises `FileFaults` (an `InputError`) that names file, table, key, value and mend for everything that cannot be a camera.
     """
-    content = _content(Path(path))
+    content = read_toml(path, RIG)
     metadata = content.get(METADATA, {})
     metadata = metadata if isinstance(metadata, dict) else {}
     metres = _metres_per_unit(Path(path), metadata)
@@ -55,7 +57,7 @@ def read_lens(path: str | Path, camera: str) -> Lens:
 
     Poses and all other tables are ignored. Raises `InputError` when there is no such table or it cannot be a lens.
     """
-    tables = _camera_tables(Path(path), _content(Path(path)))
+    tables = _camera_tables(Path(path), read_toml(path, RIG))
     key = camera if camera in tables else next((key for key, table in tables.items() if table.get("name") == camera), None)
     if key is None:
         raise InputError(
@@ -78,13 +80,6 @@ def write_rig(path: str | Path, rig: Rig) -> None:
     verdict = {} if rig.verdict is None else {"verdict": rig.verdict}
     content[METADATA] = {"units": "m", **verdict, **rig.metadata}
     write_text(path, tomli_w.dumps(content))
-
-
-def _content(path: Path) -> dict[str, Any]:
-    try:
-        return parse_toml(read_text(path, "a rig file (TOML)"))
-    except NotParsed as error:
-        raise InputError(f"{path}: is not TOML: {error}") from None
 
 
 def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -116,7 +111,7 @@ def camera_of(key: str, table: dict[str, Any], metres_per_unit: float = 1.0) -> 
 
 def _lens(table: dict[str, Any]) -> Lens:
     size = _numbers(table, "size", (2,), "[width, height] in pixels")
-    unfilled = [text for text in _flat(table.get("matrix")) if text in UNFILLED]
+    unfilled = [text for text in leaves(table.get("matrix")) if text in UNFILLED]
     if unfilled:
         raise InputError(
             f"matrix still says {' and '.join(unfilled)}: put the lens's numbers there, as the file tells at its top"
@@ -184,20 +179,10 @@ def _numbers(table: dict[str, Any], key: str, shape: tuple[int, ...], meaning: s
         raise InputError(f"{key} is missing: give {meaning}")
     value = table[key]
     try:
-        if any(type(number) not in (int, float) for number in _flat(value)):
-            raise ValueError
-        array = np.array(value, dtype=np.float64)
-    except (ValueError, OverflowError):
-        raise InputError(f"{key} is {shortened(value)}: give {meaning}") from None
-    if array.ndim != len(shape) or (shape != (-1,) and array.shape != shape):
-        raise InputError(f"{key} is {shortened(value)}: give {meaning}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{key} is {shortened(value)}: its numbers must be finite")
-    return array
-
-
-def _flat(value: Any) -> list[Any]:
-    return [inner for item in value for inner in _flat(item)] if isinstance(value, list) else [value]
+        return finite_numbers(value, shape, nested=True)
+    except NotNumbers as fault:
+        wanted = "its numbers must be finite" if fault.infinite else f"give {meaning}"
+        raise InputError(f"{key} is {shortened(value)}: {wanted}") from None
 
 
 def table_of(camera: Camera) -> dict[str, Any]:

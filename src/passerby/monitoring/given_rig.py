@@ -15,7 +15,7 @@ from passerby.core.figures import adjusted
 from passerby.geometry.rotations import log_rotation
 from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.output_folder import RIG_FILE, read_report
-from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, read_rig, table_of
+from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, RIG, read_rig, table_of
 from passerby.interchange.storage.faults import read_toml
 
 
@@ -56,7 +56,7 @@ def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:
         content: dict[str, Any] = {camera.name: table_of(camera) for camera in new}
         verdict = {} if new.verdict is None else {"verdict": new.verdict}
         return tomli_w.dumps({**content, METADATA: {"units": "m", **verdict, **new.metadata}})
-    content = read_toml(given.path, "a rig file (TOML)")
+    content = read_toml(given.path, RIG)
     metadata = content.get(METADATA)
     unit = METRES_PER_UNIT.get(metadata.get("units", "m"), 1.0) if isinstance(metadata, dict) else 1.0
     for key, table in content.items():

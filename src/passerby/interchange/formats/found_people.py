@@ -10,6 +10,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
+from passerby.common.text import shortened
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.interchange.formats.format import People
 from passerby.interchange.formats.skeletons import known_joints, list_joint_counts, ordered_joints
@@ -83,12 +84,12 @@ def numbers_in(values: Any, place: str, length: int | None = None) -> Floats:
     Raises `InputError` for another thing than a list of numbers, for infinite ones, and for another `length`.
     """
     if not isinstance(values, list):
-        raise InputError(f"{place} is {_shortened(values)}: a list of numbers is needed")
+        raise InputError(f"{place} is {shortened(values)}: a list of numbers is needed")
     if length is not None and len(values) != length:
         raise InputError(f"{place} has {len(values)} numbers: {length} are needed")
     for value in values:
         if type(value) not in (int, float) or abs(value) > LARGEST:
-            raise InputError(f"{place} holds {_shortened(value)}: finite numbers are needed")
+            raise InputError(f"{place} holds {shortened(value)}: finite numbers are needed")
     return np.array(values, dtype=np.float64)
 
 
@@ -105,7 +106,7 @@ def identity_in(value: Any, place: str) -> int:
             waiting.extend(item)
         elif item is not None:
             if type(item) not in (int, float) or not abs(item) <= LARGEST or item != item // 1:
-                raise InputError(f"{place} is {_shortened(value)}: a whole number is needed, or nothing")
+                raise InputError(f"{place} is {shortened(value)}: a whole number is needed, or nothing")
             several.add(int(item))
     return max(several.pop(), UNKNOWN) if len(several) == 1 else UNKNOWN
 
@@ -113,7 +114,7 @@ def identity_in(value: Any, place: str) -> int:
 def frame_in(value: Any, place: str) -> int:
     """A frame number out of a JSON file. Raises `InputError` for other things than whole numbers from 0 on."""
     if type(value) is not int or not 0 <= value <= LARGEST:
-        raise InputError(f"{place} is {_shortened(value)}: a whole number from 0 on is needed")
+        raise InputError(f"{place} is {shortened(value)}: a whole number from 0 on is needed")
     return value
 
 
@@ -230,8 +231,3 @@ def _once(order: Any, rows: Floats, what: str, notes: _Notes) -> Any:
 
 def _whole(values: list[int]) -> Any:
     return np.array(values, dtype=np.int64)
-
-
-def _shortened(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

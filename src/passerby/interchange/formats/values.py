@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,9 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Pose
+from passerby.interchange.numbers import NotNumbers, finite_numbers
 from passerby.interchange.storage.faults import read_text
-from passerby.interchange.storage.safe_parsing import FLOAT, NotParsed, leaves, parse_json, parse_safe_yaml
+from passerby.interchange.storage.safe_parsing import FLOAT, NotParsed, parse_json, parse_safe_yaml
 
 ROTATION_TOLERANCE = 1e-3
 """Of `R R^T` from one: files round to six digits, some to four. What is accepted is made a rotation."""
@@ -78,12 +78,10 @@ def numbers(place: str, values: dict[Any, Any], key: str, shape: tuple[int, ...]
     wanted = "numbers are" if shape == (-1,) else f"{int(np.prod(shape))} numbers are" if shape else "a number is"
     if values.get(key) is None:
         raise InputError(f"{place}: {key} is missing: {wanted} needed")
-    flat = leaves(values[key])
-    bad = any(type(value) not in (int, float) or abs(value) > sys.float_info.max for value in flat)
-    array = np.array([np.nan] if bad else flat, dtype=np.float64)
-    if bad or not np.isfinite(array).all() or (shape != (-1,) and array.size != int(np.prod(shape))):
-        raise InputError(f"{place}: {key} is {shortened(values[key])}: {wanted} needed, finite ones")
-    return array.reshape(shape)
+    try:
+        return finite_numbers(values[key], shape)
+    except NotNumbers:
+        raise InputError(f"{place}: {key} is {shortened(values[key])}: {wanted} needed, finite ones") from None
 
 
 def whole(place: str, values: dict[Any, Any], key: str) -> int:
