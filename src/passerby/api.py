@@ -20,7 +20,7 @@ from passerby.interchange.output_folder import OutputFolder, read_output, read_r
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.monitoring.given_rig import GivenRig, read_given
 from passerby.monitoring.monitor import monitor as watch_rig
-from passerby.monitoring.result import Monitored
+from passerby.monitoring.result import MonitoringResult
 from passerby.monitoring.watching import WatchOptions
 from passerby.people.trajectories import trajectories as following
 from passerby.people.trajectories.trajectories import METHODS, Method, TrackOptions
@@ -142,7 +142,7 @@ def trajectories(
 def monitor(
     rig: RigLike, scene: Scene | str | Path, *, every_s: float = 60.0, in_step: bool = False, keep: str | Path | None = None,
     progress: Progress | None = None,
-) -> Monitored:  # fmt: skip
+) -> MonitoringResult:  # fmt: skip
     """Whether cameras have moved since they were calibrated, as `passerby monitor`.
 
         found = passerby.monitor("out", "today.toml")

@@ -10,7 +10,7 @@ import numpy as np
 from passerby.association.cleaning import reassign_detections
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Clock
-from passerby.people.upright_rays import Bodies, bodies_of
+from passerby.people.upright_rays import UprightRays, upright_rays
 from support.scenes.people_and_rigs import observe, ring
 
 FPS = 5.0
@@ -24,7 +24,7 @@ class Scene:
     """People whom the cameras see, and who they are."""
 
     rig: Rig
-    bodies: list[Bodies]
+    bodies: list[UprightRays]
     person: list[np.ndarray]
     clocks: Mapping[str, Clock]
 
@@ -38,7 +38,7 @@ class Scene:
             ground = np.array([places[p] for p in person.tolist()], dtype=np.float64)
             ground[:, 0] += 0.8 * clocks[camera.name].seconds(frame)
             seen = observe(Rig((camera,)), ground, np.full(len(frame), 1.72), frame, person)[camera.name]
-            bodies.append(bodies_of(seen, camera.lens, clocks[camera.name]))
+            bodies.append(upright_rays(seen, camera.lens, clocks[camera.name]))
             assert len(bodies[-1]) == len(frame), "everybody is wholly in every picture"
         return cls(RIG, bodies, [own.tracklet.copy() for own in bodies], clocks)
 

@@ -10,10 +10,10 @@ import pytest
 
 import passerby
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.diagnostics.pose_change import find_change, matched
+from passerby.calibration.diagnostics.pose_change import detect_pose_change, match_people
 from passerby.core.cameras import Rig
 from passerby.evaluation.metrics import compare
-from passerby.people.body_centres import identified_middles, people_without
+from passerby.people.body_centres import identified_body_centres, triangulate_people
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Move, film_disturbed, rig_after
 
@@ -37,15 +37,15 @@ def calibrated(scene: SimulatedScene) -> Calibration:
 
 def changes(scene: SimulatedScene, *, given: bool = True) -> dict[str, object]:
     """By camera, by the true rig, what is found."""
-    middles = identified_middles(scene.rig, scene.observations)
+    middles = identified_body_centres(scene.rig, scene.observations)
     out = {}
     for c, camera in enumerate(scene.rig):
-        people = people_without(c, scene.rig, middles, BODY_M)
+        people = triangulate_people(scene.rig, middles, BODY_M, excluding=c)
         own = middles[c]
         assert own is not None
         if not given:
             own = replace(own, identity=17 - own.identity)  # tracklets that mean nothing elsewhere
-        change = find_change(matched(own, people, BODY_M, given=given), camera.pose, 5.0)
+        change = detect_pose_change(match_people(own, people, BODY_M, given=given), camera.pose, 5.0)
         out[camera.name] = change
     return out
 

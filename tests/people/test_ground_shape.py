@@ -8,7 +8,7 @@ import pytest
 import passerby
 from passerby.calibration.calibration import Calibration
 from passerby.evaluation.metrics import compare
-from passerby.people.body_centres import People
+from passerby.people.body_centres import TriangulatedPeople
 from passerby.people.ground_shape import ground_shape
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Ground, film_disturbed, level
@@ -38,11 +38,11 @@ def test_level_ground_and_an_even_slope_are_planes(ground):
     assert calibration.figures.ground.rise_m < 0.1
 
 
-def people(height: np.ndarray, places: np.ndarray) -> People:
+def people(height: np.ndarray, places: np.ndarray) -> TriangulatedPeople:
     n = len(places)
     instant = np.arange(n) // 4  # two seconds apart: who is elsewhere each time walks
     place = np.column_stack([places, height])
-    return People(instant, np.arange(n) % 4, place, np.tile(np.diag([0.01, 0.01, 0.02]) ** 2, (n, 1, 1)))
+    return TriangulatedPeople(instant, np.arange(n) % 4, place, np.tile(np.diag([0.01, 0.01, 0.02]) ** 2, (n, 1, 1)))
 
 
 def test_heights_of_people_are_no_shape_of_the_ground():

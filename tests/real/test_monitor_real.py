@@ -15,7 +15,7 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.monitoring.watching import Watched, watch
 from passerby.people.ground import fit_ground
-from passerby.people.rig_observations import sightings_of
+from passerby.people.rig_observations import gather_rig_observations
 
 pytestmark = pytest.mark.real
 FPS, KNOCK_S = 2.0, 60.0
@@ -35,7 +35,7 @@ def turned(boxes: Boxes, camera: Camera, turn_deg: tuple[float, float, float]) -
 
 
 def watched(rig: Rig, boxes: dict[str, Boxes]) -> Watched:
-    seen = sightings_of(rig, Observations({name: CameraObservations(own) for name, own in boxes.items()}, FPS))
+    seen = gather_rig_observations(rig, Observations({name: CameraObservations(own) for name, own in boxes.items()}, FPS))
     return watch(rig, seen, ground=fit_ground(rig, seen, 0.0))
 
 

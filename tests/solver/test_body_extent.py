@@ -15,7 +15,7 @@ from passerby.core.observations import CameraObservations, Keypoints, Observatio
 from passerby.geometry.rotations import direction_angle, exp_rotation
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.geopose.body_extent import (
-    Segments,
+    BodySegments3D,
     box_extents,
     joint_extents,
     longest_peak,
@@ -33,7 +33,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 
 
-def crowd(rng: np.random.Generator, area: float, lean: np.ndarray, crouched: float = 0.0, each: int = 40) -> Segments:
+def crowd(rng: np.random.Generator, area: float, lean: np.ndarray, crouched: float = 0.0, each: int = 40) -> BodySegments3D:
     """Six people of 1.6 to 1.85 m, `each` instants, feet on z = 0, all leaning alike; crouched at a share of the instants."""
     heights = np.repeat(np.linspace(1.6, 1.85, 6), each)
     n = len(heights)
@@ -42,11 +42,11 @@ def crowd(rng: np.random.Generator, area: float, lean: np.ndarray, crouched: flo
     feet = np.column_stack([rng.uniform(-area, area, (n, 2)), rng.normal(0, 0.03, n)])
     direction = np.array([0, 0, 1.0]) + lean + rng.normal(0, 0.03, (n, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return Segments(np.repeat(np.arange(6), each), feet + heights[:, None] * direction, feet)
+    return BodySegments3D(np.repeat(np.arange(6), each), feet + heights[:, None] * direction, feet)
 
 
-def moved(segments: Segments, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> Segments:
-    return Segments(segments.identity, scale * segments.top @ R.T + t, scale * segments.bottom @ R.T + t)
+def moved(segments: BodySegments3D, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> BodySegments3D:
+    return BodySegments3D(segments.identity, scale * segments.top @ R.T + t, scale * segments.bottom @ R.T + t)
 
 
 @settings(max_examples=20, deadline=None)
@@ -76,7 +76,7 @@ def test_crouching_people_do_not_shorten_the_standing_length(seed: int, crouched
 def test_people_lying_or_leaning_are_let_go(rng: np.random.Generator) -> None:
     standing = crowd(rng, 5.0, np.zeros(3))
     lying = crowd(rng, 5.0, np.array([2.0, 0, 0]), each=10)
-    both = Segments(
+    both = BodySegments3D(
         np.concatenate([standing.identity, lying.identity]),
         np.concatenate([standing.top, lying.bottom + 0.5 * (lying.top - lying.bottom)]),
         np.concatenate([standing.bottom, lying.bottom]),

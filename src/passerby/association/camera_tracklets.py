@@ -19,7 +19,7 @@ from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.geometry.single_view import Level
-from passerby.people.upright_rays import Bodies, bodies_of, level_of_bodies
+from passerby.people.upright_rays import UprightRays, level_from_people, upright_rays
 
 SAME_PERSON_OVERLAP = 0.5
 """Joints belong to the box that their extent overlaps by this much (intersection over union)."""
@@ -36,7 +36,7 @@ class CameraTracklets:
     seen: CameraObservations
     """Boxes and joints as they were read, their identities the tracklets 0, 1, ... of this camera, or -1."""
     clock: Clock
-    bodies: Bodies
+    bodies: UprightRays
     """The same people, times by the camera's own clock."""
     level: Level | None
     """The camera above its own ground; None where too few people tell."""
@@ -71,8 +71,8 @@ def build_camera_tracklets(
     """
     none = np.zeros(0, np.int64)
     tracked, continued = (seen, (none, none)) if given else _tracked(seen, clock.fps)
-    bodies = bodies_of(tracked, camera.lens, clock)
-    level = level_of_bodies(bodies, person_height_m, rng)
+    bodies = upright_rays(tracked, camera.lens, clock)
+    level = level_from_people(bodies, person_height_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
     return CameraTracklets(camera.name, tracked, clock, bodies, level, tracks, continued)
 

@@ -18,7 +18,7 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Clock
 from passerby.geometry.groups import least_of_groups, rows_of_equal
 from passerby.geometry.ray_consensus import Consensus, ray_reprojection_errors, reassign_outliers, vote_points
-from passerby.people.upright_rays import Bodies
+from passerby.people.upright_rays import UprightRays
 
 Mask = NDArray[np.bool_]
 
@@ -49,7 +49,7 @@ class _Sightings:
 
     @classmethod
     def of(
-        cls, bodies: Sequence[Bodies], person: Sequence[Ints], instant: Sequence[Ints], cameras: Sequence[Camera]
+        cls, bodies: Sequence[UprightRays], person: Sequence[Ints], instant: Sequence[Ints], cameras: Sequence[Camera]
     ) -> _Sightings:
         """The people of the registered cameras, camera after camera."""
         camera = np.concatenate([np.full(len(seen), k) for k, seen in enumerate(bodies)])
@@ -91,7 +91,12 @@ class _Blocks:
 
 
 def reassign_detections(
-    rig: Rig, bodies: Sequence[Bodies], person: Sequence[Ints], clocks: Mapping[str, Clock], grid: Clock, person_height_m: float
+    rig: Rig,
+    bodies: Sequence[UprightRays],
+    person: Sequence[Ints],
+    clocks: Mapping[str, Clock],
+    grid: Clock,
+    person_height_m: float,
 ) -> list[Ints]:
     """The person of each body, camera by camera.
 
@@ -162,7 +167,7 @@ def _has_rival(s: _Sightings, blocks: _Blocks, consensus: Consensus, found: Ints
     return np.bincount(which[~own & (miss < times * best[which])], minlength=len(rows)) > 0
 
 
-def _on_instants(bodies: Bodies, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:
+def _on_instants(bodies: UprightRays, clock: Clock, grid: Clock) -> tuple[Ints, Ints]:
     """Rows of the frames that are nearest to an instant, and the instants."""
     frames = np.unique(bodies.frame)
     at = grid.frames(clock.seconds(frames))

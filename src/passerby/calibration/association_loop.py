@@ -41,8 +41,8 @@ from passerby.core.cameras import Rig
 from passerby.core.findings import Finding
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations, once_in_frame
 from passerby.core.refusals import findings_of
-from passerby.core.scale_cues import PERSON_HEIGHT_M
 from passerby.core.solution import Solution
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps
 from passerby.geometry.relative_pose import PairHypothesis
 

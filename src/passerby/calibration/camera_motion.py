@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.result import Association
-from passerby.calibration.diagnostics.pose_change import Change, Matched, find_change, matched, resected
+from passerby.calibration.diagnostics.pose_change import (
+    Correspondences,
+    PoseChange,
+    detect_pose_change,
+    match_people,
+    resect_correspondences,
+)
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
 from passerby.common.arrays import Bools, Ints
@@ -20,7 +26,7 @@ from passerby.core.findings import Finding, doubt
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.interchange.storage.toml_text import key
-from passerby.people.body_centres import Middles, identified_middles, middles_of, people_without
+from passerby.people.body_centres import BodyCentres, body_centres, identified_body_centres, triangulate_people
 from passerby.scene.inputs import SceneInputs
 
 MARGIN_S = 0.5
@@ -40,7 +46,7 @@ class DetectedMotion:
     """and ends here."""
     fps: float | None
     """Frames per second of them; None where it is not known."""
-    change: Change
+    change: PoseChange
     either: str | None = None
     """The other camera of a rig of two: it may have moved as well."""
 
@@ -110,13 +116,13 @@ class MotionRepair:
 def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair) -> DetectedMotion | None:
     """The camera whose motion explains most of what does not fit; others may look moved because of it."""
     rig, association = estimate.solution.rig, estimate.association
-    middles = identified_middles(rig, association.instants)
-    best: tuple[float, int, Change] | None = None
+    middles = identified_body_centres(rig, association.instants)
+    best: tuple[float, int, PoseChange] | None = None
     for c, camera in enumerate(rig):
         if camera.pose is None:
             continue
         m = _matched(c, rig, middles, inputs.observations, association, repair)
-        change = find_change(m, camera.pose, association.instants.fps or USUAL_FPS)
+        change = detect_pose_change(m, camera.pose, association.instants.fps or USUAL_FPS)
         if change is not None and change.sure and (best is None or change.gain > best[0]):
             best = change.gain, c, change
     if best is None:
@@ -134,9 +140,9 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
 
 
 def _matched(
-    c: int, rig: Rig, middles: list[Middles | None], observations: Observations, association: Association,
+    c: int, rig: Rig, middles: list[BodyCentres | None], observations: Observations, association: Association,
     repair: MotionRepair,
-) -> Matched:  # fmt: skip
+) -> Correspondences:  # fmt: skip
     """All that a camera saw, with where the others see the people.
 
     Where identities were found, sightings from elsewhere lost theirs, or never had one: each may show anybody.
@@ -144,8 +150,8 @@ def _matched(
     camera, own = rig.cameras[c], middles[c]
     known, height_m = repair.identities_known, repair.person_height_m
     if not known or own is None:
-        own = middles_of(_at_instants(camera.name, observations, association, rig), camera)
-    return matched(own, people_without(c, rig, middles, height_m), height_m, given=known)
+        own = body_centres(_at_instants(camera.name, observations, association, rig), camera)
+    return match_people(own, triangulate_people(rig, middles, height_m, excluding=c), height_m, given=known)
 
 
 def _at_instants(name: str, observations: Observations, association: Association, rig: Rig) -> CameraObservations:
@@ -210,7 +216,7 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
         everything = resample_to_common_steps(seen, clocks, grid=grid) if grid else seen
     else:
         everything = association.instants
-    middles = identified_middles(solution.rig, everything)
+    middles = identified_body_centres(solution.rig, everything)
     m = _matched(c, solution.rig, middles, inputs.observations, association, repair)
     own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
     part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
@@ -222,5 +228,5 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
     start = Pose.from_centre(
         start.R_cw @ old.R_cw.T @ pose.R_cw, pose.centre + pose.R_cw.T @ old.R_cw @ (start.centre - old.centre)
     )
-    other = resected(part, start)
+    other = resect_correspondences(part, start)
     return replace(moved, change=replace(moved.change, main=pose, other=other))

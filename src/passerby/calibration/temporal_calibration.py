@@ -32,7 +32,7 @@ from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
 from passerby.core.refusals import findings_of
 from passerby.core.solution import Solution
-from passerby.people.upright_rays import bodies_of
+from passerby.people.upright_rays import upright_rays
 
 SOMEBODY_ELSE = -1e9
 """Log-likelihood ratio of two known people being one: they neither vote nor match."""
@@ -214,7 +214,7 @@ def associate_synchronised(rig: Rig, observations: Observations, instants: Obser
     numbers, none = _numbers(observations), np.zeros(0, np.int64)
     seen = [_renumbered(observations[name], numbers) for name in rig.names]
     cameras = [
-        CameraTracklets(camera.name, own, clock, bodies_of(own, camera.lens, clock), None, None, (none, none))
+        CameraTracklets(camera.name, own, clock, upright_rays(own, camera.lens, clock), None, None, (none, none))
         for camera, own in zip(rig, seen, strict=True)
         for clock in (clocks[camera.name],)
     ]

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M = 1.72, 0.09
-"""Standing height of people, shoes on, and how much they differ (one sigma)."""
+from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
+from passerby.geometry.rotations import skew
 
 POSE_SIZE = 6
 
@@ -17,7 +18,7 @@ _MIN_COSINE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class PointObservations:
+class PointObservations(Columns):
     """M sightings of points by cameras."""
 
     camera: Ints
@@ -39,11 +40,6 @@ class PointObservations:
     by_lens: Floats | None = None
     """(M, 2, L) how the pixel moves with it."""
 
-    def take(self, rows: NDArray[np.generic]) -> PointObservations:
-        """The sightings of the given rows."""
-        columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
-        return PointObservations(**{name: column[rows] for name, column in columns.items()})
-
 
 def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, Floats]:
     """Pixel residuals of camera-frame points near their rays, and the derivative.
@@ -63,14 +59,6 @@ def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, F
     residual = (tangent[:, :, 0] * d[:, :1] + tangent[:, :, 1] * d[:, 1:2] + tangent[:, :, 2] * d[:, 2:]) * inverse[:, None]
     by_d = (tangent - residual[:, :, None] * bearing[:, None, :]) * inverse[:, None, None]
     return residual, by_d
-
-
-def skew(v: Floats) -> Floats:
-    """(M, 3) to (M, 3, 3): the matrix of the cross product, `skew(v) @ w = v x w`."""
-    out = np.zeros((*v.shape[:-1], 3, 3))
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
-    return out
 
 
 def pose_jacobian(by_d: Floats, d: Floats, R: Floats) -> tuple[Floats, Floats]:

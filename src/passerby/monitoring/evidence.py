@@ -30,7 +30,7 @@ POOLED = 150.0
 
 
 @dataclass(frozen=True, eq=False)
-class Test:
+class MotionTest:
     """One camera in one window."""
 
     camera: int
@@ -68,7 +68,7 @@ class Baseline:
         information = np.zeros((6 * n, 6 * n))
         for index, name in enumerate(names):
             own = slice(6 * index, 6 * index + 6)
-            information[own, own] = np.linalg.inv(stated(rig, name))
+            information[own, own] = np.linalg.inv(rig_covariance_of(rig, name))
         return cls(information, np.zeros(6 * n), np.zeros((n, 6, 6)), np.zeros(n))
 
     def estimate(self) -> tuple[Floats, Floats]:
@@ -91,7 +91,7 @@ class Baseline:
         total = float(np.trace(self.scatter, axis1=1, axis2=2).sum()) + 6 * 30 * 4.0
         return max(1.0, total / (6 * (float(self.clusters.sum()) + 30)))
 
-    def with_scatter(self, tests: Sequence[Test]) -> Baseline:
+    def with_scatter(self, tests: Sequence[MotionTest]) -> Baseline:
         """With the scatter of a quiet window."""
         scatter, clusters = self.scatter.copy(), self.clusters.copy()
         for test in tests:
@@ -109,11 +109,11 @@ class Baseline:
             cross = np.linalg.solve(self.information[np.ix_(own, own)], self.information[np.ix_(own, rest)])
             information[np.ix_(rest, rest)] = self.information[np.ix_(rest, rest)] - self.information[np.ix_(rest, own)] @ cross
             gradient[rest] = self.gradient[rest] - cross.T @ self.gradient[own]
-        information[np.ix_(own, own)] = np.linalg.inv(covariance + model())
+        information[np.ix_(own, own)] = np.linalg.inv(covariance + model_covariance())
         return Baseline(information, gradient, self.scatter, self.clusters)
 
 
-def stated(rig: Rig, name: str) -> Floats:
+def rig_covariance_of(rig: Rig, name: str) -> Floats:
     """(6, 6) covariance of a rig's camera: its own sigmas and what people add."""
     sigma = rig[name].sigma
     if sigma is None or not np.isfinite(sigma.position_m + sigma.orientation_deg):
@@ -122,15 +122,15 @@ def stated(rig: Rig, name: str) -> Floats:
         known = np.diag(np.repeat([sigma.position_m**2 / 3, np.radians(sigma.orientation_deg) ** 2 / 3], 3))
     else:
         known = np.asarray(sigma.covariance)
-    return np.asarray(known + model())
+    return np.asarray(known + model_covariance())
 
 
-def model() -> Floats:
+def model_covariance() -> Floats:
     """(6, 6) covariance of what people seem to move a camera by."""
     return np.diag(np.repeat([MODEL_M**2, np.radians(MODEL_DEG) ** 2], 3))
 
 
-def tests(window: Scores, baseline: Baseline, freed: Sequence[int], threshold: float) -> list[Test]:
+def run_motion_tests(window: Scores, baseline: Baseline, freed: Sequence[int], threshold: float) -> list[MotionTest]:
     """Each camera's test that is not freed.
 
     A camera is tested by how far the people ask it to go, given the others; what is not known of the others counts as noise.
@@ -161,11 +161,11 @@ def tests(window: Scores, baseline: Baseline, freed: Sequence[int], threshold: f
 def _test(
     window: Scores, baseline: Baseline, camera: int, information: Floats, gradient: Floats, covariance: Floats,
     free: NDArray[np.int64], cross: Floats, threshold: float,
-) -> Test:  # fmt: skip
+) -> MotionTest:  # fmt: skip
     """One camera's."""
     own = np.arange(6 * camera, 6 * camera + 6)
     rows = np.flatnonzero(_with_a_part(window, camera, free))
-    nothing = Test(camera, 0.0, len(rows), np.zeros(6), (np.inf, np.inf), (np.inf, np.inf))
+    nothing = MotionTest(camera, 0.0, len(rows), np.zeros(6), (np.inf, np.inf), (np.inf, np.inf))
     if len(rows) < FEWEST_CLUSTERS:
         return nothing
     score = gradient[np.ix_(rows, own)] - gradient[np.ix_(rows, free)] @ cross[:, own]
@@ -194,7 +194,7 @@ def _test(
     worst_m, usual_m = metres[:2].tolist()
     worst_deg, usual_deg = np.degrees(radians[:2]).tolist()
     score_told = min(whole, rest + LESS)
-    return Test(camera, score_told, len(rows), shift, (usual_m, worst_m), (usual_deg, worst_deg), scatter)
+    return MotionTest(camera, score_told, len(rows), shift, (usual_m, worst_m), (usual_deg, worst_deg), scatter)
 
 
 def _with_a_part(window: Scores, camera: int, free: NDArray[np.int64]) -> NDArray[np.bool_]:

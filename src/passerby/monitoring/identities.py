@@ -19,10 +19,10 @@ from passerby.common.arrays import Ints
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
-from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.core.stature import PERSON_HEIGHT_M
 
 
-def identified(
+def identify_by_rig(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], rng: np.random.Generator, *, ground_m: float = 0.0,
     executor: Executor | None = None, tell: Progress = silent,
 ) -> Observations:  # fmt: skip

@@ -9,10 +9,10 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.monitoring.evidence import Baseline
-from passerby.people.held_cameras import Ground, solve_people
+from passerby.people.held_cameras import GroundPlane, fit_people
 from passerby.people.resection import centre_first, weak_prior
-from passerby.people.rig_observations import Sightings, poses_of
-from passerby.people.scores import scores_of
+from passerby.people.rig_observations import RigObservations, poses_of
+from passerby.people.scores import cluster_scores
 
 GRID_S = 1.0
 INFLATION = 6.0
@@ -22,7 +22,7 @@ WORSE = 4.0
 
 
 @dataclass(frozen=True)
-class Moment:
+class ChangePoint:
     """A time, and what it lies between."""
 
     seconds: float
@@ -30,7 +30,7 @@ class Moment:
     until_s: float
 
 
-def moment_of(rig: Rig, seen: Sightings, camera: str, baseline: Baseline, ground: Ground) -> Moment:
+def estimate_change_point(rig: Rig, seen: RigObservations, camera: str, baseline: Baseline, ground: GroundPlane) -> ChangePoint:
     """When a camera moved that moved once in the footage.
 
     Of each moment: how much better one new pose from then on explains what was seen than the old one (a likelihood ratio, the
@@ -39,7 +39,7 @@ def moment_of(rig: Rig, seen: Sightings, camera: str, baseline: Baseline, ground
     index = seen.names.index(camera)
     own = slice(6 * index, 6 * index + 6)
     rotation, centre = poses_of(rig, seen.names)
-    scores = scores_of(seen, solve_people(seen, rotation, centre, ground=ground), GRID_S)
+    scores = cluster_scores(seen, fit_people(seen, rotation, centre, ground=ground), GRID_S)
     pull, information = scores.at(baseline.estimate()[0])[:, own], scores.information[:, own, own]
     times, first = np.unique(scores.start_s, return_index=True)
     # From each time to the end.
@@ -49,4 +49,6 @@ def moment_of(rig: Rig, seen: Sightings, camera: str, baseline: Baseline, ground
     best = int(np.argmax(gain))
     likely = np.flatnonzero(gain >= gain[best] - WORSE)
     # The camera was still where it had been at the instant before.
-    return Moment(float(times[best]), float(times[max(likely[0] - 1, 0)]), float(times[min(likely[-1] + 1, len(times) - 1)]))
+    return ChangePoint(
+        float(times[best]), float(times[max(likely[0] - 1, 0)]), float(times[min(likely[-1] + 1, len(times) - 1)])
+    )

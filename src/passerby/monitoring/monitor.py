@@ -16,11 +16,11 @@ from passerby.core.finding_texts import texts_of
 from passerby.core.observations import Clock, Observations
 from passerby.core.synchronisation import resample_to_common_steps
 from passerby.monitoring.given_rig import GivenRig
-from passerby.monitoring.identities import identified
-from passerby.monitoring.result import Monitored
+from passerby.monitoring.identities import identify_by_rig
+from passerby.monitoring.result import MonitoringResult
 from passerby.monitoring.watching import WatchOptions, watch
 from passerby.people.ground import fit_ground, rough_height
-from passerby.people.rig_observations import sightings_of
+from passerby.people.rig_observations import gather_rig_observations
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
@@ -44,7 +44,7 @@ class _Footage:
 def monitor(
     given: GivenRig, scene: Scene | str | Path, options: WatchOptions | None = None, *, in_step: bool = False,
     keep: str | Path | None = None, progress: Progress | None = None, executor: Executor | None = None,
-) -> Monitored:  # fmt: skip
+) -> MonitoringResult:  # fmt: skip
     """Whether cameras have moved.
 
     Args:
@@ -73,7 +73,7 @@ def monitor(
 def monitor_inputs(
     given: GivenRig, scene: Scene, inputs: SceneInputs, options: WatchOptions | None = None, *, in_step: bool = False,
     tell: Progress = silent, executor: Executor | None = None,
-) -> Monitored:  # fmt: skip
+) -> MonitoringResult:  # fmt: skip
     """As `monitor`, from inputs that were read."""
     options = options or WatchOptions()
     names = [name for name in given.rig.names if name in inputs.rig.names and given.rig[name].pose is not None]
@@ -82,10 +82,10 @@ def monitor_inputs(
     # The systems are small, and the number of BLAS threads would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
         footage = _footage(given, scene, inputs, names, in_step, tell, executor)
-        seen = sightings_of(footage.rig, footage.seen)
+        seen = gather_rig_observations(footage.rig, footage.seen)
         ground = fit_ground(footage.rig, seen, footage.height_m)
         watched = watch(footage.rig, seen, options, ground=ground, tell=tell)
-    return Monitored(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step))
+    return MonitoringResult(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step))
 
 
 def _check_names(rig: Rig, seen: tuple[str, ...], place: str) -> None:
@@ -132,7 +132,7 @@ def _footage(
     height = rough_height(rig, seen)
     if not scene.association.given:
         tell("who is who")
-        seen = identified(rig, seen, clocks, np.random.default_rng(SEED), ground_m=height, executor=executor, tell=tell)
+        seen = identify_by_rig(rig, seen, clocks, np.random.default_rng(SEED), ground_m=height, executor=executor, tell=tell)
     sizes = {camera.name: camera.lens.size for camera in rig}
     return _Footage(rig, resample_to_common_steps(seen, clocks, sizes=sizes), height)
 

@@ -15,26 +15,26 @@ from passerby.core.cameras import Rig
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.json_text import plain, to_json
 from passerby.monitoring.watching import Move, Watched, WatchOptions, Window
-from passerby.people.held_cameras import Ground
+from passerby.people.held_cameras import GroundPlane
 
 State = Literal["steady", "moved", "one of several moved", "cannot tell"]
 MONITOR_FILE = "monitor.json"
 
 
 @dataclass(frozen=True, eq=False)
-class Monitored:
+class MonitoringResult:
     """Whether cameras have moved since they were calibrated."""
 
     given: Rig
     """As it was calibrated."""
     watched: Watched
     options: WatchOptions
-    ground: Ground
+    ground: GroundPlane
     notes: tuple[str, ...] = ()
     """What is odd about the input."""
 
     def __repr__(self) -> str:
-        return f"Monitored({', '.join(f'{name}: {self.state(name)}' for name in self.names)})"
+        return f"MonitoringResult({', '.join(f'{name}: {self.state(name)}' for name in self.names)})"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -13,12 +13,12 @@ from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.geometry.rotations import log_rotation
-from passerby.monitoring.evidence import Baseline, Test, stated, tests
-from passerby.monitoring.moments import Moment, moment_of
-from passerby.people.held_cameras import Ground, solve_people
-from passerby.people.resection import Resection, resect_sightings
-from passerby.people.rig_observations import Sightings, poses_of
-from passerby.people.scores import STRETCH_S, Scores, joined, scores_of
+from passerby.monitoring.evidence import Baseline, MotionTest, rig_covariance_of, run_motion_tests
+from passerby.monitoring.moments import ChangePoint, estimate_change_point
+from passerby.people.held_cameras import GroundPlane, fit_people
+from passerby.people.resection import Resection, resect_observations
+from passerby.people.rig_observations import RigObservations, poses_of
+from passerby.people.scores import STRETCH_S, Scores, cluster_scores
 
 STAGE = "watching"
 STEPS = 5
@@ -45,8 +45,8 @@ class WatchOptions:
     every_s: float = 60.0
     """Length of a window."""
     threshold: float = 4.7
-    """Score from which a camera has moved: see `evidence.Test.score`. In 120 quiet hours tried out the largest were 4.4, 4.1,
-    3.5 and 3.3; of 120 knocks of a degree or 10 cm 117 went beyond 4.5 within a minute."""
+    """Score from which a camera has moved: see `evidence.MotionTest.score`. In 120 quiet hours tried out the largest were 4.4,
+    4.1, 3.5 and 3.3; of 120 knocks of a degree or 10 cm 117 went beyond 4.5 within a minute."""
 
     def __post_init__(self) -> None:
         if not 10 <= self.every_s <= 3600:
@@ -67,7 +67,7 @@ class Move:
     camera: str
     noticed_s: float
     """End of the window that gave it away."""
-    moment: Moment | None
+    moment: ChangePoint | None
     """When it moved; None: before the footage began."""
     score: float
     shift: Floats
@@ -87,7 +87,7 @@ class Window:
 
     from_s: float
     until_s: float
-    tests: tuple[Test, ...]
+    tests: tuple[MotionTest, ...]
 
     def clear(self, camera: int) -> bool:
         """Whether something can be said of a camera."""
@@ -107,7 +107,12 @@ class Watched:
 
 
 def watch(
-    rig: Rig, seen: Sightings, options: WatchOptions | None = None, *, ground: Ground | None = None, tell: Progress = silent
+    rig: Rig,
+    seen: RigObservations,
+    options: WatchOptions | None = None,
+    *,
+    ground: GroundPlane | None = None,
+    tell: Progress = silent,
 ) -> Watched:
     """Watch footage.
 
@@ -118,14 +123,14 @@ def watch(
         ground: where feet are; z = 0 where None.
         tell: told how many windows are done.
     """
-    run = _Run(rig, seen, options or WatchOptions(), ground or Ground(), tell)
+    run = _Run(rig, seen, options or WatchOptions(), ground or GroundPlane(), tell)
     return run.result()
 
 
 class _Run:
     """One footage on its way: poses change as cameras move."""
 
-    def __init__(self, rig: Rig, seen: Sightings, options: WatchOptions, ground: Ground, tell: Progress) -> None:
+    def __init__(self, rig: Rig, seen: RigObservations, options: WatchOptions, ground: GroundPlane, tell: Progress) -> None:
         self.rig, self.seen, self.options, self.ground, self.tell = rig, seen, options, ground, tell
         self.names = seen.names
         self.lost: tuple[str, ...] = ()
@@ -149,7 +154,7 @@ class _Run:
             window = self.scores.between(max(origin, until - every), over)
             quiet = self.scores.between(known, max(origin, until - every))
             self.baseline, known = self.baseline.with_quiet(quiet), max(known, origin, until - every)
-            found = tests(window, self.baseline, (), self.options.threshold)
+            found = run_motion_tests(window, self.baseline, (), self.options.threshold)
             last = until >= self.end
             if max((test.score for test in found), default=0.0) >= self.options.threshold:
                 origin = known = self._moved(found, max(origin, until - every), until)
@@ -177,12 +182,12 @@ class _Run:
         for low, high in pairwise(edges.tolist()):
             piece = seen.between(low, high)
             if piece.n_groups:
-                parts.append(scores_of(piece, solve_people(piece, rotation, centre, ground=self.ground)))
+                parts.append(cluster_scores(piece, fit_people(piece, rotation, centre, ground=self.ground)))
         n = 6 * len(self.names)
         nothing = Scores(np.zeros(0), np.zeros((0, n)), np.zeros((0, n, n)), np.zeros((0, len(self.names)), np.int64))
-        return joined(parts) if parts else nothing
+        return Scores.joined(parts) if parts else nothing
 
-    def _moved(self, found: Sequence[Test], from_s: float, until_s: float) -> float:
+    def _moved(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
         """Who moved, when and by how much; returns the time at which watching begins anew."""
         every = self.options.every_s
         cameras, others = self._culprits(found, self.scores.between(from_s, until_s))
@@ -198,25 +203,25 @@ class _Run:
         self.scores = self._scores(high)
         return high
 
-    def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[Moment]:
+    def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[ChangePoint]:
         """When each of the cameras moved, by those that did not."""
         every = self.options.every_s
         seen = self.seen.between(max(self.start, from_s - every), min(until_s + every / 2, self.end))
         found = []
         for camera in cameras:
             gone = np.isin(self.names, [*self.lost, *(self.names[c] for c in cameras if c != camera)])
-            found.append(moment_of(self.rig, seen.without(gone), self.names[camera], self.baseline, self.ground))
+            found.append(estimate_change_point(self.rig, seen.without(gone), self.names[camera], self.baseline, self.ground))
         return found
 
     def _again(self, from_s: float, until_s: float, cameras: list[int], others: list[int]) -> tuple[list[int], list[int]]:
         """The culprits by all that was seen after the move, within a window."""
         window = self.scores.between(from_s, until_s)
-        found = tests(window, self.baseline, (), self.options.threshold)
+        found = run_motion_tests(window, self.baseline, (), self.options.threshold)
         if max((test.score for test in found), default=0.0) < self.options.threshold:
             return cameras, others
         return self._culprits(found, window)
 
-    def _culprits(self, found: Sequence[Test], window: Scores) -> tuple[list[int], list[int]]:
+    def _culprits(self, found: Sequence[MotionTest], window: Scores) -> tuple[list[int], list[int]]:
         """The fewest cameras without which all others agree, and those that would do as well in place of a single one."""
         limit, strength = self.options.threshold, {test.camera: test.score for test in found}
         cameras = sorted(strength, key=lambda c: -strength[c])
@@ -224,7 +229,10 @@ class _Run:
         for size in range(1, max(2, len(self.names) - 1)):
             sets = list(combinations(cameras, size))[:MOST_SETS]
             # Two cameras that agree are needed to say that a third one does not.
-            rest = {freed: max((t.score for t in tests(window, self.baseline, freed, limit)), default=0.0) for freed in sets}
+            rest = {
+                freed: max((t.score for t in run_motion_tests(window, self.baseline, freed, limit)), default=0.0)
+                for freed in sets
+            }
             best = min(
                 sets, key=lambda freed: (max(rest[freed], limit / 2 if size == 1 else 0.0), -min(strength[c] for c in freed))
             )
@@ -235,18 +243,19 @@ class _Run:
         return list(best), []
 
     def _settle(
-        self, camera: int, cameras: list[int], others: list[int], moment: Moment, noticed: float, until: float, score: float
+        self, camera: int, cameras: list[int], others: list[int], moment: ChangePoint, noticed: float, until: float,
+        score: float,
     ) -> None:  # fmt: skip
         """Measure a camera's move, and go on with its new pose."""
         name, every = self.names[camera], self.options.every_s
         gone = (*self.lost, *(self.names[c] for c in cameras if c != camera))
         after = self.seen.between(moment.seconds, max(until, moment.seconds + every))
-        new = resect_sightings(self.rig, after, name, without=gone, ground=self.ground)
+        new = resect_observations(self.rig, after, name, without=gone, ground=self.ground)
         early = moment.seconds - self.start < FIRST_S
         before = None
         if not early:
             span = self.seen.between(moment.from_s - BEFORE_WINDOWS * every, moment.from_s)
-            before = resect_sightings(self.rig, span, name, without=self.lost, ground=self.ground)
+            before = resect_observations(self.rig, span, name, without=self.lost, ground=self.ground)
         told = tuple(self.names[c] for c in others)
         if new is None:
             test = Move(
@@ -267,7 +276,7 @@ class _Run:
 def _difference(rig: Rig, new: Resection, before: Resection | None) -> tuple[Floats, Floats]:
     """(6,) the move and (6, 6) its covariance: from what was measured before it, or else from the rig's pose."""
     if before is None:
-        return new.shift, new.covariance + stated(rig, new.camera)
+        return new.shift, new.covariance + rig_covariance_of(rig, new.camera)
     turn = log_rotation(new.pose.R_cw @ before.pose.R_cw.T)
     shift = np.concatenate([new.pose.centre - before.pose.centre, turn])
     rotate = np.eye(6)
@@ -277,5 +286,5 @@ def _difference(rig: Rig, new: Resection, before: Resection | None) -> tuple[Flo
 
 def _with_others(rig: Rig, new: Resection) -> PoseSigma:
     """The sigma of a new pose: what people leave open, and what the rig's other cameras are off by."""
-    others = [stated(rig, camera.name) for camera in rig.posed() if camera.name != new.camera]
+    others = [rig_covariance_of(rig, camera.name) for camera in rig.posed() if camera.name != new.camera]
     return PoseSigma.from_covariance(new.covariance + (np.mean(others, axis=0) / max(len(others), 1) if others else 0.0))

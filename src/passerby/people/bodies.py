@@ -12,7 +12,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.people.model import Priors
-from passerby.people.upright_body import Rays, body_ends, linearise_ends
+from passerby.people.upright_body import Rays, body_ends, linearise_ends, reach_by_size
 
 ROUNDS = 4
 """Of a box's distance, from its size to the place where the body stands; the fourth moves nobody by a millimetre."""
@@ -44,7 +44,7 @@ class Measurements:
         return np.asarray((self.by_body.transpose(0, 2, 1) @ self.value[:, :, None])[:, :, 0])
 
 
-def measure(rays: Rays, body: Floats, foot_shift: float | Floats) -> Measurements:
+def linearise(rays: Rays, body: Floats, foot_shift: float | Floats) -> Measurements:
     """The measurements about bodies (N, 3): x, y, top.
 
     Args:
@@ -60,7 +60,7 @@ def measure(rays: Rays, body: Floats, foot_shift: float | Floats) -> Measurement
     return Measurements(by_body, rows.residual + (by_body @ body[:, :, None])[:, :, 0], rows.distance)
 
 
-def stand(information: Floats, pull: Floats, height: Floats, height_sd: Floats) -> tuple[Floats, Floats]:
+def solve_bodies(information: Floats, pull: Floats, height: Floats, height_sd: Floats) -> tuple[Floats, Floats]:
     """Bodies from sums of measurements and what is known of their height.
 
     Args:
@@ -80,20 +80,17 @@ def stand(information: Floats, pull: Floats, height: Floats, height_sd: Floats) 
     return (covariance @ right[:, :, None])[:, :, 0], np.asarray(covariance, dtype=np.float64)
 
 
-def stand_alone(rays: Rays, height_m: float, foot_shift: float) -> tuple[Floats, Floats, Measurements]:
+def single_view_bodies(rays: Rays, height_m: float, foot_shift: float) -> tuple[Floats, Floats, Measurements]:
     """Where each box by itself puts a body of about the given height.
 
     Returns:
         (N, 3) x, y, top; (N, 3, 3) covariance; the measurements about them. NaN where the lens cannot tell the rays.
     """
-    middle = rays.top + rays.bottom
-    level = np.hypot(middle[:, 0], middle[:, 1]) / np.linalg.norm(middle, axis=1)
-    reach = height_m * level / np.maximum(rays.size, 1e-4)
-    forward = middle[:, :2] / np.maximum(np.hypot(middle[:, :1], middle[:, 1:2]), 1e-9)
-    body = np.column_stack([rays.centre[:, :2] + (reach * level)[:, None] * forward, np.full(len(reach), height_m)])
+    middle, reach = reach_by_size(rays.top, rays.bottom, rays.size, height_m)
+    body = np.column_stack([rays.centre[:, :2] + reach[:, None] * middle[:, :2], np.full(len(reach), height_m)])
     known = np.full(len(reach), height_m)
     for _ in range(ROUNDS):
-        seen = measure(rays, body, foot_shift)
-        body, covariance = stand(seen.information, seen.pull, known, STANCE_SD * known)
+        seen = linearise(rays, body, foot_shift)
+        body, covariance = solve_bodies(seen.information, seen.pull, known, STANCE_SD * known)
         body[:, 2] = np.clip(body[:, 2], SHORTEST_SHARE * height_m, LONGEST_SHARE * height_m)
     return body, covariance, seen

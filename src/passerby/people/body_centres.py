@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import CameraObservations, Observations
 from passerby.geometry.groups import group_sums
@@ -24,7 +24,7 @@ ROUNDS, LOSS = 4, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Middles:
+class BodyCentres(Columns):
     """M sightings of the middles of people in one camera, at instants that all cameras share."""
 
     instant: Ints
@@ -45,13 +45,9 @@ class Middles:
     def __len__(self) -> int:
         return len(self.instant)
 
-    def take(self, rows: NDArray[np.generic]) -> Middles:
-        """The sightings of the given rows (indices or a mask)."""
-        return Middles(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
-
 
 @dataclass(frozen=True, eq=False)
-class People:
+class TriangulatedPeople:
     """N places of people's middles, in the order of their instants."""
 
     instant: Ints
@@ -65,12 +61,12 @@ class People:
         return len(self.instant)
 
 
-def middles_of(seen: CameraObservations, camera: Camera) -> Middles:
+def body_centres(seen: CameraObservations, camera: Camera) -> BodyCentres:
     """The people whose top and bottom are in the picture, with or without identity."""
     ends = upright_segments(seen, camera.lens)
     extent = np.linalg.norm(ends.bottom - ends.top, axis=1)
     ray = camera.lens.bearings(0.5 * (ends.top + ends.bottom))
-    found = Middles(
+    found = BodyCentres(
         ends.frame, ends.identity, ray, camera.lens.tangents(ray), np.hypot(FLOOR_PX, SHARE * extent), extent,
         0.5 * (ends.top_fraction + ends.bottom_fraction),
     )  # fmt: skip
@@ -78,30 +74,32 @@ def middles_of(seen: CameraObservations, camera: Camera) -> Middles:
     return found.take(sound[np.argsort(found.instant[sound], kind="stable")])
 
 
-def identified_middles(rig: Rig, instants: Observations) -> list[Middles | None]:
+def identified_body_centres(rig: Rig, instants: Observations) -> list[BodyCentres | None]:
     """Of each camera with a pose the people with an identity; None for one without."""
-    out: list[Middles | None] = []
+    out: list[BodyCentres | None] = []
     for camera in rig:
-        found = middles_of(instants[camera.name], camera) if camera.pose is not None else None
+        found = body_centres(instants[camera.name], camera) if camera.pose is not None else None
         out.append(None if found is None else found.take(found.identity >= 0))
     return out
 
 
-def people_without(left_out: int, rig: Rig, middles: list[Middles | None], person_height_m: float) -> People:
+def triangulate_people(
+    rig: Rig, centres: list[BodyCentres | None], person_height_m: float, *, excluding: int = -1
+) -> TriangulatedPeople:
     """Where everybody is by the cameras but one: the point nearest to all rays, at the height where people's middles are.
 
     Least squares on angles with a Cauchy loss; one other camera does, the height then tells how far away the person is.
 
     Args:
-        left_out: index of the camera that has no part in it; -1 for none.
         rig: with poses.
-        middles: of each camera, from `identified_middles`; None where there is no pose.
+        centres: of each camera, from `identified_body_centres`; None where there is no pose.
         person_height_m: typical standing height, metres.
+        excluding: index of the camera that has no part in it; -1 for none.
     """
     poses = [camera.pose for camera in rig]
-    used = [(c, m) for c, m in enumerate(middles) if m is not None and c != left_out and len(m)]
+    used = [(c, m) for c, m in enumerate(centres) if m is not None and c != excluding and len(m)]
     if not used:
-        return People(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
+        return TriangulatedPeople(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
     key = np.concatenate([np.column_stack([m.instant, m.identity]) for _, m in used])
     who, point = np.unique(key, axis=0, return_inverse=True)
     point = point.ravel()
@@ -129,4 +127,4 @@ def people_without(left_out: int, rig: Rig, middles: list[Middles | None], perso
         distance = np.maximum(np.linalg.norm(reach, axis=1), 0.3)
         miss = np.linalg.norm(np.einsum("mij,mj->mi", across, reach), axis=1) / distance / sigma
         weight = 1.0 / (sigma * distance) ** 2 / (1 + (miss / LOSS) ** 2)
-    return People(who[:, 0], who[:, 1], np.asarray(place), np.asarray(np.linalg.inv(A)))
+    return TriangulatedPeople(who[:, 0], who[:, 1], np.asarray(place), np.asarray(np.linalg.inv(A)))

@@ -6,11 +6,12 @@ import numpy as np
 
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock, Observations
-from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.robust import cauchy_weights, residual_scale
-from passerby.people.held_cameras import GROUND_SD, Ground, solve_people
-from passerby.people.rig_observations import Sightings, poses_of
-from passerby.people.upright_rays import bodies_of
+from passerby.people.held_cameras import GROUND_SD, GroundPlane, fit_people
+from passerby.people.rig_observations import RigObservations, poses_of
+from passerby.people.upright_body import reach_by_size
+from passerby.people.upright_rays import upright_rays
 
 LOOSE_M = 1.0
 FEWEST = 60
@@ -27,24 +28,18 @@ def rough_height(rig: Rig, observations: Observations) -> float:
     for camera in rig.posed():
         if camera.pose is None or camera.name not in observations.cameras:
             continue
-        seen = bodies_of(observations[camera.name], camera.lens, Clock(1.0))
+        seen = upright_rays(observations[camera.name], camera.lens, Clock(1.0))
         if len(seen) > MOST:
             seen = seen.take(np.linspace(0, len(seen) - 1, MOST).astype(np.int64))
-        middle = (seen.top + seen.bottom) @ camera.pose.R_cw
-        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-        size = np.linalg.norm(seen.top - seen.bottom, axis=1)
-        reach = (
-            PERSON_HEIGHT_M
-            * (seen.top_fraction - seen.bottom_fraction)
-            * np.hypot(middle[:, 0], middle[:, 1])
-            / np.maximum(size, 1e-4)
-        )
+        top, bottom = seen.top @ camera.pose.R_cw, seen.bottom @ camera.pose.R_cw
+        size, length = np.linalg.norm(top - bottom, axis=1), PERSON_HEIGHT_M * (seen.top_fraction - seen.bottom_fraction)
+        middle, reach = reach_by_size(top, bottom, size, length)
         heights.append(camera.pose.centre[2] + reach * middle[:, 2] - PERSON_HEIGHT_M / 2)
     joined = np.concatenate([np.zeros(0), *heights])
     return float(np.median(joined)) if len(joined) else 0.0
 
 
-def fit_ground(rig: Rig, seen: Sightings, height_m: float) -> Ground:
+def fit_ground(rig: Rig, seen: RigObservations, height_m: float) -> GroundPlane:
     """The plane of the feet of people whom two cameras or more see.
 
     Args:
@@ -54,11 +49,11 @@ def fit_ground(rig: Rig, seen: Sightings, height_m: float) -> Ground:
     """
     several = np.flatnonzero(np.bincount(seen.group, minlength=seen.n_groups) > 1)
     if len(several) < FEWEST:
-        return Ground(height_m, sd=max(GROUND_SD, 0.2))
+        return GroundPlane(height_m, sd=max(GROUND_SD, 0.2))
     wanted = np.zeros(seen.n_groups, dtype=bool)
     wanted[several[np.linspace(0, len(several) - 1, min(MOST, len(several))).astype(np.int64)]] = True
     rotation, centre = poses_of(rig, seen.names)
-    body = solve_people(seen.of_groups(wanted), rotation, centre, ground=Ground(height_m, sd=LOOSE_M)).body
+    body = fit_people(seen.of_groups(wanted), rotation, centre, ground=GroundPlane(height_m, sd=LOOSE_M)).body
     middle = np.median(body[:, :2], axis=0)
     design = np.column_stack([np.ones(len(body)), body[:, :2] - middle])
     plane, scale = np.array([np.median(body[:, 2]), 0.0, 0.0]), 0.3
@@ -71,4 +66,4 @@ def fit_ground(rig: Rig, seen: Sightings, height_m: float) -> Ground:
         plane = np.linalg.solve(normal, design.T @ (weight * body[:, 2]))
     slope = np.clip(plane[1:], -FAR_SLOPE, FAR_SLOPE)
     height = float(plane[0] - slope @ middle)
-    return Ground(height, (float(slope[0]), float(slope[1])), float(np.clip(scale, GROUND_SD, MAX_SD)))
+    return GroundPlane(height, (float(slope[0]), float(slope[1])), float(np.clip(scale, GROUND_SD, MAX_SD)))

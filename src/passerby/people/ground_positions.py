@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Clock, inside_picture
-from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.groups import least_of_groups
 
 STEP_S = 0.2

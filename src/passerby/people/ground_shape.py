@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.groups import group_sums
 from passerby.geometry.robust import cauchy_weights, residual_scale
-from passerby.people.body_centres import People
+from passerby.people.body_centres import TriangulatedPeople
 
 DEGREE = 3
 """Of the polynomial that the ground is compared with: of what a step or a ramp is beside a plane, it takes up the most."""
@@ -62,7 +62,7 @@ class GroundShape:
         return self.rise_m > max(LEAST_M, LEAST_SIGMAS * self.sigma_m) and self.chance_sigmas > least
 
 
-def ground_shape(people: People, per_second: float) -> GroundShape | None:
+def ground_shape(people: TriangulatedPeople, per_second: float) -> GroundShape | None:
     """The shape of the ground by the middles of people; None where too few places tell.
 
     Args:
@@ -87,7 +87,7 @@ def ground_shape(people: People, per_second: float) -> GroundShape | None:
     return _shape(person.ravel(), place, group_sums(group, z, len(key)) / count)
 
 
-def _walking(people: People, per_second: float) -> NDArray[np.bool_]:
+def _walking(people: TriangulatedPeople, per_second: float) -> NDArray[np.bool_]:
     """(N,) who walks: he is upright. Whoever works near the ground does so in one place, and would make a hole of it."""
     step = max(1, round(WALK_S * per_second))
     order = np.lexsort((people.instant, people.identity))

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.core.scale_cues import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
+from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 from passerby.geometry.groups import group_medians, group_sums
 from passerby.geometry.robust import huber_weights
-from passerby.people.rig_observations import Sightings
-from passerby.people.upright_body import Rays, body_ends, linearise_ends
+from passerby.people.rig_observations import RigObservations
+from passerby.people.upright_body import Rays, body_ends, linearise_ends, reach_by_size
 
 STANCE_SD = 0.07
 """Of the height at an instant about the person's own, as a share: gait, bending, hats."""
@@ -36,7 +36,7 @@ WeightsOf = Callable[[Floats], Floats]
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class GroundPlane:
     """Height of the ground by place: `height + slope . (x, y)`, metres."""
 
     height: float = 0.0
@@ -50,7 +50,7 @@ class Ground:
 
 
 @dataclass(frozen=True, eq=False)
-class Equations:
+class BodyEquations:
     """The linear equations of N sightings about G bodies: `residual - by_body d(body) - by_camera d(camera)`, whitened."""
 
     by_body: Floats
@@ -62,7 +62,7 @@ class Equations:
 
 
 @dataclass(frozen=True, eq=False)
-class People:
+class FittedPeople:
     """G bodies and what they rest on."""
 
     body: Floats
@@ -75,17 +75,17 @@ class People:
     """(G, 4, 4) of the bodies, all told."""
     weight: Floats
     """(N,) of the sightings, by the robust loss."""
-    equations: Equations
+    equations: BodyEquations
     scale: float
     """Of the residuals: how many times their sigmas they really are."""
     heights: dict[int, float]
     """Of the people, metres."""
 
 
-def solve_people(
-    seen: Sightings, rotation: Floats, centre: Floats, *, ground: Ground | None = None, heights: dict[int, float] | None = None,
-    scale: float | None = None, weights_of: WeightsOf | None = None,
-) -> People:  # fmt: skip
+def fit_people(
+    seen: RigObservations, rotation: Floats, centre: Floats, *, ground: GroundPlane | None = None,
+    heights: dict[int, float] | None = None, scale: float | None = None, weights_of: WeightsOf | None = None,
+) -> FittedPeople:  # fmt: skip
     """The bodies that the sightings show, by cameras that are held.
 
     Args:
@@ -98,7 +98,7 @@ def solve_people(
         weights_of: the robust loss, as weights by lengths of residuals in sigmas; Huber's where None.
     """
     weights_of = weights_of or (lambda lengths: huber_weights(lengths, HUBER))
-    ground = ground or Ground()
+    ground = ground or GroundPlane()
     who, number = np.unique(seen.person, return_inverse=True)
     tall = np.array([(heights or {}).get(one, PERSON_HEIGHT_M) for one in who.tolist()])
     own = heights is not None
@@ -118,10 +118,12 @@ def solve_people(
     equations = equations_of(seen, rotation, centre, body)
     prior, pull = _prior(body, known, ground, own)
     information, _ = _eliminated(seen, equations, weight, prior, pull)
-    return People(body, prior, pull, information, weight, equations, size, dict(zip(who.tolist(), tall.tolist(), strict=True)))
+    return FittedPeople(
+        body, prior, pull, information, weight, equations, size, dict(zip(who.tolist(), tall.tolist(), strict=True))
+    )
 
 
-def _heights(seen: Sightings, body: Floats, number: Ints, n: int) -> Floats:
+def _heights(seen: RigObservations, body: Floats, number: Ints, n: int) -> Floats:
     """(n,) heights by what several cameras saw at once, drawn towards the usual height where that is little."""
     several = np.bincount(seen.group, minlength=seen.n_groups) > 1
     found = np.full(n, PERSON_HEIGHT_M)
@@ -137,7 +139,7 @@ def _heights(seen: Sightings, body: Floats, number: Ints, n: int) -> Floats:
     return found
 
 
-def equations_of(seen: Sightings, rotation: Floats, centre: Floats, body: Floats) -> Equations:
+def equations_of(seen: RigObservations, rotation: Floats, centre: Floats, body: Floats) -> BodyEquations:
     """The equations about bodies (G, 4)."""
     R, C, here = rotation[seen.camera], centre[seen.camera], body[seen.group]
     low_and_high = np.column_stack([here[:, :2], here[:, 2], here[:, 2] + here[:, 3]])
@@ -150,23 +152,21 @@ def equations_of(seen: Sightings, rotation: Floats, centre: Floats, body: Floats
     by_height = f_top[:, None] * rows.by_top[:, :, 2] + f_bottom[:, None] * rows.by_bottom[:, :, 2]
     turning = np.cross(rows.top[:, None], rows.by_top) + np.cross(rows.bottom[:, None], rows.by_bottom)
     by_camera = np.concatenate([-by_place, turning @ to_world], axis=2)
-    return Equations(np.concatenate([by_place, by_height[:, :, None]], axis=2), by_camera, rows.residual)
+    return BodyEquations(np.concatenate([by_place, by_height[:, :, None]], axis=2), by_camera, rows.residual)
 
 
-def _first_guess(seen: Sightings, rotation: Floats, centre: Floats, height: Floats, ground: Ground) -> Floats:
+def _first_guess(seen: RigObservations, rotation: Floats, centre: Floats, height: Floats, ground: GroundPlane) -> Floats:
     """(G, 4) the median over the cameras of where the middle's ray, as long as the size says, ends."""
     R = rotation[seen.camera]
-    middle = np.einsum("nji,nj->ni", R, seen.top + seen.bottom)
-    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    level = np.hypot(middle[:, 0], middle[:, 1])
-    span = (seen.fractions[:, 0] - seen.fractions[:, 1]) * height[seen.group]
-    reach = span * np.maximum(level, 0.2) / np.maximum(seen.size, 1e-4)
+    top, bottom = (np.einsum("nji,nj->ni", R, ray) for ray in (seen.top, seen.bottom))
+    length = (seen.fractions[:, 0] - seen.fractions[:, 1]) * height[seen.group]
+    middle, reach = reach_by_size(top, bottom, seen.size, length, least_level=0.2)
     place = centre[seen.camera] + reach[:, None] * middle
     x, y = (group_medians(seen.group, place[:, k], seen.n_groups) for k in (0, 1))
     return np.column_stack([x, y, ground.at(np.column_stack([x, y])), height])
 
 
-def _prior(body: Floats, known: Floats, ground: Ground, own: bool) -> tuple[Floats, Floats]:
+def _prior(body: Floats, known: Floats, ground: GroundPlane, own: bool) -> tuple[Floats, Floats]:
     """Of g about the ground and h about the person's height: (G, 4, 4) and its gradient (G, 4)."""
     n = len(body)
     spread = known * STANCE_SD if own else np.hypot(known * STANCE_SD, PERSON_HEIGHT_SD_M)
@@ -180,7 +180,9 @@ def _prior(body: Floats, known: Floats, ground: Ground, own: bool) -> tuple[Floa
     return information, pull
 
 
-def _eliminated(seen: Sightings, equations: Equations, weight: Floats, prior: Floats, pull: Floats) -> tuple[Floats, Floats]:
+def _eliminated(
+    seen: RigObservations, equations: BodyEquations, weight: Floats, prior: Floats, pull: Floats
+) -> tuple[Floats, Floats]:
     """Information (G, 4, 4) and step (G, 4) of the bodies."""
     A = equations.by_body
     weighted = A * weight[:, None, None]
@@ -191,7 +193,7 @@ def _eliminated(seen: Sightings, equations: Equations, weight: Floats, prior: Fl
     return information, np.asarray(step, dtype=np.float64)
 
 
-def _weights(seen: Sightings, residual: Floats, scale: float | None, weights_of: WeightsOf) -> tuple[Floats, float]:
+def _weights(seen: RigObservations, residual: Floats, scale: float | None, weights_of: WeightsOf) -> tuple[Floats, float]:
     """(N,) weights, and the scale of the residuals."""
     length = np.hypot(residual[:, 0], residual[:, 1])
     if scale is None:

@@ -17,9 +17,9 @@ from passerby.core.observations import Observations
 from passerby.geometry.reprojection import retract_poses
 from passerby.geometry.robust import cut_cauchy_weights
 from passerby.geometry.rotations import log_rotation
-from passerby.people.held_cameras import Ground, People, solve_people
-from passerby.people.rig_observations import Sightings, poses_of, sightings_of
-from passerby.people.scores import Scores, scores_of
+from passerby.people.held_cameras import FittedPeople, GroundPlane, fit_people
+from passerby.people.rig_observations import RigObservations, gather_rig_observations, poses_of
+from passerby.people.scores import Scores, cluster_scores
 
 CENTRE_SD_M, TURN_SD = 2.0, np.deg2rad(30.0)
 """Cameras are seldom moved by more: it holds a pose that people do not fix."""
@@ -136,7 +136,7 @@ class Resection:
 
 def resect(
     rig: Rig, observations: Observations, camera: str, *, from_s: float = -np.inf, until_s: float = np.inf,
-    without: tuple[str, ...] = (), ground: Ground | None = None,
+    without: tuple[str, ...] = (), ground: GroundPlane | None = None,
 ) -> Resection | None:  # fmt: skip
     """The pose of one camera by the people that others see too.
 
@@ -152,12 +152,12 @@ def resect(
     Returns:
         The pose; None where too few people tell (fewer than `FEWEST_CLUSTERS` stretches of 6 s).
     """
-    seen = sightings_of(rig, observations).between(from_s, until_s)
-    return resect_sightings(rig, seen, camera, without=without, ground=ground)
+    seen = gather_rig_observations(rig, observations).between(from_s, until_s)
+    return resect_observations(rig, seen, camera, without=without, ground=ground)
 
 
-def resect_sightings(
-    rig: Rig, seen: Sightings, camera: str, *, without: tuple[str, ...] = (), ground: Ground | None = None,
+def resect_observations(
+    rig: Rig, seen: RigObservations, camera: str, *, without: tuple[str, ...] = (), ground: GroundPlane | None = None,
     heights: dict[int, float] | None = None,
 ) -> Resection | None:  # fmt: skip
     """As `resect`, from sightings; `heights` are those of people, where they are known from elsewhere."""
@@ -167,15 +167,15 @@ def resect_sightings(
     # The bodies' heights are the others' business: a camera that is far off would spoil them.
     apart = np.arange(len(seen.names)) == index
     if heights is None and (~apart[seen.camera]).any():
-        heights = solve_people(seen.without(apart), rotation, centre, ground=ground).heights
+        heights = fit_people(seen.without(apart), rotation, centre, ground=ground).heights
 
     def equations_at(pose: Pose, wide: float) -> _Clusters:
         def weights_of(lengths: Floats) -> Floats:
             return cut_cauchy_weights((lengths / wide) ** 2, LOSS, BEYOND)
 
         rotation[index], centre[index] = pose.R_cw, pose.centre
-        people = solve_people(seen, rotation, centre, ground=ground, heights=heights, weights_of=weights_of)
-        return _Clusters.of(scores_of(seen, people), index, people)
+        people = fit_people(seen, rotation, centre, ground=ground, heights=heights, weights_of=weights_of)
+        return _Clusters.of(cluster_scores(seen, people), index, people)
 
     start = Pose.from_centre(rotation[index].copy(), centre[index].copy())
     fit = fit_pose(start, equations_at, widening=WIDENING, steps=ROUNDS, most_turn=MOST_TURN)
@@ -208,7 +208,7 @@ class _Clusters(PoseEquations):
     """Half the weighted squared residuals of all sightings, bodies eliminated."""
 
     @classmethod
-    def of(cls, scores: Scores, index: int, people: People) -> _Clusters:
+    def of(cls, scores: Scores, index: int, people: FittedPeople) -> _Clusters:
         """Those of one of the cameras."""
         own = 6 * index + np.array(CENTRE_FIRST)
         scores = scores.take(scores.counts[:, index] > 0)

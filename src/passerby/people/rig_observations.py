@@ -12,7 +12,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
-from passerby.people.upright_rays import bodies_of
+from passerby.people.upright_rays import upright_rays
 
 Mask = NDArray[np.bool_]
 
@@ -23,7 +23,7 @@ EVERY_S = 0.4
 
 
 @dataclass(frozen=True, eq=False)
-class Sightings:
+class RigObservations:
     """N sightings, sorted by group; G groups, each one person at one instant."""
 
     names: tuple[str, ...]
@@ -56,23 +56,23 @@ class Sightings:
         """People-instants."""
         return len(self.person)
 
-    def of_groups(self, wanted: Mask) -> Sightings:
+    def of_groups(self, wanted: Mask) -> RigObservations:
         """The sightings of some groups (G,), numbered anew."""
         return self._of(np.flatnonzero(wanted[self.group]))
 
-    def between(self, from_s: float, until_s: float) -> Sightings:
+    def between(self, from_s: float, until_s: float) -> RigObservations:
         """The sightings at times of [from, until)."""
         return self.of_groups((self.seconds >= from_s) & (self.seconds < until_s))
 
-    def without(self, cameras: Mask) -> Sightings:
+    def without(self, cameras: Mask) -> RigObservations:
         """The sightings by other cameras than those marked (C,)."""
         return self._of(np.flatnonzero(~cameras[self.camera]))
 
-    def _of(self, rows: Ints) -> Sightings:
+    def _of(self, rows: Ints) -> RigObservations:
         """Some rows (in order), and the groups that they belong to."""
         kept, group = np.unique(self.group[rows], return_inverse=True)
         columns = {name: getattr(self, name)[rows] for name in BY_SIGHTING}
-        return Sightings(self.names, group=group.ravel(), person=self.person[kept], seconds=self.seconds[kept], **columns)
+        return RigObservations(self.names, group=group.ravel(), person=self.person[kept], seconds=self.seconds[kept], **columns)
 
 
 BY_SIGHTING = "camera", "top", "bottom", "fractions", "foot_shift", "size", "middle_sd", "size_sd"
@@ -80,7 +80,9 @@ FOOT_SHIFT = Priors().foot_shift
 """Of a box: it ends at the nearer foot."""
 
 
-def sightings_of(rig: Rig, observations: Observations, *, every_s: float = EVERY_S, fps: float = 1.0) -> Sightings:
+def gather_rig_observations(
+    rig: Rig, observations: Observations, *, every_s: float = EVERY_S, fps: float = 1.0
+) -> RigObservations:
     """Sightings of the cameras with poses.
 
     Args:
@@ -96,7 +98,7 @@ def sightings_of(rig: Rig, observations: Observations, *, every_s: float = EVERY
     for number, camera in enumerate(posed):
         if camera.name not in observations.cameras:
             continue
-        seen = bodies_of(_at(observations[camera.name], kept), camera.lens, clock)
+        seen = upright_rays(_at(observations[camera.name], kept), camera.lens, clock)
         seen = seen.take(seen.tracklet != UNKNOWN)
         size = 2 * np.arcsin(np.clip(np.linalg.norm(seen.top - seen.bottom, axis=1) / 2, 1e-5, 1.0))
         whole = size / np.maximum(seen.top_fraction - seen.bottom_fraction, 0.2)
@@ -115,7 +117,7 @@ def sightings_of(rig: Rig, observations: Observations, *, every_s: float = EVERY
     key, group = np.unique(np.column_stack([joined.pop("frame"), joined.pop("who")]), axis=0, return_inverse=True)
     order = np.argsort(group.ravel(), kind="stable")
     frame, person = key.T.astype(np.int64)
-    return Sightings(
+    return RigObservations(
         posed.names, group=group.ravel()[order], person=person, seconds=clock.seconds(frame),
         **{name: values[order] for name, values in joined.items()},
     )  # fmt: skip
@@ -136,10 +138,10 @@ def _at(seen: CameraObservations, frames: Ints) -> CameraObservations:
     return CameraObservations(boxes, joints)
 
 
-def _nothing(names: tuple[str, ...]) -> Sightings:
+def _nothing(names: tuple[str, ...]) -> RigObservations:
     none, whole = np.zeros(0), np.zeros(0, np.int64)
     rays = np.zeros((0, 3))
-    return Sightings(names, whole, whole, whole, none, rays, rays, np.zeros((0, 2)), none, none, none, none)
+    return RigObservations(names, whole, whole, whole, none, rays, rays, np.zeros((0, 2)), none, none, none, none)
 
 
 def poses_of(

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
 from passerby.geometry.groups import group_sums
-from passerby.people.held_cameras import People
-from passerby.people.rig_observations import Sightings
+from passerby.people.held_cameras import FittedPeople
+from passerby.people.rig_observations import RigObservations
 
 STRETCH_S = 6.0
 """Of one person, in one cluster. By stretches of 3, 6, 10 and 20 s the squared errors of a minute's pose were 1.7, 1.33, 1.30
@@ -22,8 +23,8 @@ and 1.1 times the stated variance; longer ones leave too few clusters."""
 
 
 @dataclass(frozen=True, eq=False)
-class Scores:
-    """K clusters, ascending in time, about poses of C cameras: 6 parameters each, as in `people.Equations`."""
+class Scores(Columns):
+    """K clusters, ascending in time, about poses of C cameras: 6 parameters each, as in `people.BodyEquations`."""
 
     start_s: Floats
     """(K,) when the stretch begins."""
@@ -42,21 +43,12 @@ class Scores:
         low, high = np.searchsorted(self.start_s, [from_s, until_s])
         return self.take(slice(int(low), int(high)))
 
-    def take(self, rows: NDArray[np.generic] | slice) -> Scores:
-        """Some clusters."""
-        return Scores(self.start_s[rows], self.gradient[rows], self.information[rows], self.counts[rows])
-
     def at(self, shift: Floats) -> Floats:
         """(K, 6 C) gradients after the cameras are shifted by (6 C,)."""
         return self.gradient - self.information @ shift
 
 
-def joined(parts: list[Scores]) -> Scores:
-    """Of successive times."""
-    return Scores(*(np.concatenate([getattr(part, name) for part in parts]) for name in Scores.__dataclass_fields__))
-
-
-def scores_of(seen: Sightings, people: People, stretch_s: float = STRETCH_S) -> Scores:
+def cluster_scores(seen: RigObservations, people: FittedPeople, stretch_s: float = STRETCH_S) -> Scores:
     """The clusters of bodies that two cameras or more saw.
 
     Args:
@@ -84,7 +76,7 @@ def scores_of(seen: Sightings, people: People, stretch_s: float = STRETCH_S) -> 
     return _clustered(seen, gradient, information, counts, stretch_s)
 
 
-def _clustered(seen: Sightings, gradient: Floats, information: Floats, counts: Ints, stretch_s: float) -> Scores:
+def _clustered(seen: RigObservations, gradient: Floats, information: Floats, counts: Ints, stretch_s: float) -> Scores:
     """Summed over the stretches of each person; bodies that one camera alone saw say nothing about others."""
     use = np.flatnonzero(counts.sum(axis=1) > 1)
     step = np.floor(seen.seconds[use] / stretch_s + 1e-9).astype(np.int64)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Bools, Floats, Ints
+from passerby.common.columns import Columns
 from passerby.core.cameras import Lens
 from passerby.core.observations import MIN_JOINT_SCORE, Boxes, CameraObservations, Keypoints
 from passerby.people.image_motion import image_velocity
@@ -30,7 +31,7 @@ EXTREME_FRACTIONS = (0.96, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(Columns):
     """Highest and lowest points of people in one camera's picture, pixels."""
 
     frame: Ints
@@ -42,10 +43,6 @@ class Segments:
     has_foot: Floats
     row: Ints
     """Which box, or which set of joints, each is."""
-
-    def take(self, rows: NDArray[np.generic]) -> Segments:
-        """The segments of the given rows (indices or a mask)."""
-        return Segments(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
     @property
     def from_joints(self) -> Bools:
@@ -137,6 +134,4 @@ def upright_segments(seen: CameraObservations, lens: Lens) -> Segments:
     """
     boxes = segments_of_boxes(seen.boxes, lens, unknown=True)
     joints = segments_without(segments_of_keypoints(seen.keypoints, named=True, unknown=True), boxes)
-    return Segments(**{
-        name: np.concatenate([getattr(part, name) for part in (boxes, joints)]) for name in Segments.__dataclass_fields__
-    })  # fmt: skip
+    return Segments.joined([boxes, joints])

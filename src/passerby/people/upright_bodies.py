@@ -15,7 +15,7 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.geometry.groups import group_medians, group_numbers, group_sums
 from passerby.geometry.robust import cauchy_weights
-from passerby.people.bodies import STANCE_SD, measure, stand, stand_alone
+from passerby.people.bodies import STANCE_SD, linearise, single_view_bodies, solve_bodies
 from passerby.people.model import GAIT_SHARE, Noise, Priors
 from passerby.people.upright_body import Rays, body_ends, rays_of
 
@@ -176,11 +176,11 @@ def _solved(rays: Rays, block: Ints, height: Floats, height_sd: Floats, model: B
     """Bodies (B, 3), their covariances, and how many sigmas each box's centre (M,) is off."""
     n = len(height)
     shift = (model.foot_shift * height)[block][:, None]
-    alone = stand_alone(rays, float(np.median(height)), model.foot_shift * model.usual_m)[0]
+    alone = single_view_bodies(rays, float(np.median(height)), model.foot_shift * model.usual_m)[0]
     body = np.column_stack([*(group_medians(block, alone[:, k], n) for k in (0, 1)), height])
     off, sd = np.zeros(len(block)), height_sd
     for number in range(ROUNDS):
-        found = measure(rays, body[block], shift)
+        found = linearise(rays, body[block], shift)
         residual = (found.by_body @ body[block][:, :, None])[:, :, 0] - found.value
         off = np.linalg.norm(residual[:, :2], axis=1)
         if number == ROUNDS - 1:
@@ -193,6 +193,6 @@ def _solved(rays: Rays, block: Ints, height: Floats, height_sd: Floats, model: B
         pull = group_sums(block, found.pull * weight[:, None], n)
         # Who crouches or jumps is let go, as by the solver's loss on stance.
         sd = height_sd * np.sqrt(1 + ((body[:, 2] - height) / (Priors().stance_loss * height_sd)) ** 2)
-        body, covariance = stand(information, pull, height, sd)
+        body, covariance = solve_bodies(information, pull, height, sd)
         body[:, 2] = np.clip(body[:, 2], 0.2 * height, 1.5 * height)
     return body, covariance, off

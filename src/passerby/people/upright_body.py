@@ -8,19 +8,20 @@ detector's slack moves both edges apart and leaves the centre where it is. All t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.common.arrays import Bools, Floats
+from passerby.common.columns import Columns
 from passerby.core.cameras import Camera
 from passerby.core.observations import inside_picture
 from passerby.people.model import Noise
 
 X, Y, LOW, HIGH = range(4)
 """Columns of a body: its place on the ground, and its lowest and highest points above the ground, metres."""
+HORIZON = 0.02
+"""Rays that fall less steeply, by this sine, meet no ground."""
 NEAREST_M = 0.3
 """Nobody is nearer to a camera: it keeps the equations of a guess that is far off finite."""
 CUT_TIMES = 10.0
@@ -63,7 +64,7 @@ def by_low_and_high(by_point: Floats, fraction: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Rays:
+class Rays(Columns):
     """N boxes as rays. World frame, metres, radians."""
 
     centre: Floats
@@ -78,15 +79,6 @@ class Rays:
     """(N,) one sigma of the centre's direction, in each of two directions."""
     size_sd: Floats
     """(N,) one sigma of the size."""
-
-    @classmethod
-    def joined(cls, parts: Sequence[Rays]) -> Rays:
-        """The boxes of several cameras, one after the other."""
-        return cls(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in cls.__dataclass_fields__})
-
-    def take(self, rows: NDArray[np.generic]) -> Rays:
-        """The boxes of the given rows."""
-        return Rays(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
     @property
     def known(self) -> Bools:
@@ -109,6 +101,50 @@ def rays_of(camera: Camera, ltwh: Floats, noise: Noise | None = None) -> Rays:
         np.tile(camera.pose.centre, (len(x), 1)), top, bottom, size,
         less * np.hypot(floor, noise.centre * size), less * np.hypot(floor, noise.height * size),
     )  # fmt: skip
+
+
+def reach_by_size(
+    top: Floats, bottom: Floats, size: Floats, length_m: Floats | float, least_level: float = 0.0
+) -> tuple[Floats, Floats]:
+    """How far upright bodies are away, by how large they look.
+
+    Args:
+        top: (N, 3) unit rays of the highest points, world.
+        bottom: (N, 3) the same of the lowest.
+        size: (N,) the angle between both, radians.
+        length_m: (N,) metres between both on the body.
+        least_level: a body from straight above looks no shorter than by this factor.
+
+    Returns:
+        (N, 3) unit rays of the middles, (N,) metres along them.
+    """
+    middle = top + bottom
+    middle = middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    level = np.maximum(np.hypot(middle[:, 0], middle[:, 1]), least_level)
+    return middle, np.asarray(length_m * level / np.maximum(size, 1e-4))
+
+
+def ground_under(camera: Camera, pixels: Floats) -> Floats:
+    """(N, 2) where the rays of pixels (N, 2) meet the ground z = 0, metres; NaN near the horizon and above it."""
+    assert camera.pose is not None
+    ray = camera.lens.bearings(pixels) @ camera.pose.R_cw
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = np.where(ray[:, 2] < -HORIZON, camera.pose.centre[2] / -ray[:, 2], np.nan)
+    return np.asarray(camera.pose.centre[:2] + reach[:, None] * ray[:, :2])
+
+
+def height_over(camera: Camera, place: Floats, pixels: Floats) -> Floats:
+    """(N,) how high the rays of pixels (N, 2) pass over places (N, 2) on the ground, metres."""
+    assert camera.pose is not None
+    ray = camera.lens.bearings(pixels) @ camera.pose.R_cw
+    away = np.linalg.norm(place - camera.pose.centre[:2], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(camera.pose.centre[2] + away * ray[:, 2] / np.linalg.norm(ray[:, :2], axis=1))
+
+
+def pixels_over(camera: Camera, place: Floats, height_m: float) -> Floats:
+    """(N, 2) pixels of points at a height over places (N, 2) on the ground; NaN where the camera cannot see them."""
+    return camera.project(np.column_stack([place, np.full(len(place), height_m)]))
 
 
 @dataclass(frozen=True, eq=False)

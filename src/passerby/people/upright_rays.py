@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
 from passerby.core.cameras import Lens
 from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level, level_camera
@@ -15,7 +16,7 @@ from passerby.people.segments import upright_segments
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
+class UprightRays(Columns):
     """N people in one camera, in the order of `frame`: boxes first where the same person is in both."""
 
     frame: Ints
@@ -44,12 +45,8 @@ class Bodies:
     def __len__(self) -> int:
         return len(self.frame)
 
-    def take(self, rows: NDArray[np.generic]) -> Bodies:
-        """The people of the given rows (indices or a mask)."""
-        return Bodies(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
-
-def bodies_of(seen: CameraObservations, lens: Lens, clock: Clock) -> Bodies:
+def upright_rays(seen: CameraObservations, lens: Lens, clock: Clock) -> UprightRays:
     """People whose top and bottom are both in the picture.
 
     Args:
@@ -59,7 +56,7 @@ def bodies_of(seen: CameraObservations, lens: Lens, clock: Clock) -> Bodies:
     """
     ends = upright_segments(seen, lens)
     top_ray, bottom_ray = lens.bearings(ends.top), lens.bearings(ends.bottom)
-    found = Bodies(
+    found = UprightRays(
         ends.frame, clock.seconds(ends.frame), ends.identity, top_ray, bottom_ray, lens.tangents(top_ray),
         np.linalg.norm(ends.bottom - ends.top, axis=1), ends.top_fraction, ends.bottom_fraction, ends.row, ends.from_joints,
     )  # fmt: skip
@@ -67,7 +64,7 @@ def bodies_of(seen: CameraObservations, lens: Lens, clock: Clock) -> Bodies:
     return found.take(np.argsort(found.frame, kind="stable"))
 
 
-def level_of_bodies(bodies: Bodies, person_height_m: float, rng: np.random.Generator) -> Level | None:
+def level_from_people(bodies: UprightRays, person_height_m: float, rng: np.random.Generator) -> Level | None:
     """The camera's vertical and height from its own people, as tall as `person_height_m` metres; None where there are too few.
 
     Those in a tracklet are taken where there are enough: single detections are more often false.

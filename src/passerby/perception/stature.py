@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.geometry.robust import cauchy_weights
+from passerby.geometry.robust import cauchy_weights, residual_scale
 
 LEAST_BOXES = 12
 """Fewer boxes say too little about a plane of three unknowns."""
@@ -56,7 +56,7 @@ def learn_stature(ltwh: Floats, rng: np.random.Generator) -> Stature | None:
     if near.sum() < LEAST_BOXES or near.mean() < 0.4:
         return None
     slope = plane[1:] / scale
-    spread = float(np.clip(1.4826 * np.median(np.abs(error[near])), 0.03, 0.15))
+    spread = min(residual_scale(error[near], 0.03), 0.15)
     return Stature(np.array([plane[0] - slope @ centre, *slope]), spread, int(near.sum()))
 
 

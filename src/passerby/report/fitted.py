@@ -32,7 +32,7 @@ FEWEST_JOINTS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class FittedObservations:
+class FittedBoxes:
     """M boxes of identified people and the model's boxes for them, pixels. Sorted by camera, then by frame."""
 
     camera: Ints
@@ -100,7 +100,7 @@ class Fitted:
     sample: Sample | None
     """None where no camera with a pose saw anybody."""
     bodies: UprightBodies
-    sightings: FittedObservations
+    sightings: FittedBoxes
     joints: Joints
     ways: FittedTrajectories
 
@@ -128,7 +128,7 @@ def fit_sample(contents: Contents, sample: Sample | None) -> Fitted:
     rows = np.flatnonzero(body >= 0)
     camera, body, seen = boxes.camera[rows], body[rows], boxes.ltwh[rows]
     ltwh, top, foot = predict_boxes(rig, camera, bodies, body, seen[:, 2], model)
-    sightings = FittedObservations(
+    sightings = FittedBoxes(
         camera, body, boxes.identity[rows], boxes.frame[rows], seen, ltwh, top, foot, agrees[rows] & ~_cut(rig, camera, seen)
     )
     joints = joints_of(rig, sample.seen) if sample is not None else _no_joints()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.core.figures import AdjustedFigures, heights_of
-from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.people.model import Noise, Priors
 from passerby.people.upright_bodies import BodyModel
 

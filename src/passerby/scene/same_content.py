@@ -19,6 +19,7 @@ from passerby.core.extents import extents_of
 from passerby.core.findings import Finding, doubt
 from passerby.core.observations import CameraObservations, Observations
 from passerby.geometry.groups import rows_of_equal
+from passerby.geometry.robust import NORMAL_BY_MAD
 
 MIN_FRAMES, MIN_MATCHES = 30, 60
 """Fewer frames with people in both, or fewer boxes that agree, tell nothing."""
@@ -358,4 +359,4 @@ def _robust(design: Floats, values: Floats) -> tuple[Floats, Floats]:
     square = design[use].T @ design[use]
     if np.linalg.matrix_rank(square) < len(square):
         return found, np.full(len(found), np.inf)
-    return found, 1.4826 * float(np.median(miss)) * np.sqrt(np.diag(np.linalg.inv(square)))
+    return found, NORMAL_BY_MAD * float(np.median(miss)) * np.sqrt(np.diag(np.linalg.inv(square)))

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from passerby.common.addresses import not_a_file, plain_without_credentials
-from passerby.core.scale_cues import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
+from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 
 
 def _finite(value: float) -> float:

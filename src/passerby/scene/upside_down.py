@@ -17,7 +17,7 @@ from passerby.core.findings import Finding, doubt
 from passerby.core.observations import MIN_JOINT_SCORE, CameraObservations, Clock, Keypoints
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.segments import FEET, HEAD
-from passerby.people.upright_rays import bodies_of
+from passerby.people.upright_rays import upright_rays
 
 MIN_BODIES = 50
 FITS_BETTER = 1.6
@@ -63,7 +63,7 @@ def heads_below(keypoints: Keypoints) -> float | None:
 
 def fits_better_turned(lens: Lens, seen: CameraObservations, person_height_m: float) -> float:
     """How many times smaller the misfit of people to one ground is with boxes turned over; 0 where nothing can be said."""
-    bodies = bodies_of(CameraObservations(seen.boxes), lens, Clock(1.0))
+    bodies = upright_rays(CameraObservations(seen.boxes), lens, Clock(1.0))
     if len(bodies) < MIN_BODIES:
         return 0.0
     span, foot = person_height_m * (bodies.top_fraction - bodies.bottom_fraction), person_height_m * bodies.bottom_fraction

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.errors import InputError
-from passerby.core.scale_cues import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
+from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 from passerby.simulation.presets import PRESETS, Preset
 
 MAX_CLOCK_OFFSET_S = 5.0

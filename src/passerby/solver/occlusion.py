@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.geometry.robust import residual_scale
 
 BROKEN_DENSITY = 3.0
 """A broken edge lies evenly within a sixth of the person's height either way. Rendered videos, a network's boxes and a
@@ -58,7 +59,7 @@ def weight_truncated_boxes(top: Floats, bottom: Floats) -> Wholeness:
 
 def _sound(residual: Floats) -> tuple[Floats, float]:
     """(M,) probability of each edge to be the person's, and the share of the broken ones beyond `CLEAN`."""
-    sigma, broken = max(1.4826 * float(np.median(np.abs(residual))), MIN_SIGMA), 0.05
+    sigma, broken = residual_scale(residual, MIN_SIGMA), 0.05
     for _ in range(_STEPS):
         sound = _posterior(residual, sigma, broken)
         broken = max(1 - float(sound.mean()), 1e-4)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
 
 
 @dataclass(frozen=True, eq=False)
-class UprightObservations:
+class UprightObservations(Columns):
     """M upright people seen: the rays of a highest and of a lowest point, as boxes or as head and ankles give them."""
 
     camera: Ints
@@ -45,11 +45,6 @@ class UprightObservations:
 
     def __len__(self) -> int:
         return len(self.camera)
-
-    def take(self, rows: NDArray[np.generic]) -> UprightObservations:
-        """The sightings of the given rows."""
-        columns = {name: column for name in self.__dataclass_fields__ if (column := getattr(self, name)) is not None}
-        return UprightObservations(**{name: column[rows] for name, column in columns.items()})
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.ray_consensus import reassign_outliers, vote_points
 from passerby.geometry.reprojection import PointObservations
+from passerby.geometry.robust import NORMAL_BY_MAD
 from passerby.people.model import HEIGHT_PER_CENTRE, Noise, Priors
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.evidence import Evidence
@@ -341,7 +342,7 @@ def _whitened_scale(term: Term, V_inverse: Floats, use: NDArray[np.bool_]) -> Fl
     weight = term.loss.weight(np.einsum("mk,mk->m", residual, residual))[:, None]
     leverage = np.einsum("mki,mij,mkj->mk", J, V_inverse[block], J) * weight
     redundancy = np.clip(1 - leverage, 0.05, 1.0)
-    return np.asarray(1.4826 * np.median(np.abs(residual) / np.sqrt(redundancy), axis=0))
+    return np.asarray(NORMAL_BY_MAD * np.median(np.abs(residual) / np.sqrt(redundancy), axis=0))
 
 
 def _rescaled(share: float, floor: float, factor: float) -> float:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import UNKNOWN
-from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.geometry.groups import group_sums, least_of_groups, rows_of_equal
 from passerby.people.ground_positions import Places
 

@@ -29,6 +29,7 @@ from passerby.association.appearance.embeddings import (
 )
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import Boxes
+from passerby.geometry.robust import residual_scale
 
 Mask = NDArray[np.bool_]
 
@@ -285,7 +286,7 @@ def _fit(mixed: Floats, different: Floats) -> _TwoKinds | None:
     share = 0.1
     # The lower half of the mixture is different people; the start must not be pulled by the same ones.
     mean_0 = float(np.median(mixed))
-    sigma_0 = max(1.4826 * float(np.median(mean_0 - mixed[mixed <= mean_0])), 1e-3)
+    sigma_0 = residual_scale(mean_0 - mixed[mixed <= mean_0], 1e-3)
     mean_1, sigma_1 = float(np.quantile(mixed, 1 - share / 2)), sigma_0
     pool = np.concatenate([mixed, different])
     for _ in range(_FIT_ROUNDS):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from passerby.association.sampling import interpolate_samples
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.single_view import Level
-from passerby.people.upright_rays import Bodies
+from passerby.people.upright_rays import UprightRays
 
 CELL_M = 1.0
 """Cells in which a camera has seen people: about a step, and what ground positions are off by."""
@@ -94,7 +94,7 @@ def _cells(position: NDArray[np.complex128]) -> Ints:
 
 
 def ground_tracks(
-    bodies: Bodies, level: Level, tolerance: Tolerance | None = None, *, shortest_s: float = MIN_TRACK_S
+    bodies: UprightRays, level: Level, tolerance: Tolerance | None = None, *, shortest_s: float = MIN_TRACK_S
 ) -> GroundTracks:
     """Tracks of the bodies that belong to a tracklet (identity > -1).
 

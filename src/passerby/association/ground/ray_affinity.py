@@ -17,7 +17,7 @@ from passerby.association.sampling import STEP_S, interpolate_samples
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.geometry.groups import least_of_groups, rows_of_equal
-from passerby.people.upright_rays import Bodies
+from passerby.people.upright_rays import UprightRays
 
 MIDDLE_FLOOR_RAD = 0.002
 """No ray is better known than that: two pixels of a usual lens."""
@@ -63,7 +63,7 @@ class RayTracks:
     pose: Pose
 
 
-def ray_tracks(bodies: Bodies, pose: Pose) -> RayTracks:
+def ray_tracks(bodies: UprightRays, pose: Pose) -> RayTracks:
     """Samples of the bodies that belong to a tracklet.
 
     Args:

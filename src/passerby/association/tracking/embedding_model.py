@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.observations import UNKNOWN, Boxes, Vectors
+from passerby.geometry.robust import residual_scale
 
 Mask = NDArray[np.bool_]
 
@@ -132,4 +133,4 @@ def _cosines(one: Vectors | Floats, two: Vectors | Floats) -> Floats:
 def _centre_and_spread(values: Floats) -> tuple[float, float]:
     """Median and 1.48 median absolute deviations: some tracklets change person, some boxes are false."""
     median = float(np.median(values))
-    return median, max(1.4826 * float(np.median(np.abs(values - median))), 0.01)
+    return median, residual_scale(values - median, 0.01)

@@ -14,6 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from passerby.association.tracking.embedding_model import EmbeddingSimilarity
 from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
 from passerby.core.observations import Boxes, Vectors
 
 Mask = NDArray[np.bool_]
@@ -51,7 +52,7 @@ class LinkCosts:
 
 
 @dataclass(eq=False)
-class Tracks:
+class Tracks(Columns):
     """The tracklets that may go on, T of them, as they were when last seen."""
 
     row: Ints
@@ -69,18 +70,10 @@ class Tracks:
     appearance: Vectors
     """(T, D) sum of the embeddings so far; D = 0 without any."""
 
-    def take(self, rows: NDArray[np.generic]) -> Tracks:
-        """The tracks of the given rows."""
-        return Tracks(*(getattr(self, item.name)[rows] for item in fields(self)))
-
     def put(self, rows: Ints, other: Tracks) -> None:
         """Replace the tracks of the given rows."""
         for item in fields(self):
             getattr(self, item.name)[rows] = getattr(other, item.name)
-
-    def joined(self, other: Tracks) -> Tracks:
-        """These tracks followed by others."""
-        return Tracks(*(np.concatenate([getattr(self, item.name), getattr(other, item.name)]) for item in fields(self)))
 
 
 def agreed_links(
@@ -123,7 +116,7 @@ def link(boxes: Boxes, seconds: Floats, weak: Mask, costs: LinkCosts, similarity
         waiting, fresh = np.ones(len(tracks.row), dtype=np.bool_), ~weak[rows]
         waiting[of_track], fresh[of_box] = False, False
         going_on = update(predicted.take(of_track), seen.take(of_box))
-        tracks = tracks.take(waiting).joined(going_on).joined(seen.take(fresh))
+        tracks = Tracks.joined([tracks.take(waiting), going_on, seen.take(fresh)])
     return following
 
 

@@ -17,6 +17,7 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Boxes, Observations
 from passerby.core.synchronisation import sampling_distance
+from passerby.people.upright_body import ground_under, height_over, pixels_over
 
 MOST_BOXES = 400
 """Of each camera, at even steps: shares are good to a few percent."""
@@ -106,30 +107,12 @@ def _standing(camera: Camera, boxes: Boxes) -> _Standing:
     middle = left + width / 2
     places = []
     for lower in (top + height * (1 + FOOT_SHARE), top + height, top + height * (1 - FOOT_SHARE)):
-        places.append(_on_ground(camera, np.column_stack([middle, lower])))
-    tall = _height_at(camera, places[1], np.column_stack([middle, top]))
+        places.append(ground_under(camera, np.column_stack([middle, lower])))
+    tall = height_over(camera, places[1], np.column_stack([middle, top]))
     sound = np.isfinite(tall) & np.isfinite(places[0]).all(axis=1) & np.isfinite(places[2]).all(axis=1)
     usual = float(np.median(tall[sound])) if sound.any() else BODY_M
     sound &= (tall > UPRIGHT[0] * usual) & (tall < UPRIGHT[1] * usual)
     return _Standing(boxes.frame[rows][sound], places[0][sound], places[2][sound])
-
-
-def _on_ground(camera: Camera, pixels: Floats) -> Floats:
-    """(N, 2) where rays meet the ground, metres; NaN above the horizon."""
-    assert camera.pose is not None
-    ray = camera.lens.bearings(pixels) @ camera.pose.R_cw
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = np.where(ray[:, 2] < -0.02, camera.pose.centre[2] / -ray[:, 2], np.nan)
-    return np.asarray(camera.pose.centre[:2] + reach[:, None] * ray[:, :2])
-
-
-def _height_at(camera: Camera, place: Floats, pixels: Floats) -> Floats:
-    """(N,) how high rays pass over places (N, 2) on the ground, metres."""
-    assert camera.pose is not None
-    ray = camera.lens.bearings(pixels) @ camera.pose.R_cw
-    away = np.linalg.norm(place - camera.pose.centre[:2], axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(camera.pose.centre[2] + away * ray[:, 2] / np.linalg.norm(ray[:, :2], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +133,11 @@ class _InView:
     def of(cls, standing: _Standing, camera: Camera, boxes: Boxes) -> _InView:
         """Those whose feet and head are well inside the picture, and who are not smaller there than those who are found."""
         place = 0.5 * (standing.nearest + standing.farthest)
-        feet, head = _pixels(camera, place, 0.0), _pixels(camera, place, BODY_M)
+        feet, head = pixels_over(camera, place, 0.0), pixels_over(camera, place, BODY_M)
         size = np.array(camera.lens.size, dtype=np.float64)
         tall = np.linalg.norm(feet - head, axis=1)
         margin = 0.25 * np.nan_to_num(tall)[:, None] + 3.0
-        ends = [_pixels(camera, at, MIDDLE_M) for at in (standing.nearest, standing.farthest)]
+        ends = [pixels_over(camera, at, MIDDLE_M) for at in (standing.nearest, standing.farthest)]
         with np.errstate(invalid="ignore"):
             should = (standing.frame >= boxes.frame.min()) & (standing.frame <= boxes.frame.max())
             if sampling_distance(boxes.frame) > 1:  # a slower camera saw nobody in between
@@ -179,11 +162,6 @@ class _InView:
             away = _from_segment(middles[first[who] + k], self.nearest[who], self.farthest[who])
             out[who] |= away < NEAR_SHARE * self.tall[who]
         return out
-
-
-def _pixels(camera: Camera, place: Floats, height: float) -> Floats:
-    """(N, 2) where points over places (N, 2) on the ground are in the picture."""
-    return camera.project(np.column_stack([place, np.full(len(place), height)]))
 
 
 def _from_segment(point: Floats, start: Floats, end: Floats) -> Floats:

@@ -7,10 +7,9 @@ from passerby.core.findings import Finding, doubt, notice
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS
-from passerby.people.body_centres import identified_middles, people_without
+from passerby.people.body_centres import identified_body_centres, triangulate_people
 from passerby.people.ground_shape import GroundShape, ground_shape
 
-EVERYBODY = -1
 HARMFUL_M = 0.22
 """A rise that is larger speaks against the rig. PETS2009's lawn and kerbs rise by 0.20 m, which costs the vertical 0.3 deg."""
 
@@ -19,8 +18,8 @@ def shape_of(solution: Solution, instants: Observations, person_height_m: float)
     """The shape of the ground by a rig and the people that it was made from; None where too few places tell."""
     if len(solution.rig.posed()) < 2:
         return None
-    middles = identified_middles(solution.rig, instants)
-    people = people_without(EVERYBODY, solution.rig, middles, person_height_m)
+    middles = identified_body_centres(solution.rig, instants)
+    people = triangulate_people(solution.rig, middles, person_height_m)
     return ground_shape(people, instants.fps or USUAL_FPS)
 
 

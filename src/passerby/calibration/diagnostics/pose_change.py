@@ -17,7 +17,7 @@ from passerby.geometry.groups import group_sums, least_of_groups, rows_of_equal
 from passerby.geometry.reprojection import pose_jacobian, project_near
 from passerby.geometry.robust import cut_cauchy_cost, cut_cauchy_weights
 from passerby.geometry.rotations import angle_between, log_rotation
-from passerby.people.body_centres import Middles, People
+from passerby.people.body_centres import BodyCentres, TriangulatedPeople
 from passerby.people.resection import BEYOND, LOSS, STEPS, PoseEquations, PoseFit, fit_pose, weak_prior
 
 MOST_COST = float(cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
@@ -44,11 +44,11 @@ LEAST_GAIN, LEAST_SIGMAS, LEAST_SHIFT = 40.0, 10.0, 0.03
 
 
 @dataclass(frozen=True, eq=False)
-class Matched:
+class Correspondences:
     """One camera's sightings, and to each all the people that it may show: K pairs."""
 
-    own: Middles
-    people: People
+    own: BodyCentres
+    people: TriangulatedPeople
     row: Ints
     """(K,) row of `own`, ascending."""
     person: Ints
@@ -60,16 +60,16 @@ class Matched:
     def __len__(self) -> int:
         return len(self.own)
 
-    def part(self, rows: NDArray[np.bool_]) -> Matched:
+    def part(self, rows: NDArray[np.bool_]) -> Correspondences:
         """The sightings (M,) that are marked."""
         number = np.cumsum(rows) - 1
         kept = rows[self.row]
-        return Matched(
+        return Correspondences(
             self.own.take(rows), self.people, number[self.row[kept]], self.person[kept], self.person_height_m, self.given
         )
 
 
-def matched(own: Middles, people: People, person_height_m: float, *, given: bool) -> Matched:
+def match_people(own: BodyCentres, people: TriangulatedPeople, person_height_m: float, *, given: bool) -> Correspondences:
     """A camera's sightings with the people of their instants.
 
     Args:
@@ -88,7 +88,7 @@ def matched(own: Middles, people: People, person_height_m: float, *, given: bool
         same = own.identity[row] == people.identity[person]
         row, person = row[same], person[same]
     used = np.unique(row)
-    return Matched(own.take(used), people, np.searchsorted(used, row), person, person_height_m, given)
+    return Correspondences(own.take(used), people, np.searchsorted(used, row), person, person_height_m, given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class _Fit:
     """(M,) the pair of the person that fits best."""
 
 
-def _residuals(m: Matched, pose: Pose, pairs: Ints) -> tuple[Floats, Floats, Floats, Floats]:
+def _residuals(m: Correspondences, pose: Pose, pairs: Ints) -> tuple[Floats, Floats, Floats, Floats]:
     """Residuals (K, 2), their information (K, 2, 2), derivatives by the pose (K, 2, 6), squares (K,)."""
     row, person = m.row[pairs], m.person[pairs]
     d = (m.people.place[person] - pose.centre) @ pose.R_cw.T
@@ -121,7 +121,7 @@ def _residuals(m: Matched, pose: Pose, pairs: Ints) -> tuple[Floats, Floats, Flo
     return residual, information, by_pose, np.where(behind, 1e6, square + np.maximum(size**2 - 4.0, 0.0))
 
 
-def _fit(m: Matched, pose: Pose) -> _Fit:
+def _fit(m: Correspondences, pose: Pose) -> _Fit:
     """The costs under a pose, each sighting given to the person who fits best."""
     square = _residuals(m, pose, np.arange(len(m.row)))[3]
     first = least_of_groups(m.row, square)
@@ -138,7 +138,9 @@ class _Seen(PoseEquations):
     """(R, 2, 6) pixels by the unknowns."""
 
 
-def _resected(m: Matched, rows: NDArray[np.bool_], start: Pose, *, widening: float = 1.0, steps: int = STEPS) -> PoseFit[_Seen]:
+def _resected(
+    m: Correspondences, rows: NDArray[np.bool_], start: Pose, *, widening: float = 1.0, steps: int = STEPS
+) -> PoseFit[_Seen]:
     """A pose fitted to some of the sightings, each of the person who fits best by then."""
 
     def equations_at(pose: Pose, wide: float) -> _Seen:
@@ -151,13 +153,13 @@ def _resected(m: Matched, rows: NDArray[np.bool_], start: Pose, *, widening: flo
     return fit_pose(start, equations_at, widening=widening, steps=steps)
 
 
-def resected(m: Matched, start: Pose) -> Pose:
+def resect_correspondences(m: Correspondences, start: Pose) -> Pose:
     """The pose that a camera's sightings fit, near `start`."""
     return _resected(m, np.ones(len(m), dtype=bool), start, widening=4.0).pose
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class PoseChange:
     """A camera that stood elsewhere during a stretch of time."""
 
     first: int
@@ -206,7 +208,7 @@ class Change:
         )
 
 
-def find_change(m: Matched, pose: Pose, per_second: float = 5.0, *, screened: bool = True) -> Change | None:
+def detect_pose_change(m: Correspondences, pose: Pose, per_second: float = 5.0, *, screened: bool = True) -> PoseChange | None:
     """The stretch of time during which the camera most likely stood elsewhere; None where nothing hints at one.
 
     Args:
@@ -250,7 +252,7 @@ def find_change(m: Matched, pose: Pose, per_second: float = 5.0, *, screened: bo
         at_start, at_end = bool(stretch[0]), bool(stretch[-1])
     inside = m.own.instant[stretch]
     agreeing = costs < MOST_COST - 1e-9
-    return Change(
+    return PoseChange(
         int(inside.min()), int(inside.max()), at_start, at_end, pair[0], pair[1], 0.5 * (float(single) - two),
         _sigmas(m, fits, per_second), _shift(m, pair),
         (int(np.count_nonzero(agreeing[0] & ~stretch)), int(np.count_nonzero(agreeing[1] & stretch))),
@@ -258,7 +260,7 @@ def find_change(m: Matched, pose: Pose, per_second: float = 5.0, *, screened: bo
     )  # fmt: skip
 
 
-def _suspicious(m: Matched, whole: PoseFit[_Seen], window: Ints) -> bool:
+def _suspicious(m: Correspondences, whole: PoseFit[_Seen], window: Ints) -> bool:
     """Whether windows of time would like another pose each, or hold many sightings that no pose explains.
 
     One Gauss-Newton step before and after each end of a window, from the sums of all that is needed.
@@ -278,7 +280,7 @@ def _suspicious(m: Matched, whole: PoseFit[_Seen], window: Ints) -> bool:
     return bool(shift.max() > 0.7 * LEAST_SHIFT)
 
 
-def _window_poses(m: Matched, rows: NDArray[np.bool_], poses: list[Pose]) -> list[Pose]:
+def _window_poses(m: Correspondences, rows: NDArray[np.bool_], poses: list[Pose]) -> list[Pose]:
     """Poses that a window's sightings like."""
     part = m.part(rows)
     every = np.ones(len(part), dtype=bool)
@@ -294,7 +296,7 @@ def _window_poses(m: Matched, rows: NDArray[np.bool_], poses: list[Pose]) -> lis
     return found
 
 
-def _searched(part: Matched, start: Pose) -> list[Pose]:
+def _searched(part: Correspondences, start: Pose) -> list[Pose]:
     """Poses by trying each of the camera's tracklets as each of the people: a turn that lays his rays on his places."""
     known = part.own.identity[part.row] >= 0
     key = np.column_stack([part.own.identity[part.row], part.people.identity[part.person]])
@@ -349,7 +351,7 @@ def _best_stretch(costs: Floats, *, swap: bool = True) -> tuple[int, int, NDArra
     return a, b, stretch
 
 
-def _sigmas(m: Matched, fits: tuple[PoseFit[_Seen], PoseFit[_Seen]], per_second: float) -> float:
+def _sigmas(m: Correspondences, fits: tuple[PoseFit[_Seen], PoseFit[_Seen]], per_second: float) -> float:
     """How far two poses are apart, in sigmas by the scatter of clusters of sightings (sandwich)."""
     length = max(1, round(CLUSTER_S * per_second))
     total = np.zeros((6, 6))
@@ -368,7 +370,7 @@ def _sigmas(m: Matched, fits: tuple[PoseFit[_Seen], PoseFit[_Seen]], per_second:
     return float(np.sqrt(max(square, 0.0)))
 
 
-def _borne_out(m: Matched, pair: tuple[Pose, Pose], costs: Floats, stretch: NDArray[np.bool_]) -> tuple[float, float]:
+def _borne_out(m: Correspondences, pair: tuple[Pose, Pose], costs: Floats, stretch: NDArray[np.bool_]) -> tuple[float, float]:
     """How much worse the other pose is, as a share of what the move would make of it, in the rest and in the stretch."""
     out = []
     for own, other, rows in ((0, 1, ~stretch), (1, 0, stretch)):
@@ -381,7 +383,7 @@ def _borne_out(m: Matched, pair: tuple[Pose, Pose], costs: Floats, stretch: NDAr
     return out[0], out[1]
 
 
-def _shift(m: Matched, pair: tuple[Pose, Pose]) -> float:
+def _shift(m: Correspondences, pair: tuple[Pose, Pose]) -> float:
     """Median distance in the picture between the people seen by two poses, as a share of their extent."""
     first = _fit(m, pair[0]).pair
     a, b = (_residuals(m, pose, first)[0] for pose in pair)

@@ -11,7 +11,7 @@ import typer
 from passerby.common.errors import InputError
 
 if TYPE_CHECKING:
-    from passerby.monitoring.result import Monitored
+    from passerby.monitoring.result import MonitoringResult
 
 
 def monitor(
@@ -67,7 +67,7 @@ def monitor(
     raise typer.Exit(found.exit_status)
 
 
-def _show(found: Monitored, verbose: bool) -> None:
+def _show(found: MonitoringResult, verbose: bool) -> None:
     """A line a camera, and what moved."""
     from passerby.cli.terminal import MISSING, number, show_table
     from passerby.monitoring.result import clock_time

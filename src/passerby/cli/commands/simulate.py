@@ -8,7 +8,7 @@ from typing import Annotated, TypeVar
 import typer
 
 from passerby.common.errors import InputError
-from passerby.core.scale_cues import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
+from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 
 Number = TypeVar("Number", int, float)
 

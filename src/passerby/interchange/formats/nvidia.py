@@ -44,7 +44,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import PINHOLE, express_lens
 from passerby.interchange.formats.losses import Losses

@@ -10,10 +10,10 @@ import numpy as np
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.geometry.groups import group_sums
 from passerby.geometry.robust import cauchy_weights
-from passerby.people.bodies import STANCE_SD, measure, stand, stand_alone
+from passerby.people.bodies import STANCE_SD, linearise, single_view_bodies, solve_bodies
 from passerby.people.standing import MIN_INSTANTS, standing_share
 from passerby.people.trajectories.smoothing import smooth
-from passerby.people.trajectories.voting import FITS, apart2, vote
+from passerby.people.trajectories.voting import FITS, mahalanobis_squared, vote
 from passerby.people.upright_body import Rays
 
 ROUNDS = 3
@@ -42,7 +42,7 @@ BENT_SD, BENT = 0.11, 0.12
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class IdentityObservations:
     """M boxes of one identity, sorted by instant, then by camera; T instants."""
 
     instant: Ints
@@ -55,7 +55,7 @@ class Seen:
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class IdentityTrajectory:
     """Where somebody was at W instants."""
 
     xy: Floats
@@ -76,7 +76,9 @@ class Way:
     """(M,) distance of each box's ray from the body's middle, metres; NaN for one that is not accepted."""
 
 
-def follow(people: Sequence[Seen], instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float) -> list[Way]:
+def estimate_identity_trajectories(
+    people: Sequence[IdentityObservations], instants: Floats, max_gap_s: float, person_height_m: float, foot_shift: float
+) -> list[IdentityTrajectory]:
     """The ways of several identities, each by itself; only their smoothing is done side by side.
 
     Args:
@@ -116,7 +118,7 @@ class _State:
 class _Walk:
     """One identity on its way through the rounds."""
 
-    seen: Seen
+    seen: IdentityObservations
     alone: Floats
     """(M, 2) where each box by itself puts the person."""
     alone_covariance: Floats
@@ -132,9 +134,9 @@ class _Walk:
     """(W,) and the number of the stretch of each."""
 
 
-def _begun(seen: Seen, person_height_m: float, foot_shift: float) -> _Walk:
+def _begun(seen: IdentityObservations, person_height_m: float, foot_shift: float) -> _Walk:
     """Before the first round: the boxes have voted."""
-    alone, covariance, _ = stand_alone(seen.rays, person_height_m, foot_shift * person_height_m)
+    alone, covariance, _ = single_view_bodies(seen.rays, person_height_m, foot_shift * person_height_m)
     covariance = covariance[:, :2, :2]
     accepted = vote(seen.instant, seen.camera, seen.seconds, alone[:, :2], covariance)
     state = _State(_mean_bodies(seen, alone, accepted), person_height_m, np.ones(len(accepted)))
@@ -156,20 +158,22 @@ def _judged(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> _W
     here, here_covariance = _at(walk, instants, xy), _at(walk, instants, covariance)
     spread = np.maximum(state.spread, 1.0)[:, None, None] ** 2
     with np.errstate(invalid="ignore"):
-        off2 = apart2(walk.alone - here[seen.instant], walk.alone_covariance * spread + here_covariance[seen.instant])
-        missed2 = apart2(state.body[:, :2] - here, state.covariance)
+        off2 = mahalanobis_squared(
+            walk.alone - here[seen.instant], walk.alone_covariance * spread + here_covariance[seen.instant]
+        )
+        missed2 = mahalanobis_squared(state.body[:, :2] - here, state.covariance)
     trust = np.where(np.isfinite(missed2), cauchy_weights(missed2 / FITS), 1.0)
     return replace(walk, accepted=off2 < FITS, trust=trust)
 
 
-def _mean_bodies(seen: Seen, alone: Floats, accepted: Bools) -> Floats:
+def _mean_bodies(seen: IdentityObservations, alone: Floats, accepted: Bools) -> Floats:
     """(T, 3) mean of what the accepted boxes say one by one."""
     total = group_sums(seen.instant[accepted], alone[accepted], len(seen.seconds))
     count = np.bincount(seen.instant[accepted], minlength=len(seen.seconds))
     return np.asarray(total / np.maximum(count, 1)[:, None])
 
 
-def _solve(seen: Seen, accepted: Bools, state: _State, foot_shift: float, person_height_m: float) -> _State:
+def _solve(seen: IdentityObservations, accepted: Bools, state: _State, foot_shift: float, person_height_m: float) -> _State:
     """The bodies by the accepted boxes, the person's height, and how noisy the cameras are."""
     rows = np.flatnonzero(accepted)
     instant, n = seen.instant[rows], len(seen.seconds)
@@ -177,15 +181,15 @@ def _solve(seen: Seen, accepted: Bools, state: _State, foot_shift: float, person
     count = np.bincount(instant, minlength=n)
     body, height = np.array(state.body), state.height
     for _ in range(2):
-        found = measure(rays, body[instant], foot_shift * height)
+        found = linearise(rays, body[instant], foot_shift * height)
         weight = state.spread[rows] ** -2
         information = group_sums(instant, found.information * weight[:, None, None], n)
         pull = group_sums(instant, found.pull * weight[:, None], n)
-        top = stand(information, pull, np.full(n, height), np.full(n, FREE_SD))[0][:, 2]
+        top = solve_bodies(information, pull, np.full(n, height), np.full(n, FREE_SD))[0][:, 2]
         height = _height(top[count > 1], person_height_m)
         sd = STANCE_SD * height
         sd_here = sd * np.sqrt(1 + ((top - height) / (2 * sd)) ** 2)
-        solved, covariance = stand(information, pull, np.full(n, height), sd_here)
+        solved, covariance = solve_bodies(information, pull, np.full(n, height), sd_here)
         body[count > 0] = solved[count > 0]
     body[:, 2] = np.clip(body[:, 2], 0.3 * height, 1.3 * height)
     residual = (found.by_body @ body[instant][:, :, None])[:, :, 0] - found.value
@@ -217,7 +221,7 @@ def _spread(camera: Ints, residual: Floats, count: Ints) -> Floats:
     return out
 
 
-def _asked(seen: Seen, accepted: Bools, instants: Floats, max_gap_s: float) -> tuple[Ints, Ints]:
+def _asked(seen: IdentityObservations, accepted: Bools, instants: Floats, max_gap_s: float) -> tuple[Ints, Ints]:
     """Rows of the instants between the first and the last accepted box of each part, and the parts' numbers."""
     at = np.unique(np.searchsorted(instants, seen.seconds)[seen.instant[accepted]])
     if not len(at):
@@ -260,7 +264,7 @@ def _at(walk: _Walk, instants: Floats, values: Floats) -> Floats:
     return out
 
 
-def _result(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> Way:
+def _result(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> IdentityTrajectory:
     """Everything in columns, with sigmas that keep what smoothing cannot lessen."""
     seen, state, row, part = walk.seen, walk.state, walk.row, walk.part
     assert state.covariance is not None
@@ -272,11 +276,11 @@ def _result(walk: _Walk, instants: Floats, xy: Floats, covariance: Floats) -> Wa
     count = np.zeros(len(row), np.int64)
     miss = np.where(walk.accepted, state.miss_m, np.nan)
     if not len(known):
-        return Way(xy, variance, variance, count, part, row, walk.accepted, miss)
+        return IdentityTrajectory(xy, variance, variance, count, part, row, walk.accepted, miss)
     agreeing = np.bincount(seen.instant[walk.accepted], minlength=len(seen.seconds))
     count[np.searchsorted(row, np.searchsorted(instants, seen.seconds)[known])] = agreeing[known]
     lasting = np.interp(own, seen.seconds[known], np.trace(state.covariance[known], axis1=1, axis2=2))
     top = np.interp(own, seen.seconds[known], state.body[known, 2])
     bent = BENT_SD * np.clip((1 - top / state.height) / BENT, 0.0, 1.0)
     sigma = np.sqrt(variance + LASTING**2 * lasting + 2 * (MODEL_SD**2 + bent**2))
-    return Way(xy, top / 2, sigma, count, part, row, walk.accepted, miss)
+    return IdentityTrajectory(xy, top / 2, sigma, count, part, row, walk.accepted, miss)

@@ -14,11 +14,11 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Clock, Observations
-from passerby.core.scale_cues import PERSON_HEIGHT_M
+from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps, resample_to_common_steps
 from passerby.core.trajectories import Trajectories
 from passerby.people.model import Priors
-from passerby.people.trajectories.identity_trajectory import Seen, follow
+from passerby.people.trajectories.identity_trajectory import IdentityObservations, estimate_identity_trajectories
 from passerby.people.trajectories.pairwise import pairwise_points
 from passerby.people.upright_body import Rays, rays_of
 
@@ -154,7 +154,9 @@ def _followed(
 ) -> list[_Person]:
     """Some identities by the smoothed method."""
     seen = [_seen(cameras, boxes, clock) for boxes in own]
-    ways = follow(seen, clock.seconds(frames), options.max_gap_s, options.person_height_m, options.foot_shift)
+    ways = estimate_identity_trajectories(
+        seen, clock.seconds(frames), options.max_gap_s, options.person_height_m, options.foot_shift
+    )
     found = []
     for identity, boxes, one, way in zip(people.tolist(), own, seen, ways, strict=True):
         xyz = np.column_stack([way.xy, way.middle])
@@ -168,7 +170,7 @@ def _followed(
     return found
 
 
-def _seen(cameras: Sequence[Camera], own: _Own, clock: Clock) -> Seen:
+def _seen(cameras: Sequence[Camera], own: _Own, clock: Clock) -> IdentityObservations:
     """One identity's boxes as rays; those of which the lens cannot tell the rays are left out."""
     rays = Rays.joined([rays_of(camera, ltwh) for camera, (_, ltwh) in zip(cameras, own, strict=True)])
     number = np.repeat(np.arange(len(cameras)), [len(frame) for frame, _ in own])
@@ -176,7 +178,7 @@ def _seen(cameras: Sequence[Camera], own: _Own, clock: Clock) -> Seen:
     rows = np.lexsort((number, frame))
     rows = rows[rays.known[rows]]
     present, instant = np.unique(frame[rows], return_inverse=True)
-    return Seen(instant.ravel(), number[rows], rays.take(rows), clock.seconds(present))
+    return IdentityObservations(instant.ravel(), number[rows], rays.take(rows), clock.seconds(present))
 
 
 def _paired(

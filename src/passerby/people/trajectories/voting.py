@@ -57,7 +57,7 @@ def vote(instant: Ints, camera: Ints, seconds: Floats, place: Floats, covariance
     return np.asarray(agrees[instant, column])
 
 
-def apart2(place: Floats, covariance: Floats) -> Floats:
+def mahalanobis_squared(place: Floats, covariance: Floats) -> Floats:
     """(N,) squared sigmas of differences (N, 2) with covariances (N, 2, 2)."""
     return _mahalanobis2(place, covariance)
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
 from passerby.core.cameras import Rig
 from passerby.core.findings import Finding, doubt, refusal
 from passerby.core.observations import MIN_JOINT_SCORE, Observations
@@ -44,7 +45,7 @@ FEET_BAND = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Extents:
+class BodyEndpoints:
     """Sightings of the upper and the lower ends of people."""
 
     points: ImagePoints
@@ -79,7 +80,7 @@ class Extents:
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class BodySegments3D(Columns):
     """K people-instants with both ends triangulated."""
 
     identity: Ints
@@ -92,22 +93,18 @@ class Segments:
     def __len__(self) -> int:
         return len(self.identity)
 
-    def take(self, rows: NDArray[np.generic]) -> Segments:
-        """The segments of the given rows."""
-        return Segments(self.identity[rows], self.top[rows], self.bottom[rows])
-
-    def scaled(self, factor: float) -> Segments:
+    def scaled(self, factor: float) -> BodySegments3D:
         """The segments with all lengths times `factor`."""
-        return Segments(self.identity, self.top * factor, self.bottom * factor)
+        return BodySegments3D(self.identity, self.top * factor, self.bottom * factor)
 
 
-def box_extents(rig: Rig, observations: Observations) -> Extents:
+def box_extents(rig: Rig, observations: Observations) -> BodyEndpoints:
     """The top and bottom edges of boxes as the ends of people."""
     part = np.arange(3)
-    return Extents(box_points(rig, observations, (TOP, BOTTOM)), part == TOP + 3, part == BOTTOM + 3, (1.0, 0.0))
+    return BodyEndpoints(box_points(rig, observations, (TOP, BOTTOM)), part == TOP + 3, part == BOTTOM + 3, (1.0, 0.0))
 
 
-def joint_extents(rig: Rig, observations: Observations) -> Extents:
+def joint_extents(rig: Rig, observations: Observations) -> BodyEndpoints:
     """Head (or shoulders, where heads are not seen) and feet as the ends of people.
 
     The names of the joints are put to the test first: some files carry one layout under the names of another. Where the names
@@ -130,17 +127,22 @@ def joint_extents(rig: Rig, observations: Observations) -> Extents:
         ankles = np.array([name == "ankle" for name in bare])
         top = heads if seen[heads].max(initial=0) >= 0.5 * seen[shoulders].max(initial=0) else shoulders
         if top.any() and ankles.any():
-            return Extents(points, top, ankles, (float(np.mean(nominal[top])), float(np.mean(nominal[ankles]))))
+            return BodyEndpoints(points, top, ankles, (float(np.mean(nominal[top])), float(np.mean(nominal[ankles]))))
     if not np.isfinite(height).any():
-        return Extents(points, np.zeros(len(names), bool), np.zeros(len(names), bool), (1.0, 0.0))
+        return BodyEndpoints(points, np.zeros(len(names), bool), np.zeros(len(names), bool), (1.0, 0.0))
     top = np.arange(len(names)) == int(np.nanargmax(height))
     bottom = np.nan_to_num(height, nan=np.inf) <= np.nanmin(height) + FEET_BAND
-    return Extents(points, top, bottom, EXTREME_FRACTIONS, doubt("keypoint_ends_unnamed", correlation=order))
+    return BodyEndpoints(points, top, bottom, EXTREME_FRACTIONS, doubt("keypoint_ends_unnamed", correlation=order))
 
 
 def triangulate_segments(
-    rig: Rig, extents: Extents, cameras: Ints, rotations: Floats, translations: Floats, min_parallax: float = np.deg2rad(2.0)
-) -> Segments:
+    rig: Rig,
+    extents: BodyEndpoints,
+    cameras: Ints,
+    rotations: Floats,
+    translations: Floats,
+    min_parallax: float = np.deg2rad(2.0),
+) -> BodySegments3D:
     """Triangulate the ends of all people that two or more of the posed cameras see.
 
     Args:
@@ -155,7 +157,7 @@ def triangulate_segments(
     local[cameras] = np.arange(len(cameras))
     points = extents.points.take(np.flatnonzero((local[extents.points.camera] >= 0) & (extents.role() != 0)))
     if len(points) == 0:
-        return Segments(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+        return BodySegments3D(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     label, key = points.labels()
     camera = local[points.camera]
     focal = np.array([item.lens.focal for item in rig])[points.camera]
@@ -172,7 +174,7 @@ def triangulate_segments(
     return _pair_ends(key, ends, sound & is_top, sound & ~is_top)
 
 
-def vertical(segments: Segments) -> Floats:
+def vertical(segments: BodySegments3D) -> Floats:
     """(3,) unit vector up: from feet to heads, and across the plane of the feet.
 
     The robust mean direction of the segments is right within 1 to 3 degrees whatever the people do, but
@@ -201,7 +203,7 @@ def vertical(segments: Segments) -> Floats:
     return np.asarray(normal / np.linalg.norm(normal))
 
 
-def standing_length(segments: Segments, up: Floats) -> float:
+def standing_length(segments: BodySegments3D, up: Floats) -> float:
     """How long a standing person is, in the unit of the reconstruction: the mean over people of each one's standing length.
 
     A mean or a median over all instants would be pulled down by those who crouch: by 5 % in a simulated scene of workers with
@@ -241,7 +243,7 @@ def longest_peak(lengths: Floats) -> float:
     return float(np.exp(grid[high[-1]]))
 
 
-def place_world(segments: Segments, up: Floats, reference: Floats, ends_above_ground: float = 0.0) -> Similarity:
+def place_world(segments: BodySegments3D, up: Floats, reference: Floats, ends_above_ground: float = 0.0) -> Similarity:
     """The rigid motion to the world with z up, the ground at z = 0 under most feet, the reference camera above the origin.
 
     Args:
@@ -256,7 +258,7 @@ def place_world(segments: Segments, up: Floats, reference: Floats, ends_above_gr
     return Similarity(1.0, rotation, np.array([-at[0], -at[1], ends_above_ground - float(np.median(feet))]))
 
 
-def _mean_direction(segments: Segments) -> Floats:
+def _mean_direction(segments: BodySegments3D) -> Floats:
     """(3,) geometric median of the unit vectors from feet to heads (Weiszfeld's iteration)."""
     direction = segments.top - segments.bottom
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -296,7 +298,7 @@ def _ray_spread(label: Ints, directions: Floats, count: int) -> Floats:
     return 2 * spread
 
 
-def _pair_ends(key: Ints, ends: Floats, top: NDArray[np.bool_], bottom: NDArray[np.bool_]) -> Segments:
+def _pair_ends(key: Ints, ends: Floats, top: NDArray[np.bool_], bottom: NDArray[np.bool_]) -> BodySegments3D:
     """Join the mean upper end of each identity and frame with the lower end farthest from it: of two feet, the one stood on."""
     instant, number = np.unique(key[:, :2], axis=0, return_inverse=True)
     number = number.reshape(-1)
@@ -308,4 +310,4 @@ def _pair_ends(key: Ints, ends: Floats, top: NDArray[np.bool_], bottom: NDArray[
     length = np.linalg.norm(ends[lower] - upper[number[lower]], axis=1)
     longest = lower[least_of_groups(number[lower], -length)]
     both = number[longest]
-    return Segments(instant[both, 0], upper[both], ends[longest])
+    return BodySegments3D(instant[both, 0], upper[both], ends[longest])

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, Keypoints, Observations
@@ -30,7 +31,7 @@ JOINT_SIGMA = (0.5, 0.01)
 
 
 @dataclass(frozen=True, eq=False)
-class ImagePoints:
+class ImagePoints(Columns):
     """M sightings of body points, all cameras in one table, sorted by camera."""
 
     camera: Ints
@@ -50,15 +51,6 @@ class ImagePoints:
 
     def __len__(self) -> int:
         return len(self.camera)
-
-    def take(self, rows: NDArray[np.generic]) -> ImagePoints:
-        """The sightings of the given rows (indices or a mask)."""
-        return ImagePoints(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
-
-    def joined(self, other: ImagePoints) -> ImagePoints:
-        """Both tables as one, sorted by camera."""
-        both = ImagePoints(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in self.__dataclass_fields__))
-        return both.take(np.argsort(both.camera, kind="stable"))
 
     def labels(self) -> tuple[Ints, Ints]:
         """Which sightings are of the same point.
@@ -157,7 +149,7 @@ def numbered_points(rig: Rig, sightings: Mapping[str, tuple[Ints, Floats]], sigm
         none = np.zeros(len(number), dtype=np.int64)
         sigma = np.full(len(number), float(sigma_px))
         tables.append(_stacked([_table(index, number, none, none, pixel, sigma)], camera.lens))
-    return _concatenated(tables)
+    return ImagePoints.joined(tables)
 
 
 def whole_boxes(boxes: Boxes, lens: Lens) -> NDArray[np.bool_]:
@@ -193,7 +185,7 @@ def _all_cameras(rig: Rig, observations: Observations, of_camera: Callable[[int,
         of_camera(index, camera.name, camera.lens) for index, camera in enumerate(rig) if camera.name in observations.cameras
     ]
     none = np.zeros(0, dtype=np.int64)
-    return _concatenated([_table(0, none, none, none, np.zeros((0, 2)), np.zeros(0)), *tables])
+    return ImagePoints.joined([_table(0, none, none, none, np.zeros((0, 2)), np.zeros(0)), *tables])
 
 
 def _table(camera: int, identity: Ints, frame: Ints, part: Ints, pixel: Floats, sigma_px: Floats) -> ImagePoints:
@@ -204,14 +196,10 @@ def _table(camera: int, identity: Ints, frame: Ints, part: Ints, pixel: Floats, 
 
 def _stacked(tables: list[ImagePoints], lens: Lens) -> ImagePoints:
     """The tables of one camera as one, with rays; pixels outside what the lens model expresses are dropped."""
-    table = _concatenated(tables)
+    table = ImagePoints.joined(tables)
     bearing = lens.bearings(table.pixel)
     sound = np.flatnonzero(np.isfinite(bearing).all(axis=1))
     return replace(table, bearing=bearing).take(sound)
-
-
-def _concatenated(tables: list[ImagePoints]) -> ImagePoints:
-    return ImagePoints(*(np.concatenate([getattr(t, name) for t in tables]) for name in ImagePoints.__dataclass_fields__))
 
 
 def _extents(people: Keypoints, found: NDArray[np.bool_]) -> Floats:

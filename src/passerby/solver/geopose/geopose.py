@@ -23,8 +23,8 @@ from passerby.core.refusals import RefusalError
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
 from passerby.solver.geopose.body_extent import (
-    Extents,
-    Segments,
+    BodyEndpoints,
+    BodySegments3D,
     box_extents,
     joint_extents,
     place_world,
@@ -94,10 +94,10 @@ def solve_geopose(
     points = joint_points(rig, observations) if kind == "joints" else box_points(rig, observations)
     extents = joint_extents(rig, observations) if kind == "joints" else box_extents(rig, observations)
 
-    def measured(pairs: list[PairGeometry]) -> Segments:
+    def measured(pairs: list[PairGeometry]) -> BodySegments3D:
         return measure_people(rig, extents, reference, pairs)
 
-    def metres(people: Segments, pairs: list[PairGeometry]) -> StarScale:
+    def metres(people: BodySegments3D, pairs: list[PairGeometry]) -> StarScale:
         return scale_from_prior(rig, people, extents.span, cues, options, reference, pairs)
 
     def scale_of_pair(pair: PairGeometry) -> float:
@@ -116,14 +116,15 @@ def solve_geopose(
     return star_solution("geopose", rig, star, scale, world, SIGMA_FACTOR[kind], findings, kind)
 
 
-def measure_people(rig: Rig, extents: Extents, reference: int, pairs: list[PairGeometry]) -> Segments:
+def measure_people(rig: Rig, extents: BodyEndpoints, reference: int, pairs: list[PairGeometry]) -> BodySegments3D:
     """The people that the reference and the pairs' cameras see whole, from feet to head, in the frame and unit of the pairs."""
     return triangulate_segments(rig, extents, *posed_cameras(reference, pairs))
 
 
 def scale_from_prior(
-    rig: Rig, people: Segments, span: float, cues: ScaleCues, options: GeoPoseOptions, reference: int, pairs: list[PairGeometry]
-) -> StarScale:
+    rig: Rig, people: BodySegments3D, span: float, cues: ScaleCues, options: GeoPoseOptions, reference: int,
+    pairs: list[PairGeometry],
+) -> StarScale:  # fmt: skip
     """What to multiply all lengths by to get metres, and what it rests on.
 
     Known lengths that the cameras see come first, each weighted by its standard deviation; else the length of a standing person
@@ -142,7 +143,7 @@ def scale_from_prior(
     )  # fmt: skip
 
 
-def check_people_stand(extents: Extents, reference: int, camera: int, n_segments: int) -> None:
+def check_people_stand(extents: BodyEndpoints, reference: int, camera: int, n_segments: int) -> None:
     """Refuse a pair whose pose lets hardly anybody have head and feet.
 
     Box centres lie in a thin level slab, and with cameras that face each other its mirror image fits as well. Nothing in the

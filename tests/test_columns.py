@@ -1,0 +1,35 @@
+"""Tables of columns: rows are taken and joined in all columns alike."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
+
+
+@dataclass(frozen=True, eq=False)
+class Table(Columns):
+    number: Ints
+    place: Floats
+    speed: Floats | None = None
+
+
+FULL = Table(np.arange(4), np.arange(8.0).reshape(4, 2), np.arange(4) / 2)
+
+
+def test_rows():
+    taken = FULL.take(np.array([3, 1]))
+    assert taken.number.tolist() == [3, 1]
+    assert taken.place.tolist() == [[6, 7], [2, 3]]
+    assert taken.speed.tolist() == [1.5, 0.5]
+    assert FULL.take(FULL.number > 2).number.tolist() == [3]
+    assert FULL.take(slice(1, 3)).number.tolist() == [1, 2]
+    assert Table(FULL.number, FULL.place).take(np.array([0])).speed is None
+
+
+def test_joined():
+    joined = Table.joined([FULL.take(slice(0, 1)), FULL.take(slice(2, 4))])
+    assert joined.number.tolist() == [0, 2, 3]
+    assert joined.speed.tolist() == [0, 1, 1.5]
+    assert Table.joined([FULL, Table(FULL.number, FULL.place)]).speed is None
