@@ -94,6 +94,7 @@ def assert_right(calibration: Calibration, true: Rig, mm: float, degrees: float)
     assert judged.similarity.mean_orientation_deg < degrees
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("options", [OPTIONS, UNRELATED], ids=["given", "found"])
 def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
     move = Move("C2", 21.0, turn_deg=(0.0, 6.0, 0.0), shift_m=(0.3, 0.0, 0.0))
@@ -112,6 +113,7 @@ def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
     assert_right(calibration, scene.rig, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)
 
 
+@pytest.mark.system
 def test_the_longer_part_is_kept():
     move = Move("C2", 11.0, turn_deg=(0.0, 6.0, 0.0))
     scene = moved(move)
@@ -123,6 +125,7 @@ def test_the_longer_part_is_kept():
     assert_right(calibration, after, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)
 
 
+@pytest.mark.system
 def test_a_still_rig_is_accepted_and_nothing_is_left_out():
     calibration = calibrated(moved(None))
     assert calibration.verdict == "accepted"

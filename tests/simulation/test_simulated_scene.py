@@ -137,6 +137,7 @@ def test_speeds_are_those_of_the_presets():
     assert np.mean(speeds("construction") < 0.2) > 0.3
 
 
+@pytest.mark.slow
 def test_construction_people_crouch_about_a_third_of_the_time():
     shares = []
     for seed in range(3):

@@ -34,6 +34,7 @@ def test_noise_as_large_as_a_third_of_the_people_leaves_the_rig_good(preset: str
     assert found.similarity.mean_orientation_deg < 0.5
 
 
+@pytest.mark.slow
 def test_pixels_that_every_box_is_off_by_are_learnt() -> None:
     # Edges that are off evenly pass for broken ones in part, so that a little less is learnt: 5.3 to 8.4 px over six scenes.
     noise = solved("basketball", 20.0)[0].figures.noise

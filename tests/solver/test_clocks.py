@@ -67,6 +67,7 @@ def test_joints_tell_the_time_too() -> None:
     assert (compare(solution.rig, truth.rig).similarity.mean_position_mm or np.inf) < 10
 
 
+@pytest.mark.slow
 def test_right_clocks_cost_nothing() -> None:
     """Over three seeds of each preset the position errors changed by -1 to +1.5 mm, the mean by 0.1 mm."""
     for preset in ("terrace", "basketball"):

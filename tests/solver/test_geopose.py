@@ -125,6 +125,7 @@ def test_same_seed_same_rig_bit_for_bit() -> None:
     assert first.figures == second.figures
 
 
+@pytest.mark.slow
 def test_sigmas_hold_the_errors() -> None:
     truth = scene("construction")
     height = float(np.mean(list(truth.heights.values())))
@@ -226,6 +227,7 @@ def test_a_pose_in_which_nobody_stands_is_refused() -> None:
         check_people_stand(extents, 0, 1, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.real
 def test_wildtrack_pair_that_faces_each_other_is_not_believed(data_root) -> None:  # type: ignore[no-untyped-def]
     """C2 and C3 face each other: from centres 3 % noisy, RANSAC prefers the mirror pose, 150 degrees off."""

@@ -75,6 +75,7 @@ def test_a_third_of_swapped_identities_costs_little(preset: str) -> None:
     assert_metric(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "scenes"), [("terrace", 3), ("basketball", 2)])
 def test_not_worse_than_the_faithful_solver(preset: str, scenes: int) -> None:
     """On the mean of some short scenes: one decides by the luck of its noise (terrace, seed 0: 17.7 against 14.7 mm)."""

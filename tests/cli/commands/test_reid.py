@@ -54,6 +54,7 @@ def same_figures(found, wanted):
             assert found[name] == pytest.approx(figure, abs=1e-9), name
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("one_thread")
 def test_from_pictures_to_a_network(court, config, tmp_path, capsys):
     folder, net = tmp_path / "run", tmp_path / "net.onnx"
@@ -81,6 +82,7 @@ def test_from_pictures_to_a_network(court, config, tmp_path, capsys):
     assert f"written to {folder}" in again.out
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("one_thread")
 def test_the_figures_of_the_last_epoch_are_those_of_evaluate(court, config, tmp_path, capsys):
     folder = tmp_path / "run"
@@ -102,6 +104,7 @@ def test_stripes_are_evaluated_without_a_run(court, capsys):
     assert score["queries"] == 12
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("one_thread")
 @pytest.mark.parametrize(
     ("arguments", "told"),
