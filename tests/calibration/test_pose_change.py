@@ -16,6 +16,7 @@ from passerby.evaluation.metrics import compare
 from passerby.people.body_centres import identified_middles, people_without
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Move, film_disturbed, rig_after
+from support.tiers import thinned
 
 OPTIONS = SimulationOptions(seconds=32.0, people=6, box_noise=0.02, seed=3)
 UNRELATED = replace(OPTIONS, unrelated_ids=True, tracklet_seconds=10.0)
@@ -50,13 +51,14 @@ def changes(scene: SimulatedScene, *, given: bool = True) -> dict[str, object]:
     return out
 
 
-@pytest.mark.parametrize(
+@thinned(
     "move",
     [
         Move("C2", 19.0, turn_deg=(0.0, 1.0, 0.0)),
         Move("C3", 12.0, shift_m=(0.15, 0.0, 0.0)),
         Move("C1", 16.0, turn_deg=(4.0, 8.0, 3.0)),
     ],
+    quick=2,
 )
 @pytest.mark.parametrize("given", [True, False])
 def test_a_move_is_dated_and_measured(move, given):

@@ -11,6 +11,7 @@ from passerby.cli.main import run
 from passerby.common import parallel
 from passerby.scene.scene import Scene
 from support.scenes.puppet_videos import film, pictures, puppets, scene_file, wall, write_video
+from support.tiers import thinned
 
 BAD, DOUBTFUL = 2, 3
 
@@ -165,7 +166,7 @@ def test_identities_cannot_be_given_by_a_video(scene, capsys, command):
     refused(capsys, path, command, f"{path}: [cameras.C1]: has only a video", 'under [association] set mode = "combined"')
 
 
-@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+@thinned("suffix", [".mp4", ".mkv"])
 def test_a_video_that_was_cut_off(scene, good, made, tmp_path, capsys, suffix):
     bad = tmp_path / f"bad{suffix}"
     source = good / "C1.mp4" if suffix == ".mp4" else write_video(tmp_path / "whole.mkv", pictures(made, "C1"), 5.0)

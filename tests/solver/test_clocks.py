@@ -19,6 +19,7 @@ from passerby.simulation import SimulatedScene
 from passerby.solver.evidence import gather_evidence
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import observe, part, ring, simulated, solve
+from support.tiers import thinned
 
 TIMED = PeopleOptions(refine_time=True)
 
@@ -40,7 +41,7 @@ def clock_errors(truth: SimulatedScene, clocks: dict[str, Clock]) -> dict[str, f
 
 
 # The largest errors measured over two seeds each were 15, 7 and 15 ms.
-@pytest.mark.parametrize(
+@thinned(
     ("preset", "offset", "fps", "seconds"),
     [("terrace", 0.3, 5.0, 20.0), ("basketball", 0.3, 10.0, 12.0), ("construction", 0.3, 5.0, 15.0)],
 )

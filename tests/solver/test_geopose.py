@@ -30,6 +30,7 @@ from passerby.solver.geopose.geopose import (
     solve_pair,
     triangulate_pair,
 )
+from support.tiers import thinned
 
 PRESETS = ("terrace", "basketball", "construction")
 BOXES = GeoPoseOptions("C1", points="boxes")
@@ -59,7 +60,7 @@ def relative(truth: SimulatedScene, a: int, b: int) -> Pose:
     return Pose(R, pose_b.t_cw - R @ pose_a.t_cw)
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@thinned("preset", PRESETS)
 def test_reaches_the_papers_level(preset: str) -> None:
     """The paper: 404 mm and 1.08 degrees with the right height of people; the shape alone is an order of magnitude better."""
     truth = scene(preset)
@@ -86,7 +87,7 @@ def test_scale_is_proportional_to_the_height_of_people() -> None:
     assert compare(rigs[1], rigs[0], "C1").scale_ratio == pytest.approx(1.8 / 1.6, rel=1e-6)
 
 
-@pytest.mark.parametrize("metres", [3.6, 1.0])
+@thinned("metres", [3.6, 1.0])
 def test_scale_from_a_known_length(metres: float) -> None:
     """The paper's free-throw line and pipe, marked in two cameras to the pixel: right whatever the height of people."""
     truth = scene()

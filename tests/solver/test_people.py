@@ -18,6 +18,7 @@ from passerby.geometry.relative_pose import PairHypothesis
 from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
 from passerby.solver.people import PeopleOptions, solve_people
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
+from support.tiers import thinned
 
 PRESETS = ("terrace", "basketball", "construction")
 # Similarity errors with 2 % box noise over 20 seconds: the largest of three seeds was 23.8, 16.7 and 24.3 mm, and 0.158, 0.050
@@ -55,7 +56,7 @@ def assert_metric(found: Comparison, *, ground_mm: float = 50.0, gravity_deg: fl
     assert found.ground_error_mm < ground_mm
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@thinned("preset", PRESETS, quick=2)
 def test_presets_are_solved_in_shape_scale_vertical_and_ground(preset: str) -> None:
     solution = solved(preset)
     position, orientation, found = errors(solution, simulated(preset).rig)
@@ -66,7 +67,7 @@ def test_presets_are_solved_in_shape_scale_vertical_and_ground(preset: str) -> N
     assert solution.method == "people"
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@thinned("preset", PRESETS)
 def test_a_third_of_swapped_identities_costs_little(preset: str) -> None:
     position, orientation, found = errors(solved(preset, 0.3), simulated(preset).rig)
     clean, _, _ = errors(solved(preset), simulated(preset).rig)
