@@ -137,9 +137,10 @@ def processes_of(session):
 
 QUIET = """
 import math
-from passerby import cli, terminal
+from passerby.cli import terminal
+from passerby.cli.main import main
 terminal.LOG_AFTER_S = math.inf
-cli.main()
+main()
 """
 """The program `passerby`, without the lines that tell how far a run is after half a minute of wall time."""
 
