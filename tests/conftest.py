@@ -28,7 +28,7 @@ EVIDENCE = ("benchmarks/baselines", "benchmarks/paper", "benchmarks/peers", "ben
             "docs/test_site.py", "real")  # fmt: skip
 """Where the tests are evidence: of real data, of the benchmark's pages, of other programs, of the documentation's examples."""
 EVIDENCE_FIXTURES = frozenset({"data_root"})
-TORCH = ("checkpoints", "export", "losses", "training")
+TORCH = ("checkpoints", "export", "losses", "sampling", "training")
 """Trainings, which need PyTorch."""
 SYSTEM = ("cli/test_resume.py", "report/test_browser.py", *(f"training/test_{name}.py" for name in TORCH))
 """Where they are of the system: trainings, a browser, processes that die."""

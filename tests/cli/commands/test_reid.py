@@ -132,6 +132,7 @@ def test_one_line_says_what_is_wrong(court, tmp_path, capsys, arguments, told):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("command", ["train", "evaluate", "finetune", "export"])
 def test_without_the_extra(court, tmp_path, capsys, monkeypatch, command):
     """What needs it says so, in one line, before anything else is done."""
@@ -146,6 +147,7 @@ def test_without_the_extra(court, tmp_path, capsys, monkeypatch, command):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.system
 def test_an_export_without_what_writes_onnx(tmp_path, capsys, monkeypatch):
     plain = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "onnxscript" else plain(name, *more))
