@@ -82,6 +82,7 @@ def inputs(scene):
     return read_inputs(Scene.load(scene), videos), videos
 
 
+@pytest.mark.smoke
 def test_two_videos_become_a_rig(calibrated, folder):
     assert calibrated.accepted
     millimetres, degrees, scale = error_mm(calibrated, folder)
