@@ -31,7 +31,7 @@ test: $(INSTALLED)
 # All the rest: calibrations of every kind, trainings, the browser, real data, benchmarks, the documentation's examples; and
 # what has examples drawn for it once more, with more of them.
 test-slow: $(TRAINING_INSTALLED)
-	$(ONE_THREAD) PASSERBY_EXAMPLES=thorough $(PYTEST) -m "slow or hypothesis"
+	$(ONE_THREAD) PASSERBY_EXAMPLES=thorough $(PYTEST) -m "slow or hypothesis or fuzz"
 
 lint: $(INSTALLED)
 	$(VENV)/bin/ruff check .

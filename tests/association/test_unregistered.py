@@ -78,6 +78,7 @@ def test_clocks_farther_apart_than_was_searched_for(delay_s: float, enough: int)
     assert found.values == {"ahead_s": pytest.approx(delay_s, abs=0.05), "search_s": enough}
 
 
+@pytest.mark.slow
 @thinned("delay_s", [120.0, -140.3])
 def test_clocks_minutes_apart(delay_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Farther than a minute, and than half of the recordings: the lags at which anything overlaps are all looked at."""

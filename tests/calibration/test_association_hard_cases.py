@@ -131,7 +131,6 @@ def test_one_line_is_not_enough(terrace, tmp_path):
     one_sentence(calibration.reasons, "on one straight line")
 
 
-@pytest.mark.smoke
 def test_one_person_and_two_cameras(tmp_path):
     simulated, path = scene(tmp_path, cameras=2, people=1, seconds=40.0)
     assert_near_truth(passerby.calibrate(path), simulated.rig, degrees=0.6)

@@ -54,7 +54,6 @@ def test_clocks_are_found_by_the_same_people(tmp_path, preset):
         assert camera["time_offset_sigma_s"] < 0.03
 
 
-@pytest.mark.smoke
 def test_identities_stay_as_they_were_given(tmp_path):
     """They are names: a tool may count them from a billion on."""
     simulated = simulate(SimulationOptions(**FAULTS, clock_offsets=(0.0, 2.3, -1.4, 3.0)))

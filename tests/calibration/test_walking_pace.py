@@ -151,7 +151,7 @@ def test_a_length_that_makes_people_giants_is_told() -> None:
     assert [doubt.values["cue"] for doubt in found.doubts if doubt.code == "scale_cue_contradicted"] == ["population of 6"]
 
 
-@pytest.mark.smoke
+@pytest.mark.slow
 @pytest.mark.system
 def test_camera_positions_that_make_people_giants_are_told(tmp_path) -> None:
     scene = made("terrace")

@@ -17,6 +17,7 @@ from passerby.core.observations import Boxes, CameraObservations, Keypoints
 from passerby.scene.intrinsics_checks import smaller_picture
 from passerby.scene.upside_down import doubt_of_upside_down, fits_better_turned
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from support.tiers import thinned
 
 Change = Callable[[Boxes, tuple[int, int]], Boxes]
 
@@ -119,9 +120,7 @@ def test_people_who_stop_short_of_a_line_are_not_cut_off() -> None:
     assert smaller_picture(np.concatenate([inside, one]), (1920, 1080)) is None
 
 
-@pytest.mark.parametrize(
-    ("preset", "height"), [("terrace", None), ("basketball", None), ("construction", None), ("terrace", 4.0)]
-)
+@thinned(("preset", "height"), [("terrace", None), ("basketball", None), ("construction", None), ("terrace", 4.0)], quick=2)
 def test_a_flip_top_to_bottom_is_told_and_right_pictures_are_not(preset: str, height: float | None) -> None:
     made = scene(preset, height=height)
     for camera in made.rig:

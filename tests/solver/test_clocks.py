@@ -82,6 +82,7 @@ def test_right_clocks_cost_nothing() -> None:
             assert abs(clock.correction_s) <= 3 * clock.sigma_s
 
 
+@pytest.mark.slow
 def test_the_first_registered_camera_keeps_its_clock() -> None:
     """In another order of the cameras the same differences come out, and sigmas are of these differences."""
     truth = simulated("basketball", 12.0, 0, clock_offsets=0.1)

@@ -110,6 +110,7 @@ def test_joints_as_correspondences() -> None:
     assert found.ground_error_mm < 40
 
 
+@pytest.mark.slow
 def test_one_person_in_five_swapped_is_left_to_ransac() -> None:
     found = compare(solve(scene(identity_swaps=0.2)).rig, scene().rig, "C1")
     assert found.similarity.mean_position_mm is not None

@@ -72,6 +72,7 @@ def test_sigmas_cover_what_a_guess_is_off_by(preset: str, factors: tuple[float, 
     assert all(wide.shape_position_sigma_mm > own for wide, own in zip(solution.figures.cameras, sigmas, strict=True))
 
 
+@pytest.mark.slow
 def test_a_guess_that_makes_a_camera_too_uncertain_is_a_doubt() -> None:
     right = (1.0,) * 4
     assert solved("terrace", right, None).verdict == "accepted"
