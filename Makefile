@@ -9,6 +9,8 @@ BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
 # Two test processes of one BLAS thread each are faster than threads that fight for the same cores.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+# A file is one process's work, so that what its tests share is made once; the longest files come first (tests/conftest.py).
+PYTEST := $(VENV)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Real data sets, where there are any.
 DATA := $(firstword $(wildcard $(PASSERBY_DATA) ../shared/data))
@@ -22,11 +24,14 @@ PIP := -m pip install --quiet --disable-pip-version-check
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo -o demo
 
-test: $(TRAINING_INSTALLED)
-	$(ONE_THREAD) $(VENV)/bin/python -m pytest -n 2 -m "not slow"
+# Every room by itself, and a smoke of everything from end to end. Needs no PyTorch.
+test: $(INSTALLED)
+	$(ONE_THREAD) $(PYTEST) -m "not slow"
 
+# All the rest: calibrations of every kind, trainings, the browser, real data, benchmarks, the documentation's examples; and
+# what has examples drawn for it once more, with more of them.
 test-slow: $(TRAINING_INSTALLED)
-	$(ONE_THREAD) $(VENV)/bin/python -m pytest -n 2 -m slow
+	$(ONE_THREAD) PASSERBY_EXAMPLES=thorough $(PYTEST) -m "slow or hypothesis or fuzz"
 
 lint: $(INSTALLED)
 	$(VENV)/bin/ruff check .

@@ -1,7 +1,7 @@
 """What the tests notice: seeded faults, one at a time, in a copy of the sources, and the tests of their room run on each.
 
 `python benchmarks/mutation.py build/mutation.jsonl` draws the faults by the seed, runs the quick tests of the fault's room
-until one fails, and where none does the slow ones too. What is finished is kept in the file and not run again. `--list` only
+until one fails, then the slow ones where none did. What is finished is kept in the file and not run again. `--list` only
 shows the faults, `--report` only what is kept. The tests run with the interpreter that runs this, one process at a time.
 """
 
@@ -169,7 +169,7 @@ def changes(node: ast.expr) -> Iterator[tuple[str, ast.expr]]:
 def _counts(node: ast.expr) -> bool:
     """Whether this is a number of things: of real numbers `<` and `<=` hardly differ."""
     text = ast.unparse(node)
-    return (isinstance(node, ast.Constant) and isinstance(node.value, int)) or text.startswith("len(") or text.isupper()
+    return (isinstance(node, ast.Constant) and isinstance(node.value, int)) or text.startswith("len(")
 
 
 def _commutes(node: ast.Call) -> bool:
@@ -185,43 +185,64 @@ def _with(node: ast.expr, **fields: object) -> ast.expr:
 
 
 def run_all(faults: list[Fault], record: Path, *, again: bool) -> None:
-    """Run the tests on every fault that is not yet kept, and keep what they noticed."""
-    record.parent.mkdir(parents=True, exist_ok=True)
+    """Run the quick tests on every fault, then the slow ones on what those did not notice; keep each answer."""
     for fault in faults:
         before = kept(record).get(fault.name)
-        if before is not None and not (again and not before["quick"]):
-            continue
-        quick, seconds, first = noticed(fault, ["-m", "not slow"])
-        slow = before["slow"] if before is not None else False if quick else noticed(fault, ["-m", "slow"])[0]
-        line = {"fault": fault.name, "quick": quick, "slow": slow, "cpu_s": round(seconds), "by": first}
-        with record.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
-        print("quick" if quick else "slow" if slow else "NOT ", f"{seconds:4.0f} s", fault.name, "|", first, flush=True)
+        if before is None or (again and not before["quick"]):
+            found = noticed(fault, "not slow")
+            _keep(record, {"fault": fault.name, "quick": found.test is not None, "by": found.test, "cpu_s": found.cpu_s,
+                           "slow": before and before["slow"]})  # fmt: skip
+    for fault in faults:
+        before = kept(record)[fault.name]
+        if not before["quick"] and before["slow"] is None:
+            found = noticed(fault, "slow")
+            _keep(record, before | {"slow": found.test is not None, "by": found.test})
 
 
-def noticed(fault: Fault, options: list[str]) -> tuple[bool, float, str]:
-    """Whether a test of the fault's room fails, the processor's seconds, and the first test that fails."""
+def _keep(record: Path, line: dict[str, object]) -> None:
+    record.parent.mkdir(parents=True, exist_ok=True)
+    with record.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line) + "\n")
+    print({True: "quick", False: "     "}[bool(line["quick"])], line["cpu_s"], "s", line["fault"], "|", line["by"], flush=True)
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Which test failed first, if any, and the processor's seconds until then."""
+
+    test: str | None
+    cpu_s: int
+
+
+def noticed(fault: Fault, marked: str) -> Notice:
+    """Run the tests so marked of the fault's room on a copy of the sources with the fault, until one fails."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    failed = None
     with tempfile.TemporaryDirectory() as folder:
         sources = Path(folder) / "src"
         shutil.copytree(SOURCE, sources / "passerby", ignore=shutil.ignore_patterns("__pycache__"))
         path = sources / "passerby" / fault.path
         text = path.read_bytes()
         path.write_bytes(text[: fault.start] + fault.after.encode() + text[fault.end :])
-        command = [
-            sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--no-header",
-            f"--basetemp={folder}/tests", *options, *(f"tests/{room}" for room in TESTED_BY.get(fault.room, (fault.room,))),
-        ]  # fmt: skip
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = subprocess.run(
-            command, cwd=ROOT, capture_output=True, text=True, check=False, preexec_fn=limit,
-            env=os.environ | {"PYTHONPATH": str(sources), "PYTHONDONTWRITEBYTECODE": "1"} | ONE_THREAD,
-        )  # fmt: skip
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    first = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        for room in TESTED_BY.get(fault.room, (fault.room,)):
+            failed = failed or _first_failure(f"tests/{room}", marked, sources, Path(folder) / room)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return Notice(failed, round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime))
+
+
+def _first_failure(tests: str, marked: str, sources: Path, place: Path) -> str | None:
+    command = [
+        sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--no-header", "-m", marked,
+        f"--basetemp={place}", tests,
+    ]  # fmt: skip
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, preexec_fn=limit,
+        env=os.environ | {"PYTHONPATH": str(sources), "PYTHONDONTWRITEBYTECODE": "1"} | ONE_THREAD,
+    )  # fmt: skip
     if done.returncode in (0, 5):  # 5: no test of that kind
-        return False, seconds, ""
-    return True, seconds, first[0].split(" - ")[0] if first else f"exit status {done.returncode}"
+        return None
+    first = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return first[0].split(" - ")[0] if first else f"exit status {done.returncode}"
 
 
 def limit() -> None:
@@ -239,18 +260,17 @@ def kept(record: Path) -> dict[str, dict[str, object]]:
 
 def report(faults: list[Fault], finished: dict[str, dict[str, object]]) -> str:
     """A table of rooms, and the faults that the quick tests did not notice."""
-    rows = ["| room | faults | noticed by quick tests | by slow ones only | by none |", "|---|---|---|---|---|"]
-    done = [(fault, finished[fault.name]) for fault in faults if fault.name in finished]
+    columns = ("quick", "slow", "none", "not tried")
+    rows = [f"| room | faults | {' | '.join(columns)} |", "|---|---|---|---|---|---|"]
+    done = [(fault, _noticed_by(finished[fault.name])) for fault in faults if fault.name in finished]
     for room in (*ROOMS, "all"):
-        counts: Counter[str] = Counter()
-        for fault, line in done:
-            if room in (fault.room, "all"):
-                counts["quick" if line["quick"] else "slow" if line["slow"] else "none"] += 1
-        rows.append(f"| {room} | {counts.total()} | {counts['quick']} | {counts['slow']} | {counts['none']} |")
-    missed = [
-        f"- {'by slow tests only' if line['slow'] else 'by none'}: {fault.name}" for fault, line in done if not line["quick"]
-    ]
-    return "\n".join([*rows, "", *missed])
+        counts = Counter(by for fault, by in done if room in (fault.room, "all"))
+        rows.append(f"| {room} | {counts.total()} | {' | '.join(str(counts[column]) for column in columns)} |")
+    return "\n".join([*rows, "", *(f"- {by}: {fault.name}" for fault, by in done if by != "quick")])
+
+
+def _noticed_by(line: dict[str, object]) -> str:
+    return "quick" if line["quick"] else {True: "slow", False: "none", None: "not tried"}[line["slow"]]  # type: ignore[index]
 
 
 if __name__ == "__main__":

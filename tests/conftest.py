@@ -1,8 +1,10 @@
 """What all tests share."""
 
 import importlib
+import os
 import signal
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -10,15 +12,56 @@ from types import ModuleType
 import pytest
 from hypothesis import settings
 
-from support.paths import BENCHMARKS, DATA
+from support.paths import BENCHMARKS, DATA, TESTS
 
 # Jobs in the background of a shell ignore Ctrl-C, and so would the programs that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The same examples on every machine, and no example fails because a machine is slow.
-settings.register_profile("passerby", deadline=None, derandomize=True)
-settings.load_profile("passerby")
+# The same examples on every machine, and no example fails because a machine is slow; tests that set no number of examples have
+# few in the quick tier, and all of them where PASSERBY_EXAMPLES=thorough says so.
+settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25)
+settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=100)
+settings.load_profile(os.environ.get("PASSERBY_EXAMPLES", "quick"))
+
+EVIDENCE = ("benchmarks/baselines", "benchmarks/paper", "benchmarks/peers", "benchmarks/reliability", "docs/test_examples.py",
+            "docs/test_site.py", "real")  # fmt: skip
+"""Where the tests are evidence: of real data, of the benchmark's pages, of other programs, of the documentation's examples."""
+EVIDENCE_FIXTURES = frozenset({"data_root"})
+TORCH = ("checkpoints", "export", "losses", "sampling", "training")
+"""Trainings, which need PyTorch."""
+SYSTEM = ("cli/test_resume.py", "report/test_browser.py", *(f"training/test_{name}.py" for name in TORCH))
+"""Where they are of the system: trainings, a browser, processes that die."""
+SYSTEM_FIXTURES = frozenset({"browser", "calibrated", "calibration", "calibrations"})
+"""Who asks for one of these asks for a calibration, or for a program of its own."""
+
+
+def tier_of(item: pytest.Item) -> str:
+    """`unit`, `system` or `evidence`: by where a test lies, what it asks for, and what it says itself."""
+    path = item.path.relative_to(TESTS).as_posix()
+    asked = set(getattr(item, "fixturenames", ()))
+    if item.get_closest_marker("unit"):
+        return "unit"
+    if path.startswith(EVIDENCE) or asked & EVIDENCE_FIXTURES or item.get_closest_marker("evidence"):
+        return "evidence"
+    if path.startswith(SYSTEM) or asked & SYSTEM_FIXTURES or item.get_closest_marker("system"):
+        return "system"
+    return "unit"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark each test with its tier, and as slow what is of the upper tiers and no smoke; the longest files begin."""
+    quick, work = "not slow" in config.option.markexpr, Counter[Path]()
+    for item in items:
+        tier = tier_of(item)
+        item.add_marker(tier)
+        if tier != "unit" and not item.get_closest_marker("smoke"):
+            item.add_marker("slow")
+        if not (quick and item.get_closest_marker("slow")):
+            work[item.path] += 1 if tier == "unit" else 20
+    # A stable order: the tests of a file stay together and as they are.
+    items.sort(key=lambda item: (-work[item.path], item.path))
 
 
 @pytest.fixture(scope="session", autouse=True)

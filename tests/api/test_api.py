@@ -17,6 +17,8 @@ from passerby.core.observations import CameraObservations
 from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
+pytestmark = pytest.mark.smoke
+
 
 @pytest.fixture(scope="module")
 def made():

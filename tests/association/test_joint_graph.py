@@ -17,6 +17,7 @@ from passerby.core.scale_cues import ScaleCues
 from passerby.evaluation.metrics import compare
 from passerby.solver.people import solve_people
 from support.scenes.people_on_spot import moving_on_spot, ring, seen
+from support.tiers import thinned
 
 TURNS = Rotation.random(4, random_state=5).as_matrix()
 
@@ -72,7 +73,7 @@ def calibrated(rig, rng, shown, exchanged=()):
     return solve_with_unknown_identities(bare, observations, AssociationOptions(), solve, np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("exchanged", [(), ("C3",)], ids=["as they are", "left and right exchanged in C3"])
+@thinned("exchanged", [(), ("C3",)], ids=["as they are", "left and right exchanged in C3"])
 def test_a_rig_from_one_person_on_the_spot(exchanged):
     rng = np.random.default_rng(3)
     rig = ring(4, rng)

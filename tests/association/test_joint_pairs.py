@@ -50,6 +50,7 @@ def test_left_and_right_exchanged_in_one_camera_are_told():
     assert np.degrees(angle_between(found.R_ba, R_ba)) < 8
 
 
+@pytest.mark.slow
 def test_strangers_are_never_joined():
     cases = [(seed, ONE, moving) for seed in range(7) for moving in (0.0, 0.3, 1.0)] + [(7, THREE, 0.3), (8, THREE, 1.0)]
     joined = [case for case in cases if two_views(case[0], case[1], strangers=True, moving=case[2], seconds=2.0)[0].used]

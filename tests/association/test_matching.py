@@ -3,6 +3,7 @@ from __future__ import annotations
 from itertools import permutations
 
 import numpy as np
+import pytest
 
 from passerby.association.tracking.matching import clear_matches
 
@@ -55,6 +56,7 @@ def test_no_links() -> None:
     assert [len(column) for column in clear_matches(3, none, none, np.zeros(0), 1.0)] == [0, 0]
 
 
+@pytest.mark.slow
 def test_many_in_a_row_are_as_quickly_told() -> None:
     """Ten thousand who compete with their neighbours only: nothing of the size of their square is made."""
     n = 10_000

@@ -13,6 +13,7 @@ from passerby.association.tracking.tracking import track
 from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
 from support.scenes.simulated import scene
+from support.tiers import thinned
 
 FPS = 10.0
 
@@ -136,12 +137,17 @@ def test_nobody_is_joined_with_whom_he_was_seen() -> None:
     assert numbers(boxes, 1, 2) == [[1], [2]]
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("preset", "embeddings", "people", "least", "purity"),
-    [("terrace", "distinct", 7, 0.8, 0.99), ("basketball", "distinct", 14, 0.9, 0.99),
-     ("terrace", "distinct", 12, 0.85, 0.99), ("construction", "none", 8, 0.85, 0.99),
-     ("terrace", "none", 7, 0.4, 0.88), ("basketball", "alike", 14, 0.4, 0.9)],
-)  # fmt: skip
+    [
+        ("terrace", "distinct", 7, 0.8, 0.99),
+        ("basketball", "distinct", 14, 0.9, 0.99),
+        ("terrace", "distinct", 12, 0.85, 0.99),
+        ("construction", "none", 8, 0.85, 0.99),
+        ("terrace", "none", 7, 0.4, 0.88),
+        ("basketball", "alike", 14, 0.4, 0.9),
+    ],
+)
 def test_simulated_people_are_followed(preset: str, embeddings: str, people: int, least: float, purity: float) -> None:
     """IDF1 and purity over two seeds, of tracked detections, mended.
 

@@ -13,6 +13,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
 from support.scenes.simulated import scene
+from support.tiers import thinned
 
 FAULTS = {"box_noise": 0.02, "missing": 0.1, "false_boxes": 0.05, "cameras": 2, "seconds": 20.0}
 
@@ -80,11 +81,17 @@ def with_swaps(boxes: Boxes, fps: float, every_s: float) -> tuple[Boxes, int]:
     return replace(boxes, identity=identity), swaps
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("preset", "fps", "most"),
-    [("terrace", 5.0, 0.65), ("terrace", 25.0, 0.88), ("basketball", 5.0, 0.75), ("basketball", 10.0, 0.85),
-     ("construction", 2.0, 0.6), ("construction", 10.0, 0.9)],
-)  # fmt: skip
+    [
+        ("terrace", 5.0, 0.65),
+        ("terrace", 25.0, 0.88),
+        ("basketball", 5.0, 0.75),
+        ("basketball", 10.0, 0.85),
+        ("construction", 2.0, 0.6),
+        ("construction", 10.0, 0.9),
+    ],
+)
 def test_tracklets_are_of_one_person(preset: str, fps: float, most: float) -> None:
     boxes = seen(preset, fps)
     found = track(forgotten(boxes), fps)
@@ -230,7 +237,7 @@ def test_true_tracklets_stay_whole_whatever_the_embeddings() -> None:
         assert count(split_tracklets(told, 5.0).identity) <= by_gaps + 2
 
 
-@pytest.mark.parametrize("preset", ["terrace", "basketball"])
+@thinned("preset", ["terrace", "basketball"])
 def test_swapped_tracklets_are_split(preset: str) -> None:
     boxes = seen(preset, 10.0, false_boxes=0.0)
     wrong, swaps = with_swaps(boxes, 10.0, 3.0)

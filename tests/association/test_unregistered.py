@@ -25,6 +25,7 @@ from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level
 from support.scenes.people_and_rigs import looking_at
 from support.scenes.walkers_on_plane import UP, Station, Walker, bodies_at, standing, walkers
+from support.tiers import thinned
 
 LEVEL = Level(UP, 4.0, 0.0)
 SECONDS = 60.0
@@ -77,7 +78,8 @@ def test_clocks_farther_apart_than_was_searched_for(delay_s: float, enough: int)
     assert found.values == {"ahead_s": pytest.approx(delay_s, abs=0.05), "search_s": enough}
 
 
-@pytest.mark.parametrize("delay_s", [120.0, -140.3])
+@pytest.mark.slow
+@thinned("delay_s", [120.0, -140.3])
 def test_clocks_minutes_apart(delay_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Farther than a minute, and than half of the recordings: the lags at which anything overlaps are all looked at."""
     monkeypatch.setattr(sys.modules[__name__], "SECONDS", 200.0)

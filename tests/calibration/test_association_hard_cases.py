@@ -17,6 +17,8 @@ from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.simulation import SimulationOptions, simulate, write_scene
 from support.scenes.boxes_of_walks import boxes_of
 
+pytestmark = pytest.mark.system
+
 FAULTS = {"seconds": 20.0, "box_noise": 0.02, "missing": 0.1, "unrelated_ids": True, "tracklet_seconds": 4.0}
 HEIGHTS = (1.75, 1.62, 1.85, 1.7, 1.68)
 FRAMES = 150
@@ -184,6 +186,7 @@ def test_a_camera_that_saw_nobody_is_named(tmp_path, capsys):
     assert [camera["registered"] for camera in report["cameras"]] == [True, True, False, True]
 
 
+@pytest.mark.smoke
 def test_ids_that_change_from_frame_to_frame_are_detections(tmp_path):
     simulated, path = scene(tmp_path)
     edit(path, "C3", lambda boxes: replace(boxes, identity=np.arange(1, len(boxes) + 1)))

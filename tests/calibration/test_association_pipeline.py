@@ -17,6 +17,8 @@ from passerby.interchange.motchallenge import read_boxes, write_boxes
 from passerby.simulation import SimulationOptions, simulate, write_scene
 from support.paths import DOCS
 
+pytestmark = pytest.mark.system
+
 FAULTS = {"seconds": 20.0, "box_noise": 0.02, "missing": 0.1, "unrelated_ids": True, "tracklet_seconds": 4.0}
 
 
@@ -56,6 +58,7 @@ def plain(tmp_path_factory):
     return simulated, path, calibration, folder / "out"
 
 
+@pytest.mark.smoke
 def test_people_whom_nobody_has_identified(plain):
     simulated, _, calibration, out = plain
     assert_near_truth(calibration, simulated)
@@ -65,6 +68,7 @@ def test_people_whom_nobody_has_identified(plain):
     assert judged.recall > 0.85
 
 
+@pytest.mark.smoke
 def test_the_report_tells_how_each_pair_was_found(plain):
     simulated, _, _, out = plain
     association = json.loads((out / "calibration.json").read_text())["association"]
@@ -126,11 +130,13 @@ def test_detections_only(tmp_path):
     assert_near_truth(passerby.calibrate(path), simulated)
 
 
+@pytest.mark.smoke
 def test_looks_alone(tmp_path):
     simulated, path = terrace(tmp_path, {"mode": "appearance"}, embeddings="distinct")
     assert_near_truth(passerby.calibrate(path), simulated)
 
 
+@pytest.mark.smoke
 def test_looks_and_motion(tmp_path):
     simulated, path = terrace(tmp_path, embeddings="distinct")
     assert_near_truth(passerby.calibrate(path), simulated)
@@ -169,6 +175,7 @@ def test_cameras_without_common_ground_are_told_apart(tmp_path):
     assert ("C4", "C5") in [doubt.cameras for doubt in calibration.doubts], calibration.reasons
 
 
+@pytest.mark.smoke
 def test_every_figure_is_documented(plain):
     _, _, _, out = plain
     report = json.loads((out / "calibration.json").read_text())

@@ -13,6 +13,8 @@ from passerby.calibration.clock_skew import relative_to_first
 from passerby.evaluation.metrics import compare
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
+pytestmark = pytest.mark.system
+
 FPS = 5.0
 
 
@@ -68,6 +70,7 @@ def test_clocks_in_step_stay_as_stated():
     assert plain.figures.clock_rates is None
 
 
+@pytest.mark.smoke
 def test_of_two_clocks_the_first_is_believed():
     drifts = relative_to_first({"C1": Drift(0.02, 0.001, 30.0), "C2": Drift(-0.02, 0.001, 30.0)})
     assert drifts["C1"].rate == 0

@@ -14,6 +14,8 @@ from passerby.evaluation.metrics import compare
 from passerby.interchange.motchallenge import read_boxes
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
+pytestmark = pytest.mark.system
+
 FAULTS = {"seconds": 20.0, "box_noise": 0.02, "missing": 0.1}
 SEARCHED = {"mode": "given", "max_offset_s": 5.0}
 
@@ -78,6 +80,7 @@ def test_a_fifth_of_the_people_with_exchanged_identities(tmp_path):
         assert abs(clock.offset_s - simulated.clock_offsets[name]) < 0.05
 
 
+@pytest.mark.unit
 def test_boxes_of_somebody_else_are_out_of_line():
     """Alone and two in a row; not where somebody turns, nor at the ends of a track."""
     frame = np.tile(np.arange(1, 31), 2)
@@ -92,6 +95,7 @@ def test_boxes_of_somebody_else_are_out_of_line():
     assert not len(find_regular_boxes(Boxes.empty()))
 
 
+@pytest.mark.smoke
 def test_joints_tell_the_time_alone(tmp_path):
     simulated = simulate(SimulationOptions(seconds=12.0, joint_noise_px=1.0, clock_offsets=(0.0, 2.3, -1.4, 3.0)))
     path = write_scene(simulated, tmp_path / "scene", keypoints=True)

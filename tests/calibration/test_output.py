@@ -19,6 +19,8 @@ from passerby.scene.scene import Scene
 from support.faults.dying_process import TOLD, every_moment, hidden, visible
 from support.scenes.handmade_files import write_scene
 
+pytestmark = pytest.mark.unit
+
 
 @pytest.fixture(scope="module")
 def calibrations(tmp_path_factory):

@@ -16,6 +16,7 @@ from passerby.evaluation.metrics import compare
 from passerby.people.body_centres import identified_body_centres, triangulate_people
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.disturbances import Move, film_disturbed, rig_after
+from support.tiers import thinned
 
 OPTIONS = SimulationOptions(seconds=32.0, people=6, box_noise=0.02, seed=3)
 UNRELATED = replace(OPTIONS, unrelated_ids=True, tracklet_seconds=10.0)
@@ -50,13 +51,14 @@ def changes(scene: SimulatedScene, *, given: bool = True) -> dict[str, object]:
     return out
 
 
-@pytest.mark.parametrize(
+@thinned(
     "move",
     [
         Move("C2", 19.0, turn_deg=(0.0, 1.0, 0.0)),
         Move("C3", 12.0, shift_m=(0.15, 0.0, 0.0)),
         Move("C1", 16.0, turn_deg=(4.0, 8.0, 3.0)),
     ],
+    quick=2,
 )
 @pytest.mark.parametrize("given", [True, False])
 def test_a_move_is_dated_and_measured(move, given):
@@ -94,6 +96,7 @@ def assert_right(calibration: Calibration, true: Rig, mm: float, degrees: float)
     assert judged.similarity.mean_orientation_deg < degrees
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("options", [OPTIONS, UNRELATED], ids=["given", "found"])
 def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
     move = Move("C2", 21.0, turn_deg=(0.0, 6.0, 0.0), shift_m=(0.3, 0.0, 0.0))
@@ -112,6 +115,7 @@ def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
     assert_right(calibration, scene.rig, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)
 
 
+@pytest.mark.system
 def test_the_longer_part_is_kept():
     move = Move("C2", 11.0, turn_deg=(0.0, 6.0, 0.0))
     scene = moved(move)
@@ -123,6 +127,7 @@ def test_the_longer_part_is_kept():
     assert_right(calibration, after, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)
 
 
+@pytest.mark.system
 def test_a_still_rig_is_accepted_and_nothing_is_left_out():
     calibration = calibrated(moved(None))
     assert calibration.verdict == "accepted"

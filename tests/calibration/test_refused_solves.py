@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,8 @@ from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
 
+pytestmark = pytest.mark.system
+
 FORCED = refusal("too_little_evidence", why="forced")
 
 
@@ -41,6 +44,7 @@ def refused(rig: Rig) -> Solution:
     return Solution("people", without_poses(rig), "refused", (FORCED,))
 
 
+@cache
 def scene(given: bool) -> SimulatedScene:
     return simulate(
         SimulationOptions(
@@ -48,9 +52,6 @@ def scene(given: bool) -> SimulatedScene:
             unrelated_ids=not given, embeddings="distinct",
         )
     )  # fmt: skip
-
-
-SCENES = {given: scene(given) for given in (False, True)}
 
 
 class Solver:
@@ -97,7 +98,7 @@ QUICK = MODES[0], MODES[3]
 def test_a_refused_solve_in_any_round_is_a_refusal(
     association: dict[str, Any], table: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    simulated = SCENES[association["mode"] == "given"]
+    simulated = scene(association["mode"] == "given")
     boxes = {name: seen.boxes for name, seen in simulated.observations.cameras.items()}
     rounds = 0
     while True:
@@ -120,7 +121,7 @@ def test_a_refused_solve_in_any_round_is_a_refusal(
 
 
 def inputs() -> SceneInputs:
-    seen = SCENES[True]
+    seen = scene(True)
     clocks = {name: Clock(5.0) for name in seen.rig.names}
     return SceneInputs(without_poses(seen.rig), replace(seen.observations, clocks=clocks), ())
 
@@ -134,11 +135,12 @@ def in_turn(first: Estimate, refusals: Callable[[], Association]) -> Callable[[S
     return estimate
 
 
+@pytest.mark.unit
 def test_a_solve_that_is_refused_after_a_clock_was_corrected() -> None:
     whole = inputs()
     seen = whole.observations
     drifts = {name: Drift(rate, 1e-5, 8.0) for name, rate in zip(whole.rig.names, (0.0, 0.02, 0.0), strict=True)}
-    first = Estimate(Solution("people", SCENES[True].rig, "accepted"), Association(seen, seen, seen.clocks, drifts=drifts))
+    first = Estimate(Solution("people", scene(True).rig, "accepted"), Association(seen, seen, seen.clocks, drifts=drifts))
     estimates = in_turn(first, lambda: Association(seen, seen, seen.clocks))
     repaired = apply_repairs(whole, estimates, [Repair(find_clock_skew, MOST_CORRECTIONS)])
     assert repaired.estimate.solution.verdict == "refused"
@@ -146,16 +148,17 @@ def test_a_solve_that_is_refused_after_a_clock_was_corrected() -> None:
     assert clock_rate_figures(whole, repaired.inputs, repaired.estimate) == {}
 
 
+@pytest.mark.unit
 @pytest.mark.parametrize("given", [False, True])
 def test_a_solve_that_is_refused_after_a_move_was_left_out(given: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = inputs()
-    seen, pose = whole.observations, SCENES[True].rig["C2"].pose
+    seen, pose = whole.observations, scene(True).rig["C2"].pose
     assert pose is not None
     other = Pose.from_centre(pose.R_cw, pose.centre + 1.0)
     change = Change(20, 40, False, True, pose, other, 99.0, 99.0, 0.5, (50, 50), (1.0, 1.0))
     real, found = camera_motion._most_certain, iter([DetectedMotion("C2", 20, 40, 5.0, change)])
     monkeypatch.setattr(camera_motion, "_most_certain", lambda *args: next(found, None) or real(*args))
-    first = Estimate(Solution("people", SCENES[True].rig, "accepted"), Association(seen, seen, seen.clocks))
+    first = Estimate(Solution("people", scene(True).rig, "accepted"), Association(seen, seen, seen.clocks))
     motion = MotionRepair(whole, given, 1.72)
     estimates = in_turn(first, lambda: Association(seen, seen, seen.clocks))
     repaired = apply_repairs(whole, estimates, [Repair(motion, len(whole.rig))])
@@ -163,6 +166,7 @@ def test_a_solve_that_is_refused_after_a_move_was_left_out(given: bool, monkeypa
     assert [one.camera for one in motion.measured_again(repaired.corrections, repaired.estimate)] == ["C2"]
 
 
+@pytest.mark.unit
 def test_lenses_from_which_no_first_guess_can_be_made_anew_leave_a_doubtful_rig(monkeypatch: pytest.MonkeyPatch) -> None:
     """The refined lenses are farther off than a first guess bears, and with them no arrangement of the cameras agrees."""
     truth = simulated("basketball")

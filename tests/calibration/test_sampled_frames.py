@@ -16,6 +16,8 @@ from passerby.people.trajectories.trajectories import trajectories
 from passerby.simulation import SimulationOptions, simulate, write_scene
 from support.scenes.walkers_for_monitor import calibrated, write_watched
 
+pytestmark = pytest.mark.system
+
 
 def sampled(simulated, every, phases):
     """The scene as seen in every `every`-th frame, each camera from frame 1 + its phase on."""

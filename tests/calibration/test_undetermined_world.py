@@ -27,6 +27,8 @@ from passerby.simulation import write_scene
 from support.scenes.people_and_rigs import ring, simulated
 from support.scenes.upper_bodies import without_joints
 
+pytestmark = pytest.mark.system
+
 NOT_A_NUMBER = re.compile(r"(?<![\w-])(nan|inf|infinity)(?!\w)", re.IGNORECASE)
 WANT_OF_EVIDENCE = 3
 
@@ -78,6 +80,7 @@ def written(upper: Path) -> tuple[Path, Calibration]:
     return upper.parent.parent / "out", calibration
 
 
+@pytest.mark.smoke
 def test_the_command_says_it_in_words_and_ends_with_3(upper: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     distance = '\n[[scale.distances]]\nbetween = ["C1", "C2"]\nmetres = 9.8\nsd_m = 0.01\n'
     measured = upper.with_name("measured.toml")
@@ -139,6 +142,7 @@ def test_the_report_says_unknown(written: tuple[Path, Calibration], capsys: pyte
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.unit
 def test_a_sigma_that_is_known_in_part_survives_the_file(tmp_path: Path) -> None:
     sigmas = (PoseSigma(np.inf, 0.2), PoseSigma(0.1, np.inf), PoseSigma(np.inf, np.inf), PoseSigma(0.1, 0.2, np.eye(6)))
     rig = Rig(tuple(replace(camera, sigma=sigma) for camera, sigma in zip(ring(4), sigmas, strict=True)))
@@ -153,6 +157,7 @@ def test_a_sigma_that_is_known_in_part_survives_the_file(tmp_path: Path) -> None
     assert [one is None or one.covariance is None for one in again] == [True, True, True, False]
 
 
+@pytest.mark.unit
 def test_what_uses_sigmas_takes_infinite_ones_as_not_stated() -> None:
     none, infinite = (
         Rig(tuple(replace(camera, sigma=sigma) for camera in ring(3))) for sigma in (None, PoseSigma(np.inf, np.inf))

@@ -82,6 +82,7 @@ def inputs(scene):
     return read_inputs(Scene.load(scene), videos), videos
 
 
+@pytest.mark.smoke
 def test_two_videos_become_a_rig(calibrated, folder):
     assert calibrated.accepted
     millimetres, degrees, scale = error_mm(calibrated, folder)
@@ -127,6 +128,7 @@ def assert_forward(told):
     assert all(done == total > 0 for done, total in known.values()), known
 
 
+@pytest.mark.slow
 def test_progress_never_runs_backwards(place, tmp_path):
     """One camera after the other, then again with one camera kept and one not."""
     scene = Scene.load(scene_file(place, BOTH, perception='detector = "background"\nembedder = "none"\nfps = 1'))
@@ -254,6 +256,7 @@ def test_pictures_to_look_at_unless_somebody_says(place, seconds, clock_fps, bel
     assert picture_rate(scene, reading, info) == pytest.approx(rate)
 
 
+@pytest.mark.slow
 def test_a_rate_asked_for_is_what_is_watched(place):
     scene = scene_file(place, {**BOTH, "C2": 'detections = "C2.txt"\nfps = 3'}, perception='detector = "background"\nfps = 1')
     seen, videos = inputs(scene)
@@ -270,6 +273,7 @@ def test_a_video_beside_boxes_of_another_camera(place, folder):
     assert any("camera C2 has no embeddings" in note for note in found.findings)
 
 
+@pytest.mark.slow
 def test_the_scene_files_rate_is_believed(place):
     cameras = {"C1": "C1.mp4", "C2": 'detections = "C2.txt"'}
     seen, _ = inputs(scene_file(place, cameras, extra="[scene]\nfps = 3.2"))
@@ -431,6 +435,7 @@ def test_joints_by_a_network_that_nobody_chose(place):
         inputs(scene_file(place, BOTH, perception='detector = "background"\nkeypoints = "auto"'))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verbose", [False, True])
 def test_what_is_told_where_there_is_no_terminal(place, tmp_path, monkeypatch, capsys, verbose):
     monkeypatch.setattr(parallel, "pays", lambda *measures: False)

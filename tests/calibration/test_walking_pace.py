@@ -121,6 +121,7 @@ def calibrated(scene: SimulatedScene, share: float, **tables: object) -> passerb
     return passerby.calibrate_observations(lenses, boxes, fps=5.0, association={"mode": "given"}, **tables)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("said", [{"person_height_m": 1.72}, {"person_height_sd_m": 0.09}, {"person_height_mean_sd_m": 0.02}])
 def test_boxes_of_half_height_are_told_whatever_is_written_under_scale(said: dict[str, float]) -> None:
     scene = made("terrace")
@@ -130,6 +131,7 @@ def test_boxes_of_half_height_are_told_whatever_is_written_under_scale(said: dic
     assert calibrated(scene, 1.0, scale=said).verdict == "accepted"
 
 
+@pytest.mark.system
 def test_half_height_is_told_on_a_court_and_people_who_run_are_not_accused() -> None:
     scene = made("basketball")
     found = calibrated(scene, 0.5, scale={"person_height_m": 1.72})
@@ -137,6 +139,7 @@ def test_half_height_is_told_on_a_court_and_people_who_run_are_not_accused() -> 
     assert calibrated(scene, 1.0, scale={"person_height_m": 1.72}).verdict == "accepted"
 
 
+@pytest.mark.system
 def test_a_length_that_makes_people_giants_is_told() -> None:
     scene = made("terrace")
     metres = float(np.linalg.norm(scene.rig["C1"].pose.centre - scene.rig["C3"].pose.centre))
@@ -148,6 +151,8 @@ def test_a_length_that_makes_people_giants_is_told() -> None:
     assert [doubt.values["cue"] for doubt in found.doubts if doubt.code == "scale_cue_contradicted"] == ["population of 6"]
 
 
+@pytest.mark.slow
+@pytest.mark.system
 def test_camera_positions_that_make_people_giants_are_told(tmp_path) -> None:
     scene = made("terrace")
     for factor, verdict in ((1.0, "accepted"), (1.75, "doubtful")):

@@ -81,6 +81,7 @@ def test_joints_need_no_walk(terrace):
     assert judged(Solution("people", terrace.rig, "accepted"), Observations(still)).verdict == "accepted"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_hand_made_boxes_off_the_line_are_enough(terrace, tmp_path, method):
     """The same walkers, on curves: what is told above is the line, not how the boxes were made."""

@@ -11,6 +11,7 @@ from passerby.cli.main import run
 from passerby.common import parallel
 from passerby.scene.scene import Scene
 from support.scenes.puppet_videos import film, pictures, puppets, scene_file, wall, write_video
+from support.tiers import thinned
 
 BAD, DOUBTFUL = 2, 3
 
@@ -165,7 +166,8 @@ def test_identities_cannot_be_given_by_a_video(scene, capsys, command):
     refused(capsys, path, command, f"{path}: [cameras.C1]: has only a video", 'under [association] set mode = "combined"')
 
 
-@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+@pytest.mark.slow
+@thinned("suffix", [".mp4", ".mkv"])
 def test_a_video_that_was_cut_off(scene, good, made, tmp_path, capsys, suffix):
     bad = tmp_path / f"bad{suffix}"
     source = good / "C1.mp4" if suffix == ".mp4" else write_video(tmp_path / "whole.mkv", pictures(made, "C1"), 5.0)
@@ -181,6 +183,7 @@ def test_a_video_that_was_cut_off(scene, good, made, tmp_path, capsys, suffix):
     assert refused(capsys, path, "calibrate", *told) == first
 
 
+@pytest.mark.slow
 def test_a_camera_that_moves(scene, tmp_path, capsys):
     fine = np.random.default_rng(5).normal(128, 60, (80, 100, 3)).clip(0, 255).astype(np.uint8)
     wide = cv2.resize(fine, (500, 400), interpolation=cv2.INTER_LINEAR)

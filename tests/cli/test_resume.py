@@ -55,6 +55,7 @@ def test_killed_again_and_again_it_ends_in_the_same_bits(scene, whole, tmp_path)
     assert content(tmp_path) == files
 
 
+@pytest.mark.smoke
 def test_no_more_than_a_segment_is_made_twice(scene, whole, tmp_path):
     ended, files = whole
     assert calibrate(scene, tmp_path, ("detection", 40)).killed
@@ -137,9 +138,10 @@ def processes_of(session):
 
 QUIET = """
 import math
-from passerby import cli, terminal
+from passerby.cli import terminal
+from passerby.cli.main import main
 terminal.LOG_AFTER_S = math.inf
-cli.main()
+main()
 """
 """The program `passerby`, without the lines that tell how far a run is after half a minute of wall time."""
 

@@ -20,9 +20,11 @@ from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from support.scenes.handmade_files import write_scene
 
+pytestmark = pytest.mark.unit
+
 PAIR = TiedPair(
     cameras=("A", "B"), route="tracks", used=True, score=91.25, share=0.885, runner_up=0.0, support=None, matches=120,
-    matched_tracklets=3, offset_s=-1.4, registered_offset_s=-1.4, appearance=None,
+    matched_tracklets=3, offset_s=-1.4, registered_offset_s=-1.4, looks=None,
 )  # fmt: skip
 
 

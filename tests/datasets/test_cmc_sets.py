@@ -17,11 +17,13 @@ from passerby.datasets import read_published
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from support.datasets.cmc import write_cmc
+from support.tiers import thinned
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("name", "left_handed", "scale", "matrices"),
     [("CMC1", False, 1.0, "mat"), ("CMC2", False, -0.3, "txt"), ("CMC3", True, 2.0, "mat"), ("CMC5", True, -1.0, "mat")],
+    quick=2,
 )
 def test_cmc_is_what_was_put_in(tmp_path, name, left_handed, scale, matrices) -> None:
     walk = write_cmc(tmp_path / name, left_handed=left_handed, scale=scale, matrices=matrices)

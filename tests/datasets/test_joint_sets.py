@@ -22,6 +22,7 @@ from passerby.datasets.tum import JOINTS
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from support.datasets.joints import FIRST, People, write_panoptic, write_tum
+from support.tiers import thinned
 
 
 def assert_cameras(found: Published, truth: People, tolerance_px: float = 1e-4) -> None:
@@ -112,9 +113,10 @@ def test_the_published_panoptic_cameras_stand_above_the_floor(data_root) -> None
         assert found.frames_of_pictures(camera.name) == (4501, 5515, 6860, 9349, 13008)
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("separator", "scale", "calibration", "cameras"),
     [(",", 1.0, "P", 5), (" ", -2.5, "P", 3), (",", 0.004, "P", 3), ("", 1.0, "shelf", 5), ("", 1.0, "campus", 3)],
+    quick=3,
 )
 def test_tum_is_what_was_put_in(tmp_path, separator, scale, calibration, cameras) -> None:
     truth = write_tum(tmp_path / "set", separator, scale, calibration, cameras)
@@ -130,7 +132,7 @@ def test_tum_is_what_was_put_in(tmp_path, separator, scale, calibration, cameras
     assert any("not from the set's own" in note for note in found.notes) == (calibration != "P")
 
 
-@pytest.mark.parametrize(("name", "cameras"), [("panoptic", 4), ("campus", 3)])
+@thinned(("name", "cameras"), [("panoptic", 4), ("campus", 3)])
 def test_from_the_published_files_to_a_calibration(name, cameras, tmp_path) -> None:
     """Measured: panoptic 0.0095 mm and 0.00007 degrees, campus 0.0019 mm and 0.00004 degrees; joints are rounded at most."""
     folder = tmp_path / "set"

@@ -19,7 +19,7 @@ from support.scenes.puppet_videos import film, puppets
 Folders = Callable[[str], Path]
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def _without_network() -> Iterator[None]:
     """Nothing is fetched, and no model of this computer is found: the same everywhere."""
     with pytest.MonkeyPatch.context() as patch:

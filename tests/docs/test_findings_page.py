@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 import pytest
-from documentation import DOCS
 
 from passerby.core.finding_texts import KINDS
+from support.documentation import DOCS
 
 PAGE = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
 

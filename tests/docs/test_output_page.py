@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from support.documentation import DOCS
 
 NAMES = ("C1", "C2", "C3")
@@ -31,6 +33,7 @@ def keys(value: Any, page: str = "output.md") -> Iterator[tuple[str, str]]:
                 yield from keys(item, ELSEWHERE.get(key, page))
 
 
+@pytest.mark.evidence
 def test_every_key_is_explained(prepared: Callable[[str], Path]) -> None:
     told = json.loads((prepared("calibrated") / "out" / "calibration.json").read_text())
     explained = {

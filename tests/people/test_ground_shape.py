@@ -22,6 +22,7 @@ def calibrated(ground: Ground, **tables: object) -> tuple[SimulatedScene, Calibr
     return simulated, passerby.calibrate_observations(simulated.rig, boxes, fps=5.0, association={"mode": "given"}, **tables)
 
 
+@pytest.mark.system
 def test_a_step_is_told_and_the_cameras_stand_right_to_each_other():
     simulated, calibration = calibrated(lambda xy: np.where(xy[..., 0] > 0, 1.0, 0.0))
     assert calibration.verdict == "doubtful"
@@ -30,6 +31,7 @@ def test_a_step_is_told_and_the_cameras_stand_right_to_each_other():
     assert calibration.figures.ground.chance_sigmas > 8
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("ground", [level, lambda xy: 0.1 * xy[..., 1]], ids=["level", "10 % slope"])
 def test_level_ground_and_an_even_slope_are_planes(ground):
     simulated, calibration = calibrated(ground)

@@ -141,9 +141,9 @@ def test_stages_that_are_not_used_are_forgotten_and_halves_too(tmp_path):
 WAITS = """
 import sys
 from pathlib import Path
-from passerby.perception.kept import alone
+from passerby.perception.kept import cache_lock
 print("begun", flush=True)
-with alone(Path(sys.argv[1])):
+with cache_lock(Path(sys.argv[1])):
     print("in", flush=True)
     sys.stdin.readline()
 """

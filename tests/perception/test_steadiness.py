@@ -10,6 +10,7 @@ import pytest
 from passerby.perception.pictures import Frame, Picture
 from passerby.perception.steadiness import Steadiness, SteadinessWatcher
 from passerby.perception.video import frames, probe
+from support.tiers import thinned
 
 SIZE = (480, 320)
 MARGIN = 200
@@ -73,7 +74,7 @@ def test_a_camera_that_stands() -> None:
     assert told.largest_shake_px < 0.1
 
 
-@pytest.mark.parametrize("part", [0.1, 0.3, 0.5, 0.7])
+@thinned("part", [0.1, 0.3, 0.5, 0.7], quick=2)
 def test_people_are_no_move(part: float) -> None:
     rng = np.random.default_rng(0)
     told = watched(crowded(noisy(seen(), rng), rng, part) for _ in range(COUNT))
@@ -108,7 +109,7 @@ LIGHTS: dict[str, Callable[[Picture, int], np.ndarray]] = {
 }
 
 
-@pytest.mark.parametrize("light", LIGHTS)
+@thinned("light", LIGHTS, quick=3)
 def test_lights_are_no_move(light: str) -> None:
     rng = np.random.default_rng(0)
     changed = (np.asarray(np.clip(LIGHTS[light](seen(), k), 0, 255), dtype=np.uint8) for k in range(COUNT))
@@ -117,11 +118,12 @@ def test_lights_are_no_move(light: str) -> None:
     assert told.recognised >= 20
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("dx", "dy", "degrees"),
     [(0.0075 * 480, 0, 0), (-3, 3, 0), (0, -15, 0), (60, 25, 0), (150, 0, 0), (0, 0, 2), (20, 10, 6), (-40, 10, -3)],
+    quick=4,
 )
-@pytest.mark.parametrize("crowd", [0.0, 0.35])
+@thinned("crowd", [0.0, 0.35])
 def test_a_camera_that_is_moved_for_good(dx: float, dy: float, degrees: float, crowd: float) -> None:
     rng = np.random.default_rng(0)
     views = [seen() if k < 17 else seen(dx, dy, degrees) for k in range(COUNT)]

@@ -16,6 +16,8 @@ from passerby.report.contents import contents_from
 from passerby.report.page import report_page
 from support.report.pages import Page, busy_place, changed, diagnosed, named, solved, without, without_poses
 
+pytestmark = pytest.mark.smoke
+
 SECTIONS = (
     "summary", "cameras", "rig", "views", "graph", "timeline", "heights", "scale", "distances", "stages", "settings", "files",
 )  # fmt: skip
@@ -134,6 +136,7 @@ def test_a_camera_without_a_pose_is_told_with_its_reason(calibrated):
     assert [row["x m"] == "" for row in page.rows("cameras-table")] == [False, False, True, False]
 
 
+@pytest.mark.slow
 def test_the_papers_method_and_joints_give_sound_pages(scene):
     geopose, joints = (
         solved(scene, name, change)[1]
@@ -200,6 +203,7 @@ def test_identifiers_are_unique_and_labels_lead_somewhere(page):
             assert attributes["aria-labelledby"] in identifiers, (tag, attributes)
 
 
+@pytest.mark.slow
 def test_an_hour_of_a_hundred_people_before_sixteen_cameras_stays_small():
     contents = busy_place(cameras=16, people=100, seconds=3600, fps=2.0)
     assert sum(len(seen.boxes) for seen in contents.observations.cameras.values()) > 300_000

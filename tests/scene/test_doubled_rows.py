@@ -108,6 +108,7 @@ def test_embeddings_stay_with_their_rows(tmp_path: Path) -> None:
     assert reading.boxes.embedding.argmax(axis=1).tolist() == list(range(60))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("given", [True, False])
 def test_one_doubled_row_changes_no_calibration(given: bool) -> None:
     made = simulate(SimulationOptions(seconds=15.0, cameras=3, seed=3, box_noise=0.01, unrelated_ids=not given))

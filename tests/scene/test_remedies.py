@@ -10,6 +10,7 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -39,17 +40,24 @@ OLD_FORMS = re.compile(
 BARE = '[cameras.C1]\nintrinsics = "rig.toml"\nvideo = "C1.mp4"\n\n[cameras.C2]\nintrinsics = "rig.toml"\nvideo = "C2.mp4"\n'
 
 
-def texts() -> Iterator[tuple[str, str]]:
+@cache
+def texts() -> tuple[tuple[str, str], ...]:
     """(place, text) of all strings of the code, `{}` in place of values; no docstrings."""
+    return tuple(_texts())
+
+
+def _texts() -> Iterator[tuple[str, str]]:
     for path in sorted(SOURCE.rglob("*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        docstrings = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        parts = {part for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
-        for node in ast.walk(tree):
-            place = f"{path.relative_to(SOURCE)}:{getattr(node, 'lineno', 0)}"
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        docstrings = {node.value for node in nodes if isinstance(node, ast.Expr)}
+        skipped = docstrings | {part for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+        for node in nodes:
+            if not isinstance(node, ast.JoinedStr | ast.Constant):
+                continue
+            place = f"{path.relative_to(SOURCE)}:{node.lineno}"
             if isinstance(node, ast.JoinedStr):
                 yield place, "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in docstrings | parts:
+            elif isinstance(node.value, str) and node not in skipped:
                 yield place, node.value
 
 
@@ -226,6 +234,7 @@ def test_long_videos_and_known_identities_are_not_too_short(brief: Path) -> None
     assert check_scene(brief).lacks == ()
 
 
+@pytest.mark.system
 def test_a_refusal_names_the_joints_that_can_be_had(brief: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     refused = calibrate(brief)
     assert refused.verdict == "refused"

@@ -139,6 +139,7 @@ def test_a_pair_that_nothing_tells_apart_is_doubted_by_its_place() -> None:
     assert doubts_of_same_place(stereo, seen_by(stereo, made, 0.02)) == []
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("given", [True, False])
 def test_no_rig_with_one_camera_twice_is_accepted(given: bool) -> None:
     made = scene()

@@ -37,6 +37,7 @@ def written(folder: Path, *, fps: bool = True, keypoints: bool = False, **keys: 
     return path
 
 
+@pytest.mark.system
 def test_either_pose_of_a_camera_that_was_moved_can_be_had(tmp_path):
     before, after = simulated().rig, rig_after(simulated().rig, [MOVE])
     for name, keys, true in (("before", {"until_s": 10.8}, before), ("after", {"from_s": 11.2}, after)):

@@ -17,6 +17,7 @@ from passerby.core.observations import Boxes, CameraObservations, Keypoints
 from passerby.scene.intrinsics_checks import smaller_picture
 from passerby.scene.upside_down import doubt_of_upside_down, fits_better_turned
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from support.tiers import thinned
 
 Change = Callable[[Boxes, tuple[int, int]], Boxes]
 
@@ -60,6 +61,7 @@ def larger(lens: Lens) -> Lens:
     return replace(lens, size=(2 * lens.size[0], 2 * lens.size[1]))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("given", [True, False])
 def test_boxes_of_a_half_size_picture_are_told(given: bool) -> None:
     found = calibrated(scene(), ("C2",), scaled(0.5), given=given)
@@ -68,6 +70,7 @@ def test_boxes_of_a_half_size_picture_are_told(given: bool) -> None:
     assert "camera C2: its people seem to be found in pictures of 360 x 288, not of the stated 720 x 576" in told
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("factor", "size"),
     [
@@ -83,6 +86,7 @@ def test_boxes_of_a_second_stream_of_all_cameras_are_told(factor: float, size: s
     assert sum(f"seem to be found in pictures of {size}" in reason for reason in found.reasons) == 4
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("changed", [("C2",), ("C1", "C2", "C3", "C4")])
 @pytest.mark.parametrize("preset", ["terrace", "construction"])
 def test_people_who_keep_to_a_corner_of_the_picture_are_not_accused(changed: tuple[str, ...], preset: str) -> None:
@@ -116,9 +120,7 @@ def test_people_who_stop_short_of_a_line_are_not_cut_off() -> None:
     assert smaller_picture(np.concatenate([inside, one]), (1920, 1080)) is None
 
 
-@pytest.mark.parametrize(
-    ("preset", "height"), [("terrace", None), ("basketball", None), ("construction", None), ("terrace", 4.0)]
-)
+@thinned(("preset", "height"), [("terrace", None), ("basketball", None), ("construction", None), ("terrace", 4.0)], quick=2)
 def test_a_flip_top_to_bottom_is_told_and_right_pictures_are_not(preset: str, height: float | None) -> None:
     made = scene(preset, height=height)
     for camera in made.rig:
@@ -139,6 +141,7 @@ def test_where_both_ways_fit_alike_nothing_is_said(height: float) -> None:
         assert doubt_of_upside_down(camera.name, camera.lens, made.observations[camera.name], 1.72) is None
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("change", [flipped, upside_down])
 def test_no_rig_with_a_picture_turned_over_is_accepted(change: Change) -> None:
     found = calibrated(scene(), ("C2",), change)

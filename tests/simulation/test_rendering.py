@@ -136,6 +136,7 @@ def test_shadows_fall_away_from_the_sun():
         assert dull[toe[1], toe[0]].max() < 185  # the contact shadow
 
 
+@pytest.mark.slow
 def test_the_same_scene_gives_the_same_pictures():
     simulated = small(scene(seconds=1.0))
     first, second = (np.stack(list(render_camera(simulated, "C2", RenderOptions()))) for _ in range(2))

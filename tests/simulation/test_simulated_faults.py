@@ -7,6 +7,7 @@ import pytest
 
 from passerby.core.observations import UNKNOWN
 from support.scenes.simulated import edges_of, scene
+from support.tiers import thinned
 
 FREE = {"occlusion": False, "preset": "construction"}
 
@@ -61,9 +62,7 @@ def test_missing_drops_the_stated_share_of_boxes_and_joints():
     assert kept == sum(len(thinned.observations[n].keypoints) for n in clean.rig.names)
 
 
-@pytest.mark.parametrize(
-    ("preset", "share"), [("construction", 0.1), ("construction", 0.3), ("terrace", 0.2), ("terrace", 1.0)]
-)
+@thinned(("preset", "share"), [("terrace", 0.2), ("terrace", 1.0), ("construction", 0.1), ("construction", 0.3)], quick=2)
 def test_the_stated_share_of_identities_is_swapped_within_camera_and_instant(preset, share):
     clean, swapped = scene(preset=preset, seconds=20.0), scene(preset=preset, seconds=20.0, identity_swaps=share)
     wrong = total = 0

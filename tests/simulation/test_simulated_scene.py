@@ -125,6 +125,7 @@ def test_boxes_of_upright_people_tell_their_height(preset):
     assert np.std(ratios) < 0.06
 
 
+@pytest.mark.slow
 def test_speeds_are_those_of_the_presets():
     def speeds(preset):
         simulated = scene(preset=preset, seconds=20.0)
@@ -137,6 +138,7 @@ def test_speeds_are_those_of_the_presets():
     assert np.mean(speeds("construction") < 0.2) > 0.3
 
 
+@pytest.mark.slow
 def test_construction_people_crouch_about_a_third_of_the_time():
     shares = []
     for seed in range(3):
@@ -217,6 +219,7 @@ def test_drawn_clock_offsets_stay_within_the_largest_and_spare_the_first_camera(
     assert offsets.std() > 0.15
 
 
+@pytest.mark.slow
 def test_people_come_in_late_at_the_edge():
     simulated = scene(people=60, seconds=20.0, cameras=1, occlusion=False)
     there = np.isfinite(simulated.ground_positions[..., 0])

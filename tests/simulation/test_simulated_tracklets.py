@@ -79,6 +79,7 @@ def test_unrelated_ids_are_one_to_one_in_a_camera_and_mean_nothing_in_another():
     assert identity_agreement(found(simulated), simulated.truth).precision < 0.15
 
 
+@pytest.mark.slow
 def test_tracklets_are_as_long_as_stated_and_hold_one_person():
     simulated = simulate(SimulationOptions(seed=2, seconds=120.0, occlusion=False, **CUT))
     lengths = []
@@ -122,6 +123,7 @@ def rank_1(simulated: SimulatedScene, boxes_each: int) -> float:
     return float(np.mean([(np.argmax(a @ b.T, axis=1) == people).mean() for a in means for b in means if a is not b]))
 
 
+@pytest.mark.slow
 def test_distinct_people_are_told_apart_as_well_as_networks_do_and_alike_ones_not():
     scenes = {
         kind: [

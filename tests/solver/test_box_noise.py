@@ -12,6 +12,7 @@ from passerby.core.solution import Solution
 from passerby.evaluation.metrics import Comparison, compare
 from passerby.solver.occlusion import weight_truncated_boxes
 from support.scenes.people_and_rigs import part, simulated, solve
+from support.tiers import thinned
 
 PER_PX = np.sqrt(1 / 6)
 """Standard deviation of a box's centre where both of its corners are off by up to one pixel either way."""
@@ -25,7 +26,7 @@ def solved(preset: str, corner_noise_px: float) -> tuple[Solution, Comparison]:
     return solution, compare(solution.rig, truth.rig)
 
 
-@pytest.mark.parametrize("preset", ["terrace", "basketball"])
+@thinned("preset", ["terrace", "basketball"])
 def test_noise_as_large_as_a_third_of_the_people_leaves_the_rig_good(preset: str) -> None:
     # The paper fails from 20 px on (Xu et al., CVPR 2021, table 3: 1692 mm and 28.5 degrees, 3093 mm and 49.2 degrees).
     _, found = solved(preset, 20.0)
@@ -34,6 +35,7 @@ def test_noise_as_large_as_a_third_of_the_people_leaves_the_rig_good(preset: str
     assert found.similarity.mean_orientation_deg < 0.5
 
 
+@pytest.mark.slow
 def test_pixels_that_every_box_is_off_by_are_learnt() -> None:
     # Edges that are off evenly pass for broken ones in part, so that a little less is learnt: 5.3 to 8.4 px over six scenes.
     noise = solved("basketball", 20.0)[0].figures.noise
@@ -42,7 +44,7 @@ def test_pixels_that_every_box_is_off_by_are_learnt() -> None:
     assert clean.box_px < 1.0
 
 
-@pytest.mark.parametrize("preset", ["terrace", "basketball"])
+@thinned("preset", ["terrace", "basketball"])
 def test_boxes_that_hardly_show_people_are_not_relied_upon(preset: str) -> None:
     solution, found = solved(preset, 50.0)
     assert found.similarity.mean_orientation_deg > 0.5

@@ -19,6 +19,7 @@ from passerby.simulation import SimulatedScene
 from passerby.solver.evidence import gather_evidence
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import observe, part, ring, simulated, solve
+from support.tiers import thinned
 
 TIMED = PeopleOptions(refine_time=True)
 
@@ -40,7 +41,7 @@ def clock_errors(truth: SimulatedScene, clocks: dict[str, Clock]) -> dict[str, f
 
 
 # The largest errors measured over two seeds each were 15, 7 and 15 ms.
-@pytest.mark.parametrize(
+@thinned(
     ("preset", "offset", "fps", "seconds"),
     [("terrace", 0.3, 5.0, 20.0), ("basketball", 0.3, 10.0, 12.0), ("construction", 0.3, 5.0, 15.0)],
 )
@@ -67,6 +68,7 @@ def test_joints_tell_the_time_too() -> None:
     assert (compare(solution.rig, truth.rig).similarity.mean_position_mm or np.inf) < 10
 
 
+@pytest.mark.slow
 def test_right_clocks_cost_nothing() -> None:
     """Over three seeds of each preset the position errors changed by -1 to +1.5 mm, the mean by 0.1 mm."""
     for preset in ("terrace", "basketball"):
@@ -80,6 +82,7 @@ def test_right_clocks_cost_nothing() -> None:
             assert abs(clock.correction_s) <= 3 * clock.sigma_s
 
 
+@pytest.mark.slow
 def test_the_first_registered_camera_keeps_its_clock() -> None:
     """In another order of the cameras the same differences come out, and sigmas are of these differences."""
     truth = simulated("basketball", 12.0, 0, clock_offsets=0.1)

@@ -30,6 +30,7 @@ from passerby.solver.geopose.geopose import (
     solve_pair,
     triangulate_pair,
 )
+from support.tiers import thinned
 
 PRESETS = ("terrace", "basketball", "construction")
 BOXES = GeoPoseOptions("C1", points="boxes")
@@ -59,7 +60,7 @@ def relative(truth: SimulatedScene, a: int, b: int) -> Pose:
     return Pose(R, pose_b.t_cw - R @ pose_a.t_cw)
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@thinned("preset", PRESETS)
 def test_reaches_the_papers_level(preset: str) -> None:
     """The paper: 404 mm and 1.08 degrees with the right height of people; the shape alone is an order of magnitude better."""
     truth = scene(preset)
@@ -86,7 +87,7 @@ def test_scale_is_proportional_to_the_height_of_people() -> None:
     assert compare(rigs[1], rigs[0], "C1").scale_ratio == pytest.approx(1.8 / 1.6, rel=1e-6)
 
 
-@pytest.mark.parametrize("metres", [3.6, 1.0])
+@thinned("metres", [3.6, 1.0])
 def test_scale_from_a_known_length(metres: float) -> None:
     """The paper's free-throw line and pipe, marked in two cameras to the pixel: right whatever the height of people."""
     truth = scene()
@@ -109,6 +110,7 @@ def test_joints_as_correspondences() -> None:
     assert found.ground_error_mm < 40
 
 
+@pytest.mark.slow
 def test_one_person_in_five_swapped_is_left_to_ransac() -> None:
     found = compare(solve(scene(identity_swaps=0.2)).rig, scene().rig, "C1")
     assert found.similarity.mean_position_mm is not None
@@ -125,6 +127,7 @@ def test_same_seed_same_rig_bit_for_bit() -> None:
     assert first.figures == second.figures
 
 
+@pytest.mark.slow
 def test_sigmas_hold_the_errors() -> None:
     truth = scene("construction")
     height = float(np.mean(list(truth.heights.values())))
@@ -226,6 +229,7 @@ def test_a_pose_in_which_nobody_stands_is_refused() -> None:
         check_people_stand(extents, 0, 1, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.real
 def test_wildtrack_pair_that_faces_each_other_is_not_believed(data_root) -> None:  # type: ignore[no-untyped-def]
     """C2 and C3 face each other: from centres 3 % noisy, RANSAC prefers the mirror pose, 150 degrees off."""

@@ -22,6 +22,7 @@ from passerby.solver.people import PeopleOptions
 from passerby.solver.systematic import covariance_of_guesses
 from support.scenes.handmade_files import lens, write_scene
 from support.scenes.people_and_rigs import LENS, part, simulated, solve, without_poses
+from support.tiers import thinned
 
 OPTIONS = PeopleOptions(max_sightings=4000, coarse_people=200)
 
@@ -39,8 +40,8 @@ def solved(preset: str, factors: tuple[float, ...], sd: float | None, refine: tu
     return solve(guessed(truth.rig, factors, sd), part(truth.observations), options=options)
 
 
-@pytest.mark.parametrize("preset", ["terrace", "basketball"])
-@pytest.mark.parametrize("factors", [(1.1,) * 4, (1.0, 1.1, 1.0, 1.0), (1.1, 0.9, 1.05, 0.95)])
+@thinned("preset", ["terrace", "basketball"])
+@thinned("factors", [(1.1,) * 4, (1.0, 1.1, 1.0, 1.0), (1.1, 0.9, 1.05, 0.95)])
 def test_sigmas_cover_what_a_guess_is_off_by(preset: str, factors: tuple[float, ...]) -> None:
     """Ten per cent wrong with a sigma of ten: errors of one sigma or two, where without it they are of many."""
     truth, solution = simulated(preset).rig, solved(preset, factors, 0.1)
@@ -71,6 +72,7 @@ def test_sigmas_cover_what_a_guess_is_off_by(preset: str, factors: tuple[float, 
     assert all(wide.shape_position_sigma_mm > own for wide, own in zip(solution.figures.cameras, sigmas, strict=True))
 
 
+@pytest.mark.slow
 def test_a_guess_that_makes_a_camera_too_uncertain_is_a_doubt() -> None:
     right = (1.0,) * 4
     assert solved("terrace", right, None).verdict == "accepted"

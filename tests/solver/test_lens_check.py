@@ -16,6 +16,7 @@ from passerby.solver.lens_check import COMMON, FARTHEST, KNOWN_FOCAL, MIN_INSTAN
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleOptions
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
+from support.tiers import thinned
 
 SOLVING = PeopleOptions(max_sightings=4000, max_joints=5000)
 
@@ -59,11 +60,18 @@ def accusations(solution: Solution) -> list[str]:
     return [reason for reason in solution.reasons if "people fit" in reason]
 
 
-@pytest.mark.parametrize(
+@thinned(
     "scene",
-    [("construction", 11, 3, 2, 10.0, True), ("construction", 11, 3, 5, 10.0, True), ("terrace", 12, 2, 1, 12.0, True),
-     ("terrace", 12, 3, 2, 10.0, True), ("basketball", 11, 3, 2, 10.0, True), ("terrace", 3, 2, 2, 10.0, False)],
-)  # fmt: skip
+    [
+        ("construction", 11, 3, 2, 10.0, True),
+        ("construction", 11, 3, 5, 10.0, True),
+        ("terrace", 12, 2, 1, 12.0, True),
+        ("terrace", 12, 3, 2, 10.0, True),
+        ("basketball", 11, 3, 2, 10.0, True),
+        ("terrace", 3, 2, 2, 10.0, False),
+    ],
+    quick=2,
+)
 def test_right_lenses_are_not_accused_for_joints_that_err_alike(scene: tuple[str, int, int, int, float, bool]) -> None:
     assert accusations(calibrated(*scene)) == []
 
@@ -76,7 +84,7 @@ def stated(preset: str, factors: tuple[float, ...]) -> tuple[Solution, Rig]:
     return solve(rig, part(truth.observations), options=SOLVING), truth.rig
 
 
-@pytest.mark.parametrize("factors", [(1.0, 1.0, 1.0, 1.0), (1.0, 1.1, 1.0, 1.0), (1.0, 0.8, 1.0, 1.0), (1.15,) * 4])
+@thinned("factors", [(1.0, 1.0, 1.0, 1.0), (1.0, 1.1, 1.0, 1.0), (1.0, 0.8, 1.0, 1.0), (1.15,) * 4], quick=2)
 def test_steps_of_focal_lengths_lead_to_the_true_ones(factors: tuple[float, ...]) -> None:
     """Columns at the observed points would add the noise's own square: +0.01 to +0.05 here, and +1 where people tell little."""
     solution, _ = stated("basketball", factors)

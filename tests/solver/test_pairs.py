@@ -16,6 +16,7 @@ from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.initialisation import level_of
 from passerby.solver.pairs import body_lengths, pair_hypotheses, shared_rows
 from support.scenes.people_and_rigs import observe, part, ring, simulated
+from support.tiers import thinned
 
 BODY = 1.72
 PAIRS = [(a, b) for a in range(4) for b in range(a + 1, 4)]
@@ -61,7 +62,7 @@ def test_poles_without_noise_give_the_pose(route: str) -> None:
         assert h.inliers == h.matches
 
 
-@pytest.mark.parametrize(("preset", "route"), [(p, r) for p in ("terrace", "construction") for r in ("ground", "epipolar")])
+@thinned(("preset", "route"), [(p, r) for p in ("terrace", "construction") for r in ("ground", "epipolar")], quick=2)
 def test_both_routes_come_near_the_truth(preset: str, route: str) -> None:
     rig, every = found_in(preset)
     found = [h for h in every if h.route == route]

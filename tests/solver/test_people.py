@@ -18,6 +18,7 @@ from passerby.geometry.relative_pose import PairHypothesis
 from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose
 from passerby.solver.people import PeopleOptions, solve_people
 from support.scenes.people_and_rigs import part, simulated, solve, without_poses
+from support.tiers import thinned
 
 PRESETS = ("terrace", "basketball", "construction")
 # Similarity errors with 2 % box noise over 20 seconds: the largest of three seeds was 23.8, 16.7 and 24.3 mm, and 0.158, 0.050
@@ -66,7 +67,7 @@ def test_presets_are_solved_in_shape_scale_vertical_and_ground(preset: str) -> N
     assert solution.method == "people"
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@thinned("preset", PRESETS)
 def test_a_third_of_swapped_identities_costs_little(preset: str) -> None:
     position, orientation, found = errors(solved(preset, 0.3), simulated(preset).rig)
     clean, _, _ = errors(solved(preset), simulated(preset).rig)
@@ -75,6 +76,7 @@ def test_a_third_of_swapped_identities_costs_little(preset: str) -> None:
     assert_metric(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("preset", "scenes"), [("terrace", 3), ("basketball", 2)])
 def test_not_worse_than_the_faithful_solver(preset: str, scenes: int) -> None:
     """On the mean of some short scenes: one decides by the luck of its noise (terrace, seed 0: 17.7 against 14.7 mm)."""

@@ -168,6 +168,7 @@ def test_the_rig_file_holds_the_refined_lens(tmp_path: Path) -> None:
     np.testing.assert_array_equal(lens.distortions, truth[name].lens.distortions)
 
 
+@pytest.mark.slow
 def test_a_focal_length_wrong_by_a_fifth_in_all_cameras_is_found() -> None:
     everywhere = tuple((c, 1.2) for c in range(4))
     stated, truth = solved(everywhere, ())

@@ -123,6 +123,7 @@ def placed(rig: Rig, truth: Rig) -> list[Pose]:
     return [pose.moved(turn, np.array([*fit.translation, 0.0])) for pose in poses_of(rig)]
 
 
+@pytest.mark.slow
 def test_errors_over_many_small_scenes_are_what_the_sigmas_say() -> None:
     """Root mean squares of error over sigma, measured over 24 scenes: 0.77 within the rig, 0.80 and (turns) 0.34 in the metric
     world; all were within 3 sigmas. Neither too bold nor so timid that a sigma would say nothing.

@@ -11,6 +11,7 @@ from passerby.core.observations import Boxes, CameraObservations
 from passerby.evaluation.metrics import compare
 from passerby.solver.occlusion import CLEAN, LEAST_WEIGHT, weight_truncated_boxes
 from support.scenes.people_and_rigs import part, simulated, solve
+from support.tiers import thinned
 
 
 def test_clean_edges_are_weighed_alike() -> None:
@@ -48,7 +49,7 @@ def headless(boxes: Boxes, rng: np.random.Generator) -> Boxes:
     return Boxes(boxes.frame, boxes.identity, ltwh, boxes.score)
 
 
-@pytest.mark.parametrize(("preset", "degrees"), [("terrace", 0.2), ("construction", 0.08)])
+@thinned(("preset", "degrees"), [("terrace", 0.2), ("construction", 0.08)])
 def test_lost_heads_of_those_far_away_do_not_tilt_the_cameras(preset: str, degrees: float) -> None:
     """Weighed alike, these boxes tilt all cameras by 0.50 and 0.14 degrees, by which their centres still agree, and make the
     world 6 % too large.

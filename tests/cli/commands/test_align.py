@@ -262,6 +262,7 @@ def world_scene(made, tmp_path, world):
     return path
 
 
+@pytest.mark.system
 def test_the_scene_file_sets_the_frame(made, tmp_path):
     by_camera = calibrate(world_scene(made, tmp_path, '\n[world]\ncamera = "C2"\n'))
     assert by_camera.rig["C2"].centre[:2] == pytest.approx((0, 0), abs=1e-9)

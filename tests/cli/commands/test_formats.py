@@ -19,6 +19,8 @@ from passerby.interchange.trajectories_csv import write_trajectories
 from passerby.simulation import SimulationOptions, simulate, write_scene
 from support.scenes.people_and_rigs import looking_at
 
+pytestmark = pytest.mark.smoke
+
 MATRIX = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])
 
 

@@ -54,6 +54,7 @@ def same_figures(found, wanted):
             assert found[name] == pytest.approx(figure, abs=1e-9), name
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("one_thread")
 def test_from_pictures_to_a_network(court, config, tmp_path, capsys):
     folder, net = tmp_path / "run", tmp_path / "net.onnx"
@@ -81,6 +82,7 @@ def test_from_pictures_to_a_network(court, config, tmp_path, capsys):
     assert f"written to {folder}" in again.out
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("one_thread")
 def test_the_figures_of_the_last_epoch_are_those_of_evaluate(court, config, tmp_path, capsys):
     folder = tmp_path / "run"
@@ -102,6 +104,7 @@ def test_stripes_are_evaluated_without_a_run(court, capsys):
     assert score["queries"] == 12
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("one_thread")
 @pytest.mark.parametrize(
     ("arguments", "told"),
@@ -129,6 +132,7 @@ def test_one_line_says_what_is_wrong(court, tmp_path, capsys, arguments, told):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("command", ["train", "evaluate", "finetune", "export"])
 def test_without_the_extra(court, tmp_path, capsys, monkeypatch, command):
     """What needs it says so, in one line, before anything else is done."""
@@ -143,6 +147,7 @@ def test_without_the_extra(court, tmp_path, capsys, monkeypatch, command):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.system
 def test_an_export_without_what_writes_onnx(tmp_path, capsys, monkeypatch):
     plain = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name == "onnxscript" else plain(name, *more))

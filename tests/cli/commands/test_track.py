@@ -11,6 +11,8 @@ from passerby.cli.main import run
 from passerby.interchange.trajectories_csv import read_ground_positions
 from passerby.simulation import SimulationOptions, simulate, write_scene
 
+pytestmark = pytest.mark.smoke
+
 
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory):
@@ -78,6 +80,7 @@ def test_the_same_bytes(calibrated, tmp_path):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
+@pytest.mark.slow
 def test_clocks_of_the_calibration_are_used(tmp_path, capsys):
     scene = simulate(SimulationOptions(seconds=20.0, box_noise=0.02, seed=4, clock_offsets=(0.0, 0.8, -0.6, 0.5)))
     path = write_scene(scene, tmp_path / "scene")

@@ -22,8 +22,8 @@ pytest.importorskip("fcntl", reason="the system has no such locks")
 HOLD = """
 import sys
 from pathlib import Path
-from passerby.interchange.storage.locks import alone_in
-with alone_in(Path(sys.argv[1]), "passerby calibrate"):
+from passerby.interchange.storage.locks import lock_folder
+with lock_folder(Path(sys.argv[1]), "passerby calibrate"):
     print("held", flush=True)
     sys.stdin.read()
 """
@@ -70,7 +70,8 @@ def test_never_two_at_once(tmp_path):
                 done.append(number)
 
     def remove():
-        while not ended.is_set():
+        # Again and again, but never so that the folder is gone for as long as a lock is tried to be made.
+        while not ended.wait(0.0005):
             with suppress(OSError):
                 (tmp_path / "out").rmdir()
 

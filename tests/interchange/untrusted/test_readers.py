@@ -20,7 +20,7 @@ from support.untrusted.damage import CHOICES, damaged
 from support.untrusted.readers import PEOPLE, READERS, Reader
 from support.untrusted.soundness import check
 
-CASES = int(os.environ.get("PASSERBY_FUZZ_CASES", "60"))
+CASES = int(os.environ.get("PASSERBY_FUZZ_CASES", "60" if os.environ.get("PASSERBY_EXAMPLES") == "thorough" else "25"))
 RECORDS = os.environ.get("PASSERBY_FUZZ_RECORDS")
 """Folder in which each reader's count is kept, for the page on reliability."""
 HANGS_S = 60

@@ -99,6 +99,7 @@ def test_pickled_objects_run_nothing(tmp_path):
     assert not trap.exists()
 
 
+@pytest.mark.slow
 def test_checkpoints_run_nothing(tmp_path):
     torch = pytest.importorskip("torch")
     from passerby.training.checkpoints import load_checkpoint

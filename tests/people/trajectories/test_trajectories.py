@@ -10,6 +10,7 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.people.trajectories.trajectories import METHODS, TrackOptions, trajectories
 from support.scenes.people_to_track import POLES, clocks_of, followed, pole_errors, ring, scene_errors, swapped, watched
+from support.tiers import thinned
 
 PRESETS = ("terrace", "basketball", "construction")
 
@@ -110,7 +111,7 @@ def test_cameras_with_clocks_of_their_own():
     assert np.mean(pole_errors(ignored)) > 5 * np.mean(pole_errors(found))
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@thinned("preset", PRESETS, quick=2)
 def test_simulated_people_are_within_the_goal_and_better_than_pairwise(preset):
     scene, found = followed(preset)
     errors = scene_errors(scene, found)
@@ -119,7 +120,7 @@ def test_simulated_people_are_within_the_goal_and_better_than_pairwise(preset):
     assert np.nanmean(errors) < 0.98 * np.nanmean(scene_errors(scene, paper))
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@thinned("preset", PRESETS, quick=2)
 def test_sigmas_are_honest(preset):
     scene, found = followed(preset)
     within = scene_errors(scene, found) / found.sigma_m

@@ -6,12 +6,12 @@ from functools import cache
 from xml.etree import ElementTree
 
 import numpy as np
-from reported import document_of
 
 from passerby.core.cameras import Rig
 from passerby.core.observations import Boxes, CameraObservations, Observations
 from passerby.report.contents import Contents
 from passerby.simulation import SimulationOptions, simulate
+from support.report.pages import document_of
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from person_scenes import ring
 
 from passerby.common.errors import EvidenceError
 from passerby.core.finding_texts import KINDS, diagnostic, problem_of, remedy_of, text_of, texts_of
 from passerby.core.findings import Finding, doubt, notice, refusal
 from passerby.core.refusals import RefusalError, findings_of
 from passerby.core.solution import Solution
+from support.scenes.people_and_rigs import ring
 
 EXAMPLES: list[dict[str, Any]] = json.loads((Path(__file__).parent / "finding_texts.json").read_text(encoding="utf-8"))
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "passerby"

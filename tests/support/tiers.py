@@ -1,0 +1,13 @@
+"""Families of tests of which a few are quick."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def thinned(names: str | tuple[str, ...], values: Iterable[Any], quick: int = 1, **named: Any) -> pytest.MarkDecorator:
+    """`pytest.mark.parametrize`, but only the first values are of the quick tier; the others, of the same branch, are slow."""
+    rows = [value if isinstance(names, tuple) else (value,) for value in values]
+    params = [pytest.param(*row, marks=() if number < quick else pytest.mark.slow) for number, row in enumerate(rows)]
+    return pytest.mark.parametrize(names, params, **named)
