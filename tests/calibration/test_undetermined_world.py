@@ -20,7 +20,7 @@ from passerby.cli.terminal import number
 from passerby.core.cameras import PoseSigma, Rig
 from passerby.evaluation.stated import stated_errors
 from passerby.interchange.rig_toml import read_rig, write_rig
-from passerby.monitoring.evidence import stated
+from passerby.monitoring.evidence import rig_covariance_of
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
 from passerby.simulation import write_scene
@@ -165,7 +165,7 @@ def test_what_uses_sigmas_takes_infinite_ones_as_not_stated() -> None:
     for with_scale in (False, True):
         assert position_sds(infinite, with_scale) == position_sds(none, with_scale)
     assert angle_sd(infinite["C1"]) == angle_sd(none["C1"])
-    np.testing.assert_array_equal(stated(infinite, "C1"), stated(none, "C1"))
+    np.testing.assert_array_equal(rig_covariance_of(infinite, "C1"), rig_covariance_of(none, "C1"))
     poses = [camera.pose for camera in none if camera.pose is not None]
     judged = stated_errors(infinite.cameras, poses)
     assert judged is not None
