@@ -19,69 +19,95 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-peers bench-formats reliability peers format clean
+.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-peers bench-formats reliability peers format clean
 
+## help: what there is to do
+help:
+	@sed -n 's/^## //p' $(MAKEFILE_LIST)
+
+## hooks: have git check each commit (ruff, import-linter, mypy)
+hooks: $(TRAINING_INSTALLED)
+	$(VENV)/bin/python $(PIP) pre-commit
+	$(VENV)/bin/pre-commit install
+
+## demo: make a scene as videos, calibrate it, and write the report to demo/
 demo: $(INSTALLED)
 	$(VENV)/bin/passerby demo -o demo
 
+## test: the quick tests: every room, and a smoke of everything; 4 minutes of two cores
 # Every room by itself, and a smoke of everything from end to end. Needs no PyTorch.
 test: $(INSTALLED)
 	$(ONE_THREAD) $(PYTEST) -m "not slow"
 
+## test-slow: all other tests
 # All the rest: calibrations of every kind, trainings, the browser, real data, benchmarks, the documentation's examples; and
 # what has examples drawn for it once more, with more of them.
 test-slow: $(TRAINING_INSTALLED)
 	$(ONE_THREAD) PASSERBY_EXAMPLES=thorough $(PYTEST) -m "slow or hypothesis or fuzz"
 
+## lint: style, format, and who may import whom
 lint: $(INSTALLED)
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/lint-imports
 
+## format: put style and format right
 format: $(INSTALLED)
 	$(VENV)/bin/ruff check --fix .
 	$(VENV)/bin/ruff format .
 
+## types: mypy
 types: $(TRAINING_INSTALLED)
 	$(VENV)/bin/mypy
 
+## docs: build the documentation; every warning is an error
 docs: $(INSTALLED)
 	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict --quiet --site-dir build/site
 
+## bench: write docs/results anew, but for videos and training
 # Writes docs/results anew, but for the pages of videos and of training (bench-perception, bench-reid), and the README's tables.
 bench: $(BENCH_INSTALLED) peers
 	$(BENCH_VENV)/bin/python benchmarks/run.py --only speed peers association accuracy swaps-real
 	$(ONE_THREAD) $(BENCH_VENV)/bin/python benchmarks/run_paper.py $(WITH_DATA) --scenes build/scenes -o docs/results
 	$(BENCH_VENV)/bin/python benchmarks/headline.py
 
+## bench-quick: few seeds of everything into build/quick
 bench-quick: $(BENCH_INSTALLED)
 	$(ONE_THREAD) $(BENCH_VENV)/bin/python benchmarks/run_paper.py --quick --scenes build/scenes -o build/quick
 	$(BENCH_VENV)/bin/python benchmarks/run.py --quick --only speed peers accuracy swaps-real -o build/quick
 
+## bench-peers: Passerby beside other tools
 bench-peers: $(BENCH_INSTALLED) peers
 	$(BENCH_VENV)/bin/python benchmarks/run.py --only peers
 
+## bench-formats: files for other tools, read by them
 # Every tool reads what is exported to it, in an environment of its own.
 bench-formats: $(INSTALLED)
 	$(VENV)/bin/python benchmarks/formats.py
 	$(VENV)/bin/python benchmarks/run.py --only formats
 
+## bench-association: docs/results/association.md
 bench-association: $(INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only association
 
+## bench-perception: docs/results/perception.md
 bench-perception: $(INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only perception --scenes build/scenes
 
+## reliability: sigmas, verdict, monitor, faults: docs/reliability.md
 # Coverage of the sigmas, hostile scenes, the monitor, fuzzing, faults: writes docs/reliability.md. What is finished is kept.
 reliability: $(TRAINING_INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run_reliability.py
 
+## bench-reid: docs/results/reid.md
 bench-reid: $(TRAINING_INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only reid --scenes build/scenes
 
+## clean: delete all environments
 clean:
 	rm -rf $(VENV) $(BENCH_VENV) .venv-peer-*
 
+## peers: environments of the tools that are compared with
 peers: $(PEERS)
 
 .venv-peer-caliscope/.installed:
