@@ -29,6 +29,7 @@ from passerby.interchange.calibration_json import (
     CalibrationDocument,
     CameraEntry,
     DeclaredScene,
+    DiagnosticEntry,
     PerceptionEntry,
     WorldEntry,
     entry_of,
@@ -56,6 +57,7 @@ STAR = StarFigures(
     pair_disagreement=0.01, rms_px=1.4, iterations=9, converged=True,
 )  # fmt: skip
 SCENE = {"scene": {"fps": 25.0, "later": [1, 2]}, "cameras": {"A": {"video": "a.mp4", "from_s": 3.0}}, "later": {"key": None}}
+DOUBT = DiagnosticEntry(code="x", severity="doubt", cameras=("A",), values={"share": 0.5})
 PLACED = {"by": "points p.csv", "rotation": [0.0, 0.0, 1.0], "residuals": [{"camera": "A", "off_px": None}]}
 NETWORK = {"network": "people.onnx", "sha256": "00", "licence": "MIT"}
 VIDEO = {
@@ -65,7 +67,7 @@ VIDEO = {
 SEEN = {"detector": NETWORK, "embedder": "stripes", "keypoints": "none", "cameras": {"A": VIDEO}}
 WHOLE = CalibrationDocument(
     scene_file="/there/scene.toml", files={"rig.toml": "00"}, name="yard", passerby="1", versions={"numpy": "2", "av": None},
-    verdict="doubtful", reasons=("one: do this",), findings=("two",), diagnostics=[{"code": "x"}],
+    verdict="doubtful", reasons=("one: do this",), findings=("two",), diagnostics=(DOUBT,),
     cameras=(CameraEntry(name="A", boxes=3, fps=25.0, time_offset_s=0.5), CameraEntry(name="B")),
     perception=entry_of(PerceptionEntry, SEEN),
     association=AssociationFigures(mode="combined", people=3, rounds=(AssociationRound(registered=2, unchanged=1.0),)),

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from passerby.common.errors import InputError
 from passerby.core.findings import doubt, notice
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.report.contents import contents_from
@@ -45,7 +46,12 @@ def test_html_is_not_escaped_twice():
 
 
 def points(*findings):
-    return points_of(reported_doubts(diagnosed(*findings)))
+    return written(**diagnosed(*findings))
+
+
+def written(**tables):
+    """The points of a `calibration.json` that has these tables."""
+    return points_of(reported_doubts(document_of({"verdict": "doubtful", "cameras": [], **tables})))
 
 
 def test_a_doubt_is_a_problem_and_a_remedy():
@@ -68,12 +74,14 @@ def test_a_doubt_whose_sentence_has_no_remedy_gets_one():
 
 def test_what_another_passerby_wrote_is_shown_as_it_stands():
     row = {"code": "eaten", "severity": "doubt", "cameras": ["C1"], "values": {}, "text": "a dog ate it", "remedy": "feed it"}
-    assert points_of(reported_doubts({"diagnostics": [row]})) == [Point("A dog ate it.", "Feed it.")]
+    assert written(diagnostics=[row]) == [Point("A dog ate it.", "Feed it.")]
     lacking = {**row, "code": "few_observations"}
-    assert points_of(reported_doubts({"diagnostics": [lacking]})) == [Point("A dog ate it.", "Feed it.")]
-    (point,) = points_of(reported_doubts({"reasons": ["a dog ate it: feed it"]}))
+    assert written(diagnostics=[lacking]) == [Point("A dog ate it.", "Feed it.")]
+    (point,) = written(reasons=["a dog ate it: feed it"])
     assert point == Point("A dog ate it: feed it.", sentence(FOR_ANY))
-    assert points_of(reported_doubts({"diagnostics": "none"})) == []
+    for wrong, says in (("none", "diagnostics is 'none'"), ([{**row, "cameras": 5}], "diagnostics.0.cameras is 5")):
+        with pytest.raises(InputError, match=says):
+            written(diagnostics=wrong)
 
 
 def test_what_is_said_of_several_cameras_is_said_once():

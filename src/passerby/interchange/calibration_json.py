@@ -105,6 +105,18 @@ def _three(values: Any) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DiagnosticEntry:
+    """A finding, and its texts."""
+
+    code: str
+    severity: str
+    cameras: tuple[str, ...] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
+    text: str = ""
+    remedy: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class NetworkEntry:
     """A network that was used."""
 
@@ -254,7 +266,7 @@ class CalibrationDocument:
     verdict: Verdict
     reasons: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
-    diagnostics: list[dict[str, Any]] | None = field(default=None, metadata=ABSENT)
+    diagnostics: tuple[DiagnosticEntry, ...] | None = field(default=None, metadata=ABSENT)
     cameras: tuple[CameraEntry, ...]
     perception: PerceptionEntry | None = field(default=None, metadata=ABSENT)
     association: AssociationFigures = field(default_factory=AssociationFigures)

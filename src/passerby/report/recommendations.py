@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from passerby.core.finding_texts import KINDS, problem_of, remedy_of
 from passerby.core.findings import Finding
-from passerby.interchange.calibration_json import CalibrationDocument
+from passerby.interchange.calibration_json import CalibrationDocument, DiagnosticEntry
 from passerby.report.values import listed
 
 FOR_ANY = "run passerby check on the scene file, and record more people who walk where the views overlap"
@@ -47,7 +46,7 @@ def reported_doubts(document: CalibrationDocument) -> list[Reported]:
     """What speaks against the rig, by a `calibration.json`; an older Passerby wrote sentences only."""
     if document.diagnostics is None:
         return [Reported((), (), reason, "") for reason in document.reasons]
-    return [_reported(row) for row in document.diagnostics if row.get("severity") != "notice"]
+    return [_reported(row) for row in document.diagnostics if row.severity != "notice"]
 
 
 def points_of(doubts: Sequence[Reported]) -> list[Point]:
@@ -72,15 +71,14 @@ def sentence(text: str) -> str:
     return text if text.endswith((".", "!", "?")) else text + "."
 
 
-def _reported(row: Mapping[str, Any]) -> Reported:
+def _reported(row: DiagnosticEntry) -> Reported:
     """A diagnostic as its finding says it, or else as it is written."""
-    names = tuple(map(str, row.get("cameras", ())))
     try:
-        finding = Finding.of_value(row)
+        finding = Finding.of_value(vars(row))
         kind, problem, remedy = KINDS[finding.code], problem_of(finding), remedy_of(finding)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError):  # another Passerby's
-        return Reported(names, (), str(row.get("text", "")), str(row.get("remedy", "")))
-    return Reported(names, kind.subjects, problem, remedy, finding)
+        return Reported(row.cameras, (), row.text, row.remedy)
+    return Reported(row.cameras, kind.subjects, problem, remedy, finding)
 
 
 def _says_same(one: Reported, other: Reported) -> bool:
