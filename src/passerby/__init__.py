@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from passerby.evaluation.metrics import Comparison
     from passerby.interchange.output_folder import OutputFolder
     from passerby.interchange.rig_toml import read_rig, write_rig
-    from passerby.monitoring.result import MonitoringResult
+    from passerby.monitoring.result import Monitored, MonitoringResult
     from passerby.scene.scene import Scene
 
 __all__ = [
@@ -47,6 +47,7 @@ __all__ = [
     "KnownPoint",
     "KnownPosition",
     "Lens",
+    "Monitored",
     "MonitoringResult",
     "Observations",
     "OutputFolder",
@@ -83,6 +84,7 @@ _HOMES = {
     "KnownPoint": "core.known_places",
     "KnownPosition": "core.known_places",
     "Lens": "core.cameras",
+    "Monitored": "monitoring.result",
     "MonitoringResult": "monitoring.result",
     "Observations": "core.observations",
     "OutputFolder": "interchange.output_folder",

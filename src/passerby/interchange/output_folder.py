@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from passerby.common.display import html_of
 from passerby.common.errors import EvidenceError, InputError
@@ -20,6 +21,7 @@ from passerby.interchange.calibration_json import (
 )
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
+from passerby.interchange.storage.json_text import plain
 from passerby.interchange.storage.transaction import recover
 
 RIG_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "tracks", "report.html"
@@ -50,6 +52,12 @@ class OutputFolder:
     def _repr_html_(self) -> str | None:
         """In a notebook: the verdict with its reasons, the table of cameras and the rig from above."""
         return html_of(self)
+
+    @property
+    def report(self) -> Mapping[str, Any]:
+        """What `calibration.json` holds, as plain values."""
+        held: Mapping[str, Any] = plain(self.document)
+        return held
 
     @property
     def fps(self) -> float | None:

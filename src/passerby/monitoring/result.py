@@ -212,3 +212,7 @@ def _window(window: Window, names: Sequence[str]) -> dict[str, Any]:
             for test in window.tests
         },
     }  # fmt: skip
+
+
+Monitored = MonitoringResult
+"""The earlier name."""
