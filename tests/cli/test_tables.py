@@ -102,7 +102,7 @@ def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
     assert "head to feet" not in capsys.readouterr().out
     show_calibration(found, verbose=True)
     shown = capsys.readouterr().out.splitlines()
-    assert f"B: {text_of(doubt('nobody_whole', 'B'))}" in shown
+    assert f"B: {text_of(doubt('nobody_seen_whole', 'B'))}" in shown
     assert f"doubtful: {text_of(doubt('camera_without_pose', 'B'))}" in shown
 
 

@@ -17,7 +17,7 @@ from passerby.core.solution import Solution
 from support.scenes.people_and_rigs import ring
 
 EXAMPLES: list[dict[str, Any]] = json.loads((Path(__file__).parent / "finding_texts.json").read_text(encoding="utf-8"))
-SOURCE = Path(__file__).resolve().parent.parent / "src" / "passerby"
+SOURCE = Path(__file__).resolve().parents[2] / "src" / "passerby"
 
 
 @pytest.mark.parametrize("row", EXAMPLES, ids=[f"{number}-{row['code']}" for number, row in enumerate(EXAMPLES)])

@@ -1,12 +1,14 @@
 """Every remedy that names a setting works as it stands, in a scene file that has the table and in one that has not.
 
-The remedies are collected from the code: `under [table] set key = value`, and `set key to ...` where only the user knows the
-value. Each is followed literally, in the scene file that `passerby init` writes and in one of the cameras alone.
+The remedies are collected from the code and the examples of findings: `under [table] set key = value`, and `set key to ...`
+where only the user knows the value. Each is followed literally, in the scene file that `passerby init` writes and in one of the
+cameras alone.
 """
 
 from __future__ import annotations
 
 import ast
+import json
 import re
 import tomllib
 from collections.abc import Iterator
@@ -42,11 +44,13 @@ BARE = '[cameras.C1]\nintrinsics = "rig.toml"\nvideo = "C1.mp4"\n\n[cameras.C2]\
 
 @cache
 def texts() -> tuple[tuple[str, str], ...]:
-    """(place, text) of all strings of the code, `{}` in place of values; no docstrings."""
+    """(place, text) of all strings of the code, `{}` in place of values, and of the examples of findings; no docstrings."""
     return tuple(_texts())
 
 
 def _texts() -> Iterator[tuple[str, str]]:
+    examples = Path(__file__).parents[1] / "core" / "finding_texts.json"
+    yield from ((row["code"], row["text"]) for row in json.loads(examples.read_text(encoding="utf-8")))
     for path in sorted(SOURCE.rglob("*.py")):
         nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
         docstrings = {node.value for node in nodes if isinstance(node, ast.Expr)}
@@ -58,7 +62,7 @@ def _texts() -> Iterator[tuple[str, str]]:
             if isinstance(node, ast.JoinedStr):
                 yield place, "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
             elif isinstance(node.value, str) and node not in skipped:
-                yield place, node.value
+                yield place, re.sub(r"\{\w+[^{}]*\}", "{}", node.value)
 
 
 def remedies() -> list[tuple[str, tuple[str, ...]]]:
