@@ -159,7 +159,7 @@ def stopped_after(scene, out, files, sign, group=False):
                 (os.killpg if group else os.kill)(run.pid, sign)
             # Until all who hold it have ended.
             errors = run.stderr.read()
-            until = time.monotonic() + 60
+            until = time.monotonic() + 600
             while processes_of(run.pid) and time.monotonic() < until:
                 time.sleep(0.05)
             assert not processes_of(run.pid), "orphans"

@@ -94,7 +94,7 @@ try:
         started = [process.pid for process in multiprocessing.active_children()]
         raise KeyboardInterrupt
 except KeyboardInterrupt:
-    until = time.monotonic() + 30
+    until = time.monotonic() + 600
     while any(map(alive, started)) and time.monotonic() < until:
         multiprocessing.active_children()
         time.sleep(0.05)
@@ -104,5 +104,5 @@ except KeyboardInterrupt:
 
 
 def test_an_interrupted_pool_leaves_no_process_behind():
-    ended = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=120, check=False)
+    ended = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=1200, check=False)
     assert ended.stdout.strip() == "alive: 0", ended.stderr

@@ -45,7 +45,7 @@ class Trap:
 def test_small_files_that_stand_for_much_are_refused_in_little_memory(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "support.untrusted.bombs", str(tmp_path)],
-        capture_output=True, text=True, timeout=300, check=False,
+        capture_output=True, text=True, timeout=1800, check=False,
         cwd=TESTS, env=os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"},
     )  # fmt: skip
     lines = [line.split("\t") for line in done.stdout.splitlines()]

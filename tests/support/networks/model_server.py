@@ -64,7 +64,7 @@ class Server:
         handler.wfile.write(part[:half])
         handler.wfile.flush()
         if self.hold is not None:
-            self.hold.wait(30)
+            self.hold.wait(600)
         handler.wfile.write(part[half:])
 
 
