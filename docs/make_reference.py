@@ -30,7 +30,7 @@ from pydantic_core import PydanticUndefined
 from typer.models import ArgumentInfo, OptionInfo
 
 from passerby.cli.main import app
-from passerby.core.finding_texts import KINDS
+from passerby.findings.texts import KINDS
 from passerby.interchange.storage.atomic import write_text
 from passerby.scene import scene
 from passerby.scene import tables as scene_tables

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from passerby.calibration.pipeline import calibrate
     from passerby.common.errors import EvidenceError, InputError, PasserbyError
     from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
-    from passerby.core.findings import Finding
     from passerby.core.known_places import KnownPoint, KnownPosition
     from passerby.core.observations import Boxes, Keypoints, Observations
     from passerby.core.solution import Verdict
     from passerby.core.trajectories import Trajectories
     from passerby.evaluation.metrics import Comparison
+    from passerby.findings.finding import Finding
     from passerby.interchange.output_folder import OutputFolder
     from passerby.interchange.rig_toml import read_rig, write_rig
     from passerby.monitoring.result import Monitored, MonitoringResult
@@ -78,7 +78,7 @@ _HOMES = {
     "Camera": "core.cameras",
     "Comparison": "evaluation.metrics",
     "EvidenceError": "common.errors",
-    "Finding": "core.findings",
+    "Finding": "findings.finding",
     "InputError": "common.errors",
     "Keypoints": "core.observations",
     "KnownPoint": "core.known_places",

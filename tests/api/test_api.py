@@ -12,8 +12,8 @@ import pytest
 
 import passerby
 from passerby.cli.main import run
-from passerby.core.findings import notice, refusal
 from passerby.core.observations import CameraObservations
+from passerby.findings.finding import notice, refusal
 from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry
 from passerby.simulation import SimulationOptions, simulate, write_scene
 

@@ -20,8 +20,8 @@ from passerby.association.registration_failures import (
     what_would_fit,
 )
 from passerby.core.cameras import Pose
-from passerby.core.findings import Finding
 from passerby.core.observations import CameraObservations, Clock
+from passerby.findings.finding import Finding
 from passerby.geometry.single_view import Level
 from support.scenes.people_and_rigs import looking_at
 from support.scenes.walkers_on_plane import UP, Station, Walker, bodies_at, standing, walkers

@@ -12,8 +12,8 @@ from passerby.cli.main import run
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, PoseSigma
 from passerby.core.figures import AdjustedFigures
-from passerby.core.findings import doubt, refusal
 from passerby.core.solution import Solution
+from passerby.findings.finding import doubt, refusal
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
 from support.scenes.handmade_files import lens, rows, write_scene

@@ -25,10 +25,10 @@ from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.repairs import Repair, apply_repairs
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import AdjustedFigures, ClockCorrection
-from passerby.core.findings import refusal
 from passerby.core.observations import Clock
-from passerby.core.refusals import RefusalError
 from passerby.core.solution import Solution
+from passerby.findings.finding import refusal
+from passerby.findings.refusals import RefusalError
 from passerby.scene.inputs import SceneInputs
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.lens_unknowns import LensUnknowns

@@ -8,7 +8,7 @@ import pytest
 import passerby
 from passerby.calibration.diagnostics.walking_speed import doubts_of_heights, doubts_of_pace, paces, scale_basis
 from passerby.core.figures import CueFigures
-from passerby.core.finding_texts import remedy_of
+from passerby.findings.texts import remedy_of
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 
 FPS = 5.0

@@ -13,9 +13,9 @@ from passerby.common.progress import tell_note
 from passerby.core.association_figures import AssociationFigures, TiedPair
 from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.core.figures import AdjustedFigures, CueFigures, ScaleFigures, SolvedCamera
-from passerby.core.finding_texts import text_of
-from passerby.core.findings import doubt
 from passerby.core.observations import Clock
+from passerby.findings.finding import doubt
+from passerby.findings.texts import text_of
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
 from support.scenes.handmade_files import write_scene

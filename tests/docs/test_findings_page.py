@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from passerby.core.finding_texts import KINDS
+from passerby.findings.texts import KINDS
 from support.documentation import DOCS
 
 PAGE = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")

@@ -3,7 +3,7 @@
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.core.finding_texts import text_of, texts_of
+from passerby.findings.texts import text_of, texts_of
 from passerby.perception.networks import Network
 from passerby.perception.plan import STRIPES, Plan, foresee, make_plan
 from support.networks.crop_networks import stripe_means

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
-from passerby.core.finding_texts import text_of
 from passerby.core.observations import UNKNOWN, Boxes
+from passerby.findings.texts import text_of
 from passerby.interchange.video_writer import VideoWriter
 from passerby.perception import watching
 from passerby.perception.networks import Network

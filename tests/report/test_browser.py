@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from passerby.core.findings import doubt, notice, refusal
+from passerby.findings.finding import doubt, notice, refusal
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page

@@ -9,7 +9,7 @@ import pytest
 
 from passerby.calibration.calibration import contents_of
 from passerby.cli.main import run
-from passerby.core.findings import doubt, notice, refusal
+from passerby.findings.finding import doubt, notice, refusal
 from passerby.interchange.calibration_json import read_document
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from

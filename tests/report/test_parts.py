@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from passerby.common.errors import InputError
-from passerby.core.findings import doubt, notice
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.findings.finding import doubt, notice
 from passerby.report.contents import contents_from
 from passerby.report.distances import best_to_measure, distances_of
 from passerby.report.headline import _people_label

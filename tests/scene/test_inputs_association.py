@@ -7,8 +7,8 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.common.errors import InputError
-from passerby.core.finding_texts import texts_of
 from passerby.core.observations import Clock
+from passerby.findings.texts import texts_of
 from passerby.interchange.embeddings import write_embeddings
 from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene

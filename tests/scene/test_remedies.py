@@ -49,7 +49,7 @@ def texts() -> tuple[tuple[str, str], ...]:
 
 
 def _texts() -> Iterator[tuple[str, str]]:
-    examples = Path(__file__).parents[1] / "core" / "finding_texts.json"
+    examples = Path(__file__).parents[1] / "findings" / "finding_texts.json"
     yield from ((row["code"], row["text"]) for row in json.loads(examples.read_text(encoding="utf-8")))
     for path in sorted(SOURCE.rglob("*.py")):
         nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))

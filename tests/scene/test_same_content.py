@@ -14,8 +14,8 @@ import pytest
 import passerby
 from passerby.cli.main import run
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.finding_texts import text_of
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
 from passerby.scene.same_content import doubts_of_same_place, same_contents

@@ -12,8 +12,8 @@ import pytest
 
 import passerby
 from passerby.core.cameras import Lens
-from passerby.core.findings import doubt
 from passerby.core.observations import Boxes, CameraObservations, Keypoints
+from passerby.findings.finding import doubt
 from passerby.scene.intrinsics_checks import smaller_picture
 from passerby.scene.upside_down import doubt_of_upside_down, fits_better_turned
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate

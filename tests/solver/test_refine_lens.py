@@ -11,9 +11,9 @@ import pytest
 
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.figures import FocalFigures, LensFigures
-from passerby.core.finding_texts import texts_of
 from passerby.core.solution import Solution
 from passerby.evaluation.metrics import compare
+from passerby.findings.texts import texts_of
 from passerby.geometry.reprojection import PointObservations
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.scene.tables import SolverTable

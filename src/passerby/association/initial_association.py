@@ -28,8 +28,8 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Lens
-from passerby.core.findings import Finding, refusal
-from passerby.core.refusals import RefusalError
+from passerby.findings.finding import Finding, refusal
+from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.single_view import Level
 

@@ -19,7 +19,7 @@ from passerby.association.ground.ground_tracks import GroundTracks, ground_track
 from passerby.association.ground.registration import BELIEVED_SHARE, Registration, register_pair
 from passerby.association.sampling import STEP_S
 from passerby.core.cameras import Pose
-from passerby.core.findings import Finding, doubt, notice
+from passerby.findings.finding import Finding, doubt, notice
 
 MISTAKEN_RATES = tuple(
     ratio

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from passerby.association.clocks.drift import Drift
 from passerby.core.association_figures import AssociationFigures
-from passerby.core.findings import Finding
 from passerby.core.observations import Clock, Observations
+from passerby.findings.finding import Finding
 
 
 @dataclass(frozen=True, eq=False)

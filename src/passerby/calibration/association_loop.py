@@ -38,12 +38,12 @@ from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.association_figures import AssociationRound
 from passerby.core.cameras import Rig
-from passerby.core.findings import Finding
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations, once_in_frame
-from passerby.core.refusals import findings_of
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps
+from passerby.findings.finding import Finding
+from passerby.findings.refusals import findings_of
 from passerby.geometry.relative_pose import PairHypothesis
 
 

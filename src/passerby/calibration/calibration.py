@@ -17,11 +17,11 @@ from passerby.common.progress import Progress
 from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import SolverFigures, adjusted
-from passerby.core.finding_texts import diagnostic, texts_of
-from passerby.core.findings import Finding
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.solution import Verdict
 from passerby.evaluation.reprojection import median_residuals
+from passerby.findings.finding import Finding
+from passerby.findings.texts import diagnostic, texts_of
 from passerby.interchange.calibration_json import (
     CalibrationDocument,
     CameraEntry,

@@ -22,9 +22,9 @@ from passerby.calibration.repairs import Correction
 from passerby.common.arrays import Bools, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import MotionFigures
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
+from passerby.findings.finding import Finding, doubt
 from passerby.interchange.storage.toml_text import key
 from passerby.people.body_centres import BodyCentres, body_centres, identified_body_centres, triangulate_people
 from passerby.scene.inputs import SceneInputs

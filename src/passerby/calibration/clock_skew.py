@@ -10,8 +10,8 @@ from passerby.association.clocks.drift import Drift
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
 from passerby.core.figures import FittedRate
-from passerby.core.findings import Finding, notice
 from passerby.core.observations import Clock
+from passerby.findings.finding import Finding, notice
 from passerby.scene.inputs import SceneInputs
 
 MOST_CORRECTIONS = 6

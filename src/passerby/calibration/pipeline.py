@@ -26,9 +26,9 @@ from passerby.calibration.scene_solver import solver_options
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted, heights_of
-from passerby.core.finding_texts import texts_of
-from passerby.core.findings import Finding
 from passerby.core.solution import Solution
+from passerby.findings.finding import Finding
+from passerby.findings.texts import texts_of
 from passerby.people.ground_shape import GroundShape
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.same_content import doubts_of_same_place

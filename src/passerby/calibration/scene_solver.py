@@ -13,8 +13,8 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.overlap import connected_groups, count_shared_observations, missing_overlap
-from passerby.core.refusals import RefusalError, findings_of
 from passerby.core.solution import Solution
+from passerby.findings.refusals import RefusalError, findings_of
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.scene.scene import Scene
 from passerby.solver.geopose.geopose import GeoPoseOptions, solve_geopose

@@ -28,10 +28,10 @@ from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Observations
-from passerby.core.refusals import findings_of
 from passerby.core.solution import Solution
+from passerby.findings.finding import Finding, doubt
+from passerby.findings.refusals import findings_of
 from passerby.people.upright_rays import upright_rays
 
 SOMEBODY_ELSE = -1e9

@@ -13,9 +13,9 @@ from passerby.cli.terminal import MISSING, is_interactive, number, show_table
 from passerby.core.association_figures import TiedPair
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import AdjustedFigures, adjusted
-from passerby.core.finding_texts import text_of
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.stated import Stated
+from passerby.findings.texts import text_of
 from passerby.interchange.storage.json_text import to_json
 from passerby.scene.check import CameraCheck, SceneCheck
 from passerby.solver.cues import cue_in_words

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Ints
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
+from passerby.findings.finding import Finding, doubt
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Literal
 
 from passerby.core.cameras import Rig
 from passerby.core.figures import SolverFigures
-from passerby.core.finding_texts import texts_of
-from passerby.core.findings import Finding
+from passerby.findings.finding import Finding
+from passerby.findings.texts import texts_of
 
 Verdict = Literal["accepted", "doubtful", "refused"]
 

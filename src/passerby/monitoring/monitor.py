@@ -12,9 +12,9 @@ from threadpoolctl import threadpool_limits
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
-from passerby.core.finding_texts import texts_of
 from passerby.core.observations import Clock, Observations
 from passerby.core.synchronisation import resample_to_common_steps
+from passerby.findings.texts import texts_of
 from passerby.monitoring.given_rig import GivenRig
 from passerby.monitoring.identities import identify_by_rig
 from passerby.monitoring.result import MonitoringResult

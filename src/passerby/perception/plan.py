@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent, tell_warning
-from passerby.core.finding_texts import text_of
-from passerby.core.findings import Finding, notice
+from passerby.findings.finding import Finding, notice
+from passerby.findings.texts import text_of
 from passerby.perception.catalogue import catalogue, default_of
 from passerby.perception.fetching import offline
 from passerby.perception.model_files import AUTO, Found, copies_of, find_model

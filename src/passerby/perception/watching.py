@@ -21,8 +21,8 @@ import onnxruntime
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
-from passerby.core.findings import Finding, notice
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Vectors
+from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.toml_text import key
 from passerby.perception.kept import Arrays, StageCache, cache_lock, fingerprint, forget_others, hash_of_arrays
 from passerby.perception.opening import (

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from passerby.core.finding_texts import KINDS, problem_of, remedy_of
-from passerby.core.findings import Finding
+from passerby.findings.finding import Finding
+from passerby.findings.texts import KINDS, problem_of, remedy_of
 from passerby.interchange.calibration_json import CalibrationDocument, DiagnosticEntry
 from passerby.report.values import listed
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from passerby.common.arrays import Ints
 from passerby.core.cameras import Lens
-from passerby.core.findings import Finding
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
+from passerby.findings.finding import Finding
 from passerby.perception.video import VideoInfo
 
 

@@ -13,10 +13,10 @@ from passerby.association.ground.ground_tracks import MIN_TRACK_S
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Ints
 from passerby.common.errors import EvidenceError, InputError
-from passerby.core.finding_texts import diagnostic, texts_of
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.overlap import Shared, count_shared_observations, missing_overlap
+from passerby.findings.finding import Finding, doubt
+from passerby.findings.texts import diagnostic, texts_of
 from passerby.interchange.storage.faults import faults_of
 from passerby.interchange.storage.json_text import plain
 from passerby.perception.plan import foresee

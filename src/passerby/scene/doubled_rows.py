@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.extents import extents_of
-from passerby.core.findings import Finding, notice
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
+from passerby.findings.finding import Finding, notice
 
 Part = TypeVar("Part", Boxes, Keypoints)
 

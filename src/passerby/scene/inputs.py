@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 
 from passerby.core.cameras import Camera, Rig
-from passerby.core.findings import Finding, notice
 from passerby.core.observations import Clock, Observations
+from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.reading import needs_video, read_camera

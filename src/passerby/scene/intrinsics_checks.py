@@ -7,8 +7,8 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens
 from passerby.core.extents import extents_of
-from passerby.core.finding_texts import text_of
-from passerby.core.findings import doubt, notice
+from passerby.findings.finding import doubt, notice
+from passerby.findings.texts import text_of
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
 

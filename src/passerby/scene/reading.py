@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Lens
-from passerby.core.finding_texts import text_of
-from passerby.core.findings import notice
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
+from passerby.findings.finding import notice
+from passerby.findings.texts import text_of
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.motchallenge import read_boxes

@@ -16,8 +16,8 @@ from scipy.fft import irfft, next_fast_len, rfft
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.extents import extents_of
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import CameraObservations, Observations
+from passerby.findings.finding import Finding, doubt
 from passerby.geometry.groups import rows_of_equal
 from passerby.geometry.robust import NORMAL_BY_MAD
 

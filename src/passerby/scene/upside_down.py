@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.core.cameras import Lens
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import MIN_JOINT_SCORE, CameraObservations, Clock, Keypoints
+from passerby.findings.finding import Finding, doubt
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.segments import FEET, HEAD
 from passerby.people.upright_rays import upright_rays

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from passerby.common.errors import InputError
 from passerby.common.progress import Forward, Progress
-from passerby.core.findings import Finding, doubt
+from passerby.findings.finding import Finding, doubt
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo

@@ -13,8 +13,8 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import MIN_JOINT_SCORE, MIN_JOINTS, Observations
+from passerby.findings.finding import Finding, doubt
 from passerby.geometry.reprojection import PointObservations
 from passerby.people.image_motion import image_velocity
 from passerby.people.segments import (

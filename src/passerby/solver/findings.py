@@ -21,7 +21,7 @@ from passerby.core.figures import (
     ScaleFigures,
     SolvedCamera,
 )
-from passerby.core.findings import Finding, doubt
+from passerby.findings.finding import Finding, doubt
 from passerby.people.model import HEIGHT_PER_CENTRE
 from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consistency
 from passerby.solver.evidence import Evidence

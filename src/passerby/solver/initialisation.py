@@ -11,10 +11,10 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustmentRound, TreeFigures
-from passerby.core.findings import Finding, doubt, refusal
 from passerby.core.observations import Observations
-from passerby.core.refusals import RefusalError
 from passerby.core.scale_cues import ScaleCues
+from passerby.findings.finding import Finding, doubt, refusal
+from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
 from passerby.geometry.similarity import chordal_mean_rotation

@@ -14,11 +14,11 @@ import numpy as np
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Pose, Rig
 from passerby.core.figures import CueFigures, LensFigures
-from passerby.core.findings import doubt, refusal
 from passerby.core.observations import Observations
-from passerby.core.refusals import RefusalError
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution, Verdict
+from passerby.findings.finding import doubt, refusal
+from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.solver.cues import scale_cue_weights
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise, wrong_lenses

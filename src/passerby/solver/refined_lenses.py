@@ -10,7 +10,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
 from passerby.core.figures import FocalFigures, LensFigures, PrincipalPointFigures
-from passerby.core.findings import Finding, doubt, notice
+from passerby.findings.finding import Finding, doubt, notice
 from passerby.solver.lens_check import size_drift
 from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
 from passerby.solver.lens_unknowns import LensUnknowns

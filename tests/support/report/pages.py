@@ -7,8 +7,8 @@ from html.parser import HTMLParser
 import numpy as np
 
 from passerby.core.cameras import PoseSigma, Rig
-from passerby.core.finding_texts import diagnostic, text_of
 from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
+from passerby.findings.texts import diagnostic, text_of
 from passerby.interchange.calibration_json import parse_document
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import Contents

@@ -18,7 +18,7 @@ from passerby.association.ground.ground_tracks import Tolerance, ground_tracks
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.core.findings import Finding, Severity
+from passerby.findings.finding import Finding, Severity
 from passerby.geometry.groups import group_sums
 from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.single_view import Level

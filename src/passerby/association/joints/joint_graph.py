@@ -17,7 +17,7 @@ from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Bools, Floats
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
-from passerby.core.findings import Finding, notice
+from passerby.findings.finding import Finding, notice
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
 from passerby.geometry.triangulation import triangulate_two_views

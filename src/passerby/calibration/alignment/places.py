@@ -9,8 +9,8 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
-from passerby.core.findings import Finding, notice
 from passerby.core.known_places import KnownPoint
+from passerby.findings.finding import Finding, notice
 from passerby.geometry.geodesy import east_north_up, mean_place
 
 CLICK_SD_PX = 2.0

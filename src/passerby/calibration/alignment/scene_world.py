@@ -9,8 +9,8 @@ from passerby.calibration.alignment.world import Aligned, align_to_camera, align
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, SolvedCamera, SolverFigures
-from passerby.core.findings import Finding, notice
 from passerby.core.solution import Solution
+from passerby.findings.finding import Finding, notice
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.scene.scene import Scene
 from passerby.scene.tables import WorldTable

@@ -20,9 +20,9 @@ from passerby.calibration.alignment.residuals import (
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, Rig
-from passerby.core.finding_texts import texts_of
-from passerby.core.findings import Finding, notice
 from passerby.core.known_places import KnownPoint, KnownPosition
+from passerby.findings.finding import Finding, notice
+from passerby.findings.texts import texts_of
 from passerby.geometry.alignment import WorldFit, fit_world, fits_mirrored
 from passerby.geometry.anchors import KnownPositions, Places, SeenPoints
 from passerby.geometry.rotations import exp_rotation, log_rotation

@@ -14,9 +14,9 @@ import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.core.cameras import Camera, Rig
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Boxes, Observations
 from passerby.core.synchronisation import sampling_distance
+from passerby.findings.finding import Finding, doubt
 from passerby.people.upright_body import ground_under, height_over, pixels_over
 
 MOST_BOXES = 400

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from passerby.core.figures import GroundFigures
-from passerby.core.findings import Finding, doubt, notice
 from passerby.core.observations import Observations
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import USUAL_FPS
+from passerby.findings.finding import Finding, doubt, notice
 from passerby.people.body_centres import identified_body_centres, triangulate_people
 from passerby.people.ground_shape import GroundShape, ground_shape
 

@@ -15,9 +15,9 @@ import numpy as np
 from passerby.core.cameras import Lens, Rig
 from passerby.core.extents import extents_of
 from passerby.core.figures import adjusted
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.solution import Solution
+from passerby.findings.finding import Finding, doubt
 from passerby.scene.intrinsics_checks import FILLED_ROWS, STRIP, SUB_STREAMS
 
 LARGEST = 0.7

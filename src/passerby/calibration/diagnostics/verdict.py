@@ -11,10 +11,10 @@ from passerby.calibration.diagnostics.covisibility import doubts_of_missed
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_pace
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
-from passerby.core.findings import Finding, doubt
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
 from passerby.core.solution import Solution
+from passerby.findings.finding import Finding, doubt
 from passerby.geometry.triangulation import triangulate
 
 LINE_WIDTH_M = 0.25

@@ -19,7 +19,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.figures import CueFigures
-from passerby.core.findings import Finding, doubt
+from passerby.findings.finding import Finding, doubt
 
 ScaleBasis = Literal["taken", "stated", "measured"]
 """What the scale rests on: how tall people are taken to be, how tall they are said to be, or lengths that were measured."""

@@ -17,11 +17,11 @@ import numpy as np
 
 from passerby.core.cameras import Rig
 from passerby.core.figures import StarScale
-from passerby.core.findings import refusal
 from passerby.core.observations import Observations
-from passerby.core.refusals import RefusalError
 from passerby.core.scale_cues import ScaleCues
 from passerby.core.solution import Solution
+from passerby.findings.finding import refusal
+from passerby.findings.refusals import RefusalError
 from passerby.solver.geopose.body_extent import (
     BodyEndpoints,
     BodySegments3D,

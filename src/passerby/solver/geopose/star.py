@@ -16,11 +16,11 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, PoseSigma, Rig
 from passerby.core.figures import StarFigures, StarPair, StarScale
-from passerby.core.finding_texts import texts_of
-from passerby.core.findings import Finding, doubt
-from passerby.core.refusals import RefusalError, findings_of
 from passerby.core.scale_cues import KnownLength
 from passerby.core.solution import Solution, Verdict
+from passerby.findings.finding import Finding, doubt
+from passerby.findings.refusals import RefusalError, findings_of
+from passerby.findings.texts import texts_of
 from passerby.geometry.groups import group_sums
 from passerby.geometry.similarity import Similarity
 from passerby.solver.geopose.correspondences import ImagePoints, point_observations

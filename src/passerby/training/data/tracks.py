@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
-from passerby.core.finding_texts import text_of
 from passerby.core.observations import UNKNOWN, Boxes
+from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import LARGEST_WHOLE, read_boxes
 from passerby.interchange.storage.faults import read_text
 from passerby.perception.pieces import VIDEO_ENDINGS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.core.finding_texts.kinds import NOTICE, Kind
+from passerby.findings.texts.kinds import NOTICE, Kind
 
 ALIGNMENT: Mapping[str, Kind] = {
     "world_not_set": Kind(

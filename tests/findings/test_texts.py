@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from passerby.common.errors import EvidenceError
-from passerby.core.finding_texts import KINDS, diagnostic, problem_of, remedy_of, text_of, texts_of
-from passerby.core.findings import Finding, doubt, notice, refusal
-from passerby.core.refusals import RefusalError, findings_of
 from passerby.core.solution import Solution
+from passerby.findings.finding import Finding, doubt, notice, refusal
+from passerby.findings.refusals import RefusalError, findings_of
+from passerby.findings.texts import KINDS, diagnostic, problem_of, remedy_of, text_of, texts_of
 from support.scenes.people_and_rigs import ring
 
 EXAMPLES: list[dict[str, Any]] = json.loads((Path(__file__).parent / "finding_texts.json").read_text(encoding="utf-8"))
@@ -30,7 +30,7 @@ def test_sentence_and_remedy_are_as_pinned(row: dict[str, Any]) -> None:
 
 def test_every_code_has_an_example_and_a_maker() -> None:
     assert {row["code"] for row in EXAMPLES} == set(KINDS)
-    modules = [path for path in SOURCE.rglob("*.py") if "finding_texts" not in path.parts]
+    modules = [path for path in SOURCE.rglob("*.py") if "findings" not in path.parts]
     source = "\n".join(path.read_text(encoding="utf-8") for path in modules)
     assert [code for code in KINDS if f'"{code}"' not in source] == []
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.core.finding_texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, Said
-from passerby.core.findings import Severity
+from passerby.findings.finding import Severity
+from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, Said
 
 WALK = "record more people who walk about in the view that cameras share"
 VIEW = f"{WALK}, and check its fps and its intrinsics"

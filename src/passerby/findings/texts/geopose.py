@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.core.finding_texts.kinds import DOUBT, REFUSAL, Kind
-from passerby.core.findings import Severity
+from passerby.findings.finding import Severity
+from passerby.findings.texts.kinds import DOUBT, REFUSAL, Kind
 
 _EITHER: tuple[Severity, ...] = ("doubt", "refusal")
 _OVERLAP = "record people who walk where the views of these cameras overlap"

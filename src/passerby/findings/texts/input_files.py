@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.core.finding_texts.kinds import DOUBT, NOTICE, Fields, Kind
+from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind
 
 _OF_THAT_SIZE = "Give a lens for pictures of that size, or scale the boxes and joints to the size of the lens"
 

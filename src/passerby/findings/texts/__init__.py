@@ -9,16 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from passerby.core.finding_texts.alignment import ALIGNMENT
-from passerby.core.finding_texts.association import ASSOCIATION
-from passerby.core.finding_texts.calibration import CALIBRATION
-from passerby.core.finding_texts.geopose import GEOPOSE
-from passerby.core.finding_texts.input_files import INPUT_FILES
-from passerby.core.finding_texts.kinds import Fields, Kind, Said, Template
-from passerby.core.finding_texts.lenses import LENSES
-from passerby.core.finding_texts.solver import SOLVER
-from passerby.core.finding_texts.videos import VIDEOS
-from passerby.core.findings import Finding
+from passerby.findings.finding import Finding
+from passerby.findings.texts.alignment import ALIGNMENT
+from passerby.findings.texts.association import ASSOCIATION
+from passerby.findings.texts.calibration import CALIBRATION
+from passerby.findings.texts.geopose import GEOPOSE
+from passerby.findings.texts.input_files import INPUT_FILES
+from passerby.findings.texts.kinds import Fields, Kind, Said, Template
+from passerby.findings.texts.lenses import LENSES
+from passerby.findings.texts.solver import SOLVER
+from passerby.findings.texts.videos import VIDEOS
 
 __all__ = ["KINDS", "Kind", "diagnostic", "problem_of", "remedy_of", "text_of", "texts_of"]
 

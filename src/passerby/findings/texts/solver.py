@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.core.finding_texts.kinds import DOUBT, REFUSAL, Fields, Kind
+from passerby.findings.texts.kinds import DOUBT, REFUSAL, Fields, Kind
 
 
 def _undetermined(v: Fields) -> str:

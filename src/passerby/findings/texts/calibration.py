@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.core.finding_texts.kinds import DOUBT, Fields, Kind
-from passerby.core.findings import Severity
+from passerby.findings.finding import Severity
+from passerby.findings.texts.kinds import DOUBT, Fields, Kind
 
 _ALL_OVER = "record people who walk all over the view that the cameras share"
 _MORE_OR_LESS: tuple[Severity, ...] = ("notice", "doubt")

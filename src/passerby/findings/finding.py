@@ -1,7 +1,7 @@
 """What speaks against a calibration, or is odd about its input, as a value: a code, a severity, cameras and figures.
 
 Stages make findings, and later stages decide by code, severity, cameras and values. The sentences that people read are made at
-the end, by `passerby.core.finding_texts`, which has the register of all codes.
+the end, by `passerby.findings.texts`, which has the register of all codes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class Finding:
     """One finding."""
 
     code: str
-    """What is found, a key of `finding_texts.KINDS`."""
+    """What is found, a key of `texts.KINDS`."""
     severity: Severity
     cameras: tuple[str, ...] = ()
     """The cameras that it is about, the first one foremost; empty where it is about the whole."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.core.finding_texts.kinds import NOTICE, Fields, Kind
+from passerby.findings.texts.kinds import NOTICE, Fields, Kind
 
 _INSTEAD = {
     "detector": "people are found by background subtraction, without a network",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from passerby.core.findings import Severity
+from passerby.findings.finding import Severity
 
 Fields = Mapping[str, Any]
 """A finding's values by name, with `camera` (the first), `second`, `cameras` (all, with commas) and `who` (`camera A`,

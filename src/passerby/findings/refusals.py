@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from passerby.common.errors import EvidenceError
-from passerby.core.finding_texts import text_of
-from passerby.core.findings import Finding, refusal
+from passerby.findings.finding import Finding, refusal
+from passerby.findings.texts import text_of
 
 
 class RefusalError(EvidenceError):

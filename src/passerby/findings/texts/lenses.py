@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from passerby.core.finding_texts.kinds import DOUBT, NOTICE, Fields, Kind, longer
+from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind, longer
 
 _HARDLY_KNOWN = '"{part}" may as well be left out of refine under [solver]'
 
