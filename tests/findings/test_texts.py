@@ -30,7 +30,7 @@ def test_sentence_and_remedy_are_as_pinned(row: dict[str, Any]) -> None:
 
 def test_every_code_has_an_example_and_a_maker() -> None:
     assert {row["code"] for row in EXAMPLES} == set(KINDS)
-    modules = [path for path in SOURCE.rglob("*.py") if "findings" not in path.parts]
+    modules = [path for path in SOURCE.rglob("*.py") if "texts" not in path.parts]
     source = "\n".join(path.read_text(encoding="utf-8") for path in modules)
     assert [code for code in KINDS if f'"{code}"' not in source] == []
 
