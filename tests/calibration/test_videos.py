@@ -264,6 +264,7 @@ def test_a_rate_asked_for_is_what_is_watched(place):
     assert (np.unique(seen.observations["C1"].boxes.frame) % 3 == 1).all()
 
 
+@pytest.mark.slow
 def test_a_video_beside_boxes_of_another_camera(place, folder):
     cameras = {"C1": "C1.mp4", "C2": 'detections = "C2.txt"'}
     found = calibrate(scene_file(place, cameras, extra="[scene]\nfps = 3\n[association]\nmax_offset_s = 0"))
@@ -348,6 +349,7 @@ def nothing_to_be_had(tmp_path, monkeypatch):
     know_only([entry("tiny", url=url), entry("looks", "embedder", url=url)], monkeypatch)
 
 
+@pytest.mark.slow
 def test_without_any_network_there_are_notes(place, tmp_path, monkeypatch, capsys):
     nothing_to_be_had(tmp_path, monkeypatch)
     monkeypatch.setattr(parallel, "pays", lambda *measures: False)

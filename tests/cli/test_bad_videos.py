@@ -204,6 +204,7 @@ def test_three_pictures(scene, made, tmp_path, capsys):
             "(and 1 more fault)")  # fmt: skip
 
 
+@pytest.mark.slow
 def test_nobody_anywhere(scene, tmp_path, capsys):
     for name in ("C1", "C2"):
         write_video(tmp_path / f"empty{name}.mp4", still(), 5.0)

@@ -57,6 +57,7 @@ def test_scene_of_boxes_and_scene_of_videos(sequence, tmp_path, capsys):
     assert len(rows) > 100
 
 
+@pytest.mark.slow
 def test_pictures_are_filmed_where_identities_are_to_be_found(tmp_path, capsys):
     recording = tsai_sets.write_pets(tmp_path / "set", views=False, pictures=9)
     scene = tmp_path / "scene"

@@ -56,6 +56,7 @@ def test_a_knock_is_named_dated_and_measured(camera, turn, shift):
     assert np.linalg.norm(off) < 3 * move.sigma.position_m
 
 
+@pytest.mark.slow
 def test_two_cameras_knocked_at_once():
     rig = true_rig(6)
     given = calibrated(rig)
@@ -73,6 +74,7 @@ def test_a_camera_that_moved_before_the_footage_began():
     assert [(move.camera, move.moment) for move in found.moves] == [("C3", None)]
 
 
+@pytest.mark.slow
 def test_a_camera_that_moves_twice():
     once = knocked(RIG["C1"].pose, (0, 2, 0))
     first = walkers(RIG, 300, knocks={"C1": (80.0, once)})

@@ -190,6 +190,7 @@ def test_the_light_of_the_day_is_followed() -> None:
     assert sum(len(detector(frame)) for frame in frames[::5]) == 0
 
 
+@pytest.mark.slow
 def test_wide_pictures_give_the_boxes_of_narrow_ones(model: BackgroundModel) -> None:
     """Twice the pixels: twice the boxes, within a pixel of the working picture."""
     frames = recording(COUNT)
@@ -228,6 +229,7 @@ def test_the_same_recording_gives_the_same_model_and_order_matters_not_to_the_de
     assert all((a == b).all() for a, b in zip(ahead, back, strict=True))
 
 
+@pytest.mark.slow
 def test_more_pictures_than_asked_for_are_passed_over() -> None:
     options = BackgroundOptions(pictures=10)
     rng = np.random.default_rng(3)

@@ -40,6 +40,7 @@ def test_slack_moves_every_edge_outwards():
     np.testing.assert_allclose(moved / height[:, None], np.array([[-0.05, -0.05, 0.05, 0.05]]).repeat(len(moved), 0), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_boxes_stay_in_the_picture_and_cut_edges_on_its_border():
     clean, noisy = scene(preset="terrace", seconds=30.0), scene(preset="terrace", seconds=30.0, box_noise=0.1)
     cut = 0

@@ -122,7 +122,7 @@ def test_with_true_cameras_the_true_world_comes_out(workers: SimulatedScene, ext
     rig = workers.rig
     R, t = (np.array([getattr(camera.pose, name) for camera in rig]) for name in ("R_cw", "t_cw"))
     extents = extents_of(rig, workers.observations)
-    assert extents.note is None
+    assert extents.finding is None
     segments = triangulate_segments(rig, extents, np.arange(len(rig)), R, t)
     up = vertical(segments)
     assert np.degrees(direction_angle(up, [0.0, 0.0, 1.0])) < 0.15
@@ -140,8 +140,8 @@ def test_joint_names_that_contradict_the_pictures_are_not_believed(workers: Simu
         wrong = Keypoints(people.frame, people.identity, people.xy, people.score, people.joints[::-1])
         cameras[name] = CameraObservations(keypoints=wrong)
     extents = joint_extents(workers.rig, Observations(cameras))
-    assert extents.note is not None
-    assert "do not fit" in extents.note
+    assert extents.finding is not None
+    assert extents.finding.code == "keypoint_ends_unnamed"
     right = workers.observations.cameras["C1"].keypoints.joints
     assert all("eye" in right[j] or "ear" in right[j] or right[j] == "nose" for j in np.flatnonzero(extents.is_top))
     assert all("ankle" in right[j] for j in np.flatnonzero(extents.is_bottom))

@@ -61,6 +61,7 @@ def test_offsets_are_found_to_a_part_of_a_frame(preset: str, offset: float, fps:
     assert solution.verdict == "accepted"
 
 
+@pytest.mark.slow
 def test_joints_tell_the_time_too() -> None:
     truth = simulated("terrace", 6.0, 0, clock_offsets=0.15, joint_noise_px=1.0)
     clocks, solution = alternated(truth, part(truth.observations, boxes=False, keypoints=True), 2)

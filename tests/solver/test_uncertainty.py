@@ -101,6 +101,7 @@ def typical_sigma(solution: Solution) -> float:
     return float(np.median([camera.shape_position_sigma_mm for camera in solution.figures.cameras]))
 
 
+@pytest.mark.slow
 def test_sigmas_shrink_with_more_people_and_longer_scenes() -> None:
     truth = simulated("terrace", seconds=20.0)
     sigmas = [
