@@ -31,7 +31,6 @@ TRUTH_FILE = "truth.toml"
 MARKER = "dataset.toml"
 """Tells where the scene came from, and by it the folder is known again."""
 
-NO_VIDEO = "No video is made"
 
 
 @dataclass(frozen=True)
@@ -93,9 +92,10 @@ def write_scene_folder(
     named = {camera: path.resolve().as_posix() for camera, path in published.videos.items()}
     named |= {camera: _video(camera) for camera in filmed}
     tables, mode = _cameras(published, given, named)
-    notes = [*published.notes, *_left_out(published, tables, filmed, film)]
+    unfilmed = _unfilmed(published, filmed) if film or not given else []
+    notes = [*published.notes, *_absent(published, tables), *(f"{one}." for one in unfilmed)]
     if len(tables) < 2:
-        unfit = next((f" ({note.rstrip('.')})" for note in notes if note.startswith(NO_VIDEO)), "")
+        unfit = f" ({unfilmed[0]})" if unfilmed else ""
         raise InputError(
             f"{source}: tells of people in {len(tables) or 'no'} camera{'' if len(tables) == 1 else 's'} of "
             f"{len(published.rig)}: two are needed with boxes, joints, a video or pictures{unfit}; fetch more of the set"
@@ -152,23 +152,23 @@ def _to_film(published: Published) -> dict[str, tuple[Path, ...]]:
     }
 
 
-def _left_out(
-    published: Published, tables: dict[str, dict[str, str]], filmed: dict[str, tuple[Path, ...]], film: bool
-) -> list[str]:
-    """What the scene does without, and why."""
-    notes = [
+def _absent(published: Published, tables: dict[str, dict[str, str]]) -> list[str]:
+    """The cameras that the scene does without."""
+    return [
         f"{camera} is not in {SCENE_FILE}: nothing in it tells of people in its view."
         for camera in published.rig.names
         if camera not in tables
     ]
-    if film or not published.identities_known:
-        why = "the set tells no frame rate" if published.fps is None else "they do not go from frame 1 on without a gap"
-        notes += [
-            f"{NO_VIDEO} of the pictures of {camera}: {why}."
-            for camera in published.pictures
-            if camera not in filmed and camera not in published.videos
-        ]
-    return notes
+
+
+def _unfilmed(published: Published, filmed: dict[str, tuple[Path, ...]]) -> list[str]:
+    """The cameras whose pictures make no video, and why."""
+    why = "the set tells no frame rate" if published.fps is None else "they do not go from frame 1 on without a gap"
+    return [
+        f"No video is made of the pictures of {camera}: {why}"
+        for camera in published.pictures
+        if camera not in filmed and camera not in published.videos
+    ]
 
 
 def _scene(published: Published, tables: dict[str, dict[str, str]], mode: str) -> str:
