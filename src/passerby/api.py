@@ -35,7 +35,7 @@ def read_calibration(folder: str | Path) -> OutputFolder:
         passerby.read_calibration("out").rig["C1"].centre
 
     Raises:
-        InputError: something is missing or broken, with its name and its mend.
+        InputError: something is missing or broken, with its name and its remedy.
         EvidenceError: the calibration was refused, or no camera has a pose.
     """
     return read_output(Path(folder))

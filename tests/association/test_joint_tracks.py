@@ -66,6 +66,6 @@ def test_left_and_right_change_sides_in_the_named_tracklets_only():
     assert order[0] == 0
     a, b = moving([1, 2], 0), moving([1, 2], 1)
     both = Keypoints(*(np.concatenate([getattr(part, n) for part in (a, b)]) for n in ("frame", "identity", "xy", "score")))
-    mended = swap_left_and_right(both, np.array([False, True]))
-    np.testing.assert_array_equal(mended.xy[:2], both.xy[:2])
-    np.testing.assert_array_equal(mended.xy[2:], both.xy[2:][:, order])
+    fixed = swap_left_and_right(both, np.array([False, True]))
+    np.testing.assert_array_equal(fixed.xy[:2], both.xy[:2])
+    np.testing.assert_array_equal(fixed.xy[2:], both.xy[2:][:, order])

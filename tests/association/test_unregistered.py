@@ -1,4 +1,4 @@
-"""Why a camera is not registered: the mend that is named is the mistake that was made."""
+"""Why a camera is not registered: the fix that is named is the mistake that was made."""
 
 from __future__ import annotations
 

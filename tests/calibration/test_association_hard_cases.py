@@ -222,7 +222,7 @@ def test_a_frame_rate_that_is_far_off_is_told_with_the_right_one(tmp_path, state
 
 
 def test_a_clock_that_drifts_is_told(tmp_path):
-    """25 for 24 frames per second: 0.8 s over these 20 s, which an offset alone cannot mend."""
+    """25 for 24 frames per second: 0.8 s over these 20 s, which an offset alone cannot remedy."""
     _, path = scene(tmp_path)
     declare_fps(path, "C3", 5.0 * 25 / 24)
     calibration = passerby.calibrate(path)
@@ -241,9 +241,9 @@ def test_clocks_that_differ_by_more_than_is_searched_for(tmp_path):
     assert calibration.exit_status == 3
     one_sentence(calibration.reasons, "the clock of C2 is 9.0 s behind that of C1", "max_offset_s = ")
     declare(path, association={"mode": "combined", "max_offset_s": 10.0})
-    mended = passerby.calibrate(path)
-    assert mended.verdict == "accepted", mended.reasons
-    assert mended.association.clocks["C2"].offset_s == pytest.approx(9.0, abs=0.05)
+    fixed = passerby.calibrate(path)
+    assert fixed.verdict == "accepted", fixed.reasons
+    assert fixed.association.clocks["C2"].offset_s == pytest.approx(9.0, abs=0.05)
 
 
 @pytest.mark.parametrize("fps", [1.0, 2.0])

@@ -1,4 +1,4 @@
-"""Bad input through the command line: the exit status, and one line that names file, place, value and mend."""
+"""Bad input through the command line: the exit status, and one line that names file, place, value and fix."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Videos that cannot be used, through the command line: the exit status, and one line that tells what, where and the mend."""
+"""Videos that cannot be used, through the command line: the exit status, and one line that tells what, where and the remedy."""
 
 import itertools
 import json

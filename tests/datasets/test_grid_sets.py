@@ -117,7 +117,7 @@ def test_only_multiviewx_is_mirrored(example) -> None:
 
 
 def test_a_right_handed_copy_of_multiviewx_is_left_as_it_is(tmp_path) -> None:
-    """Somebody who mended the calibration, and mirrored the cells with it, is not mirrored once more."""
+    """Somebody who fixed the calibration, and mirrored the cells with it, is not mirrored once more."""
     walk = write_multiviewx(tmp_path / "set", pictures=0)
     for camera in walk.rig:
         path = tmp_path / "set" / "calibrations" / "extrinsic" / f"extr_Camera{camera.name[1]}.xml"

@@ -1,4 +1,4 @@
-"""Embeddings as npz: round trips, what other tools write, and every fault told with its place and mend."""
+"""Embeddings as npz: round trips, what other tools write, and every fault told with its place and fix."""
 
 import io
 import zipfile

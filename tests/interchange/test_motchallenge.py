@@ -1,4 +1,4 @@
-"""MOTChallenge text: round trips, and every fault told with its place and mend."""
+"""MOTChallenge text: round trips, and every fault told with its place and fix."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Network files that open, and files that do not: the message names the file and the mend."""
+"""Network files that open, and files that do not: the message names the file and the remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page is put together from: escaping, mends, stretches of time, weak points, distances."""
+"""What the page is put together from: escaping, fixes, stretches of time, weak points, distances."""
 
 import json
 from dataclasses import replace

@@ -90,8 +90,8 @@ def solver_options(scene: Scene) -> SolverOptions:
     for key in chosen:
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-            mend = f"did you mean '{close[0]}'?" if close else f"method {scene.solver.method} has {', '.join(known)}"
-            raise InputError(f"{scene.place}: [solver.options]: unknown key '{key}': {mend}")
+            remedy = f"did you mean '{close[0]}'?" if close else f"method {scene.solver.method} has {', '.join(known)}"
+            raise InputError(f"{scene.place}: [solver.options]: unknown key '{key}': {remedy}")
     try:
         return TypeAdapter(kind).validate_python(chosen)
     except ValidationError as error:

@@ -102,7 +102,7 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
     if whole and within and np.isfinite(whole).all() and max(within) < MOSTLY_SCALE * max(whole):
         print(
             f"the sigmas are mostly scale: but for it, positions are known to {number(max(within), 0)} mm; one measured length "
-            "under [scale] mends that"
+            "under [scale] fixes that"
         )
 
 

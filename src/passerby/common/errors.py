@@ -1,6 +1,6 @@
 """The exceptions of Passerby: each carries the exit status that a command line ends with.
 
-A message names the file, the camera, the value and the mend, in one line that a person can act on.
+A message names the file, the camera, the value and the remedy, in one line that a person can act on.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import Any
 
 
 def nearest(key: str, known: list[str]) -> str:
-    """The mend for a misspelt name."""
+    """The remedy for a misspelt name."""
     close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
 

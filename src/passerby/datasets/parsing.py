@@ -1,4 +1,4 @@
-"""Reading the files of published sets, with errors that name file, place, value and mend."""
+"""Reading the files of published sets, with errors that name file, place, value and fix."""
 
 from __future__ import annotations
 

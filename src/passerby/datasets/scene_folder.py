@@ -32,7 +32,6 @@ MARKER = "dataset.toml"
 """Tells where the scene came from, and by it the folder is known again."""
 
 
-
 @dataclass(frozen=True)
 class SceneFolder:
     """What was written."""

@@ -34,7 +34,7 @@ HIDDEN_CONFIDENCE = 0.5
 def read_keypoints(path: str | Path, *, doubles: bool = False) -> Keypoints:
     """Read the joints of one camera, sorted by frame and identity.
 
-    Raises `FileFaults` (an `InputError`) that names file, annotation, value and mend for everything that is not as above, for
+    Raises `FileFaults` (an `InputError`) that names file, annotation, value and fix for everything that is not as above, for
     two images of one frame, and for an identity twice in one frame. With `doubles` the latter is no fault:
     `without_doubles` settles it.
     """

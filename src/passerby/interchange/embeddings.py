@@ -43,7 +43,7 @@ class Embeddings:
 def read_embeddings(path: str | Path) -> Embeddings:
     """Read the embeddings of one camera's boxes.
 
-    Raises `InputError` that names file, value and mend for: a file that is missing or no npz, pickled objects, no or more than
+    Raises `InputError` that names file, value and fix for: a file that is missing or no npz, pickled objects, no or more than
     one array that could be meant, numbers that are not finite floats, a `frame` that does not fit.
     """
     path = Path(path)

@@ -33,7 +33,7 @@ def read_boxes(path: str | Path, *, doubles: bool = False) -> Boxes:
     With `doubles` rows that stand twice, and identities that do in a frame, are no fault: the boxes are the file's rows, and
     `without_doubles` settles them.
 
-    Raises `FileFaults` (an `InputError`) that names file, line, value and mend for: rows without 7 to 10 columns, fields that
+    Raises `FileFaults` (an `InputError`) that names file, line, value and fix for: rows without 7 to 10 columns, fields that
     are not finite numbers, a width or height not above 0, frames negative, broken or out of order, identities broken or below
     -1, a row that stands twice, an identity twice in one frame.
     """

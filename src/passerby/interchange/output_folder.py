@@ -80,7 +80,7 @@ def read_output(out: Path) -> OutputFolder:
     """Read an output folder.
 
     Raises:
-        InputError: something is missing, broken or not of the same calibration, with its name and its mend.
+        InputError: something is missing, broken or not of the same calibration, with its name and its remedy.
         EvidenceError: the calibration was refused, or no camera has a pose.
     """
     document = read_report(out)

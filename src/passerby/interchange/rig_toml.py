@@ -39,7 +39,7 @@ UNFILLED = ("FX", "FY", "CX", "CY")
 def read_rig(path: str | Path) -> Rig:
     """Read the cameras of a rig file, in the order of the file; a camera without rotation and translation has no pose.
 
-    Raises `FileFaults` (an `InputError`) that names file, table, key, value and mend for everything that cannot be a camera.
+    Raises `FileFaults` (an `InputError`) that names file, table, key, value and fix for everything that cannot be a camera.
     """
     content = read_toml(path, RIG)
     metadata = content.get(METADATA, {})

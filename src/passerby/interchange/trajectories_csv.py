@@ -63,7 +63,7 @@ def _length(metres: float) -> str:
 def read_trajectories(path: str | Path) -> Trajectories:
     """Read what `write_trajectories` wrote. Stretches are told apart by the frames that are missing between them.
 
-    Raises `FileFaults` (an `InputError`) that names file, line, value and mend.
+    Raises `FileFaults` (an `InputError`) that names file, line, value and fix.
     """
     header, lines = csv_rows(path, read_text(path, "people's ways (CSV)"))
     missing = [name for name in HEADER if name not in header]
@@ -134,7 +134,7 @@ def _clock(path: Path, frame: Ints, seconds: Floats) -> Clock:
 def read_ground_positions(path: str | Path) -> GroundPositions:
     """Read true ground positions: a header with frame, id (or person), x_m and y_m; other columns are left alone.
 
-    Raises `FileFaults` (an `InputError`) that names file, line, value and mend for a missing column, a field that is no finite
+    Raises `FileFaults` (an `InputError`) that names file, line, value and fix for a missing column, a field that is no finite
     number, a frame or an id that is not whole, and somebody who is twice in a frame.
     """
     text = read_text(path, "a table of true ground positions (CSV)")

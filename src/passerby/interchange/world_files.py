@@ -36,7 +36,7 @@ LARGEST = 1e8
 def read_known_points(path: str | Path) -> tuple[KnownPoint, ...]:
     """Points with known coordinates and where cameras see them.
 
-    Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its line, value and mend.
+    Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its line, value and fix.
     """
     rows = _rows(Path(path), "points", POINT_KEYS, ("camera", "u", "v", "x", "y"))
     found: dict[object, KnownPoint] = {}

@@ -106,7 +106,7 @@ def _from_toml(path: Path) -> Description:
     try:
         return _described(str(path), parse_toml(read_text(path, "the description of a network")))
     except NotParsed as error:
-        raise InputError(f"{path}: is not TOML: {error}: mend it there") from None
+        raise InputError(f"{path}: is not TOML: {error}: fix it there") from None
 
 
 def _described(place: str, tables: dict[str, Any]) -> Description:

@@ -118,7 +118,7 @@ def runtime_errors() -> tuple[type[Exception], ...]:
 
 
 def _complaint(path: Path, error: Exception) -> str:
-    """What is wrong with the file and what mends it, in one line."""
+    """What is wrong with the file and what fixes it, in one line."""
     kind = type(error).__name__
     text = " ".join(str(error).split())
     said = text if len(text) < 160 else f"... {text[-150:]}"

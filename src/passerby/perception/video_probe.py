@@ -106,7 +106,7 @@ def probe(path: str | Path) -> VideoInfo:
         first = _first_picture(path, container, stream)
         rate, variable = _rate(stream, timestamps)
         if not variable and (rate is None or rate <= 0):
-            raise VideoError(path, f"the file does not tell its pictures per second: {_mend(path)}")
+            raise VideoError(path, f"the file does not tell its pictures per second: {_remedy(path)}")
         average = _average(timestamps) if variable or rate is None else rate
         rotation = first.rotation % 360 if first.rotation % 90 == 0 else 0
         return VideoInfo(
@@ -142,7 +142,7 @@ def open_video(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
             ) from error
         if isinstance(error, PermissionError):
             raise VideoError(path, "may not be read: give yourself the right to read it") from error
-        raise VideoError(path, f"is not a video that can be read ({error.strerror or error}): {_mend(path)}") from error
+        raise VideoError(path, f"is not a video that can be read ({error.strerror or error}): {_remedy(path)}") from error
     with container:
         yield container, _video_stream(path, container)
 
@@ -198,11 +198,11 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
     if stream.codec_context is not None:
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
     else:
-        raise VideoError(path, f"its video codec is unknown and cannot be decoded: {_mend(path)}")
+        raise VideoError(path, f"its video codec is unknown and cannot be decoded: {_remedy(path)}")
     return stream
 
 
-def _mend(path: Path) -> str:
+def _remedy(path: Path) -> str:
     """What to do about a file that cannot be decoded."""
     return MEND.format(name=path.name)
 
@@ -219,7 +219,7 @@ def _first_picture(path: Path, container: InputContainer, stream: VideoStream) -
                 reason = error.strerror or str(error)
     except FFmpegError as error:
         reason = error.strerror or str(error)
-    raise VideoError(path, f"nothing of it can be decoded ({stream.codec_context.name}: {reason}): {_mend(path)}")
+    raise VideoError(path, f"nothing of it can be decoded ({stream.codec_context.name}: {reason}): {_remedy(path)}")
 
 
 def _duration(container: InputContainer, stream: VideoStream) -> float | None:

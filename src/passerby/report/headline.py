@@ -14,7 +14,7 @@ from passerby.report.weak_points import weak_points
 WORDS = {"accepted": "Accepted", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS = {
     "accepted": "You can rely on these cameras, within the uncertainties stated here.",
-    "doubtful": "There is a rig, but do not rely on it before what stands below is mended.",
+    "doubtful": "There is a rig, but do not rely on it before what stands below is fixed.",
     "refused": "There is too little to go by for a rig that could be relied upon. Mend what stands below and calibrate again.",
 }
 # A tick, an exclamation mark, a cross: the verdict must not hang on its colour.
@@ -123,7 +123,7 @@ def _points(title: str, kind: str, points: list[Point]) -> Html | None:
 
 def _remedy(point: Point) -> Html:
     """What to do."""
-    return element("p", element("span", "To do ", class_="to-do"), point.remedy, class_="mend")
+    return element("p", element("span", "To do ", class_="to-do"), point.remedy, class_="remedy")
 
 
 def _findings(findings: Sequence[str]) -> Html | None:

@@ -26,7 +26,7 @@ def rig_section(contents: Contents, fit: Fitted) -> Section:
     """The rig from above and in space."""
     lead = (
         "Where the cameras stand and look, and where the people walked. The ellipses hold a camera with 39 % probability (one "
-        "sigma); needles that point to the middle are doubt about the scale, which one measured distance mends. If the people "
+        "sigma); needles that point to the middle are doubt about the scale, which one measured distance fixes. If the people "
         "walk through walls, or a camera looks away from them, something is wrong."
     )
     posed = contents.rig.posed()

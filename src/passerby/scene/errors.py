@@ -1,4 +1,4 @@
-"""What pydantic finds wrong with a scene file, as one line that names place, value and mend."""
+"""What pydantic finds wrong with a scene file, as one line that names place, value and fix."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Tables = Mapping[tuple[str, ...], type[BaseModel]]
 
 
 def explain_fault(fault: dict[str, Any], tables: Tables) -> str:
-    """One line of place, value and mend for a fault that pydantic found; `tables` has the models of the file by their place."""
+    """One line of place, value and fix for a fault that pydantic found; `tables` has the models of the file by their place."""
     location = tuple(fault["loc"])
     message = str(fault["msg"]).removeprefix("Value error, ")
     if not location:

@@ -59,7 +59,7 @@ class VideoProcessor(Protocol):
 def read_inputs(scene: Scene, watch: VideoProcessor | None = None) -> SceneInputs:
     """Read what a scene names, and watch the videos of the cameras that need it; without `watch` no video is watched.
 
-    Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and mend.
+    Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and fix.
     """
     readings = read_cameras(scene)
     # What is wrong with a file is told before hours are spent on videos.
@@ -216,13 +216,13 @@ def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     ]
     if scene.association.mode != "appearance":
         return faults
-    mend = 'give each camera embeddings or a video, or do without: under [association] set mode = "combined"'
+    remedy = 'give each camera embeddings or a video, or do without: under [association] set mode = "combined"'
     without = [reading for reading in readings if scene.cameras[reading.name].embeddings is None and reading.dimensions is None]
     without = [reading for reading in without if not needs_video(scene, reading)]
     wanting = [reading.name for reading in without if reading.people]
     if len(without) == len(readings):
-        return [*faults, f'{scene.place}: mode "appearance" needs embeddings, and no camera has any: {mend}']
-    return faults + [f'{scene.place}: [cameras.{name}] mode "appearance" needs embeddings: {mend}' for name in wanting]
+        return [*faults, f'{scene.place}: mode "appearance" needs embeddings, and no camera has any: {remedy}']
+    return faults + [f'{scene.place}: [cameras.{name}] mode "appearance" needs embeddings: {remedy}' for name in wanting]
 
 
 def _short_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:

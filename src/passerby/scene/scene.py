@@ -1,7 +1,7 @@
 """The scene file: what a user declares about the cameras, the people and the lengths that are known.
 
 TOML, checked in full: an unknown key, a wrong value or a camera that does not exist is an error that names its place and its
-mend. Paths are relative to the scene file, or absolute.
+remedy. Paths are relative to the scene file, or absolute.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Scene(Table):
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
-        """Read a scene file. Raises `FileFaults` (an `InputError`) that names file, key, value and mend."""
+        """Read a scene file. Raises `FileFaults` (an `InputError`) that names file, key, value and fix."""
         path = Path(path)
         text = read_text(path, "a scene file (TOML)")
         try:

@@ -38,7 +38,7 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
         scene: its scene file; None: where `calibration.json` says that it lies.
 
     Raises:
-        InputError: something is missing or broken, with its name and its mend.
+        InputError: something is missing or broken, with its name and its remedy.
         EvidenceError: the calibration was refused, or registered fewer than two cameras.
     """
     found = read_output(out)

@@ -116,9 +116,7 @@ class TrainingLog:
         return EpochRecord(**values)
 
     def _fault(self, line: int, what: str) -> InputError:
-        return InputError(
-            f"{self.path}: line {line}: {what}: mend the line, or delete the file (the training does not need it)"
-        )
+        return InputError(f"{self.path}: line {line}: {what}: fix the line, or delete the file (the training does not need it)")
 
 
 def _text(name: str, value: float | None) -> str:

@@ -28,7 +28,7 @@ from passerby.training.sure_spans import PseudoLabels, pseudo_labels
 
 FEWEST_PEOPLE, FEWEST_CROPS = 4, 100
 """Less does not tell a network how people differ."""
-MENDS = {
+REMEDIES = {
     ALONE: "let the cameras' views overlap more",
     MISFIT: "look into the calibration: its poses or clocks may be off",
     AMBIGUOUS: "record with fewer people at a time, or with more cameras",
@@ -162,8 +162,8 @@ def _check_enough(out: Path, figures: dict[str, Any], people: int, crops: int) -
     left_out: dict[str, int] = figures["left_out"]
     causes = sorted(left_out.items(), key=lambda item: -item[1])
     told = [f"{why}: {count}" for why, count in causes]
-    worst = next((number for why, _ in causes for number in MENDS if REASONS[number] == why), None)
-    mend = MENDS[worst] if worst is not None else "record for longer"
+    worst = next((number for why, _ in causes for number in REMEDIES if REASONS[number] == why), None)
+    remedy = REMEDIES[worst] if worst is not None else "record for longer"
     reasons = (
         f"{people} people and {crops} crops are sure, {FEWEST_PEOPLE} and {FEWEST_CROPS} are needed",
         f"{figures['sure']} of {figures['identified']} identified boxes are sure",
@@ -171,7 +171,7 @@ def _check_enough(out: Path, figures: dict[str, Any], people: int, crops: int) -
     )
     raise EvidenceError(
         f"{out}: the calibration is sure of too few people: {reasons[0]}; {reasons[1]} "
-        f"(left out: {', '.join(told) or 'none'}): {mend}",
+        f"(left out: {', '.join(told) or 'none'}): {remedy}",
         reasons,
     )
 

@@ -25,7 +25,7 @@ STRONGEST = 8.0
 """Largest cost or reward, -2 log likelihood: appearance may settle what motion leaves open, but not overrule clear motion."""
 
 STRONGEST_OF_TRACKLETS = 12.0
-"""The same between whole tracklets, whose means tell more than a box does. Simulated people whose looks differ, mended at
+"""The same between whole tracklets, whose means tell more than a box does. Simulated people whose looks differ, fixed at
 7 fps: IDF1 0.89, 0.92, 0.86 (terrace, basketball, a crowded terrace); with 8 0.82, 0.90, 0.76, with 20 a little more."""
 FEWEST_HALVES = 20
 """Pairs of halves of tracklets of either kind below which nothing is concluded."""

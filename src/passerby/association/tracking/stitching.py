@@ -1,4 +1,4 @@
-"""Tracklets of one camera that go on as others: those mended that broke where somebody was hidden or crossed another's way.
+"""Tracklets of one camera that go on as others: those fixed that broke where somebody was hidden or crossed another's way.
 
 The tracker decides frame by frame, and ends a tracklet where it is in doubt. Whole tracklets tell more: how somebody walked
 before and after the gap, and how he looked in all his boxes. For every two tracklets of which one begins soon after the other
@@ -51,7 +51,7 @@ class StitchingOptions:
         for name in ("max_gap_s", "margin"):
             value = getattr(self, name)
             if not np.isfinite(value) or value <= 0:
-                raise InputError(f"mending of tracklets: {name} = {value} is out of range: give a number above 0")
+                raise InputError(f"stitching of tracklets: {name} = {value} is out of range: give a number above 0")
 
 
 def stitch_tracklets(boxes: Boxes, fps: float, options: StitchingOptions | None = None) -> Boxes:
@@ -94,8 +94,8 @@ def stitch_tracklets(boxes: Boxes, fps: float, options: StitchingOptions | None 
 def find_stitches(boxes: Boxes, fps: float, options: StitchingOptions | None = None) -> tuple[Ints, Ints]:
     """The same as pairs of tracklets: (K,) tracklets and (K,) those that go on where they end."""
     rows = np.flatnonzero(boxes.identity != UNKNOWN)
-    mended = stitch_tracklets(boxes, fps, options).identity[rows]
-    tracklets = np.unique(np.column_stack([boxes.identity[rows], mended]), axis=0)
+    stitched = stitch_tracklets(boxes, fps, options).identity[rows]
+    tracklets = np.unique(np.column_stack([boxes.identity[rows], stitched]), axis=0)
     begin = np.full(len(tracklets), np.iinfo(np.int64).max)
     np.minimum.at(begin, np.searchsorted(tracklets[:, 0], boxes.identity[rows]), boxes.frame[rows])
     order = np.lexsort((begin, tracklets[:, 1]))

@@ -71,9 +71,9 @@ def align_to_camera(rig: Rig, name: str, towards: str | None = None) -> Aligned:
     """
     pose = _posed(rig, name)
     if towards is None:
-        along, mend = pose.R_cw[2, :2], "name another camera as `towards`"
+        along, remedy = pose.R_cw[2, :2], "name another camera as `towards`"
         if np.linalg.norm(along) < STRAIGHT_DOWN:
-            raise EvidenceError(f"camera {name} looks straight down, so that it points nowhere on the ground: {mend}")
+            raise EvidenceError(f"camera {name} looks straight down, so that it points nowhere on the ground: {remedy}")
     else:
         along = _posed(rig, towards).centre[:2] - pose.centre[:2]
         if np.linalg.norm(along) < 0.01:
@@ -204,8 +204,8 @@ def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit
         raise EvidenceError(f"the {what} fix {known}: give {what} that are further apart, or better known")
     if fit.scale_sigma > WEAK_SCALE:
         known = f"the scale to {100 * fit.scale_sigma:.0f} % only" if fit.scale_sigma < 1 else "no scale"
-        mend = f"give {what} that are further apart" + (", in two cameras or more" if what == "points" else "")
-        raise EvidenceError(f"the {what} fix {known}: {mend}, or leave `scale` out")
+        remedy = f"give {what} that are further apart" + (", in two cameras or more" if what == "points" else "")
+        raise EvidenceError(f"the {what} fix {known}: {remedy}, or leave `scale` out")
     return fit
 
 

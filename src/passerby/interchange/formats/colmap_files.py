@@ -111,7 +111,7 @@ def _joined(*values: float | str) -> str:
 
 
 def read_model(folder: Path, binary_first: bool) -> ColmapModelFiles:
-    """Read a model, of the kind that is asked for first, else of the other. Raises `InputError` (file, line, value, mend)."""
+    """Read a model, of the kind that is asked for first, else of the other. Raises `InputError` (file, line, value, remedy)."""
     endings = (".bin", ".txt") if binary_first else (".txt", ".bin")
     ending = next((ending for ending in endings if (folder / f"cameras{ending}").is_file()), None)
     if ending is None:

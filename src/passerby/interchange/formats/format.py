@@ -85,7 +85,7 @@ class Format:
     write: Callable[[Export, Losses], Mapping[str, bytes]] | None = None
     """Pure: file name below the target -> content; "" is the target itself where that is a file. Losses are only added."""
     read: Callable[[Path, Given], Rig] | None = None
-    """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, mend)."""
+    """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, remedy)."""
     read_people: Callable[[Path, Given], People] | None = None
     """One camera's boxes or joints. Raises `InputError`."""
     draws_people: bool = False

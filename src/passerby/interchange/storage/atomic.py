@@ -89,5 +89,5 @@ def _umask() -> int:
 def cannot_write(path: Path, error: OSError) -> InputError:
     """The error of a file or folder that cannot be written."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    mend = "make room there, or choose another folder" if full else "choose a folder that you may write to"
-    return InputError(f"{path}: cannot be written ({error.strerror or error}): {mend}")
+    remedy = "make room there, or choose another folder" if full else "choose a folder that you may write to"
+    return InputError(f"{path}: cannot be written ({error.strerror or error}): {remedy}")

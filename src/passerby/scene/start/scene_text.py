@@ -171,7 +171,7 @@ def _scale(cameras: Sequence[SceneCamera]) -> str:
     return (
         comment(
             "What is known about lengths, in metres. People's height alone gives the rig's size to about 4 %; one length\n"
-            "measured with a tape mends that. sd_m, people's spread or a tape's error, may be left out below."
+            "measured with a tape fixes that. sd_m, people's spread or a tape's error, may be left out below."
         )
         + "[scale]\n"
         + _setting("person_height_m", scale.person_height_m, "the people's mean standing height, shoes on.")
