@@ -1,4 +1,4 @@
-"""Draws `docs/figures/rooms.svg`: the rooms of the package, layer over layer, and who imports whom.
+"""Draws `docs/figures/rooms.svg`: the rooms of the package in their layers, and which room imports which.
 
     python docs/make_rooms.py
 

@@ -19,7 +19,7 @@ def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str
         scene: names the files.
         sizes: camera -> (width, height) of its picture, pixels.
     """
-    files = _files(scene)
+    files = world_file_paths(scene)
     try:
         if files["points"] is not None:
             path = scene.resolve(files["points"])
@@ -39,7 +39,7 @@ def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str
     return []
 
 
-def _files(scene: Scene) -> dict[str, Path | None]:
+def world_file_paths(scene: Scene) -> dict[str, Path | None]:
     """What `[world]` names, as it stands in the scene file."""
     return {"points": scene.world.points if scene.world else None, "positions": scene.world.positions if scene.world else None}
 

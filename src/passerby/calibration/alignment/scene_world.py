@@ -14,7 +14,7 @@ from passerby.findings.finding import Finding, notice
 from passerby.interchange.world_files import read_known_points, read_known_positions
 from passerby.scene.scene import Scene
 from passerby.scene.tables import WorldTable
-from passerby.scene.world_files import _files
+from passerby.scene.world_files import world_file_paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def align_to_scene(scene: Scene, solution: Solution) -> AlignedSolution:
     table = scene.world
     if table is None or not len(solution.rig.posed()):
         return AlignedSolution(solution.rig, solution.figures)
-    paths = {key: None if path is None else scene.resolve(path) for key, path in _files(scene).items()}
+    paths = {key: None if path is None else scene.resolve(path) for key, path in world_file_paths(scene).items()}
     wanted = table.model_copy(update=paths)
     place = f"{scene.place}: [world]"
     try:

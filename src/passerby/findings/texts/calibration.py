@@ -85,7 +85,7 @@ CALIBRATION: Mapping[str, Kind] = {
         "all people walk on one straight line of {length_m:.1f} m", _ALL_OVER,
     ),
     "people_missed": Kind(
-        DOUBT, "Most of the people whom the camera sees are missing where the second camera should see them.",
+        DOUBT, "Most people seen by the camera are missing where the second camera should see them.",
         "of the people whom {camera} sees where {second} should see them too, {found:.0%} are there, and {by_chance:.0%} "
         "would be "
         "by chance",

@@ -83,7 +83,7 @@ INPUT_FILES: Mapping[str, Kind] = {
         f'set keypoints = "{v["network"]}"',
     ),
     "identity_unseen": Kind(
-        NOTICE, "The scene file states the height of somebody whom no camera sees.",
+        NOTICE, "The scene file states the height of a person that no camera sees.",
         "[[scale.people]]: identity {identity} is seen by no camera; its height says nothing",
     ),
     "focal_guessed": Kind(

@@ -26,7 +26,7 @@ SOLVER: Mapping[str, Kind] = {
         advice="record more people who walk where the views overlap",
     ),
     "no_pair_fits": Kind(
-        REFUSAL, "In no two cameras do the sightings of the same people fit one relative pose.",
+        REFUSAL, "No two cameras have observations of the same people that fit one relative pose.",
         "no two cameras share {least} sightings of the same people that fit one motion",
         "check the identities and the intrinsics, or record more people where the views overlap",
     ),
@@ -67,7 +67,7 @@ SOLVER: Mapping[str, Kind] = {
         "record more people, seen from head to feet, in the view that it shares with them",
     ),
     "few_observations": Kind(
-        DOUBT, "Few sightings agree with the camera's pose.",
+        DOUBT, "Few observations agree with the camera's pose.",
         "camera {camera} rests on {agreeing} sightings only", "record more people in its view",
     ),
     "camera_disagrees_at_times": Kind(
