@@ -146,6 +146,11 @@ main()
 """The program `passerby`, without the lines that tell how far a run is after half a minute of wall time."""
 
 
+def kept_files(out):
+    """How many files a run that still goes on has kept; a folder may vanish while it is looked at, which `rglob` cannot bear."""
+    return sum(name.endswith((".npz", ".txt")) for _, _, names in os.walk(out) for name in names)
+
+
 def stopped_after(scene, out, files, sign, group=False):
     """Run the program with its processes, until it has kept so many files; all of it has ended then."""
     arguments = [sys.executable, "-c", QUIET, "calibrate", str(scene), "-o", str(out)]
@@ -153,7 +158,7 @@ def stopped_after(scene, out, files, sign, group=False):
         arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as run:
         try:
-            while run.poll() is None and sum(1 for path in out.rglob("*") if path.suffix in (".npz", ".txt")) < files:
+            while run.poll() is None and kept_files(out) < files:
                 time.sleep(0.01)
             if run.poll() is None:
                 (os.killpg if group else os.kill)(run.pid, sign)
