@@ -50,6 +50,9 @@ class Lens:
     focal_sd: float | None = None
     """One standard deviation of both focal lengths, as a share of them, where they are a guess. None: they are taken to be
     right."""
+    uncalibrated: bool = False
+    """Whether only the image size is known, and perhaps the focal length as `focal_sd` says: the principal point is taken to be
+    the image centre and the distortion to be 0 until people tell more."""
 
     def __post_init__(self) -> None:
         if self.focal_sd is not None and not 0 < self.focal_sd <= LARGEST_FOCAL_SD:

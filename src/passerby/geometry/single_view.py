@@ -7,6 +7,7 @@ must project onto the box's top. Three unknowns, two residuals a box.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,11 +103,53 @@ def level_camera(
     return Level(up, height, residual)
 
 
-class _Fit:
-    """Residuals of one camera's people, as shares of their extent."""
+def level_by_heights(
+    top: Floats, bottom: Floats, top_tangent: Floats, extent_px: Floats, body_m: Floats, foot_m: Floats,
+    start: Level | None = None,
+) -> Level | None:  # fmt: skip
+    """The level by how tall people seem alone, whatever way they lean in the picture.
 
-    def __init__(self, top: Floats, bottom: Floats, tangent: Floats, body_m: Floats, foot_m: Floats) -> None:
+    A box is upright whatever the lens: the middles of its upper and lower edge say nothing of where the vertical vanishes, and
+    would draw an unknown focal length to infinity. Arguments as of `level_camera`.
+
+    Args:
+        top: (N, 3) rays to the people's highest points, camera frame.
+        bottom: (N, 3) rays to their lowest points.
+        top_tangent: (N, 2, 3) of the top rays.
+        extent_px: (N,) extent in the picture.
+        body_m: (N,) expected distance of the two points, metres.
+        foot_m: (N,) expected height of the lowest point, metres.
+        start: where to begin; all over when None.
+
+    Returns:
+        The level, or None where fewer than eight people can be used or most feet are above any horizon.
+    """
+    if len(top) < MIN_PEOPLE:
+        return None
+    fit = _Fit(top, bottom, top_tangent / extent_px[:, None, None], body_m, foot_m, upright=True)
+    starts = [] if start is None else [(0.0, start.up, start.height)]
+    if start is None:
+        for pitch, roll in itertools.product(_PITCHES, _ROLLS):
+            up = Rotation.from_euler("z", roll).apply(np.array([0.0, -np.cos(pitch), -np.sin(pitch)]))
+            height = fit.height_given_up(up)
+            if height is not None:
+                starts.append((fit.cost(up, height), up, height))
+        starts.sort(key=lambda one: one[0])
+    if not starts:
+        return None
+    _, up, height = min((fit.refine(up, height) for _, up, height in starts[:4]), key=lambda found: found[0])
+    return Level(up, height, float(np.median(np.linalg.norm(fit.residual(up, height), axis=1))))
+
+
+class _Fit:
+    """Residuals of one camera's people, as shares of their extent; `upright` leaves those across the picture out."""
+
+    def __init__(
+        self, top: Floats, bottom: Floats, tangent: Floats, body_m: Floats, foot_m: Floats, *, upright: bool = False
+    ) -> None:
         self.top, self.bottom, self.tangent, self.body_m, self.foot_m = top, bottom, tangent, body_m, foot_m
+        if upright:
+            self.tangent = np.concatenate([np.zeros_like(tangent[:, :1]), tangent[:, 1:]], axis=1)
 
     def residual(self, up: Floats, height: float) -> Floats:
         """(N, 2) misfit of the predicted highest points; large for feet above the horizon."""

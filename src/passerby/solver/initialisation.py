@@ -23,6 +23,7 @@ from passerby.people.model import Noise, Priors
 from passerby.people.standing import standing_instants
 from passerby.solver.cues import cue_rows, expected_heights, initial_scale, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
+from passerby.solver.focal_search import needs_search, search_focals
 from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensPart, LensUnknowns
 from passerby.solver.optimizer.least_squares import Result, Stopping
@@ -54,6 +55,8 @@ _GROWTH, _MORE_ROUNDS = 1.15, 4
 _LENS_ROUNDS = 6
 # A first guess that was made with lenses farther off than this is made anew.
 _MISLEADING_FOCAL, _MISLEADING_PX = 0.05, 30.0
+# The same of lenses that were searched for, which are that far off as a rule, and of which all else is unknown.
+_MISLEADING_SEARCHED = 0.25
 # What boxes are off by alike makes priors of the lenses count more by this at most.
 _MOST_EXCESS = 30.0
 # A coarse descent stops here; the optimum needs more evidence anyhow.
@@ -129,6 +132,7 @@ class Initialisation:
         the lenses differ from the stated ones, as far as that is known; nothing when None.
         """
         unknowns = LensUnknowns(options.refine_lens)
+        searched = lens is None and "distortion" in unknowns.parts and needs_search(stated)
         lens = np.zeros((len(stated), unknowns.size)) if lens is None else lens
         rig = unknowns.rig(stated, lens)
         evidence = gather_evidence(
@@ -137,6 +141,10 @@ class Initialisation:
         )  # fmt: skip
         mean, sd = expected_heights(cues, evidence.identities)
         person_height_m = float(np.median(mean)) if len(mean) else cues.population.mean_m
+        if searched:
+            rig = search_focals(evidence, stated, unknowns, person_height_m, rng)
+            evidence = _with_rays_of(rig, stated, evidence, unknowns)
+            stated = rig
         levels = [level_of(evidence, c, person_height_m, rng) for c in range(len(rig))]
         focal = np.array([camera.lens.focal for camera in rig])
         hypotheses = pair_hypotheses(evidence, levels, focal, person_height_m, rng)
@@ -144,6 +152,14 @@ class Initialisation:
         lens_core = unknowns.first_core(stated) if unknowns.parts else None
         knowledge = PriorKnowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_core)
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
+
+    def with_free(self, *parts: LensPart) -> Initialisation:
+        """The same with lenses of which only these parts are free, where lenses were never calibrated: from a rough rig all
+        that is free goes astray together.
+        """
+        if "distortion" not in self.unknowns.parts:
+            return self
+        return replace(self, knowledge=replace(self.knowledge, lens_core=self.unknowns.core(self.stated, free=parts)))
 
     def weighed(self, model: AdjustmentProblem, result: Result[AdjustmentState]) -> Initialisation:
         """The same with priors of the lenses that count as much more as the sightings of an optimum follow one another."""
@@ -159,6 +175,8 @@ class Initialisation:
         """Whether the lenses differ too little from those of `other` to mislead a first guess."""
         change = other.lens - self.lens
         focal, point = change[:, self.unknowns.columns_of("focal")], change[:, self.unknowns.columns_of("principal_point")]
+        if "distortion" in self.unknowns.parts:
+            return bool((np.abs(focal) < _MISLEADING_SEARCHED).all())
         return bool((np.abs(focal) < _MISLEADING_FOCAL).all() and (np.abs(point) < _MISLEADING_PX).all())
 
     def with_lenses(self, lens: Floats) -> Initialisation:
@@ -200,6 +218,13 @@ class Fit:
     rounds: tuple[AdjustmentRound, ...] = ()
 
 
+def _with_rays_of(rig: Rig, stated: Rig, evidence: Evidence, unknowns: LensUnknowns) -> Evidence:
+    """The evidence with the rays of other lenses than it was gathered with."""
+    pixels = np.zeros((len(stated), unknowns.size))
+    seen, joints = unknowns.sightings(evidence.sightings, stated, pixels), unknowns.points(evidence.joints, stated, pixels)
+    return replace(evidence, sightings=unknowns.sightings(seen, rig, pixels), joints=unknowns.points(joints, rig, pixels))
+
+
 def level_of(evidence: Evidence, camera: int, person_height_m: float, rng: np.random.Generator) -> Level | None:
     """The vertical and the height of one camera from its own people of that height, metres; None where there are too few."""
     s = evidence.sightings.take(evidence.sightings.camera == camera)
@@ -213,6 +238,7 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
     blocks = np.sort(rng.permutation(len(start.evidence.person))[: options.coarse_people])
     joints = np.sort(rng.permutation(start.evidence.n_joints)[: options.coarse_joints])
     found = []
+    start = start.with_free()
     for name, tree in spanning_trees(start.hypotheses, range(n), n):
         poses = gravity_aligned(poses_of_tree(tree, 0), start.levels)
         R, centre = np.array([poses[c].R_cw for c in range(n)]), np.array([poses[c].centre for c in range(n)])
@@ -263,6 +289,8 @@ def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOpti
         part = number == 0 and not last
         blocks = np.sort(rng.permutation(len(evidence.person))[: options.learning_people]) if part else None
         joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
+        if number == 0:
+            start = start.with_free("focal")
         model = build_problem(
             start.evidence, state, noise, start.knowledge, share=share, blocks=blocks, joints=joints, stance=stance,
             whole=whole, rename=number > 0,

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
 from passerby.solver.lens_columns import (
-    by_distortion,
     by_focal,
     by_principal_point,
     lens_columns,
@@ -24,6 +23,7 @@ from passerby.solver.lens_columns import (
     widened_layout,
 )
 from passerby.solver.lens_sigmas import BOXES_MISLEAD, by_boxes
+from passerby.solver.lens_unknowns import by_distortion
 from passerby.solver.optimizer.least_squares import NormalEquations
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem

@@ -34,16 +34,6 @@ def by_principal_point(lens: Lens, rays: Floats) -> Floats:
     return np.broadcast_to(np.eye(2), (len(rays), 2, 2))
 
 
-def by_distortion(lens: Lens, rays: Floats) -> Floats:
-    """(M, 2, 1) by the first coefficient, radial in all models."""
-    few = np.zeros(max(len(lens.distortions), 4))
-    few[: len(lens.distortions)] = lens.distortions
-    step = np.zeros_like(few)
-    step[0] = 1e-4
-    ends = [replace(lens, distortions=few + sign * step).project_rays(rays) for sign in (1, -1)]
-    return np.asarray((ends[0] - ends[1]) / 2e-4)[:, :, None]
-
-
 def lens_columns(rig: Rig, problem: PeopleProblem, state: AdjustmentState, by: Derivative) -> dict[str, Floats]:
     """Whitened derivatives of the residuals by u numbers of the own camera's lens, (M, k, u) for each kind of residual.
 

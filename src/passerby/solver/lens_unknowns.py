@@ -1,7 +1,9 @@
 """Lenses that are refined: their unknowns, how pixels follow them, and rays made anew where they have moved.
 
 The unknowns of a camera, in this order: "focal", the logarithm of the factor on both focal lengths; "principal_point", its two
-coordinates' changes in pixels. Distortions stay as stated: they are shares of the focal length, so that they grow with it.
+coordinates' changes in pixels; "distortion", the change of the first coefficient, which is radial in all models. Distortions
+are shares of the focal length, so that they grow with it. The distortion is unknown together with all the rest only, of lenses
+that were never calibrated (`Lens.uncalibrated`); lenses that were are held then.
 
 The adjustment works on rays that were made with a lens. Where that lens is moved by a little, each point's pixel moves by
 `columns @ change`, which is added to its residual; where it was moved far, rays are made anew with the lens found. Rounds of
@@ -10,8 +12,9 @@ both end at the optimum of poses and lenses together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -21,8 +24,9 @@ from passerby.core.cameras import Lens, Rig
 from passerby.geometry.reprojection import PointObservations
 from passerby.solver.people_state import UprightObservations
 
-LensPart = Literal["focal", "principal_point"]
+LensPart = Literal["focal", "principal_point", "distortion"]
 LENS_PARTS: tuple[LensPart, ...] = get_args(LensPart)
+_SIZES: Mapping[LensPart, int] = MappingProxyType({"focal": 1, "principal_point": 2, "distortion": 1})
 
 FOCAL_CORE = 0.005
 """Half of the stated focal lengths are right within this share; the others, from data sheets or of zooms that were moved, may
@@ -32,11 +36,17 @@ PRINCIPAL_POINT_CORE = 0.0025
 NORMAL_HALF = 0.6745
 """Half of normal deviates lie within so many standard deviations: a stated `focal_sd` becomes the scale of a Cauchy
 distribution that has as much of itself there, since who guesses a sigma may be wrong about it."""
-FAR_FOCAL, FAR_PRINCIPAL_POINT = 0.10, 0.02
-"""What a lens that was never calibrated is off by, one sigma: the same shares."""
+FAR_FOCAL, FAR_PRINCIPAL_POINT, FAR_DISTORTION = 0.10, 0.02, 0.15
+"""What a lens that was never calibrated is off by, one sigma: the same shares, and the first distortion coefficient."""
+
+UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION = 0.007, 0.1
+"""Half of lenses that were never calibrated are right within this: the principal point about the image centre, as a share of
+the width, and the first distortion coefficient about 0."""
+HELD = 1e-5
+"""The same of calibrated lenses beside lenses that were not: shares of the focal length and of the width, and the coefficient."""
 
 # Rays are made anew until the lenses move by no more than this: what the linear columns leave over is half of its square.
-SETTLED_FOCAL, SETTLED_PX = 1e-3, 0.5
+SETTLED_FOCAL, SETTLED_PX, SETTLED_DISTORTION = 1e-3, 0.5, 2e-3
 
 
 @dataclass(frozen=True)
@@ -51,35 +61,54 @@ class LensUnknowns:
     @property
     def size(self) -> int:
         """L, the number of a camera's unknowns."""
-        return sum(2 if part == "principal_point" else 1 for part in self.parts)
+        return sum(_SIZES[part] for part in self.parts)
 
     def columns_of(self, part: LensPart) -> slice:
         """Where the unknowns of a part stand; empty where it is not refined."""
         if part not in self.parts:
             return slice(0, 0)
-        first = 1 if part == "principal_point" and "focal" in self.parts else 0
-        return slice(first, first + (2 if part == "principal_point" else 1))
+        first = sum(_SIZES[other] for other in self.parts[: self.parts.index(part)])
+        return slice(first, first + _SIZES[part])
 
-    def core(self, rig: Rig) -> Floats:
-        """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions."""
-        return self._shares(rig, [_stated(camera.lens, FOCAL_CORE) for camera in rig], PRINCIPAL_POINT_CORE)
+    def core(self, rig: Rig, free: Sequence[LensPart] = LENS_PARTS) -> Floats:
+        """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions; parts that are not
+        `free` are held.
+        """
+        out = self._scales(rig, [_stated(camera.lens, FOCAL_CORE) for camera in rig], PRINCIPAL_POINT_CORE)
+        held = self._shares(rig, [HELD] * len(rig), HELD, HELD)
+        for part in self.parts:
+            if part not in free:
+                out[:, self.columns_of(part)] = held[:, self.columns_of(part)]
+        return out
 
     def first_core(self, rig: Rig) -> Floats:
         """(C, L) the same for first rounds, which let every focal length go where people want it: from there a wrong one stays
         and a right one comes back, whereas a wrong one that begins at what is stated may stick to it.
         """
-        return self._shares(rig, [max(FAR_FOCAL, _stated(camera.lens, 0.0)) for camera in rig], PRINCIPAL_POINT_CORE)
+        return self._scales(rig, [max(FAR_FOCAL, _stated(camera.lens, 0.0)) for camera in rig], PRINCIPAL_POINT_CORE)
 
     def uncalibrated_sd(self, rig: Rig) -> Floats:
         """(C, L) what lenses that were never calibrated are off by, one sigma."""
-        return self._shares(rig, [max(FAR_FOCAL, camera.lens.focal_sd or 0.0) for camera in rig], FAR_PRINCIPAL_POINT)
+        focal = [max(FAR_FOCAL, camera.lens.focal_sd or 0.0) for camera in rig]
+        return self._shares(rig, focal, FAR_PRINCIPAL_POINT, FAR_DISTORTION)
 
-    def _shares(self, rig: Rig, focal: Sequence[float], principal_point: float) -> Floats:
-        """(C, L) a share of the focal length, as a logarithm, and a share of the picture's width in pixels."""
+    def _scales(self, rig: Rig, focal: Sequence[float], principal_point: float) -> Floats:
+        """(C, L) scales of stated lenses; beside lenses that were never calibrated the others are held."""
+        out = self._shares(rig, focal, principal_point, UNKNOWN_DISTORTION)
+        if "distortion" not in self.parts:
+            return out
+        unknown = np.array([camera.lens.uncalibrated for camera in rig])
+        free = self._shares(rig, focal, UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION)
+        held = self._shares(rig, [HELD] * len(rig), HELD, HELD)
+        return np.where(unknown[:, None], free, held)
+
+    def _shares(self, rig: Rig, focal: Sequence[float], principal_point: float, distortion: float) -> Floats:
+        """(C, L) a share of the focal length, as a logarithm, a share of the picture's width in pixels, and a coefficient."""
         out = np.zeros((len(rig), self.size))
         out[:, self.columns_of("focal")] = np.array(focal)[:, None]
         width = np.array([camera.lens.size[0] for camera in rig], dtype=np.float64)
         out[:, self.columns_of("principal_point")] = principal_point * width[:, None]
+        out[:, self.columns_of("distortion")] = distortion
         return out
 
     def moved(self, lens: Lens, change: Floats) -> Lens:
@@ -88,7 +117,12 @@ class LensUnknowns:
         matrix[:2, :2] *= np.exp(np.sum(change[self.columns_of("focal")]))
         if "principal_point" in self.parts:
             matrix[:2, 2] += change[self.columns_of("principal_point")]
-        return replace(lens, matrix=matrix)
+        if "distortion" not in self.parts:
+            return replace(lens, matrix=matrix)
+        distortions = np.zeros(max(len(lens.distortions), 4))
+        distortions[: len(lens.distortions)] = lens.distortions
+        distortions[0] += np.sum(change[self.columns_of("distortion")])
+        return replace(lens, matrix=matrix, distortions=distortions)
 
     def rig(self, rig: Rig, change: Floats) -> Rig:
         """The rig with every lens moved by its row of (C, L)."""
@@ -98,17 +132,25 @@ class LensUnknowns:
         return replace(rig, cameras=tuple(cameras))
 
     def by_pixel(self, lens: Lens, pixels: Floats) -> Floats:
-        """(M, 2, L) how the pixels (M, 2) of fixed rays move with the unknowns: exact for every lens with a linear matrix."""
+        """(M, 2, L) how the pixels (M, 2) of fixed rays move with the unknowns: exact for every lens with a linear matrix, but for
+        the distortion, whose derivative it is.
+        """
         out = np.zeros((len(pixels), 2, self.size))
         out[:, :, self.columns_of("focal")] = (pixels - lens.matrix[:2, 2])[:, :, None]
         if "principal_point" in self.parts:
             out[:, :, self.columns_of("principal_point")] = np.eye(2)
+        if "distortion" in self.parts:
+            rays = np.nan_to_num(lens.bearings(pixels), nan=0.0)
+            rays[~rays.any(axis=1)] = (0.0, 0.0, 1.0)
+            out[:, :, self.columns_of("distortion")] = by_distortion(lens, rays)
         return out
 
     def settled(self, change: Floats) -> bool:
         """Whether lenses that moved by (C, L) since the rays were made need no others."""
-        focal, point = change[:, self.columns_of("focal")], change[:, self.columns_of("principal_point")]
-        return bool((np.abs(focal) < SETTLED_FOCAL).all() and (np.abs(point) < SETTLED_PX).all())
+        limits: tuple[tuple[LensPart, float], ...] = (
+            ("focal", SETTLED_FOCAL), ("principal_point", SETTLED_PX), ("distortion", SETTLED_DISTORTION)
+        )  # fmt: skip
+        return all(bool((np.abs(change[:, self.columns_of(part)]) < limit).all()) for part, limit in limits)
 
     def sightings(self, s: UprightObservations, rig: Rig, change: Floats) -> UprightObservations:
         """Sightings with the rays and derivatives of the lenses that `change` (C, L) makes of the stated ones in `rig`.
@@ -159,6 +201,16 @@ class LensUnknowns:
             own = camera == c
             out[own] = self.by_pixel(lens, pixels[own].reshape(-1, 2)).reshape(*pixels[own].shape, self.size)
         return out
+
+
+def by_distortion(lens: Lens, rays: Floats) -> Floats:
+    """(M, 2, 1) by the first coefficient, radial in all models."""
+    few = np.zeros(max(len(lens.distortions), 4))
+    few[: len(lens.distortions)] = lens.distortions
+    step = np.zeros_like(few)
+    step[0] = 1e-4
+    ends = [replace(lens, distortions=few + sign * step).project_rays(rays) for sign in (1, -1)]
+    return np.asarray((ends[0] - ends[1]) / 2e-4)[:, :, None]
 
 
 def _stated(lens: Lens, otherwise: float) -> float:

@@ -88,6 +88,8 @@ def solve_people(
     focals, shapes = check_focals(*seen), check_shapes(*seen)
     if "focal" in start.unknowns.parts:  # where they would go, they went
         focals = [replace(check, change=0.0, against_others=0.0) for check in focals]
+    if "distortion" in start.unknowns.parts:
+        shapes = []
     posed = _placed(start.rig, fit.result.state, covariance)
     posed = _with_refined_sigmas(posed, lenses)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
