@@ -167,12 +167,12 @@ def _part(cases: Mapping[str, Chunk | Disturbed], results: Mapping[str, Mapping[
     writers = [(name, str(counts["kill"]), str(counts["full"])) for name, counts in by_writer.items()]
     text = "\n\n".join(
         [
-            "A fault is survived if what lies in the folder afterwards is all old or all new, the program says in one line "
-            "what is wrong (unless it was killed), and the same command on a sound machine gives the very bytes of a run "
-            "that nothing disturbed.",
+            "A fault is survived if all of these hold: the files in the folder are afterwards all old or all new; the program "
+            "says in one line what is wrong (unless it was killed); and the same command on a sound machine gives the same "
+            "bytes as an undisturbed run.",
             table(("fault", "injected", "survived"), kinds),
-            "The first two, by command: a fault at each creation, renaming and deletion of a file and at each fsync (videos "
-            "and report: at some of them).",
+            "The first two faults by command: they occur at each creation, renaming and deletion of a file and at each fsync "
+            "(videos and report: at some of them).",
             table(("command", "killed", "disk full"), writers),
             *(["Not survived:", "\n".join(wrong)] if wrong else []),
         ]

@@ -13,9 +13,9 @@ from reliability.runs import code_digest
 
 HEAD = """# Reliability
 
-What Passerby says of itself, held against the truth: are its sigmas as large as its errors, does its verdict let a wrong rig
-pass, does the monitor see a camera that moved and keep silent otherwise, and does anything that a file or a machine does lose
-finished work or give a silent wrong answer?
+This page compares Passerby's own statements with the truth. Do its sigmas match its errors? Does its verdict accept a wrong
+rig? Does the monitor detect a camera that moved, without false alarms? Can a damaged file or a fault of the machine destroy
+finished work or cause a wrong answer without a warning?
 """
 
 
@@ -56,7 +56,7 @@ def page(names: Sequence[str], folder: Path) -> Page:
             rows.append((name, "not run", "", ""))
             continue
         content = json.loads(path.read_text(encoding="utf-8"))
-        notes = ["\n*A quick run: a few cases, too few to judge by.*\n"] if content["quick"] else []
+        notes = ["\n*A quick run: a few cases, too few for conclusions.*\n"] if content["quick"] else []
         if content["code"] != code_digest():
             notes.append("\n*Run on an earlier state of the code than the newest part of this page.*\n")
         rows += [
