@@ -132,7 +132,7 @@ def test_joints_alone_from_arrays(made):
         ({"boxes": {"C1": np.zeros((3, 4))}}, "boxes of camera C1 have the shape (3, 4): give rows of frame, id"),
         ({"boxes": {"C1": [["a"] * 6]}}, "boxes of camera C1 are no numbers"),
         ({"boxes": {"C1": [[1, 1, 0, 0, -5, 9]]}}, "boxes of camera C1: box of frame 1, identity 1 has width and height"),
-        ({"boxes": {"C1": [[1, 1, 0, 0, 5, 9]] * 2}}, "boxes: camera C1: 1 of 2 rows stand for somebody who has another row"),
+        ({"boxes": {"C1": [[1, 1, 0, 0, 5, 9]] * 2}}, "boxes: camera C1: 1 of 2 rows repeat an identity that has another row"),
         ({"fps": {"C9": 5.0}}, "fps: camera C9 has no lens"),
         ({"fps": -1.0}, "scene scene: [scene] fps"),
         ({"association": {"mode": "givn"}}, "scene scene: [association] mode is 'givn'"),

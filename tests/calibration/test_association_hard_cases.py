@@ -193,7 +193,7 @@ def test_ids_that_change_from_frame_to_frame_are_detections(tmp_path):
     calibration = passerby.calibrate(path)
     assert calibration.verdict == "accepted", calibration.reasons
     assert_near_truth(calibration, simulated.rig)
-    one_sentence(calibration.findings, "camera C3", "taken as detections")
+    one_sentence(calibration.findings, "camera C3", "treated as detections")
 
 
 def test_ids_that_change_person_and_false_boxes(tmp_path):

@@ -234,7 +234,7 @@ max_offset_s = 0""")  # fmt: skip
     told = json.loads(capsys.readouterr().out)
     assert [camera["registered"] for camera in told["cameras"]] == [True, True, False]
     assert any(
-        "camera C3 saw nobody: nobody was found in its video, it cannot be calibrated" in note for note in told["findings"]
+        "camera C3 saw nobody: nobody was detected in its video, so it cannot be calibrated" in note for note in told["findings"]
     )
 
 
@@ -247,7 +247,7 @@ def test_rows_that_a_codec_cuts_off_are_a_note(scene, tmp_path, capsys, rows):
     if rows == 8:
         assert status == 0
         assert "note: " in out
-        assert "bad.mp4: camera C1: its pictures are 360 x 280, the lens's 360 x 288: the last columns or rows are taken" in out
+        assert "bad.mp4: camera C1: its video frames are 360 x 280, the image size of its intrinsics is 360 x 288: the codec is assumed" in out
     else:
         assert status == BAD
         assert "360 x 272" in errors
@@ -306,7 +306,7 @@ def test_check_tells_what_is_to_be_fetched(scene, tmp_path, capsys, monkeypatch)
     out = capsys.readouterr().out
     assert "from the videos: people by yolox-nano\n" in out
     assert (
-        "note: yolox-nano is not on this computer: `passerby models fetch` gets it, and so does calibrating; background" in out
+        "note: yolox-nano is not on this computer: `passerby models fetch` gets it, and so does `passerby calibrate`; background" in out
     )
 
 

@@ -50,7 +50,7 @@ def test_scene_of_boxes_and_scene_of_videos(sequence, tmp_path, capsys):
     assert videos["cameras"]["c1"]["video"] == str(sequence / "terrace1-c1.avi")
     # The videos of the tests last a second: they are sound, but nobody can be followed in them.
     assert run(["check", str(tmp_path / "scene" / "videos.toml")]) == 3
-    assert "too short to tell cameras by how people walk" in capsys.readouterr().err
+    assert "too short to register cameras by how people walk" in capsys.readouterr().err
     with (tmp_path / "scene" / "ground_positions.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["frame", "id", "x_m", "y_m"]
@@ -63,7 +63,7 @@ def test_pictures_are_filmed_where_identities_are_to_be_found(tmp_path, capsys):
     scene = tmp_path / "scene"
     assert run(["dataset", "pets2009", str(recording), "-o", str(scene)]) == 0
     assert run(["check", str(scene / "scene.toml")]) == 3
-    assert "too short to tell cameras by how people walk" in capsys.readouterr().err
+    assert "too short to register cameras by how people walk" in capsys.readouterr().err
     reader = VideoReader(scene / "videos" / "View_003.mp4")
     levels = [float(frame.picture.mean()) for frame in reader]
     assert reader.info.average_fps == 7.0

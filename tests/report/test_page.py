@@ -81,7 +81,7 @@ def test_a_doubtful_one_tells_what_is_wrong_and_what_to_do(calibrated):
     told = changed(contents, verdict="doubtful", **diagnosed(doubt("few_observations", "C2", agreeing=3)))
     summary = Page(report_page(told)).sections["summary"]
     assert "Doubtful" in summary
-    assert "Camera C2 rests on 3 sightings only." in summary
+    assert "Camera C2 has only 3 supporting observations." in summary
     assert "Record more people in its view." in summary
 
 
@@ -131,7 +131,7 @@ def test_a_camera_without_a_pose_is_told_with_its_reason(calibrated):
     rig = replace(contents.rig, cameras=tuple(lost if one.name == "C3" else one for one in contents.rig))
     told = changed(contents, verdict="doubtful", **diagnosed(doubt("cameras_share_nobody", "C3", main=["C1"], given=True)))
     page = Page(report_page(replace(told, rig=rig)))
-    assert "no pose: Camera C3 shares nobody with C1." in page.sections["cameras"]
+    assert "no pose: Camera C3 shares no people with C1." in page.sections["cameras"]
     assert "3 of 4" in page.sections["summary"]
     assert [row["x m"] == "" for row in page.rows("cameras-table")] == [False, False, True, False]
 

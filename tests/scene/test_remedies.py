@@ -222,12 +222,12 @@ def test_check_tells_that_videos_are_too_short(brief: Path, tmp_path: Path, monk
     (lack,) = report.lacks
     assert report.exit_status == 3
     assert lack == (
-        f"{brief}: what cameras C1 (1.7 s), C2 (1.7 s) recorded is too short to tell cameras by how people walk, which "
+        f"{brief}: the recordings of cameras C1 (1.7 s), C2 (1.7 s) are too short to register cameras by how people walk, which "
         f"takes more than {SHORTEST_S:g} s: record longer"
     )
     put_model(tmp_path, monkeypatch)
     (lack,) = check_scene(brief).lacks
-    assert lack.endswith(': record longer, or go by the joints of people: under [perception] set keypoints = "joints"')
+    assert lack.endswith(': record longer, or use keypoints: under [perception] set keypoints = "joints"')
 
 
 def test_long_videos_and_known_identities_are_not_too_short(brief: Path) -> None:

@@ -97,7 +97,7 @@ def test_the_table_names_a_wrong_point(out, tmp_path, capsys):
     path.write_text("\n".join(lines) + "\n")
     assert run(["align", str(out), "-o", str(tmp_path / "a.toml"), "--points", str(path)]) == 0
     said = capsys.readouterr()
-    assert f"note: point p2 in camera {camera} is off by" in said.err
+    assert f"note: point p2 in camera {camera} has a residual of" in said.err
     row = next(cells for line in said.out.splitlines() if (cells := line.split())[:2] == ["p2", camera])
     assert row[-1] == "no"
     assert "heading known to" in said.out
@@ -296,7 +296,7 @@ def test_a_frame_that_cannot_be_set_is_told(made, tmp_path):
     kept = calibrate(world_scene(made, tmp_path, '\n[world]\npositions = "near.csv"\n'))
     assert kept.accepted
     assert len(kept.findings) == 1
-    assert "[world]: the rig stays in its own frame, since the positions fix " in kept.findings[0]
+    assert "[world]: the rig stays in its own frame: the positions fix " in kept.findings[0]
     assert kept.rig["C1"].centre[:2] == pytest.approx((0, 0), abs=1e-9)
     assert "world" not in kept.to_dict()
 
