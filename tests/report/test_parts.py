@@ -106,7 +106,7 @@ def test_a_path_keeps_its_spelling(path):
 
 @pytest.mark.parametrize(
     ("mode", "used", "label"),
-    [("given", True, "people it rests on"), ("combined", True, "tracks it rests on"), ("combined", False, "tracks of people")],
+    [("given", True, "people used"), ("combined", True, "tracks used"), ("combined", False, "tracks")],
 )
 def test_tracks_are_not_called_people(mode, used, label):
     """Who is found by how people move is one person in several pieces: 51 of these were 14 people."""

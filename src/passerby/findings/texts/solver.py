@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 from passerby.findings.texts.kinds import DOUBT, REFUSAL, Fields, Kind
 
-_NAMES = {"vertical": "up direction"}
+PART_NAMES = {"vertical": "up direction"}
+"""Words for the parts of the world that can be undetermined, where they are others."""
 
 
 def _undetermined(v: Fields) -> str:
     lacks = v["lacks"]
-    named = [f"the {_NAMES.get(one, one)}" for one in lacks]
+    named = [f"the {PART_NAMES.get(one, one)}" for one in lacks]
     what = " and ".join(filter(None, (", ".join(named[:-1]), named[-1])))
     return f"nothing fixes {what}"
 
@@ -85,7 +86,7 @@ SOLVER: Mapping[str, Kind] = {
     "camera_uncertain": Kind(
         DOUBT, "The camera's pose is uncertain, within the rig.",
         "the pose of camera {camera} is uncertain by {position_mm:.0f} mm and {orientation_deg:.1f} degrees (1 sigma)",
-        "record longer, or people nearer to it and in more places",
+        "record longer, or people nearer to it and at more positions",
     ),
     "vertical_uncertain": Kind(
         DOUBT, "The up direction is uncertain.",
