@@ -145,7 +145,7 @@ def test_joints_alone_make_a_scene(tmp_path):
 
 
 def test_one_camera_with_people_is_too_few(tmp_path):
-    with pytest.raises(InputError, match="tells of people in 1 camera of 2"):
+    with pytest.raises(InputError, match="has people in 1 camera of 2"):
         scene_folder.write_scene_folder(two_cameras(boxes={"a": some_boxes(1)}), tmp_path / "scene", tmp_path / "set")
     assert not (tmp_path / "scene").exists()
 
@@ -153,7 +153,7 @@ def test_one_camera_with_people_is_too_few(tmp_path):
 def test_pictures_with_gaps_are_not_filmed(tmp_path):
     pictures = dict.fromkeys("ab", (tmp_path / "1.png", tmp_path / "3.png"))
     made = two_cameras(pictures=pictures, picture_frames={"a": (1, 3), "b": (1, 3)})
-    with pytest.raises(InputError, match="No video is made of the pictures of a: they do not go from frame 1 on without a gap"):
+    with pytest.raises(InputError, match="No video is made of the images of a: they do not go from frame 1 on without a gap"):
         scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")
     assert made.frames_of_pictures("a") == (1, 3)
 
