@@ -201,10 +201,10 @@ def align(
         raise InputError("give one of camera, points, positions")
     if camera is not None:
         if scale or tilt:
-            raise InputError("scale and tilt need points or positions: a camera tells neither")
+            raise InputError("scale and tilt need points or positions: a camera determines neither")
         return align_to_camera(_rig(rig), camera, towards)
     if towards is not None:
-        raise InputError("towards goes with camera")
+        raise InputError("towards needs camera")
     if points is not None:
         known = read_known_points(points) if isinstance(points, str | Path) else points
         return align_to_points(_rig(rig), known, with_scale=scale, tilt=tilt)

@@ -291,7 +291,7 @@ def test_too_little_is_told():
         align_to_points(rig, one)
     with pytest.raises(EvidenceError, match="1 camera with a known position cannot fix the heading"):
         align_to_positions(rig, positions_in(rig)[:1])
-    with pytest.raises(EvidenceError, match="2 points cannot fix the vertical: give 3 or more"):
+    with pytest.raises(EvidenceError, match="2 points cannot fix the up direction: give 3 or more"):
         align_to_points(rig, points_in(rig, 2, rng), tilt=True)
     spot = [KnownPoint(name, one[0].xyz, one[0].pixels) for name in "ab"]
     with pytest.raises(EvidenceError, match="lie within 0 mm"):
@@ -323,14 +323,14 @@ def test_cameras_without_a_pose_are_left_out_and_told():
         align_to_points(rig, [KnownPoint("a", np.zeros(3), {"C4": (5.0, 5.0)})])
     with pytest.raises(InputError, match="no camera C9"):
         align_to_points(rig, [KnownPoint("a", np.zeros(3), {"C9": (5.0, 5.0)})])
-    with pytest.raises(InputError, match="outside its 1280 x 720 picture"):
+    with pytest.raises(InputError, match="outside its 1280 x 720 image"):
         align_to_points(rig, [KnownPoint("a", np.zeros(3), {"C1": (1500.0, 5.0)})])
 
 
 def test_another_scale_is_told():
     wanted = square().moved(*turned(0.5, (1, 2, 0), 1.06))
     aligned = align_to_positions(square(), positions_in(wanted, sd=0.02))
-    assert "residual of the points is 0.7" in aligned.notes[0]
+    assert "residual of the positions is 0.7" in aligned.notes[0]
     assert re.search(r"should be (5.9|6.[01]) % larger .*`scale`", aligned.notes[1])
 
 

@@ -109,7 +109,7 @@ def test_processes_and_a_folder_to_keep_decide_nothing(calibrated, folder, tmp_p
     assert to_json(apart.to_dict()) == to_json(calibrated.to_dict())
     assert sorted(path.name for path in (tmp_path / "perception").iterdir()) == ["C1", "C2"]
     assert not list(tmp_path.rglob("progress"))
-    watching = [(part, done, total) for stage, part, done, total in told if stage == "watching"]
+    watching = [(part, done, total) for stage, part, done, total in told if stage == "processing videos"]
     # 90 pictures are looked at; the empty scene is learnt from 60, each as long as three.
     assert watching[:2] == [("C1", 0, 270), ("C2", 0, 270)]
     assert {total for _, _, total in watching} == {270}
@@ -433,7 +433,7 @@ def test_a_network_that_was_named_is_not_left_out(place, tmp_path, monkeypatch, 
 
 
 def test_joints_by_a_network_that_nobody_chose(place):
-    with pytest.raises(InputError, match="keypoints = 'auto': no network for keypoints is taken by itself: name one by path"):
+    with pytest.raises(InputError, match="keypoints = 'auto': there is no default network for keypoints: name one by path"):
         inputs(scene_file(place, BOTH, perception='detector = "background"\nkeypoints = "auto"'))
 
 

@@ -23,7 +23,7 @@ BAD = 2
         ({"files": {"A.txt": rows() + 2 * "10,2,700,300,40,110,1,-1,-1,-1\n"}},
          "A.txt: camera A: 2 of 22 rows repeat an identity that has another row in the same frame (first: id 2 in frame 10)"),
         ({"files": {"A.txt": rows() + "11,1,100\n"}}, "A.txt: line 21: 3 columns instead of 7 to 10"),
-        ({"files": {"rig.toml": lens("A", 320, 240) + lens("B")}}, "point [640.0, 360.0] lies outside the 320 x 240 picture"),
+        ({"files": {"rig.toml": lens("A", 320, 240) + lens("B")}}, "point [640.0, 360.0] lies outside the 320 x 240 image"),
         ({"files": {"A.txt": rows(left=1400)}}, "20 of 20 people lie outside the 1280 x 720 image (first: frame 1,"),
         ({"files": {"rig.toml": lens("A", distortions="[0.1, 0, 0]") + lens("B")}}, "[A]: distortions has 3 values; a pinhole"),
         ({"files": {"A.txt": rows(identities=(-1,))}}, "A.txt: camera A: no row has an identity"),
@@ -31,7 +31,7 @@ BAD = 2
          "[cameras.C] has only detections"),
         ({"extra": "video = 'B.avi'"}, "B.avi: no such file: a video"),
         ({"extra": "[[scale.lengths]]\nmetres = 3.6\npoints = { A = [[1, 2], [3, 4]], B = [[1, 2], [3, 4000]] }"},
-         "[[scale.lengths]] 1 points: [[1.0, 2.0], [3.0, 4000.0]] lies outside the 1280 x 720 picture of camera B"),
+         "[[scale.lengths]] 1 points: [[1.0, 2.0], [3.0, 4000.0]] lies outside the 1280 x 720 image of camera B"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("command", ["calibrate", "check"])

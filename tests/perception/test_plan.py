@@ -68,9 +68,9 @@ def test_networks_by_path(files):
 
 
 def test_joints_are_never_left_out_silently():
-    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': no network for keypoints is taken by itself"):
+    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': there is no default network for keypoints"):
         planned(keypoints="auto")
-    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': no network for keypoints is taken by itself"):
+    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': there is no default network for keypoints"):
         foresee("", "", "auto", models=None, base=None)
 
 
@@ -90,7 +90,8 @@ def test_nothing_is_fetched_to_foresee(nowhere):
     choices, (note,) = foresee("auto", "", "", models=None, base=None)
     assert choices == {"detector": {"network": "tiny"}}
     assert text_of(note) == (
-        "tiny is not on this computer: `passerby models fetch` gets it, and so does `passerby calibrate`; background is used if it is unavailable"
+        "tiny is not on this computer: `passerby models fetch` downloads it, and so does `passerby calibrate`; background is "
+        "used if it is unavailable"
     )
     choices, (note,) = foresee("tiny", "", "", models=None, base=None)
     assert choices == {"detector": {"network": "tiny"}}
