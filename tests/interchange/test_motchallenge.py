@@ -52,7 +52,7 @@ def test_what_other_tools_write_is_read(tmp_path, text):
     [
         ("1,4,10,20,30,60\n", r"line 1: 6 columns instead of 7 to 10"),
         ("1,4,10,20,30,60,1,1,1,1,1\n", r"line 1: 11 columns instead of 7 to 10"),
-        ("1 4 10 20 30 60 1\n", r"line 1: 1 columns .* parted by commas"),
+        ("1 4 10 20 30 60 1\n", r"line 1: 1 columns .* separated by commas"),
         (GOOD + "3,4,10,20,30,60,1\n", r"line 3: 7 columns, but the first row has 10"),
         (
             "frame,id,left,top,width,height,score\n1,4,10,20,30,60,1\n",

@@ -377,7 +377,7 @@ def test_weights_that_are_not_there(data, tmp_path):
 
 def test_too_few_to_learn_from(data, tmp_path):
     crops = read_all([data], tmp_path)[0].train
-    with pytest.raises(InputError, match="training: 1 people with two images or more: two are needed"):
+    with pytest.raises(InputError, match="training: 1 people with two images or more: at least two are needed"):
         train(crops.of_people(np.array([2])), options(), tmp_path / "run", origin={})
     with pytest.raises(InputError, match="a person with one image only"):
         train(crops.take(np.arange(21)), options(), tmp_path / "run", origin={})

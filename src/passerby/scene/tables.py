@@ -27,9 +27,9 @@ def _standing(value: float) -> float:
 Mode = Literal["combined", "trajectory", "appearance", "given"]
 
 WATCHED_FPS = 5.0
-"""People walk a third of a step in a fifth of a second: neighbouring pictures add little that is independent."""
+"""People walk a third of a step in a fifth of a second: neighbouring frames add little independent evidence."""
 SEARCHED_S = 5.0
-"""Recordings that are started by hand, or cut by cameras whose clocks are set now and then, differ by a few seconds."""
+"""Recordings that are started by hand, or by cameras whose clocks are set occasionally, differ by a few seconds."""
 
 Metres = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 Height = Annotated[float, AfterValidator(_standing)]
