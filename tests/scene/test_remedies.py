@@ -223,8 +223,7 @@ def test_check_tells_that_videos_are_too_short(brief: Path, tmp_path: Path, monk
     assert report.exit_status == 3
     assert lack == (
         f"{brief}: the recordings of cameras C1 (1.7 s), C2 (1.7 s) are too short to register cameras by how people walk, "
-        f"which "
-        f"takes more than {SHORTEST_S:g} s: record longer"
+        f"which takes more than {SHORTEST_S:g} s: record longer"
     )
     put_model(tmp_path, monkeypatch)
     (lack,) = check_scene(brief).lacks

@@ -147,9 +147,9 @@ def show_comparison(comparison: Comparison) -> None:
         rows,
     )
     print(
-        f"scale ratio {number(comparison.scale_ratio, 4)}, up direction error "
-        f"{number(comparison.gravity_error_deg, 2)} deg, ground height error {number(comparison.ground_error_mm)} mm; "
-        f"{len(comparison.names)} of {len(comparison.names) + len(comparison.missing)} cameras registered"
+        f"scale ratio {number(comparison.scale_ratio, 4)}, up direction error {number(comparison.gravity_error_deg, 2)} deg, "
+        f"ground height error {number(comparison.ground_error_mm)} mm; {len(comparison.names)} of "
+        f"{len(comparison.names) + len(comparison.missing)} cameras registered"
     )
     if comparison.stated is not None and comparison.stated.position_sigmas:
         print(_sigmas_in_words(comparison.stated))
@@ -162,8 +162,7 @@ def _sigmas_in_words(stated: Stated) -> str:
         return " and ".join(f"{sum(e <= n for e in errors.values())} of {len(errors)} within {n}" for n in (1, 2))
 
     return (
-        f"errors within the stated sigmas, rig aligned on the ground plane: positions {within(stated.position_sigmas)}, "
-        f"orientations "
+        f"errors in stated sigmas, rig aligned on the ground plane: positions {within(stated.position_sigmas)}, orientations "
         f"{within(stated.orientation_sigmas)}"
     )
 

@@ -138,9 +138,8 @@ def _frame(number: int, first: int, layout: GridLayout, path: Path) -> int:
     """The frame, from 1 on, of a file's number. Raises `InputError` for a number between two instants."""
     if (number - first) % layout.numbers_per_frame:
         raise InputError(
-            f"{path}: the number {number} is not a multiple of {layout.numbers_per_frame}: files of {layout.name} are "
-            f"numbered in "
-            f"steps of {layout.numbers_per_frame}; give them as published"
+            f"{path}: the number {number} is not a multiple of {layout.numbers_per_frame}: files of {layout.name} are numbered "
+            f"in steps of {layout.numbers_per_frame}; give them as published"
         )
     return (number - first) // layout.numbers_per_frame + 1
 

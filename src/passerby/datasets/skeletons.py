@@ -50,8 +50,7 @@ def projected(rig: Rig, skeletons: Skeletons, place: str) -> dict[str, Keypoints
     if len(skeletons.frame) and not any(len(people) for people in found.values()):
         raise InputError(
             f"{place}: none of the {len(skeletons.frame)} people lies in the image of any camera: keypoints and calibration "
-            f"are "
-            "not of one recording, or in different units; take both from the set again"
+            "are not of one recording, or in different units; take both from the set again"
         )
     return found
 

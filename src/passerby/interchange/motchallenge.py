@@ -130,8 +130,8 @@ def _row(fields: list[str], columns: int) -> tuple[float, ...]:
     """The seven numbers of a row. Raises `InputError` without the place."""
     if not MIN_COLUMNS <= len(fields) <= MAX_COLUMNS:
         raise InputError(
-            f"{len(fields)} columns instead of {MIN_COLUMNS} to {MAX_COLUMNS}: "
-            f"write {','.join(COLUMNS)}[,-1,-1,-1], separated by commas"
+            f"{len(fields)} columns instead of {MIN_COLUMNS} to {MAX_COLUMNS}: write {','.join(COLUMNS)}[,-1,-1,-1], separated "
+            "by commas"
         )
     if len(fields) != columns:
         raise InputError(f"{len(fields)} columns, but the first row has {columns}: give all rows the same columns")

@@ -207,8 +207,8 @@ class _Learner:
         self.close()
         if self.size is None or not self.backgrounds:
             raise EvidenceError(
-                f"{len(self.pictures)} frames are too few to learn a background model: "
-                f"give a recording with {LEAST_PICTURES} or more"
+                f"{len(self.pictures)} frames are too few to learn a background model: give a recording with {LEAST_PICTURES} "
+                "or more"
             )
         stature = learn_stature(np.concatenate(self.boxes), rng)
         seconds, colour, noise = zip(*self.backgrounds, strict=True)

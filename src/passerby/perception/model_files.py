@@ -107,8 +107,7 @@ def find_model(
     if entry.url is None:
         raise InputError(
             f"{entry.name}: is not on this computer and has no download address: put {entry.file} into a folder that {MODELS} "
-            f"names, "
-            f"or name another network by path"
+            "names, or name another network by path"
         )
     if not download:
         return Found(None, f"{entry.name} is not on this computer: `passerby models fetch` downloads it")

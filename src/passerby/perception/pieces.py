@@ -16,8 +16,8 @@ JOIN_PIECES = (
     "`ffmpeg -f concat -safe 0 -i list.txt -c copy camera.mp4`, where list.txt has a line `file 'NAME'` for each piece"
 )
 JOIN_PICTURES = (
-    "still images are not read yet: make one video of each camera's with "
-    "`ffmpeg -framerate FPS -pattern_type glob -i '*.jpg' -c:v libx264 -crf 17 camera.mp4`"
+    "still images are not read yet: make one video of each camera's with `ffmpeg -framerate FPS -pattern_type glob -i '*.jpg' "
+    "-c:v libx264 -crf 17 camera.mp4`"
 )
 PATTERN = re.compile(r"[*?]|%0?\d*d")
 DEPTH, MOST = 4, 5000

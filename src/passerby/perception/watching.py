@@ -104,8 +104,8 @@ class VideoObservations:
         early = self.summary["ended_early"]
         if early is not None:
             found.append(
-                f"{place}: {early}: copy the video again, or save the readable part with "
-                f"`ffmpeg -i {info.path.name} -c copy whole.mp4`"
+                f"{place}: {early}: copy the video again, or save the readable part with `ffmpeg -i {info.path.name} -c copy "
+                "whole.mp4`"
             )
         found += [
             f"{place}: the camera moves {move['seconds']:.1f} s after the start, {_how_far(move['pixels'])}, and stays "

@@ -155,9 +155,8 @@ INPUT_FILES: Mapping[str, Kind] = {
     ),
     "people_outside_image": Kind(
         NOTICE, "Some people lie outside the image.",
-        "camera {camera}: {outside} of {people} people lie outside the {size[0]} x {size[1]} image (first: frame "
-        "{frame}, from "
-        "{corners[0]} to {corners[1]})",
+        "camera {camera}: {outside} of {people} people lie outside the {size[0]} x {size[1]} image (first: frame {frame}, "
+        "from {corners[0]} to {corners[1]})",
     ),
     "people_in_part_of_image": Kind(
         NOTICE, "All people lie in a part of the image: its size may be wrong.",

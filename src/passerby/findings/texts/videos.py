@@ -22,8 +22,7 @@ VIDEOS: Mapping[str, Kind] = {
         NOTICE, "The camera is bumped: it moves for a while and comes back.",
         lambda v: f"camera {v['camera']}: the camera is bumped {v['from_s']:.1f} s after the start, "
         f"{'by an unknown amount' if v['pixels'] is None else 'by {:.0f} pixels'.format(v['pixels'])}, and is back in place "
-        f"after "
-        f"{v['until_s']:.1f} s",
+        f"after {v['until_s']:.1f} s",
     ),
     "frames_undecodable": Kind(
         NOTICE, "Some frames of the video could not be decoded.",

@@ -184,7 +184,7 @@ FORMAT = Format(
         "Read only, one camera's file. Boxes are left, top, width, height; keypoints x, y and a confidence or COCO's "
         "visibility. The identity is track_id (also below attributes), never an annotation's id. An image's frame is its "
         "frame, else frame_id, else the number at the end of file_name, else its id; in a list of results it is image_id. "
-        "Other categories than person, and crowds, are left out and told."
+        "Categories other than person, and crowds, are left out with a note."
     ),
     read_people=read_people,
 )

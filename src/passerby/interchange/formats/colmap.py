@@ -145,9 +145,8 @@ def _lens(camera: ColmapCamera, given: Given, place: str, name: str) -> Lens | N
 _CONVENTIONS = (
     "Poses are world to camera (quaternion w, x, y, z and translation), OpenCV's axes. Written in metres; COLMAP has no unit, "
     "so what is read counts as metres unless --units states another. Pixels from the corner of the first one, half a pixel "
-    "more than OpenCV's. One camera and one image NAME.png each; people's places are points. Writes PINHOLE, OPENCV, "
-    "FULL_OPENCV and OPENCV_FISHEYE; reads all models but EQUIRECTANGULAR, those that OpenCV's lenses do not hold only with "
-    "--lossy."
+    "more than OpenCV's. One camera and one image NAME.png each; people's positions are points. Writes PINHOLE, OPENCV, "
+    "FULL_OPENCV and OPENCV_FISHEYE; reads all models except EQUIRECTANGULAR; models beyond OpenCV's need --lossy."
 )
 
 FORMATS: Mapping[str, Format] = {

@@ -208,7 +208,7 @@ _CONVENTIONS = (
     "are the rig's, metres. Each camera is a node with its name that faces along -z with y up, with a perspective camera, a "
     "frustum drawn through its true lens, and that lens in its extras. A perspective camera has its axis in the middle of "
     "the image and no distortion: any other lens is a loss (of the camera, not of the frustum). Each person is a node with "
-    "one line strip per interval, at the height of the body's middle; the vertex attribute _TIME_S gives the time."
+    "one line strip per interval, at the height of the body centre; the vertex attribute _TIME_S gives the time."
 )
 _TITLE = "Rig, ground and trajectories of people as a 3D scene with cameras"
 _TOOLS = ("Blender", "three.js", "Windows 3D Viewer")

@@ -264,10 +264,10 @@ FORMAT = Format(
     "folder",
     (".yml", ".yaml"),
     conventions=(
-        "One NAME.yml a camera, or where the target ends in .yml all cameras in it, a map each: image_width, image_height, "
-        "camera_matrix, distortion_coefficients and fisheye_model as in OpenCV's calibration sample; R and T as in its stereo "
-        "sample, world to camera, metres. Pinhole of up to 14 coefficients, fisheye; cameras without a pose are kept. Also "
-        "reads the stereo sample's pair and the multi-view sample's file; --units states their unit."
+        "One NAME.yml per camera, or all cameras in one file if the target ends in .yml, one map each: image_width, "
+        "image_height, camera_matrix, distortion_coefficients and fisheye_model as in OpenCV's calibration sample; R and T as "
+        "in its stereo sample, world to camera, metres. Pinhole of up to 14 coefficients, fisheye; cameras without a pose are "
+        "kept. Also reads the stereo sample's pair and the multi-view sample's file; --units states their unit."
     ),
     write=_write,
     read=_read,

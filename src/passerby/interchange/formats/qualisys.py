@@ -162,7 +162,7 @@ FORMAT = Format(
     conventions=(
         "Read only. x, y, z is the camera's centre in millimetres; the rows of r are its axes in the world: x right, y up, z "
         "backward. Focal lengths and centre are in 1/64 pixel from the centre of the sensor's first pixel; distortions are "
-        "OpenCV's k1, k2, k3, p1, p2. The video shows <fov_video>; give --size where it is smaller. Cameras that are not "
+        "OpenCV's k1, k2, k3, p1, p2. The video shows <fov_video>; give --size if it is smaller. Cameras that are not "
         "active or not calibrated have a lens and no pose; skew is a loss. The lens is that of the image as the sensor has "
         "it, also where viewrotation is not 0."
     ),

@@ -196,8 +196,9 @@ FORMATS: Mapping[str, Format] = {
         ("Pose2Sim",),
         "file",
         (".toml",),
-        f"{_SHARED} Metres, z up. Lies in the folder `calibration`; the cameras' order is that of the folders of keypoints. "
-        "Pinhole of up to 14 coefficients; Pose2Sim has no fisheye, though its files have the flag.",
+        f"{_SHARED} Metres, z up. The file belongs in the folder `calibration`; the order of the cameras is that of the "
+        "folders of keypoints. Pinhole of up to 14 coefficients; Pose2Sim has no fisheye model, although its files have the "
+        "flag.",
         _write_pose2sim,
         _read_pose2sim,
     ),
@@ -207,7 +208,7 @@ FORMATS: Mapping[str, Format] = {
         ("Caliscope",),
         "file",
         (".toml",),
-        f"{_SHARED} Metres. Cameras are numbered: as in their names where all are called cam_N, else from 0. Pinhole of up "
+        f"{_SHARED} Metres. Cameras are numbered as in their names if all are named cam_N, otherwise from 0. Pinhole of up "
         "to 14 coefficients, fisheye; cameras without a pose are kept.",
         _write_caliscope,
         _read_caliscope,
