@@ -183,7 +183,7 @@ def _ground(folder: Path, sequence: str) -> tuple[GroundTruth | None, list[str]]
     header, cells = read_grid(files[0])
     area = next((area for name, area in AREAS.items() if sequence.startswith(name)), None)
     if area is None:
-        return None, [f"The size of the grid is unknown for {files[0].name} in metres: its positions are left out."]
+        return None, [f"The size of the grid of {files[0].name} in metres is unknown: its positions are left out."]
     wide, deep = area.width / header.columns, area.depth / header.rows
     annotated = np.zeros(len(cells), dtype=bool)
     annotated[header.first : header.last + 1 : header.step] = True
