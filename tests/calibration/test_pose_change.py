@@ -106,7 +106,10 @@ def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
     assert calibration.verdict == "doubtful"
     (told,) = [reason for reason in calibration.reasons if reason.startswith("camera ")]
     assert told.startswith("camera C2 moved at 2")
-    assert "its pose is that before, what it saw after was left out; under [cameras.C2] set until_s = 20 " in told
+    assert (
+        "its pose is the one before the move, and its observations after the move were left out; under [cameras.C2] set "
+        "until_s = 20 " in told
+    )
     assert "from_s = 22 for the pose after" in told
     (figures,) = calibration.figures.moved
     assert abs(figures.seconds[0] - 21.0) < 1.0
@@ -121,7 +124,10 @@ def test_the_longer_part_is_kept():
     scene = moved(move)
     calibration = calibrated(scene)
     (told,) = calibration.reasons
-    assert "its pose is that after, what it saw before was left out; under [cameras.C2] set from_s = 12 " in told
+    assert (
+        "its pose is the one after the move, and its observations before the move were left out; under [cameras.C2] set "
+        "from_s = 12 " in told
+    )
     still = compare(calibrated(moved(None)).rig, scene.rig).similarity
     after = rig_after(scene.rig, [move])
     assert_right(calibration, after, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)

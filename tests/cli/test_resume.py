@@ -45,7 +45,7 @@ def test_killed_again_and_again_it_ends_in_the_same_bits(scene, whole, tmp_path)
     _, files = whole
     assert set(files) == {"rig.toml", "calibration.json", "tracks/C1.txt", "tracks/C2.txt"}
     moments = [("background", 1), ("file", 1), ("detection", 40), ("file", 3), ("name", 4), ("picture", 100), ("embedding", 5),
-               ("people of each camera", 2), ("solving", 1), ("tracks", 2), ("rig", 1), ("file", 3)]  # fmt: skip
+               ("tracking in each camera", 2), ("solving", 1), ("tracks", 2), ("rig", 1), ("file", 3)]  # fmt: skip
     for moment in moments:
         assert calibrate(scene, tmp_path, moment).killed, f"{moment} does not come"
         assert not (tmp_path / "calibration.json").exists()
@@ -147,7 +147,7 @@ main()
 
 
 def kept_files(out):
-    """How many files a run that still goes on has kept; a folder may vanish while it is looked at, which `rglob` cannot bear."""
+    """How many files a run that still goes on has kept; a folder may vanish meanwhile, which `rglob` cannot bear."""
     return sum(name.endswith((".npz", ".txt")) for _, _, names in os.walk(out) for name in names)
 
 
@@ -198,8 +198,8 @@ def test_no_process_is_left_behind(scene, whole, tmp_path, files, sign, group):
     assert content(out) == whole[1]
 
 
-EVENTS = ("picture", "detection", "embedding", "file", "name", "people of each camera", "looks", "pairs of cameras", "solving",
-          "tracks", "rig", "writing")  # fmt: skip
+EVENTS = ("picture", "detection", "embedding", "file", "name", "tracking in each camera", "appearance",
+          "registering camera pairs", "solving", "tracks", "rig", "writing")  # fmt: skip
 
 
 @pytest.mark.slow

@@ -69,7 +69,7 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
 def test_a_process_that_is_killed_from_outside_is_told(monkeypatch):
     monkeypatch.setattr(parallel, "pays", lambda *measure: True)
     with (
-        pytest.raises(InputError, match="was killed from outside, as a rule for want of memory: close other programs"),
+        pytest.raises(InputError, match="was killed by the system, usually because memory ran out: close other programs"),
         local_processes(0, 4) as executor,
     ):
         executor.submit(os._exit, 9).result()

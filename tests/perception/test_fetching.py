@@ -218,10 +218,10 @@ def test_a_proxy_is_asked_in_place_of_the_server(server, target, monkeypatch):
 
 
 def test_nothing_is_fetched_over_an_open_line(server, target):
-    with pytest.raises(InputError, match=r"http://example\.invalid/a: is no https address"):
+    with pytest.raises(InputError, match=r"http://example\.invalid/a: is not an https address"):
         fetch("http://example.invalid/a", target, SHA256, len(BODY))
     server.location = "http://example.invalid/a"
-    with pytest.raises(InputError, match=r"http://example\.invalid/a: is no https address"):
+    with pytest.raises(InputError, match=r"http://example\.invalid/a: is not an https address"):
         get(server, target)
 
 
@@ -245,4 +245,4 @@ def test_two_processes_fetch_it_once(server, target):
     assert [process.wait() for process in processes] == [0, 0]
     assert target.read_bytes() == BODY
     assert server.asked == [None]
-    assert told[0] == "waiting for another process that fetches tiny.onnx"
+    assert told[0] == "waiting for another process that is fetching tiny.onnx"

@@ -66,8 +66,8 @@ def test_much_is_thinned_and_says_so(monkeypatch):
     whole = trajectories_page(found, rig, "t")
     monkeypatch.setattr(page, "MOST_PLACES", 60)
     thin = trajectories_page(found, rig, "t")
-    assert "Every 3th place" not in whole
-    assert "Every 3rd place" in thin
+    assert "Every 3th position" not in whole
+    assert "Every 3rd position" in thin
     lines = [trace for trace in drawn(thin) if trace["name"].startswith("person") and trace["type"] == "scatter"]
     assert sum(len(line["x"]) for line in lines) <= 60 + 2 * 3
     # Ends are kept.

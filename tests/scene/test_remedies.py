@@ -177,12 +177,12 @@ def test_a_measured_distance_can_be_appended(started: Path, tmp_path: Path) -> N
     ("added", "told"),
     [
         ("[association]\nmax_offset_s = 1\n[scale]\n[ association ]  # again\nmode = 'given'\n",
-         "[association] stands twice, in lines 8 and 11: merge the two into one"),
-        ("[cameras.C1]\nfps = 3\n", "[cameras.C1] stands twice, in lines 1 and 8: merge the two into one"),
+         "[association] occurs twice, in lines 8 and 11: merge the two into one"),
+        ("[cameras.C1]\nfps = 3\n", "[cameras.C1] occurs twice, in lines 1 and 8: merge the two into one"),
         ("[association]\nmax_offset_s = 1\n# max_offset_s = 2\nmax_offset_s = 3\n",
-         "[association] max_offset_s stands twice, in lines 9 and 11: keep one of them"),
+         "[association] max_offset_s occurs twice, in lines 9 and 11: keep one of them"),
         ("[scale]\n[[scale.distances]]\nmetres = 1\n[[scale.distances]]\nmetres = 2\n[scale]\n",
-         "[scale] stands twice, in lines 8 and 13"),
+         "[scale] occurs twice, in lines 8 and 13"),
     ],
 )  # fmt: skip
 def test_a_table_that_stands_twice(tmp_path: Path, added: str, told: str) -> None:
@@ -222,12 +222,12 @@ def test_check_tells_that_videos_are_too_short(brief: Path, tmp_path: Path, monk
     (lack,) = report.lacks
     assert report.exit_status == 3
     assert lack == (
-        f"{brief}: what cameras C1 (1.7 s), C2 (1.7 s) recorded is too short to tell cameras by how people walk, which "
-        f"takes more than {SHORTEST_S:g} s: record longer"
+        f"{brief}: the recordings of cameras C1 (1.7 s), C2 (1.7 s) are too short to register cameras by how people walk, "
+        f"which takes more than {SHORTEST_S:g} s: record longer"
     )
     put_model(tmp_path, monkeypatch)
     (lack,) = check_scene(brief).lacks
-    assert lack.endswith(': record longer, or go by the joints of people: under [perception] set keypoints = "joints"')
+    assert lack.endswith(': record longer, or use keypoints: under [perception] set keypoints = "joints"')
 
 
 def test_long_videos_and_known_identities_are_not_too_short(brief: Path) -> None:

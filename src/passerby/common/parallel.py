@@ -32,8 +32,8 @@ VIDEO_S = 5.0
 ORPHANED_EVERY_S = 1.0
 SETTLING_S = 0.3
 BROKEN = (
-    "a process that worked on a camera was killed from outside, as a rule for want of memory: close other programs and run the "
-    "same command again; what was seen in videos so far is kept"
+    "a process that worked on a camera was killed by the system, usually because memory ran out: close other programs and run "
+    "the same command again; results of the videos so far are cached"
 )
 
 

@@ -92,7 +92,7 @@ def _seen_columns(cameras: Sequence[CameraEntry], clocked: bool) -> list[tuple[s
         ("residual px", [_number(one.median_residual_px, 1) for one in cameras]),
         ("people", [_number(one.people, 0) for one in cameras]),
     ]
-    return [*columns, *([("clock s", [_number(one.time_offset_s, 3) for one in cameras])] if clocked else [])]
+    return [*columns, *([("time offset s", [_number(one.time_offset_s, 3) for one in cameras])] if clocked else [])]
 
 
 def _notes(findings: Sequence[str]) -> Html | None:
@@ -146,7 +146,7 @@ def _of_ellipses(posed: Sequence[tuple[int, Camera]], factor: int) -> str:
     """What the ellipses are."""
     if all(ground_covariance(camera) is None for _, camera in posed):
         return ""
-    return "red: one sigma" + (f", drawn {factor} times as large" if factor > 1 else "")
+    return "red: 1 sigma" + (f", drawn {factor} times as large" if factor > 1 else "")
 
 
 def _grid(low: Floats, high: Floats, unit: float, at: Callable[[Floats], Floats]) -> list[Html]:

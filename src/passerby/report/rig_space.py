@@ -28,7 +28,7 @@ SCENE_SIZE = 1.6
 
 
 def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
-    """Cameras with what they see, the ground, the ways of people and which way is up.
+    """Cameras with what they see, the ground, the trajectories of people and which way is up.
 
     `layout.meta.views` lists views: {label, camera: {eye, center, up}}, for `scene.camera`.
     """
@@ -105,7 +105,7 @@ def _ways(fit: Fitted) -> list[Trace]:
         who = [np.column_stack([ways.identity[rows], ways.seconds[rows]]) for rows in parts]
         identity, seconds = joined(who, 1)
         shown = {
-            "name": "ways of people", "legendgroup": "ways", "showlegend": number == 0, "opacity": 0.75,
+            "name": "trajectories of people", "legendgroup": "ways", "showlegend": number == 0, "opacity": 0.75,
             "line": {"color": colour, "width": 2.5}, "hoverinfo": "text",
             "hovertext": [
                 "" if one is None else f"person {one:.0f}<br>{when:.1f} s" for one, when in zip(identity, seconds, strict=True)

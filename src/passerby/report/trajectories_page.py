@@ -39,7 +39,7 @@ def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "")
 
     figure = make_subplots(
         rows=1, cols=2, column_widths=[0.5, 0.5], horizontal_spacing=0.03, specs=[[{"type": "xy"}, {"type": "scene"}]],
-        subplot_titles=("From above", "In space: the middle of the body"),
+        subplot_titles=("From above", "In 3D: the body centre"),
     )  # fmt: skip
     _draw_cameras(figure, go, rig)
     every = max(1, -(-len(found) // MOST_PLACES))
@@ -56,7 +56,7 @@ def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "")
         template="plotly_white", margin={"l": 50, "r": 10, "t": 40, "b": 45}, hovermode="closest",
         legend={"itemsizing": "constant"}, autosize=True,
     )  # fmt: skip
-    thinned = f" Every {_ordinal(every)} place is drawn." if every > 1 else ""
+    thinned = f" Every {_ordinal(every)} position is drawn." if every > 1 else ""
     body = figure.to_html(
         full_html=False, include_plotlyjs=True, div_id="trajectories", default_height="82vh", config={"displaylogo": False}
     )

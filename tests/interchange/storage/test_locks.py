@@ -43,9 +43,7 @@ def test_the_second_is_told_of_the_first(tmp_path, holder, capsys):
         assert run(command) == 2
         errors = capsys.readouterr().err
         assert errors.startswith(f"error: {tmp_path}: process {holder.pid} on ")
-        assert errors.endswith(
-            "(passerby calibrate) works there at this moment: wait until it has ended, or give another place\n"
-        )
+        assert errors.endswith("(passerby calibrate) is running there now: wait until it has finished, or give another place\n")
 
 
 def test_a_killed_process_leaves_a_file_and_no_lock(tmp_path, holder):
@@ -121,6 +119,6 @@ def test_a_lock_that_can_never_be_made_is_a_fault(tmp_path):
 
 
 def test_a_folder_that_was_there_stays(tmp_path):
-    with lock_folder(tmp_path, "a test"), pytest.raises(InputError, match="works there"), lock_folder(tmp_path, "another"):
+    with lock_folder(tmp_path, "a test"), pytest.raises(InputError, match="is running there"), lock_folder(tmp_path, "another"):
         raise AssertionError
     assert tmp_path.is_dir()

@@ -92,7 +92,7 @@ def _taken(path: Path, place: Path, wait_s: float) -> IO[bytes]:
         who = _holder(file)
         file.close()
         if not free and time.monotonic() >= until:
-            raise InputError(f"{place}: {who} works there at this moment: wait until it has ended, or give another place")
+            raise InputError(f"{place}: {who} is running there now: wait until it has finished, or give another place")
         if not free:
             time.sleep(POLL_S)
 
