@@ -12,15 +12,15 @@ from reliability.runs import CODE
 
 HEAD = """# Reliability
 
-What Passerby says of itself, held against the truth: are its sigmas as large as its errors, does its verdict let a wrong rig
-pass, does the monitor see a camera that moved and keep silent otherwise, and does anything that a file or a machine does lose
-finished work or give a silent wrong answer?
+This page compares Passerby's own statements with the truth. Do its sigmas match its errors? Does its verdict accept a wrong
+rig? Does the monitor detect a camera that moved, without false alarms? Can a damaged file or a fault of the machine destroy
+finished work or cause a wrong answer without a warning?
 """
 HEADINGS: Mapping[str, Heading] = {
     "coverage": Heading("Sigmas"),
     "verdict": Heading("The verdict"),
     "monitor": Heading("The monitor"),
-    "fuzz": Heading("Files from anybody"),
+    "fuzz": Heading("Untrusted files"),
     "faults": Heading("Faults of the machine"),
 }
 """Of the parts, as `--only` takes them, in their order on the page."""

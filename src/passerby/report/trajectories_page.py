@@ -46,7 +46,7 @@ def trajectories_page(found: Trajectories, rig: Rig, title: str, note: str = "")
     figure.update_yaxes(title={"text": "y, m"}, scaleanchor="x", scaleratio=1, zeroline=False)
     figure.update_scenes(
         aspectmode="data", camera={"eye": {"x": 1.1, "y": -2.0, "z": 1.5}}, xaxis={"title": {"text": "x, m"}},
-        yaxis={"title": {"text": "y, m"}}, zaxis={"title": {"text": "z, m"}, "range": [stage.low[2], 1.2 * stage.high[2]]},
+        yaxis={"title": {"text": "y, m"}}, zaxis={"title": {"text": "z, m"}, "range": [stage.low[2], 1.4 * stage.high[2]]},
     )  # fmt: skip
     figure.update_layout(
         template="plotly_white", margin={"l": 50, "r": 10, "t": 40, "b": 45}, hovermode="closest",
