@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from paper.page import table
+from pages.page import table
+from pages.sections import Found
 from reliability import hostile, ordinary
 from reliability.hostile import HOSTILE
 from reliability.judging import MOST_DEG, MOST_M, MOST_SIGMAS
-from reliability.page import Line, Part
+from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, percent, seeds
 
 HOSTILE_SEEDS = seeds(106_000, 1)
@@ -22,14 +23,14 @@ MOST_REFUSED = 0.03
 """Share of the ordinary scenes that may be turned down."""
 
 
-def run(wanted: Wanted) -> Part:
+def run(wanted: Wanted) -> Found:
     """All hostile cases and all ordinary scenes; a few of each in a quick run."""
     names = QUICK_CASES if wanted.quick else tuple(HOSTILE)
     cases = {f"{name} {seed}": (name, seed) for seed in HOSTILE_SEEDS for name in names}
     found = kept(wanted, "hostile", cases, hostile.work)
     scenes = {str(seed): seed for seed in (ORDINARY_SEEDS[:QUICK_ORDINARY] if wanted.quick else ORDINARY_SEEDS)}
     usual = kept(wanted, "ordinary", scenes, ordinary.work)
-    return Part("verdict", "The verdict", _lines(found, usual), _text(cases, found, usual))
+    return part_found(_lines(found, usual), _text(cases, found, usual), quick=wanted.quick)
 
 
 def false_accepts(found: Mapping[str, Mapping[str, Any]]) -> list[str]:

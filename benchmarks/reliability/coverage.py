@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from datasets import DATA_SETS, write_scene
-from paper.page import table
+from pages.page import table
+from pages.sections import Found
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.pipeline import calibrate
@@ -18,7 +19,7 @@ from passerby.core.figures import adjusted
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.write import MEAN_SD
-from reliability.page import Line, Part
+from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, seeds
 
 SCENES = seeds(100_000, 300)
@@ -142,12 +143,12 @@ def real(name: str, wanted: Wanted) -> dict[str, Any] | None:
     return {"verdict": found.verdict, "position": position, "orientation": turned, "scale": scale}
 
 
-def run(wanted: Wanted) -> Part:
+def run(wanted: Wanted) -> Found:
     """All scenes and all real sets."""
     scenes = SCENES[:QUICK_SCENES] if wanted.quick else SCENES
     found = kept(wanted, "coverage", {str(seed): seed for seed in scenes}, work)
     sets = {data.name: real(data.name, wanted) for data in DATA_SETS}
-    return Part("coverage", "Sigmas", _lines(found, sets), _text(found, sets))
+    return part_found(_lines(found, sets), _text(found, sets), quick=wanted.quick)
 
 
 def shares(results: Iterable[Mapping[str, Any]], kind: str) -> tuple[float, float, int]:

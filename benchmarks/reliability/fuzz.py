@@ -9,8 +9,9 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from paper.page import table
-from reliability.page import Line, Part
+from pages.page import table
+from pages.sections import Found
+from reliability.page import Line, part_found
 from reliability.runs import ROOT, Wanted
 
 CASES, QUICK_CASES = 10_000, 60
@@ -42,7 +43,7 @@ remains a program of arithmetic: one that is built to take much time or memory d
 """
 
 
-def run(wanted: Wanted) -> Part:
+def run(wanted: Wanted) -> Found:
     """Run the marked tests, and those of untrusted files."""
     cases = QUICK_CASES if wanted.quick else int(os.environ.get("PASSERBY_FUZZ_CASES", CASES))
     with TemporaryDirectory() as folder:
@@ -68,7 +69,7 @@ def run(wanted: Wanted) -> Part:
     rows = [(record["reader"], *(f"{record.get(key, 0):,}" for key in COUNTS)) for record in records]
     rows.append(("**all**", *(f"{sum(record.get(key, 0) for record in records):,}" for key in COUNTS)))
     readers = table(("reader", *COUNTS), rows)
-    return Part("fuzz", "Untrusted files", lines, TEXT.format(readers=readers, bombs=checks - failed, failed=failed))
+    return part_found(lines, TEXT.format(readers=readers, bombs=checks - failed, failed=failed), quick=wanted.quick)
 
 
 def _tests(wanted: Wanted, path: str, options: list[str], cases: int, records: Path) -> int:

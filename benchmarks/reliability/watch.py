@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from paper.page import table
+from pages.page import table
+from pages.sections import Found
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
@@ -17,7 +18,7 @@ from passerby.monitoring.identities import identify_by_rig
 from passerby.monitoring.watching import Watched, WatchOptions, watch
 from passerby.people.rig_observations import gather_rig_observations
 from reliability.footage import Move, calibrated, footage, true_rig, unit
-from reliability.page import Line, Part
+from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, percent, seeds
 from reliability.staging import staged
 
@@ -37,7 +38,7 @@ Case = tuple[str, int, int]
 """Kind, number, seed."""
 
 
-def run(wanted: Wanted) -> Part:
+def run(wanted: Wanted) -> Found:
     """Quiet hours, knocks in cheap footage, and knocks in the full simulator's."""
     count = (4, 8, 4) if wanted.quick else (200, 240, 60)
     cases = {
@@ -47,7 +48,7 @@ def run(wanted: Wanted) -> Part:
     }
     results = list(kept(wanted, "monitor", cases, work).values())
     quiet, cheap, full = ([one for one in results if one["kind"] == kind] for kind in ("quiet", "knock", "simulated"))
-    return Part("monitor", "The monitor", _lines(quiet, cheap), _text(quiet, cheap, full))
+    return part_found(_lines(quiet, cheap), _text(quiet, cheap, full), quick=wanted.quick)
 
 
 def work(case: Case) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from paper.kept import Kept
+from pages.kept import Kept
 from passerby.cli.main import run
 from passerby.cli.terminal import _Log
 from passerby.common.errors import InputError
