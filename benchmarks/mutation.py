@@ -1,9 +1,10 @@
 """What the tests notice: seeded faults, one at a time, in a copy of the sources, and the tests of their room run on each.
 
 `python benchmarks/mutation.py build/mutation.jsonl` draws the faults by the seed, runs the quick tests of the fault's room
-until one fails, then the smokes of all rooms where none did: together what `make test` notices, or a little less. `--slow`
-then runs the slow tests of the room on what is left. What is finished is kept in the file and not run again. `--list` only
-shows the faults, `--report` only what is kept. The tests run with the interpreter that runs this, one process at a time.
+until one fails, then, where none did, the quick tests of other rooms that name the fault's module, and the smokes of all
+rooms: together what `make test` notices, or a little less. `--slow` then runs the slow tests of the room on what is left.
+What is finished is kept in the file and not run again. `--list` only shows the faults, `--report` only what is kept. The
+tests run with the interpreter that runs this, one process at a time.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import copy
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import subprocess
@@ -29,8 +31,8 @@ SOURCE = ROOT / "src" / "passerby"
 ROOMS = ("solver", "association", "geometry", "people", "interchange", "scene", "calibration")
 TESTED_BY = {"people": ["people", "monitoring", "solver"]}
 """Rooms whose tests are a room's too: most of what it does is seen in what they make of it."""
-STAGES = {"quick": "not slow", "smoke": "smoke", "slow": "slow"}
-"""The tests that a fault meets in turn, until one notices it, by their marks: of its room, of all rooms, of its room."""
+STAGES = ("room", "elsewhere", "slow")
+"""The tests that a fault meets in turn, until one notices it: the quick ones of its room, of other rooms, the slow ones."""
 CPU_S = 900
 """Processor time after which a fault that makes the tests run on and on counts as noticed."""
 OPPOSITE: dict[type[ast.AST], type[ast.AST]] = {
@@ -82,7 +84,7 @@ def main() -> None:
         print("\n".join(fault.name for fault in faults))
         return
     if not wanted.report:
-        run_all(faults, wanted.record, list(STAGES)[: 3 if wanted.slow else 2], again=wanted.again)
+        run_all(faults, wanted.record, STAGES if wanted.slow else STAGES[:2], again=wanted.again)
     print(report(faults, kept(wanted.record)))
 
 
@@ -193,7 +195,7 @@ def run_all(faults: list[Fault], record: Path, stages: Sequence[str], *, again: 
     for stage in stages:
         for fault in faults:
             before = kept(record).get(fault.name, {"fault": fault.name})
-            missed_before = again and stage == "quick" and not before.get(stage)
+            missed_before = again and stage == "room" and not before.get(stage)
             if missed_before or not (stage in before or _noticed_by(before)):
                 found = noticed(fault, stage)
                 by = found.test or before.get("by")
@@ -204,7 +206,7 @@ def _keep(record: Path, line: dict[str, object]) -> None:
     record.parent.mkdir(parents=True, exist_ok=True)
     with record.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line) + "\n")
-    print(f"{_noticed_by(line):5}", line["cpu_s"], "s", line["fault"], "|", line["by"], flush=True)
+    print(f"{_noticed_by(line):9}", line["cpu_s"], "s", line["fault"], "|", line["by"], flush=True)
 
 
 @dataclass(frozen=True)
@@ -225,17 +227,33 @@ def noticed(fault: Fault, stage: str) -> Notice:
         path = sources / "passerby" / fault.path
         text = path.read_bytes()
         path.write_bytes(text[: fault.start] + fault.after.encode() + text[fault.end :])
-        rooms = [""] if stage == "smoke" else TESTED_BY.get(fault.room, [fault.room])
-        for room in rooms:
-            failed = failed or _first_failure(f"tests/{room}", STAGES[stage], sources, Path(folder) / (room or "all"))
+        for number, (tests, marked) in enumerate(tests_of(fault, stage)):
+            failed = failed or _first_failure(tests, marked, sources, Path(folder) / str(number))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return Notice(failed, round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime))
 
 
-def _first_failure(tests: str, marked: str, sources: Path, place: Path) -> str | None:
+def tests_of(fault: Fault, stage: str) -> Iterator[tuple[list[str], str]]:
+    """Folders or files of tests, and which marks of them, that a stage runs one after the other."""
+    rooms = [f"tests/{room}" for room in TESTED_BY.get(fault.room, [fault.room])]
+    if stage != "elsewhere":
+        yield from (([room], {"room": "not slow", "slow": "slow"}[stage]) for room in rooms)
+        return
+    module = fault.path.removesuffix(".py").replace("/", ".")
+    package, _, name = f"passerby.{module}".rpartition(".")
+    named = re.compile(rf"\b({re.escape(f'{package}.{name}')}\b|from {re.escape(package)} import .*\b{name}\b)")
+    tests = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if named.search(path.read_text(encoding="utf-8"))]
+    files = [path.relative_to(ROOT).as_posix() for path in tests]
+    files = [file for file in files if not file.startswith(tuple(f"{room}/" for room in rooms))]
+    if files:
+        yield files, "not slow"
+    yield ["tests"], "smoke"
+
+
+def _first_failure(tests: list[str], marked: str, sources: Path, place: Path) -> str | None:
     command = [
         sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--no-header", "-m", marked,
-        f"--basetemp={place}", tests,
+        f"--basetemp={place}", *tests,
     ]  # fmt: skip
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, preexec_fn=limit,
@@ -268,7 +286,7 @@ def report(faults: list[Fault], finished: dict[str, dict[str, object]]) -> str:
     for room in (*ROOMS, "all"):
         counts = Counter(by for fault, by in done if room in (fault.room, "all"))
         rows.append(f"| {room} | {counts.total()} | {' | '.join(str(counts[column]) for column in columns)} |")
-    return "\n".join([*rows, "", *(f"- {by}: {fault.name}" for fault, by in done if by != "quick")])
+    return "\n".join([*rows, "", *(f"- {by}: {fault.name}" for fault, by in done if by != "room")])
 
 
 def _noticed_by(line: dict[str, object]) -> str:
