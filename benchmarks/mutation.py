@@ -234,20 +234,27 @@ def noticed(fault: Fault, stage: str) -> Notice:
 
 
 def tests_of(fault: Fault, stage: str) -> Iterator[tuple[list[str], str]]:
-    """Folders or files of tests, and which marks of them, that a stage runs one after the other."""
+    """Folders or files of tests, and which marks of them, that a stage runs one after the other: what is likely to fail first."""
     rooms = [f"tests/{room}" for room in TESTED_BY.get(fault.room, [fault.room])]
-    if stage != "elsewhere":
-        yield from (([room], {"room": "not slow", "slow": "slow"}[stage]) for room in rooms)
-        return
-    module = fault.path.removesuffix(".py").replace("/", ".")
-    package, _, name = f"passerby.{module}".rpartition(".")
-    named = re.compile(rf"\b({re.escape(f'{package}.{name}')}\b|from {re.escape(package)} import .*\b{name}\b)")
-    tests = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if named.search(path.read_text(encoding="utf-8"))]
-    files = [path.relative_to(ROOT).as_posix() for path in tests]
-    files = [file for file in files if not file.startswith(tuple(f"{room}/" for room in rooms))]
-    if files:
-        yield files, "not slow"
-    yield ["tests"], "smoke"
+    within = tuple(f"{room}/" for room in rooms)
+    files = naming(f"passerby.{fault.path.removesuffix('.py').replace('/', '.')}")
+    own, others = [file for file in files if file.startswith(within)], [file for file in files if not file.startswith(within)]
+    if stage == "slow":
+        yield from (([room], "slow") for room in rooms)
+    elif stage == "room":
+        yield from (([file], "not slow") for file in own)
+        yield from (([room, *(f"--ignore={file}" for file in own)], "not slow") for room in rooms)
+    else:
+        yield from (([file], "not slow") for file in others)
+        yield ["tests"], "smoke"
+
+
+def naming(module: str) -> list[str]:
+    """The files of tests that import a module."""
+    package, _, name = module.rpartition(".")
+    named = re.compile(rf"\b({re.escape(module)}\b|from {re.escape(package)} import .*\b{name}\b)")
+    files = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if named.search(path.read_text(encoding="utf-8"))]
+    return [path.relative_to(ROOT).as_posix() for path in files]
 
 
 def _first_failure(tests: list[str], marked: str, sources: Path, place: Path) -> str | None:
