@@ -234,7 +234,7 @@ def noticed(fault: Fault, stage: str) -> Notice:
 
 
 def tests_of(fault: Fault, stage: str) -> Iterator[tuple[list[str], str]]:
-    """Folders or files of tests, and which marks of them, that a stage runs one after the other: what is likely to fail first."""
+    """Folders or files of tests, and which marks of them, that a stage runs in turn: what is likely to fail first."""
     rooms = [f"tests/{room}" for room in TESTED_BY.get(fault.room, [fault.room])]
     within = tuple(f"{room}/" for room in rooms)
     files = naming(f"passerby.{fault.path.removesuffix('.py').replace('/', '.')}")
