@@ -10,7 +10,7 @@ import pytest
 
 import passerby
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.diagnostics.pose_change import detect_pose_change, match_people
+from passerby.calibration.diagnostics.pose_change import detect_pose_change, match_people, resect_correspondences
 from passerby.core.cameras import Rig
 from passerby.evaluation.metrics import compare
 from passerby.people.body_centres import identified_body_centres, triangulate_people
@@ -83,6 +83,20 @@ def test_a_knock_and_back_is_found():
     assert not change.at_end
     assert abs((change.first - 1) / 5.0 - 12.0) < 1.0
     assert abs(change.last / 5.0 - 20.0) < 1.0
+
+
+def test_pixels_across_and_pixels_down_count_alike():
+    """A camera's pose is the same where the picture's columns are taken for its rows."""
+    scene = moved(None)
+    people = triangulate_people(scene.rig, identified_body_centres(scene.rig, scene.observations), BODY_M, excluding=1)
+    own = identified_body_centres(scene.rig, scene.observations)[1]
+    assert own is not None
+    exchanged = replace(own, tangent=own.tangent[:, ::-1])
+    start = scene.rig["C2"].pose
+    assert start is not None
+    here, there = (resect_correspondences(match_people(one, people, BODY_M, given=True), start) for one in (own, exchanged))
+    np.testing.assert_allclose(there.centre, here.centre, atol=1e-9)
+    assert np.linalg.norm(here.centre - start.centre) > 1e-6
 
 
 def test_no_camera_of_a_still_rig_seems_to_move():

@@ -16,16 +16,17 @@ from support.networks.model_server import BODY, SHA256, keep_to, serving
 FETCH = """
 import sys
 from pathlib import Path
-from passerby.perception.fetching import fetch
+from passerby.perception import fetching
 url, target, sha256, size = sys.argv[1:]
-fetch(url, Path(target), sha256, int(size))
+fetching.ANSWER_S = fetching.STALL_S = 600
+fetching.fetch(url, Path(target), sha256, int(size))
 """
 
 
 @pytest.fixture
 def server(tmp_path, monkeypatch):
     keep_to(tmp_path, monkeypatch)
-    with serving() as server:
+    with serving(monkeypatch) as server:
         yield server
 
 
@@ -185,10 +186,16 @@ def test_a_server_that_never_answers(server, target, monkeypatch):
 
 
 def test_a_transfer_that_stalls(server, target, monkeypatch):
-    monkeypatch.setattr(fetching, "STALL_S", 0.1)
-    server.hold = threading.Event()
+    """Half of the file comes, however long that takes; then the server holds back half of whatever it is asked for."""
+    server.breaks_after = [150_000]
+
+    def tell(stage, done=0, total=0):
+        if done == 150:
+            server.hold = threading.Event()
+            monkeypatch.setattr(fetching, "STALL_S", 0.1)
+
     with pytest.raises(UnreachableError, match=r"timed out after \d+ of 300000 bytes"):
-        get(server, target)
+        get(server, target, tell=tell)
     assert part_of(target).stat().st_size >= 150_000
     assert not target.exists()
 

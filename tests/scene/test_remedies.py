@@ -12,18 +12,22 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from passerby.calibration.pipeline import calibrate
 from passerby.calibration.scene_solver import solver_options
 from passerby.cli.main import run
 from passerby.common.errors import InputError
+from passerby.core.observations import Boxes, Keypoints
 from passerby.perception.plan import keypoints_to_be_had
 from passerby.report.distances import Distance, _advice
-from passerby.scene.check import SHORTEST_S, check_scene
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.check import SHORTEST_S, check_scene, too_short
 from passerby.scene.scene import TABLES, Scene
 from support.documentation import DOCS, ROOT
 from support.networks.model_server import BODY, entry, keep_to, know_only
@@ -228,6 +232,15 @@ def test_check_tells_that_videos_are_too_short(brief: Path, tmp_path: Path, monk
     put_model(tmp_path, monkeypatch)
     (lack,) = check_scene(brief).lacks
     assert lack.endswith(': record longer, or use keypoints: under [perception] set keypoints = "joints"')
+
+
+def test_joints_of_one_camera_make_no_recording_long_enough(brief: Path) -> None:
+    scene = Scene.load(brief)
+    boxes = Boxes(np.arange(1, 13), np.zeros(12), np.full((12, 4), 30.0), np.ones(12))
+    joints = Keypoints(np.ones(1), np.zeros(1), np.full((1, 1, 2), 40.0), np.ones((1, 1)), ("nose",))
+    alone = [CameraInput(name, False, boxes=boxes, fps=10.0) for name in scene.cameras]
+    both = [replace(reading, keypoints=joints) for reading in alone]
+    assert [bool(too_short(scene, some)) for some in (alone, [both[0], alone[1]], both)] == [True, True, False]
 
 
 def test_long_videos_and_known_identities_are_not_too_short(brief: Path) -> None:

@@ -18,7 +18,7 @@ def cache(tmp_path, monkeypatch):
 
 @pytest.fixture
 def server(cache, monkeypatch):
-    with serving() as server:
+    with serving(monkeypatch) as server:
         known = [
             entry("tiny", url=server.url),
             entry("second", url=server.url, default=False),
