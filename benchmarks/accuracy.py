@@ -6,7 +6,7 @@ from pathlib import Path
 
 from command import Calibrated, calibrate
 from datasets import DATA_SETS, DataSet, folder_of, write_scene
-from paper.page import Page, errors, number, reached, table
+from pages.page import Page, errors, number, reached, table
 
 NOT_HERE = "not run: data not here"
 

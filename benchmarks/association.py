@@ -36,7 +36,7 @@ from association_tables import (
 )
 from command import DOUBTFUL, run_program
 from datasets import data_set, folder_of
-from paper.page import Page, load, number, table, yes
+from pages.page import Page, load, number, table, yes
 from simulations import PRESETS, WORKERS
 
 Result = TypeVar("Result")

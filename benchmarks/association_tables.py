@@ -9,7 +9,7 @@ import numpy as np
 
 from association_runs import Found, RealCase
 from command import Calibrated
-from paper.page import errors, number, reached, table
+from pages.page import errors, number, reached, table
 from passerby.common.arrays import Floats
 from simulations import complete, figures
 

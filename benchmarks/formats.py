@@ -17,7 +17,7 @@ from types import ModuleType
 
 from datasets import ROOT
 from format_tools.rigs import cases_of, read_back
-from paper.page import Page
+from pages.page import Page
 from passerby.interchange.formats import all_formats
 
 HERE = Path(__file__).resolve().parent / "format_tools"

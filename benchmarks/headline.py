@@ -26,16 +26,16 @@ class Headline:
 HEADLINES = (
     Headline(
         "paper", "## Against the paper",
-        "From the pixels of three rendered scenes that stand for the paper's real ones, nothing known but the lenses and "
-        "people's mean height; errors with the scale as found:",
+        "From the pixels of three rendered scenes that stand for the paper's real ones. Only the intrinsics and people's mean "
+        "height are known; errors are given with the estimated scale:",
     ),
     Headline(
         "paper", "## Do matchers collapse where people do not?",
-        "Matchers of picture points on the same videos, against the worst of all ways to go by people:",
+        "Matchers of image points on the same videos, compared with the worst of all methods that use people:",
     ),
     Headline(
         "peers", "The peers in one line each.",
-        "Beside today's engines, all on the same observations with identities given (Passerby's figure by theirs):",
+        "Compared with current engines on the same observations, with known identities (Passerby's figure divided by theirs):",
     ),
 )  # fmt: skip
 

@@ -1,8 +1,10 @@
 """What the tests notice: seeded faults, one at a time, in a copy of the sources, and the tests of their room run on each.
 
 `python benchmarks/mutation.py build/mutation.jsonl` draws the faults by the seed, runs the quick tests of the fault's room
-until one fails, then the slow ones where none did. What is finished is kept in the file and not run again. `--list` only
-shows the faults, `--report` only what is kept. The tests run with the interpreter that runs this, one process at a time.
+until one fails, then, where none did, the quick tests of other rooms that name the fault's module, and the smokes of all
+rooms: together what `make test` notices, or a little less. `--slow` then runs the slow tests of the room on what is left.
+What is finished is kept in the file and not run again. `--list` only shows the faults, `--report` only what is kept. The
+tests run with the interpreter that runs this, one process at a time.
 """
 
 from __future__ import annotations
@@ -13,21 +15,24 @@ import copy
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "passerby"
 ROOMS = ("solver", "association", "geometry", "people", "interchange", "scene", "calibration")
-TESTED_BY = {"people": ("people", "monitoring", "solver")}
+TESTED_BY = {"people": ["people", "monitoring", "solver"]}
 """Rooms whose tests are a room's too: most of what it does is seen in what they make of it."""
+STAGES = ("room", "elsewhere", "slow")
+"""The tests that a fault meets in turn, until one notices it: the quick ones of its room, of other rooms, the slow ones."""
 CPU_S = 900
 """Processor time after which a fault that makes the tests run on and on counts as noticed."""
 OPPOSITE: dict[type[ast.AST], type[ast.AST]] = {
@@ -71,6 +76,7 @@ def main() -> None:
     parser.add_argument("--rooms", nargs="*", default=ROOMS, choices=ROOMS)
     parser.add_argument("--list", action="store_true", help="show the faults only")
     parser.add_argument("--report", action="store_true", help="show what is kept only")
+    parser.add_argument("--slow", action="store_true", help="run the slow tests too on what no quick one noticed")
     parser.add_argument("--again", action="store_true", help="run the quick tests again on what they did not notice")
     wanted = parser.parse_args()
     faults = [fault for fault in drawn(wanted.seed, wanted.count) if fault.room in wanted.rooms]
@@ -78,7 +84,7 @@ def main() -> None:
         print("\n".join(fault.name for fault in faults))
         return
     if not wanted.report:
-        run_all(faults, wanted.record, again=wanted.again)
+        run_all(faults, wanted.record, STAGES if wanted.slow else STAGES[:2], again=wanted.again)
     print(report(faults, kept(wanted.record)))
 
 
@@ -184,26 +190,23 @@ def _with(node: ast.expr, **fields: object) -> ast.expr:
     return changed
 
 
-def run_all(faults: list[Fault], record: Path, *, again: bool) -> None:
-    """Run the quick tests on every fault, then the slow ones on what those did not notice; keep each answer."""
-    for fault in faults:
-        before = kept(record).get(fault.name)
-        if before is None or (again and not before["quick"]):
-            found = noticed(fault, "not slow")
-            _keep(record, {"fault": fault.name, "quick": found.test is not None, "by": found.test, "cpu_s": found.cpu_s,
-                           "slow": before and before["slow"]})  # fmt: skip
-    for fault in faults:
-        before = kept(record)[fault.name]
-        if not before["quick"] and before["slow"] is None:
-            found = noticed(fault, "slow")
-            _keep(record, before | {"slow": found.test is not None, "by": found.test})
+def run_all(faults: list[Fault], record: Path, stages: Sequence[str], *, again: bool) -> None:
+    """Run one stage after the other on every fault that none before noticed; keep each answer."""
+    for stage in stages:
+        for fault in faults:
+            before = kept(record).get(fault.name, {"fault": fault.name})
+            missed_before = again and stage == "room" and not before.get(stage)
+            if missed_before or not (stage in before or _noticed_by(before)):
+                found = noticed(fault, stage)
+                by = found.test or before.get("by")
+                _keep(record, before | {stage: found.test is not None, "by": by, "cpu_s": found.cpu_s})
 
 
 def _keep(record: Path, line: dict[str, object]) -> None:
     record.parent.mkdir(parents=True, exist_ok=True)
     with record.open("a", encoding="utf-8") as file:
         file.write(json.dumps(line) + "\n")
-    print({True: "quick", False: "     "}[bool(line["quick"])], line["cpu_s"], "s", line["fault"], "|", line["by"], flush=True)
+    print(f"{_noticed_by(line):9}", line["cpu_s"], "s", line["fault"], "|", line["by"], flush=True)
 
 
 @dataclass(frozen=True)
@@ -214,8 +217,8 @@ class Notice:
     cpu_s: int
 
 
-def noticed(fault: Fault, marked: str) -> Notice:
-    """Run the tests so marked of the fault's room on a copy of the sources with the fault, until one fails."""
+def noticed(fault: Fault, stage: str) -> Notice:
+    """Run the tests of a stage on a copy of the sources with the fault, until one fails."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     failed = None
     with tempfile.TemporaryDirectory() as folder:
@@ -224,16 +227,40 @@ def noticed(fault: Fault, marked: str) -> Notice:
         path = sources / "passerby" / fault.path
         text = path.read_bytes()
         path.write_bytes(text[: fault.start] + fault.after.encode() + text[fault.end :])
-        for room in TESTED_BY.get(fault.room, (fault.room,)):
-            failed = failed or _first_failure(f"tests/{room}", marked, sources, Path(folder) / room)
+        for number, (tests, marked) in enumerate(tests_of(fault, stage)):
+            failed = failed or _first_failure(tests, marked, sources, Path(folder) / str(number))
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return Notice(failed, round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime))
 
 
-def _first_failure(tests: str, marked: str, sources: Path, place: Path) -> str | None:
+def tests_of(fault: Fault, stage: str) -> Iterator[tuple[list[str], str]]:
+    """Folders or files of tests, and which marks of them, that a stage runs in turn: what is likely to fail first."""
+    rooms = [f"tests/{room}" for room in TESTED_BY.get(fault.room, [fault.room])]
+    within = tuple(f"{room}/" for room in rooms)
+    files = naming(f"passerby.{fault.path.removesuffix('.py').replace('/', '.')}")
+    own, others = [file for file in files if file.startswith(within)], [file for file in files if not file.startswith(within)]
+    if stage == "slow":
+        yield from (([room], "slow") for room in rooms)
+    elif stage == "room":
+        yield from (([file], "not slow") for file in own)
+        yield from (([room, *(f"--ignore={file}" for file in own)], "not slow") for room in rooms)
+    else:
+        yield from (([file], "not slow") for file in others)
+        yield ["tests"], "smoke"
+
+
+def naming(module: str) -> list[str]:
+    """The files of tests that import a module."""
+    package, _, name = module.rpartition(".")
+    named = re.compile(rf"\b({re.escape(module)}\b|from {re.escape(package)} import .*\b{name}\b)")
+    files = [path for path in sorted((ROOT / "tests").rglob("test_*.py")) if named.search(path.read_text(encoding="utf-8"))]
+    return [path.relative_to(ROOT).as_posix() for path in files]
+
+
+def _first_failure(tests: list[str], marked: str, sources: Path, place: Path) -> str | None:
     command = [
         sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", "--no-header", "-m", marked,
-        f"--basetemp={place}", tests,
+        f"--basetemp={place}", *tests,
     ]  # fmt: skip
     done = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, preexec_fn=limit,
@@ -259,18 +286,19 @@ def kept(record: Path) -> dict[str, dict[str, object]]:
 
 
 def report(faults: list[Fault], finished: dict[str, dict[str, object]]) -> str:
-    """A table of rooms, and the faults that the quick tests did not notice."""
-    columns = ("quick", "slow", "none", "not tried")
-    rows = [f"| room | faults | {' | '.join(columns)} |", "|---|---|---|---|---|---|"]
-    done = [(fault, _noticed_by(finished[fault.name])) for fault in faults if fault.name in finished]
+    """A table of rooms, and the faults that the quick tests of their room did not notice."""
+    columns = (*STAGES, "none")
+    rows = [f"| room | faults | {' | '.join(columns)} |", "|---" * (2 + len(columns)) + "|"]
+    done = [(fault, _noticed_by(finished[fault.name]) or "none") for fault in faults if fault.name in finished]
     for room in (*ROOMS, "all"):
         counts = Counter(by for fault, by in done if room in (fault.room, "all"))
         rows.append(f"| {room} | {counts.total()} | {' | '.join(str(counts[column]) for column in columns)} |")
-    return "\n".join([*rows, "", *(f"- {by}: {fault.name}" for fault, by in done if by != "quick")])
+    return "\n".join([*rows, "", *(f"- {by}: {fault.name}" for fault, by in done if by != "room")])
 
 
 def _noticed_by(line: dict[str, object]) -> str:
-    return "quick" if line["quick"] else {True: "slow", False: "none", None: "not tried"}[line["slow"]]  # type: ignore[index]
+    """The stage that noticed a fault; empty where none has."""
+    return next((stage for stage in STAGES if line.get(stage)), "")
 
 
 if __name__ == "__main__":

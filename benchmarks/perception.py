@@ -5,19 +5,20 @@ Every part tells its table as far as it is, so that a benchmark that is stopped 
 
 from __future__ import annotations
 
-import re
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from accuracy import NOT_HERE
 from command import Calibrated
 from datasets import data_set, folder_of, models_folder
-from paper.page import Page, load, table
+from pages.kept import code_digest
+from pages.page import Page, load, table
+from pages.sections import NOT_RUN, Heading, Section, SectionedPage
 from passerby.scene.tables import WATCHED_FPS
 from perception_runs import (
     BOXES,
@@ -59,7 +60,7 @@ Result = TypeVar("Result")
 Runs = Mapping[str, Watched]
 """Method -> one scene's run."""
 
-NOT_RUN, NO_MODELS = "not run", "not run: no model files"
+NO_MODELS = f"{NOT_RUN}: no model files"
 MINUTE_S = 60.0
 LONG_S = 10 * MINUTE_S
 
@@ -73,8 +74,8 @@ class Wanted:
     seeds: int = 3
     parts: Sequence[str] = ()
     """Names of `PARTS`; all unless given."""
-    earlier: str = ""
-    """The page of an earlier run, from which the parts are taken that are not run."""
+    earlier: Mapping[str, Section] = field(default_factory=dict)
+    """Sections of an earlier run, for the parts that are not run."""
 
 
 @dataclass(frozen=True)
@@ -86,50 +87,17 @@ class Place:
     seeds: range
 
 
-@dataclass
-class Growing:
-    """The page as far as it is."""
-
-    parts: dict[str, str]
-    took: dict[str, float] = field(default_factory=dict)
-    kept: Sequence[str] = ()
-    """Parts of an earlier run."""
-
-    @property
-    def so_far(self) -> Page:
-        """With a note on the time."""
-        took = ", ".join(f"{name} {seconds / 60:.1f}" for name, seconds in self.took.items())
-        note = f"Minutes: {took}; together {sum(self.took.values()) / 60:.0f}. Mean load at the end: {load():.1f}."
-        if self.kept:
-            note += f" From an earlier run, as they were: {', '.join(self.kept)}."
-        texts = [_intro(name) + "\n\n" + part for name, part in self.parts.items()]
-        return Page("perception", "\n\n".join([_HEAD, *texts, note]) + "\n")
-
-
 def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
     """Three seeds of each rendered scene, or one in a quick run; the page again and again as it grows."""
     wanted = wanted or Wanted()
     place = Place(scratch, wanted.scenes or scratch / "scenes", range(1 if quick else wanted.seeds))
-    chosen = wanted.parts or tuple(PARTS)
-    kept = {name: text for name in PARTS if name not in chosen and (text := _part_of(wanted.earlier, name))}
-    page = Growing(dict.fromkeys(PARTS, NOT_RUN) | kept, kept=tuple(kept))
-    for name in chosen:
-        began = time.perf_counter()
-        for text in PARTS[name](place):
-            page.parts[name], page.took[name] = text, time.perf_counter() - began
-            yield page.so_far
+    page = SectionedPage("perception", _HEAD, _headings(), code_digest())
+    yield from page.grow({name: partial(PARTS[name], place) for name in wanted.parts or PARTS}, wanted.earlier)
 
 
-def _intro(name: str) -> str:
-    """The heading of a part, and what its tables are."""
-    return _TEXTS[name].format(**_FIGURES)
-
-
-def _part_of(page: str, name: str) -> str:
-    """A part's tables in a page; nothing where the page lacks them, or says of them what is not said any more."""
-    _, found, rest = page.partition(_intro(name) + "\n\n")
-    part = re.split(r"\n\n(?=## |Minutes: )", rest)[0] if found else ""
-    return "" if part == NOT_RUN else part
+def _headings() -> dict[str, Heading]:
+    """Of the parts, and what their tables are."""
+    return {name: Heading(heading.title, heading.says.format(**_FIGURES)) for name, heading in _HEADINGS.items()}
 
 
 def _demo(place: Place) -> Iterator[str]:
@@ -266,30 +234,40 @@ _FIGURES = {
     "watched": WATCHED_FPS,
 }
 
-_TEXTS = {
-    "demo": """## The demonstration
-
+_HEADINGS = {
+    "demo": Heading(
+        "The demonstration",
+        """\
 A terrace rendered and calibrated without weights by `passerby demo`. *calibrating*: its videos once more, by themselves, start
 of the program included; *simulating and rendering*: the rest. Processor time is that of all processes.""",
-    "pets2009": """## A real video among boxes of others
-
+    ),
+    "pets2009": Heading(
+        "A real video among boxes of others",
+        """\
 `pets2009`: one camera's people found in its video at 7 frames per second, the boxes of the other six from a detector of other
 make. The aim is what the camera's own given boxes reach, within 5 %.""",
-    "single": """## One person on the spot
-
+    ),
+    "single": Heading(
+        "One person on the spot",
+        """\
 `pose2sim_single`: four videos of 1088 × 1920 pixels, 60 frames per second, 100 frames; one person balances on the spot,
 bystanders behind. Networks, and the joints of `movenet-thunder`.""",
-    "rendered": """## Rendered scenes
-
+    ),
+    "rendered": Heading(
+        "Rendered scenes",
+        """\
 {seconds:g} s at {fps:g} frames per second, all of them looked at. The ratio is to what the true boxes of the same scenes give,
 noise-free and without identities, as detections; people who are hidden by more than 60 % have no true box. *acceptable*: all
 cameras and at most {acceptable:g} times the error, in every seed; *aim*: besides, the ratios of the means are at most {aim:g}.
 A dash: a camera is missing.""",
-    "long": """## Ten minutes
-
+    ),
+    "long": Heading(
+        "Ten minutes",
+        """\
 A construction site of {size} pixels at {rate:g} frames per second, 20 s repeated to a minute and to ten; one camera watched at
 {watched:g} pictures per second by the detector alone. Peak memory of the whole program; time by the clock, the
 detectors side by side on a core each. *detector's share*: of all the time, the learning of the background included.""",
+    ),
 }
 
 _SEEDS = "Seed by seed."

@@ -10,7 +10,7 @@ from association_tables import KEYS
 from command import Calibrated, Run
 from metrics.detections import BoxScore
 from metrics.tracklets import TrackletScore
-from paper.page import errors, number, reached, table, yes
+from pages.page import errors, number, reached, table, yes
 from perception_runs import CRASHED, PETS_CAMERA, Demo, Watched
 from simulations import complete, figures
 

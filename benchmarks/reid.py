@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 
 from accuracy import NOT_HERE
 from datasets import models_folder
-from paper.page import Page, load, table
+from pages.kept import code_digest
+from pages.page import Page, table
+from pages.sections import NOT_RUN, Heading, Section, SectionedPage
 from reid_runs import RETAIL, STRIPES, Team, Trained, adapted, evaluate, real_crops, speed, train, untrained
 from reid_scenes import CROWD, CROWD_FPS, CROWD_SECONDS, HALF_SECONDS, TEAM, TEAM_FPS, crowd
 from reid_tables import TRAINED_HEAD, crops_tables, crowd_tables, team_tables, trained_row
 from simulations import PRESETS, WORKERS
 
-NOT_RUN, NO_TORCH = "not run", "not run: the extra `passerby[reid]` is not installed"
+NO_TORCH = f"{NOT_RUN}: the extra `passerby[reid]` is not installed"
 CLOTHES = ("individual", "alike")
 TRAINING = [(preset, seed) for seed in (100, 101) for preset in ("terrace", "construction")]
 TESTED = [(preset, 300) for preset in PRESETS]
@@ -39,32 +43,25 @@ class Place:
 
 
 def run(
-    scratch: Path, quick: bool, scenes: Path | None = None, seeds: int = 3, only: Sequence[str] = (), page: Path | None = None
+    scratch: Path,
+    quick: bool,
+    scenes: Path | None = None,
+    seeds: int = 3,
+    only: Sequence[str] = (),
+    earlier: Mapping[str, Section] = MappingProxyType({}),
 ) -> Iterator[Page]:
     """The page again and again as it grows; a quick run trains for an epoch or two, to see that all of it works.
 
-    Of `only` some parts the others stay as they are on the `page`.
+    Of `only` some parts the others stay as they were `earlier`.
     """
     place = Place(scratch, scenes or scratch / "scenes", range(1 if quick else seeds), quick)
-    for name, part in PARTS.items():
-        if only and name not in only:
-            continue
-        began = time.perf_counter()
-        for text in part(place) if find_spec("torch") else iter([NO_TORCH]):
-            minutes = (time.perf_counter() - began) / 60
-            yield _page(name, f"{text}\n\n{minutes:.1f} minutes; mean load at the end {load():.1f}.", page)
+    page = SectionedPage("reid", _HEAD, _HEADINGS, code_digest())
+    parts = {name: partial(part, place) if find_spec("torch") else _no_torch for name, part in PARTS.items()}
+    yield from page.grow({name: part for name, part in parts.items() if not only or name in only}, earlier)
 
 
-def _page(name: str, text: str, page: Path | None) -> Page:
-    """The page with the text of one part, the others as they stand on it now."""
-    earlier = page.read_text(encoding="utf-8") if page is not None and page.is_file() else ""
-    parts = dict.fromkeys(PARTS, NOT_RUN)
-    for section in f"\n{earlier}".split("\n## ")[1:]:
-        for other, head in _TEXTS.items():
-            if head.startswith(f"## {section.splitlines()[0]}\n"):
-                parts[other] = section.split("\n\n", 2)[2].strip()
-    parts[name] = text
-    return Page("reid", "\n\n".join([_HEAD, *(f"{_TEXTS[name]}\n\n{text}" for name, text in parts.items())]) + "\n")
+def _no_torch() -> Iterator[str]:
+    yield NO_TORCH
 
 
 def _crops(place: Place) -> Iterator[str]:
@@ -147,20 +144,25 @@ weights: 1.2 million weights, crops of 64 × 128 pixels. Rank-1: how often the m
 same person's by the same camera left out (Market-1501's protocol); *camera-centred*: each camera's mean taken off first, as
 association does. Wall times are of this machine and this run. ResNet-50 was not trained here: there was no graphics card."""
 
-_TEXTS = {
-    "crops": """## Real crops
-
+_HEADINGS = {
+    "crops": Heading(
+        "Real crops",
+        """\
 `reid_crops`, 62 people by two cameras; learnt from its `train`, searched in its `val` (12 other people). Nothing was chosen by
 the result: the recipe is as it stands. *untrained*: random weights, its normalisation fitted to the pictures.""",
-    "crowds": f"""## Rendered people
-
+    ),
+    "crowds": Heading(
+        "Rendered people",
+        f"""\
 Crowds of {CROWD} people before four cameras, {CROWD_SECONDS:g} s at {CROWD_FPS:g} picture a second, crops by the true boxes.
 Learnt from: seeds {", ".join(map(str, sorted({seed for _, seed in TRAINING})))} of terrace and construction. Searched: other
 people, seed {TESTED[0][1]}; the basketball court, where people are half as tall in the pictures, was never learnt from. Every
 picture searches the other cameras' of its scene. *individual*: everybody in clothes of their own; *alike*: all in the same vest
 and trousers, so that height, hair, skin and shoes are left. Rank-1 by chance: {100 / CROWD:.0f} %.""",
-    "teams": f"""## All in the same vest
-
+    ),
+    "teams": Heading(
+        "All in the same vest",
+        f"""\
 {TEAM} people in one vest on the terrace, four cameras, two halves of {HALF_SECONDS:g} s at {TEAM_FPS:g} pictures a second. They
 are found by background subtraction. *start*: the network trained on individual clothes, above; *adapted*: the same after
 `passerby reid finetune` on the calibration of the **first** half (mode combined), without any label. The **second** half was
@@ -168,4 +170,5 @@ never learnt from; it is calibrated by itself with either network. Precision and
 cameras that got one identity, against the true ones (boxes that overlap by half). *looks alone*: the paper's Hungarian
 matching of the tracklets at every instant, before anything is verified, and in how many pairs of cameras the association finds
 that looks tell more than chance. What is refused has found nobody.""",
+    ),
 }

@@ -79,7 +79,7 @@ def appearance(scene: Path, out: Path, truth: Mapping[str, Boxes], seed: int = 0
         if first is None or second is None:
             continue
         one, two = (_people(truth[cameras[c].name], looked.boxes) for c, looked in ((a, first), (b, second)))
-        pairs = match_boxes(first.boxes, second.boxes, first.features, second.features, first.instants, second.instants)
+        pairs = match_boxes(first, second)
         who, whom = one[pairs.row_a], two[pairs.row_b]
         known = (who != UNKNOWN) & (whom != UNKNOWN)
         matched, right = matched + int(known.sum()), right + int((known & (who == whom)).sum())

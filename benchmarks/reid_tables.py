@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from command import Calibrated
-from paper.page import errors, number, table, yes
+from pages.page import errors, number, table, yes
 from perception_tables import in_rig
 from reid_runs import Half, Team, Trained
 from reid_scenes import HALVES

@@ -19,7 +19,8 @@ import reid
 import speed
 import swaps
 from datasets import ROOT
-from paper.page import Page, signed, write_page
+from pages.page import Page, publish
+from pages.sections import sections_on
 
 
 def _peers(scratch: Path, quick: bool) -> Iterable[Page]:
@@ -71,9 +72,8 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
-    page = None if out is None else out / "perception.md"
-    earlier = page.read_text() if arguments.parts and page is not None and page.is_file() else ""
-    wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier)
+    earlier = {name: sections_on(None if out is None else out / f"{name}.md") for name in ("perception", "reid")}
+    wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier["perception"])
     sections = SECTIONS | {
         "perception": partial(perception.run, wanted=wanted),
         "reid": partial(
@@ -81,24 +81,13 @@ def main() -> None:
             scenes=arguments.scenes,
             seeds=arguments.seeds,
             only=arguments.reid_parts,
-            page=None if out is None else out / "reid.md",
+            earlier=earlier["reid"],
         ),
     }
     for name in arguments.only or SECTIONS:
         with tempfile.TemporaryDirectory(prefix="passerby-bench-") as scratch:
-            made = sections[name](Path(scratch), arguments.quick)
-            _publish([made] if isinstance(made, Page) else made, out, arguments.quick)
-
-
-def _publish(growing: Iterable[Page], out: Path | None, quick: bool) -> None:
-    """Write a page whenever there is more of it, and print it when it is whole."""
-    text = ""
-    for page in growing:
-        command = f"python benchmarks/run.py --only {page.name}{' --quick' if quick else ''}"
-        text = signed(page, command)
-        if out is not None:
-            write_page(page, out, command)
-    print(text, flush=True)
+            command = f"python benchmarks/run.py --only {name}{' --quick' if arguments.quick else ''}"
+            publish(sections[name](Path(scratch), arguments.quick), out, command)
 
 
 if __name__ == "__main__":

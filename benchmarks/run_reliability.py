@@ -1,7 +1,7 @@
 """`make reliability`: how honest Passerby is, measured: `python benchmarks/run_reliability.py [--quick] [--only PART ...]`.
 
 Prints the table, and writes `docs/reliability.md` (a quick run: only with `-o FOLDER`). Finished cases are kept in
-`build/reliability`: a run that was stopped goes on, and parts that are not run stay on the page as they are there.
+`build/reliability`: a run that was stopped goes on. Parts that are not run stay on the page as they are there.
 """
 
 from __future__ import annotations
@@ -10,17 +10,21 @@ import argparse
 import importlib
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
-from reliability.page import page, save, write
+from pages.page import publish
+from pages.sections import Found, sections_on
+from reliability.page import reliability_page
 from reliability.runs import ROOT, Wanted
 
 PARTS: Mapping[str, str] = MappingProxyType(
     {"coverage": "coverage", "verdict": "battery", "monitor": "watch", "fuzz": "fuzz", "faults": "faults"}
 )
 """Part -> module of `reliability`."""
+COMMAND = "make reliability"
 
 
 def main() -> None:
@@ -36,15 +40,16 @@ def main() -> None:
     beside = ROOT.parent / "shared" / "data"
     data = arguments.data or (beside if beside.is_dir() else None)
     wanted = Wanted(arguments.kept, arguments.quick, arguments.workers, data)
-    for name in arguments.only:
-        began = time.monotonic()
-        part = importlib.import_module(f"reliability.{PARTS[name]}").run(wanted)
-        save(part, wanted.kept, quick=wanted.quick)
-        print(f"{name}: {(time.monotonic() - began) / 60:.1f} min", file=sys.stderr, flush=True)
-    print(page([*PARTS], wanted.kept).text)
     out = arguments.out or (None if arguments.quick else ROOT / "docs")
-    if out is not None:
-        write([*PARTS], wanted.kept, out, "make reliability")
+    earlier = sections_on(None if out is None else out / "reliability.md")
+    publish(reliability_page().grow({name: partial(_run, name, wanted) for name in arguments.only}, earlier), out, COMMAND)
+
+
+def _run(name: str, wanted: Wanted) -> Iterator[Found]:
+    """What a part found, when it is whole."""
+    began = time.monotonic()
+    yield importlib.import_module(f"reliability.{PARTS[name]}").run(wanted)
+    print(f"{name}: {(time.monotonic() - began) / 60:.1f} min", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

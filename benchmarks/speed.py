@@ -10,7 +10,7 @@ import numpy as np
 from accuracy import NOT_HERE
 from command import ONE_THREAD, Calibrated, calibrate, run_program
 from datasets import data_set, every_second_frame, folder_of, write_scene
-from paper.page import Page, load, number, table, yes
+from pages.page import Page, load, number, table, yes
 
 LARGEST_SECONDS, LARGEST_MB, LARGEST_DOUBLING = 5.0, 500.0, 2.0
 

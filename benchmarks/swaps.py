@@ -14,7 +14,7 @@ import numpy as np
 from accuracy import NOT_HERE
 from command import ONE_THREAD, Calibrated, calibrate
 from datasets import DataSet, data_set, folder_of, swap_identities, write_scene
-from paper.page import Page, errors, table, yes
+from pages.page import Page, errors, table, yes
 from simulations import WORKERS, figures
 
 SHARE = 0.3

@@ -32,7 +32,7 @@ from passerby.simulation import SimulatedScene, SimulationOptions, simulate, wri
 
 FOLDER = Path(__file__).resolve().parent / "figures"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
-"""Of Okabe and Ito: told apart by colour-blind people too."""
+"""Of Okabe and Ito: colour-blind people can distinguish them too."""
 GREY, INK = "#9aa0a6", "#202124"
 USUAL_PX = 150.0
 """Height of the box that is drawn: of somebody some metres off, as most are."""
@@ -131,7 +131,7 @@ def _picture_axes(ax: Axes) -> None:
         for m in range(3):
             ax.add_patch(Rectangle((n - 0.5, m - 0.5), 1, 1, fill=False, ec="#dadce0"))
     ax.plot(0, 0, "o", ms=4, color=COLOURS[1])
-    ax.annotate("(0, 0) is the middle of\nthe first pixel", (0, 0), (3.4, 1.6), color=COLOURS[1], fontsize=8,
+    ax.annotate("(0, 0) is the centre of\nthe first pixel", (0, 0), (3.4, 1.6), color=COLOURS[1], fontsize=8,
                 arrowprops={"arrowstyle": "-", "color": COLOURS[1]})  # fmt: skip
     arrow(ax, (-0.5, -1.3), (5, -1.3), INK, "u: right", (2.2, 0))
     arrow(ax, (-1.3, -0.5), (-1.3, 4), INK, "v: down", (0, 0.9))
@@ -140,7 +140,7 @@ def _picture_axes(ax: Axes) -> None:
     ax.text(9.1, 3.0, "left, top", color=COLOURS[2], ha="right", fontsize=8)
     ax.text(10.5, 8.7, "width", color=COLOURS[2], ha="center", fontsize=8)
     ax.text(12.7, 5.5, "height", color=COLOURS[2], ha="center", fontsize=8)
-    ax.set_title("picture, pixels", fontsize=10)
+    ax.set_title("image, pixels", fontsize=10)
     ax.set_xlim(-2.6, width)
     ax.set_ylim(height, -2.2)
     ax.set_aspect("equal")
@@ -169,7 +169,7 @@ def box_and_body(example: Example) -> None:
         picture.plot(*centre, "+", color=COLOURS[1], ms=13, mew=2)
         gap = box[3] * 0.62
         for point, text, colour in ((high, "top of the body", COLOURS[0]), (low, "its foot", COLOURS[0]),
-                                    (middle, "middle of the body ×\ncentre of the box +", INK)):  # fmt: skip
+                                    (middle, "centre of the body ×\ncentre of the box +", INK)):  # fmt: skip
             picture.annotate(text, point, (point[0] + gap, point[1]), color=colour, fontsize=9, va="center",
                              arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.8})  # fmt: skip
         picture.text(box[0], box[1] - box[3] * 0.06, "box", color=COLOURS[1], ha="center", fontsize=9)
@@ -177,7 +177,7 @@ def box_and_body(example: Example) -> None:
         picture.set_xlim(box[0] - pad, box[0] + box[2] + box[3] * 1.1)
         picture.set_ylim(box[1] + box[3] + pad, box[1] - pad)
         picture.set_aspect("equal")
-        picture.set_title(f"in the picture of {camera.name}, pixels", fontsize=10)
+        picture.set_title(f"in the image of {camera.name}, pixels", fontsize=10)
 
 
 def _clear_sighting(scene: SimulatedScene, camera: Camera) -> tuple[int, int, Floats]:
@@ -207,7 +207,7 @@ def _from_the_side(ax: Axes, camera: Camera, place: Floats, height: float) -> No
     ax.plot([reach], [height / 2], "x", color=COLOURS[0], ms=9, mew=2)
     ax.annotate("", (reach + 0.45, 0), (reach + 0.45, height), arrowprops={"arrowstyle": "<->", "color": INK})
     ax.text(reach + 0.6, height / 2, "height h of this person:\nunknown, 1.72 ± 0.09 m", va="center", fontsize=9)
-    ax.text(reach, -0.45, "place (x, y) at this instant", ha="center", fontsize=9, color=COLOURS[0])
+    ax.text(reach, -0.45, "position (x, y) at this time step", ha="center", fontsize=9, color=COLOURS[0])
     ax.text(reach * 0.35, 0.08, "ground, z = 0", fontsize=9, color="#5f6368")
     ax.set_xlim(-0.6, reach + 3.4)
     ax.set_ylim(-0.7, max(centre[2], height) + 0.6)
@@ -221,7 +221,7 @@ def _from_the_side(ax: Axes, camera: Camera, place: Floats, height: float) -> No
 
 
 def ground_tracks(example: Example) -> None:
-    """The ground tracks of two cameras, each in its own frame, and laid upon each other."""
+    """The ground tracks of two cameras, each in its own frame, and aligned."""
     a, b = example.prepared[0], example.prepared[1]
     assert a.tracks is not None
     assert b.tracks is not None
@@ -229,14 +229,14 @@ def ground_tracks(example: Example) -> None:
     with drawing("ground-tracks", 3, (9.6, 3.9)) as axes:
         for ax, one, colour in ((axes[0], a, COLOURS[0]), (axes[1], b, COLOURS[1])):
             _tracks(ax, one, colour, lambda z: z)
-            ax.set_title(f"{one.name}, by itself", fontsize=10)
+            ax.set_title(f"{one.name} alone", fontsize=10)
             ax.set_xlabel("right of the camera, m")
-            ax.set_ylabel("before the camera, m")
+            ax.set_ylabel("in front of the camera, m")
         _tracks(axes[2], a, COLOURS[0], lambda z: best.turn * z + best.shift)
         _tracks(axes[2], b, COLOURS[1], lambda z: z)
         degrees = np.degrees(np.angle(best.turn))
-        axes[2].set_title(f"{a.name} turned by {degrees:.0f}° and moved", fontsize=10)
-        axes[2].set_xlabel(f"share {best.share:.0%}, clocks {best.lag_s:+.2f} s")
+        axes[2].set_title(f"{a.name} rotated by {degrees:.0f}° and moved", fontsize=10)
+        axes[2].set_xlabel(f"share {best.share:.0%}, time offset {best.lag_s:+.2f} s")
         for ax in axes:
             ax.set_aspect("equal", adjustable="datalim")
 
@@ -259,7 +259,7 @@ def _tracks(ax: Axes, camera: CameraTracklets, colour: str, moved: Any) -> None:
 
 
 def view_graph(example: Example) -> None:
-    """The cameras from above with their sigmas, and how every two were tied."""
+    """The cameras from above with their sigmas, and the registration of every two."""
     told = example.calibration.to_dict()
     rig: Rig = example.calibration.rig
     with drawing("view-graph", 1, (6.4, 5.2)) as ax:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 
+from pages.page import Page, number, table
 from paper.conditions import Condition, Outcome, run_conditions
 from paper.goals import BOX_NOISE
-from paper.page import Page, Wanted, number, table
 from paper.plots import Axis
 from paper.spread import FAILS, failures, of, quartiles
 from paper.sweep import Swept, curve_page, seeds_of, sweep
+from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.scene.tables import SEARCHED_S
 from passerby.simulation import SimulationOptions

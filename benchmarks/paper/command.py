@@ -28,9 +28,10 @@ def benchmark(
     Each part is a page of tables and plots. Pages that are finished stay when the command is stopped, and the same command goes
     on where it was. Needs the extra "evidence" of the package.
     """
-    from paper.page import Wanted, signed, write_page
+    from pages.page import publish
     from paper.parts import PARTS, chosen_parts
     from paper.plots import check_plots
+    from paper.wanted import Wanted
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
     from passerby.interchange.storage.atomic import make_folder
@@ -45,10 +46,7 @@ def benchmark(
     wanted = Wanted(quick, seeds, data, scenes, out / KEPT)
     with stages() as tell, local_processes(MUCH_WORK_BYTES, 0) as executor:
         for name, part in chosen.items():
-            page = part.load()(wanted, executor, tell)
-            command = _command(name, wanted.quick, wanted.seeds, data is not None)
-            path = write_page(page, out, command)
-            print(f"{signed(page, command)}\nwritten to {path}\n", flush=True)
+            publish(part.load()(wanted, executor, tell), out, _command(name, wanted.quick, wanted.seeds, data is not None))
     shutil.rmtree(out / KEPT, ignore_errors=True)
 
 

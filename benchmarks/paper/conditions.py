@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 import tomli_w
 
-from paper.kept import Kept
+from pages.kept import Kept
 from paper.sampling import sampled
 from paper.thinning import thinned
 from passerby.calibration.calibration import Calibration

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import Any
 
+from pages.page import Page, table, yes
 from paper.conditions import Condition, Outcome
 from paper.goals import BOX_NOISE
-from paper.page import Page, Wanted, table, yes
 from paper.plots import Axis
 from paper.spread import ABOUT, failures, median_errors, of, quartiles, worst_errors
 from paper.sweep import Swept, presets_of, sweep
+from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.geometry.two_view import MIN_POINTS
 from passerby.simulation import SimulationOptions

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from functools import partial
 
+from pages.page import Page
 from paper.conditions import Condition, Method
 from paper.goals import BOX_NOISE
-from paper.page import Page, Wanted
 from paper.plots import Axis
 from paper.spread import percent
 from paper.sweep import curve_page, presets_of, sweep
+from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 

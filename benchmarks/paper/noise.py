@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
+from pages.page import Page, number, table, yes
 from paper.conditions import Condition, Method, Outcome
-from paper.page import Page, Wanted, number, table, yes
 from paper.paper_figures import NOISE, NOISE_FAILS_PX, POSES
 from paper.plots import Axis, Line, Panel, error_plot
 from paper.spread import ABOUT, FAILS, failures, median, median_errors, of, worst_errors
 from paper.sweep import Swept, sweep
+from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import PRESETS, SimulationOptions
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Protocol
 
-from paper.page import Page, Wanted
+from pages.page import Page
+from paper.wanted import Wanted
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 
+from pages.page import Page
 from paper.conditions import Condition, Method
 from paper.goals import BOX_NOISE
-from paper.page import Page, Wanted
 from paper.plots import Axis
 from paper.sweep import curve_page, sweep
+from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from baselines import MATCHERS, Matches
-from paper.kept import Kept
+from pages.kept import Kept
 from paper.match_picture import as_jpeg, draw_matches
 from paper.pixel_real import BOXES, RealViews, panoptic, run_boxes, run_matcher, wildtrack
 from paper.pixel_rows import ROWS, PixelOutcome, run_row

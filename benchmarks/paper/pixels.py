@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from baselines import MATCHERS
 from metrics.epipolar import RIGHT_PX
+from pages.page import Page, number, table, yes
 from paper.match_picture import MOST_DRAWN
-from paper.page import Page, Wanted, number, table, yes
 from paper.paper_figures import POSES, REPROJECTIONS, SCENES
 from paper.pixel_jobs import DRAWN_CAMERA, REAL, Done, jobs, run_job
 from paper.pixel_real import BOXES
@@ -18,6 +18,7 @@ from paper.pixel_rows import NOT_RUN, ROWS, PixelOutcome
 from paper.pixel_stage import JOINT_NOISE_PX, JUDGE_NOISE_PX, JUDGED, LENGTH_M, LENGTH_NOISE_PX
 from paper.rendered import FPS, SECONDS
 from paper.spread import FAILS, failures, median, median_errors, verdicts
+from paper.wanted import Wanted
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
 from passerby.solver.geopose.pairs import GeoPoseOptions

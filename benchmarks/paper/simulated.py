@@ -8,12 +8,13 @@ from concurrent.futures import Executor
 
 import numpy as np
 
+from pages.page import Page, number, reached, table, yes
 from paper.conditions import Condition, Method, Outcome
 from paper.goals import BOX_NOISE, GRAVITY_GOAL_DEG, GROUND_GOAL_MM, PRESETS, SCALE_GOAL
-from paper.page import Page, Wanted, number, reached, table, yes
 from paper.paper_figures import POSES, POSES_MEAN
 from paper.spread import failures, of, percent, pose_errors, verdicts, worst_errors
 from paper.sweep import sweep
+from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from paper.page import errors, number
+from pages.page import errors, number
 
 if TYPE_CHECKING:
     from paper.conditions import Outcome

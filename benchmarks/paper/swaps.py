@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from functools import partial
 
+from pages.page import Page, number, table, yes
 from paper.conditions import Condition, Method
 from paper.goals import BOX_NOISE
-from paper.page import Page, Wanted, number, table, yes
 from paper.plots import Axis
 from paper.spread import median, percent
 from paper.sweep import Swept, curve_page, presets_of, sweep
+from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import SimulationOptions
 

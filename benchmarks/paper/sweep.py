@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
+from pages.page import Page, table
 from paper.conditions import Condition, Outcome, run_conditions
-from paper.page import Page, Wanted, table
 from paper.plots import Axis, Line, Panel, error_plot
 from paper.spread import ABOUT, HEAD, of, spread_cells
+from paper.wanted import Wanted
 from passerby.common.progress import Progress
 from passerby.simulation import PRESETS
 

@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 
 import numpy as np
 
-from paper.page import Page, Wanted, number, table, yes
+from pages.page import Page, number, table, yes
 from paper.spread import FAILS, quartiles
 from paper.tracking_runs import (
     BOX_NOISE,
@@ -24,6 +24,7 @@ from paper.tracking_runs import (
     run_case,
     run_set,
 )
+from paper.wanted import Wanted
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
 from passerby.people.trajectories.trajectories import METHODS

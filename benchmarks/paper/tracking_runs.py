@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from paper.kept import Kept
+from pages.kept import Kept
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.pipeline import calibrate
 from passerby.common.errors import PasserbyError

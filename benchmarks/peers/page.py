@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from paper.page import Page
+from pages.page import Page
 from peers.cases import (
     BOX_NOISE,
     CONDITIONS,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from paper.page import errors, number, table, yes
+from pages.page import errors, number, table, yes
 from peers.judging import Result
 
 PASSERBY, CALISCOPE = "Passerby", "caliscope"

@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from paper.page import table
+from pages.page import table
+from pages.sections import Found
 from reliability import hostile, ordinary
 from reliability.hostile import HOSTILE
 from reliability.judging import MOST_DEG, MOST_M, MOST_SIGMAS
-from reliability.page import Line, Part
+from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, percent, seeds
 
 HOSTILE_SEEDS = seeds(106_000, 1)
@@ -22,14 +23,14 @@ MOST_REFUSED = 0.03
 """Share of the ordinary scenes that may be turned down."""
 
 
-def run(wanted: Wanted) -> Part:
+def run(wanted: Wanted) -> Found:
     """All hostile cases and all ordinary scenes; a few of each in a quick run."""
     names = QUICK_CASES if wanted.quick else tuple(HOSTILE)
     cases = {f"{name} {seed}": (name, seed) for seed in HOSTILE_SEEDS for name in names}
     found = kept(wanted, "hostile", cases, hostile.work)
     scenes = {str(seed): seed for seed in (ORDINARY_SEEDS[:QUICK_ORDINARY] if wanted.quick else ORDINARY_SEEDS)}
     usual = kept(wanted, "ordinary", scenes, ordinary.work)
-    return Part("verdict", "The verdict", _lines(found, usual), _text(cases, found, usual))
+    return part_found(_lines(found, usual), _text(cases, found, usual), quick=wanted.quick)
 
 
 def false_accepts(found: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -68,30 +69,30 @@ def _text(
 {_HEAD}
 
 Of {len(found)} hostile cases {wrong_rigs} ended with a wrong rig, {len(false_accepts(found))} of them accepted;
-{right_accepted} were accepted and right. The calibration knows nothing of the truth.
+{right_accepted} were accepted and right. The calibration does not know the truth.
 
 {table(head, rows)}
 
 ### Ordinary scenes
 
 {len(usual)} scenes of all three presets, 3 to 8 cameras, 4 to 14 people, 20 to 60 s, boxes off by 1 to 4 % of their height, up
-to 10 % false and 10 % missing, half of them without identities and with clocks up to 2 s apart: {len(usual) - len(turned_down)}
+to 10 % false and 10 % missing, half of them without identities and with time offsets up to 2 s: {len(usual) - len(turned_down)}
 accepted, {sum(result["verdict"] == "doubtful" for result in turned_down)} doubtful,
-{sum(result["verdict"] == "refused" for result in turned_down)} refused. Why they were not accepted:
+{sum(result["verdict"] == "refused" for result in turned_down)} refused. The reasons why scenes were not accepted:
 
 {reasons if turned_down else "None was turned down."}
 """
 
 
-_HEAD = f"""A rig counts as wrong where a camera is off by more than {MOST_M:g} m or {MOST_DEG:g} degrees after the best
-similarity; or, after the best placement along the ground, by so much *and* by more than {MOST_SIGMAS:g} of its own stated
-sigmas (the scale rests on how tall people are taken to be, and the sigma says so). The three columns of errors are the worst
-camera's: after the similarity, and after the placement. A camera that moves has to be right before and after. A hostile case
-may be accepted where its rig is right.
+_HEAD = f"""A rig counts as wrong if a camera is off by more than {MOST_M:g} m or {MOST_DEG:g} degrees after similarity
+alignment. It also counts as wrong if, after the best placement along the ground, a camera is off by this much *and* by more
+than {MOST_SIGMAS:g} of its own stated sigmas (the scale depends on the assumed height of people, and the sigma includes
+this). The three columns of errors are those of the worst camera: after similarity alignment, and after the placement. A
+camera that moves has to be right before and after. A hostile case may be accepted if its rig is right.
 
-Two things no rule can see, since they leave nothing that does not fit. If *all* pictures are mirrored left to right, the rig
-comes out as the mirror image of the true one. And if people move exactly point-symmetrically and one camera's identities are
-those of the opponents, that camera may as well stand opposite."""
+Two cases cannot be detected by any rule, because all observations fit. If *all* images are mirrored left to right, the rig
+is the mirror image of the true one. If people move exactly point-symmetrically and one camera's identities are
+those of the opponents, that camera may as well be on the opposite side."""
 
 
 def _errors(result: Mapping[str, Any]) -> list[str]:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from datasets import DATA_SETS, write_scene
-from paper.page import table
+from pages.page import table
+from pages.sections import Found
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.calibration.pipeline import calibrate
@@ -18,7 +19,7 @@ from passerby.core.figures import adjusted
 from passerby.evaluation.metrics import compare
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.write import MEAN_SD
-from reliability.page import Line, Part
+from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, seeds
 
 SCENES = seeds(100_000, 300)
@@ -142,12 +143,12 @@ def real(name: str, wanted: Wanted) -> dict[str, Any] | None:
     return {"verdict": found.verdict, "position": position, "orientation": turned, "scale": scale}
 
 
-def run(wanted: Wanted) -> Part:
+def run(wanted: Wanted) -> Found:
     """All scenes and all real sets."""
     scenes = SCENES[:QUICK_SCENES] if wanted.quick else SCENES
     found = kept(wanted, "coverage", {str(seed): seed for seed in scenes}, work)
     sets = {data.name: real(data.name, wanted) for data in DATA_SETS}
-    return Part("coverage", "Sigmas", _lines(found, sets), _text(found, sets))
+    return part_found(_lines(found, sets), _text(found, sets), quick=wanted.quick)
 
 
 def shares(results: Iterable[Mapping[str, Any]], kind: str) -> tuple[float, float, int]:
@@ -190,19 +191,20 @@ def _text(found: Mapping[str, Mapping[str, Any]], sets: Mapping[str, Mapping[str
     rows = [[label, str(len(some)), *(_cell(some, kind) for kind in KINDS)] for label, some in strata if some]
     doubted = sum(result["verdict"] != "accepted" for result in results)
     text = f"""
-{len(results)} simulated scenes of boxes, identities given: the three presets, 3 to 10 cameras, 1 to 20 people, 10 to 120 s,
-noise of each edge 0 to 6 % of the box's height, up to 20 % of the boxes with somebody else's identity; every fourth with clocks
-that are off by up to 0.5 s. Shares of errors within one sigma and within two, in percent. *position*, *orientation*: after the
-best placement along the ground, which is what a rig file's sigmas are stated for; *shape*: after the best similarity, against
-the sigmas within the rig; *distance*: between any two cameras. {doubted} of the scenes were not accepted; their sigmas count as
-well.
+{len(results)} simulated scenes of boxes with known identities: the three presets, 3 to 10 cameras, 1 to 20 people, 10 to
+120 s, noise of each edge 0 to 6 % of the box's height, up to 20 % of the boxes with another person's identity. In every
+fourth scene clocks are off by up to 0.5 s. The table has the percentages of errors within one sigma and within two.
+*position*, *orientation*: after the best placement along the ground, for which a rig file's sigmas are stated; *shape*:
+after similarity alignment, compared with the sigmas within the rig; *distance*: between any two cameras. {doubted} of the
+scenes were not accepted; their sigmas are included.
 
 {table(("scenes", "number", *KINDS), rows)}
 """
     real_rows = [_real_row(name, result) for name, result in sets.items()]
     return f"""{text}
-On the real sets, identities given, the errors of position and orientation beyond what the true cameras are off by themselves,
-as multiples of the stated sigmas within the rig, the largest of all cameras; and the scale's.
+The next table is for real data sets with known identities. It has the errors of position and orientation beyond the error
+of the true cameras themselves, as multiples of the stated sigmas within the rig (the largest of all cameras), and the error
+of the scale.
 
 {table(("data", "verdict", "position", "orientation", "scale"), real_rows)}
 """

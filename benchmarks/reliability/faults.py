@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from paper.page import table
+from pages.kept import code_digest
+from pages.page import table
+from pages.sections import Found
 from reliability.disturbed import DISTURBANCES, SkippedError, calibration, program
 from reliability.machine import Fault
-from reliability.page import Line, Part
-from reliability.runs import Wanted, code_digest, kept
+from reliability.page import Line, part_found
+from reliability.runs import CODE, Wanted, kept
 from reliability.writers import WRITERS, Writer, fate, make, undisturbed
 
 SEED = 100_000
@@ -61,12 +63,12 @@ class Disturbed:
     value: Any
 
 
-def run(wanted: Wanted) -> Part:
+def run(wanted: Wanted) -> Found:
     """All faults, and what became of them."""
     made = _made(wanted)
     cases = _cases(wanted, made)
     results = kept(wanted, "faults", cases, work)
-    return _part(cases, results)
+    return _part(cases, results, quick=wanted.quick)
 
 
 def work(case: Chunk | Disturbed) -> Mapping[str, Any]:
@@ -91,7 +93,7 @@ def _made(wanted: Wanted) -> Path:
     """The scenes and what is known of them, made once for this code."""
     made = wanted.kept.resolve() / "faults-scenes"
     mark = made / "code"
-    if mark.is_file() and mark.read_text() == code_digest():
+    if mark.is_file() and mark.read_text() == code_digest(*CODE):
         return made
     shutil.rmtree(made, ignore_errors=True)
     made.mkdir(parents=True)
@@ -104,7 +106,7 @@ def _made(wanted: Wanted) -> Path:
     (made / "events").mkdir()
     for writer in WRITERS:
         (made / "events" / writer.name).write_text(str(undisturbed(writer, made)[0].events))
-    mark.write_text(code_digest())
+    mark.write_text(code_digest(*CODE))
     return made
 
 
@@ -139,7 +141,7 @@ def _cases(wanted: Wanted, made: Path) -> dict[str, Chunk | Disturbed]:
     return cases
 
 
-def _part(cases: Mapping[str, Chunk | Disturbed], results: Mapping[str, Mapping[str, Any]]) -> Part:
+def _part(cases: Mapping[str, Chunk | Disturbed], results: Mapping[str, Mapping[str, Any]], *, quick: bool) -> Found:
     """The table of kinds, and what went wrong."""
     injected: Counter[str] = Counter()
     lost: Counter[str] = Counter()
@@ -167,15 +169,15 @@ def _part(cases: Mapping[str, Chunk | Disturbed], results: Mapping[str, Mapping[
     writers = [(name, str(counts["kill"]), str(counts["full"])) for name, counts in by_writer.items()]
     text = "\n\n".join(
         [
-            "A fault is survived if what lies in the folder afterwards is all old or all new, the program says in one line "
-            "what is wrong (unless it was killed), and the same command on a sound machine gives the very bytes of a run "
-            "that nothing disturbed.",
+            "A fault is survived if all of these hold: the files in the folder are afterwards all old or all new; the program "
+            "says in one line what is wrong (unless it was killed); and the same command on a sound machine gives the same "
+            "bytes as an undisturbed run.",
             table(("fault", "injected", "survived"), kinds),
-            "The first two, by command: a fault at each creation, renaming and deletion of a file and at each fsync (videos "
-            "and report: at some of them).",
+            "The first two faults by command: they occur at each creation, renaming and deletion of a file and at each fsync "
+            "(videos and report: at some of them).",
             table(("command", "killed", "disk full"), writers),
             *(["Not survived:", "\n".join(wrong)] if wrong else []),
         ]
     )
     line = Line("faults of the machine: survived", f"{survived} of {total}", "all", survived == total)
-    return Part("faults", "Faults of the machine", (line,), text)
+    return part_found((line,), text, quick=quick)

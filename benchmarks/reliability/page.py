@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
-from paper.page import Page, table, write_page
-from passerby.interchange.storage.atomic import write_text
-from reliability.runs import code_digest
+from pages.kept import code_digest
+from pages.page import table, yes
+from pages.sections import Found, Heading, Section, SectionedPage
+from reliability.runs import CODE
 
 HEAD = """# Reliability
 
-What Passerby says of itself, held against the truth: are its sigmas as large as its errors, does its verdict let a wrong rig
-pass, does the monitor see a camera that moved and keep silent otherwise, and does anything that a file or a machine does lose
-finished work or give a silent wrong answer?
+This page compares Passerby's own statements with the truth. Do its sigmas match its errors? Does its verdict accept a wrong
+rig? Does the monitor detect a camera that moved, without false alarms? Can a damaged file or a fault of the machine destroy
+finished work or cause a wrong answer without a warning?
 """
+HEADINGS: Mapping[str, Heading] = {
+    "coverage": Heading("Sigmas"),
+    "verdict": Heading("The verdict"),
+    "monitor": Heading("The monitor"),
+    "fuzz": Heading("Untrusted files"),
+    "faults": Heading("Faults of the machine"),
+}
+"""Of the parts, as `--only` takes them, in their order on the page."""
 
 
 @dataclass(frozen=True)
@@ -29,44 +36,22 @@ class Line:
     reached: bool
 
 
-@dataclass(frozen=True)
-class Part:
-    """What one part found."""
-
-    name: str
-    """Of the part, as `--only` takes it."""
-    title: str
-    lines: Sequence[Line]
-    text: str
-    """Markdown of its section, without the title."""
+def part_found(lines: Sequence[Line], text: str, *, quick: bool) -> Found:
+    """What a part found: its lines of the table, and Markdown of its section without the title."""
+    note = "*A quick run: a few cases, too few for conclusions.*\n\n" if quick else ""
+    return Found(note + text.strip(), {"lines": [asdict(line) for line in lines]})
 
 
-def save(part: Part, folder: Path, *, quick: bool) -> None:
-    """Keep a part for the page, with the code that it was run on."""
-    content = asdict(part) | {"code": code_digest(), "quick": quick}
-    write_text(folder / f"{part.name}.part.json", json.dumps(content, indent=1) + "\n")
+def reliability_page() -> SectionedPage:
+    """The page of all parts. What took time may have been kept from an earlier run."""
+    return SectionedPage("reliability", _head, HEADINGS, code_digest(*CODE), timed=False)
 
 
-def page(names: Sequence[str], folder: Path) -> Page:
-    """The page of all parts that were run, in the order of the names."""
-    rows, sections = [], []
-    for name in names:
-        path = folder / f"{name}.part.json"
-        if not path.is_file():
-            rows.append((name, "not run", "", ""))
-            continue
-        content = json.loads(path.read_text(encoding="utf-8"))
-        notes = ["\n*A quick run: a few cases, too few to judge by.*\n"] if content["quick"] else []
-        if content["code"] != code_digest():
-            notes.append("\n*Run on an earlier state of the code than the newest part of this page.*\n")
-        rows += [
-            (line["what"], line["seen"], line["goal"], "yes" if line["reached"] else "**no**") for line in content["lines"]
-        ]
-        sections.append(f"## {content['title']}\n{''.join(notes)}\n{content['text'].strip()}\n")
-    summary = table(("what", "seen", "goal", "reached"), rows)
-    return Page("reliability", "\n".join([HEAD, summary, "", *sections]))
-
-
-def write(names: Sequence[str], kept: Path, out: Path, command: str) -> Path:
-    """Write the page from the parts that are kept."""
-    return write_page(page(names, kept), out, command)
+def _head(sections: Sequence[Section]) -> str:
+    """The table over all parts."""
+    rows = []
+    for section in sections:
+        lines = section.facts.get("lines", ())
+        rows += [(line["what"], line["seen"], line["goal"], yes(line["reached"])) for line in lines]
+        rows += [] if lines else [(section.part, "not run", "", "")]
+    return f"{HEAD}\n{table(('what', 'seen', 'goal', 'reached'), rows)}"

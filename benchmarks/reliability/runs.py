@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import hashlib
-import json
 import os
 import sys
 import time
@@ -15,7 +12,11 @@ from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
+from pages.kept import Kept
+
 ROOT = Path(__file__).resolve().parents[2]
+CODE = ("reliability",)
+"""Folders of the benchmarks that the figures depend on, beside the package."""
 TOLD_EVERY_S = 20.0
 
 
@@ -24,7 +25,7 @@ class Wanted:
     """What the user asks of the parts."""
 
     kept: Path
-    """Folder of finished cases and parts."""
+    """Folder of finished cases."""
     quick: bool = False
     """A few cases of each kind: to see that all works, not to judge."""
     workers: int = 2
@@ -32,63 +33,35 @@ class Wanted:
     """Folder of the real data sets; None where there is none."""
 
 
-def code_digest() -> str:
-    """What the code that the figures rest on does: one hash over the package and these runs, comments and texts left out."""
-    digest = hashlib.sha256()
-    folders = (ROOT / "src" / "passerby", ROOT / "benchmarks" / "reliability")
-    for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
-        tree = ast.parse(path.read_bytes())
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-                node.value.value = None  # docstrings, and those of constants
-        digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + ast.dump(tree).encode())
-    return digest.hexdigest()[:16]
-
-
 def kept(
     wanted: Wanted, name: str, cases: Mapping[str, Any], work: Callable[[Any], Mapping[str, Any]]
 ) -> dict[str, dict[str, Any]]:
     """The results of all cases by key, in the order of `cases`.
 
-    Each is written to `NAME.jsonl` as soon as it is there; those of the same code are not run again.
+    Each is kept as soon as it is there; those of the same code are not run again.
 
     Args:
         wanted: where results are kept, and how many processes work.
-        name: of the file.
+        name: of the part; a quick run has results of its own.
         cases: key -> argument of `work`; both must be picklable, `work` a function of a module.
         work: JSON-ready figures of one case. Its exceptions end the run: a case that may fail has to say so in its figures.
     """
-    path, digest = wanted.kept / f"{name}{'-quick' if wanted.quick else ''}.jsonl", code_digest()
-    done = _read(path, digest)
+    store, run = Kept(wanted.kept, CODE), f"{name}{' quick' if wanted.quick else ''}"
+    known = {key: store.get(f"{run} {key}") for key in cases}
+    done = {key: result for key, result in known.items() if result is not None}
     todo = [key for key in cases if key not in done]
-    path.parent.mkdir(parents=True, exist_ok=True)
     began = told = time.monotonic()
-    with path.open("a", encoding="utf-8") as file, ProcessPoolExecutor(wanted.workers, initializer=_one_thread) as pool:
-        file.write("\n")  # a last line that was cut off stays alone
+    with ProcessPoolExecutor(wanted.workers, initializer=_one_thread) as pool:
         futures: dict[Future[Mapping[str, Any]], str] = {pool.submit(work, cases[key]): key for key in todo}
         for count, future in enumerate(as_completed(futures), 1):
             key = futures[future]
             done[key] = dict(future.result())
-            file.write(json.dumps({"code": digest, "key": key, "result": done[key]}) + "\n")
-            file.flush()
+            store.put(f"{run} {key}", done[key])
             if time.monotonic() - told > TOLD_EVERY_S or count == len(todo):
                 told = time.monotonic()
                 left = (told - began) / count * (len(todo) - count)
                 print(f"{name}: {count} of {len(todo)} cases, about {left / 60:.0f} min left", file=sys.stderr, flush=True)
     return {key: done[key] for key in cases}
-
-
-def _read(path: Path, digest: str) -> dict[str, dict[str, Any]]:
-    """Finished cases of the same code; a last line that was cut off is none."""
-    done = {}
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
-        try:
-            entry = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        if entry["code"] == digest:
-            done[entry["key"]] = entry["result"]
-    return done
 
 
 def _one_thread() -> None:

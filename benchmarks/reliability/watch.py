@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from paper.page import table
+from pages.page import table
+from pages.sections import Found
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import CameraObservations, Clock, Observations
@@ -17,7 +18,7 @@ from passerby.monitoring.identities import identify_by_rig
 from passerby.monitoring.watching import Watched, WatchOptions, watch
 from passerby.people.rig_observations import gather_rig_observations
 from reliability.footage import Move, calibrated, footage, true_rig, unit
-from reliability.page import Line, Part
+from reliability.page import Line, part_found
 from reliability.runs import Wanted, kept, percent, seeds
 from reliability.staging import staged
 
@@ -37,7 +38,7 @@ Case = tuple[str, int, int]
 """Kind, number, seed."""
 
 
-def run(wanted: Wanted) -> Part:
+def run(wanted: Wanted) -> Found:
     """Quiet hours, knocks in cheap footage, and knocks in the full simulator's."""
     count = (4, 8, 4) if wanted.quick else (200, 240, 60)
     cases = {
@@ -47,7 +48,7 @@ def run(wanted: Wanted) -> Part:
     }
     results = list(kept(wanted, "monitor", cases, work).values())
     quiet, cheap, full = ([one for one in results if one["kind"] == kind] for kind in ("quiet", "knock", "simulated"))
-    return Part("monitor", "The monitor", _lines(quiet, cheap), _text(quiet, cheap, full))
+    return part_found(_lines(quiet, cheap), _text(quiet, cheap, full), quick=wanted.quick)
 
 
 def work(case: Case) -> dict[str, Any]:
@@ -210,31 +211,29 @@ def _text(quiet: Sequence[dict[str, Any]], knocks: Sequence[dict[str, Any]], ful
     rows += [_row(f"cheap, {n} cameras", [one for one in knocks if one["cameras"] == n]) for n in CAMERAS]
     for low, high in ((0, 2), (2, 4), (4, 6), (6, 99)):
         some = [one for one in knocks if low <= one["people"] < high]
-        rows.append(_row(f"cheap, {low} to {high} people in a picture" if high < 99 else f"cheap, over {low} people", some))
-    for known, name in ((True, "given"), (False, "not given")):
+        rows.append(_row(f"cheap, {low} to {high} people in a frame" if high < 99 else f"cheap, over {low} people", some))
+    for known, name in ((True, "known"), (False, "unknown")):
         rows.append(_row(f"simulated, identities {name}", [one for one in full if one["given"] == known]))
     crowd = ", ".join(f"{low:g} to {high:g} ({preset})" for preset, (low, high) in PEOPLE.items())
     columns = (
-        "knocks", "number", "seen", "camera named", "one of several", "wrong", "false before", "s late (median)", "m off",
+        "bumps", "number", "seen", "camera named", "one of several", "wrong", "false before", "s late (median)", "m off",
         "degrees off",
     )  # fmt: skip
     return f"""
-Footage of rigs of 3 to 6 cameras around the areas of the three presets. The rig that the monitor is given is off as a
-calibration would leave it (1 to 3 cm, 0.1 degrees, all lengths by 1 %), and says so. Most footage is *cheap*: people who come
-and go reduced to the boxes around them, {FPS:g} picture a second, with errors as real boxes have them, most of which last for
-seconds (2 % of the height), some for as long as a person stays (a bag on one side, 4 cm); people bend, and 4 % of the time
-something hides their legs. *Simulated* footage is the full simulator's. Nobody tells the monitor anything but the rig; in the
-cheap footage it is told who is who.
+The footage is of rigs of 3 to 6 cameras around the areas of the three presets. The input rig has the errors of a typical
+calibration (1 to 3 cm, 0.1 degrees, all lengths by 1 %), and its sigmas state them. Most footage is *cheap*: people come
+and go as boxes only, {FPS:g} frame a second, with realistic errors. Most errors last for seconds (2 % of the height), some for
+as long as a person stays (a bag on one side, 4 cm). People bend, and 4 % of the time something hides their legs. *Simulated*
+footage comes from the full simulator. The monitor knows only the rig; in the cheap footage it also knows the identities.
 
 Quiet hours: {len(quiet)}, with {QUIET_PEOPLE[0]:g} to {QUIET_PEOPLE[1]:g} people at once on average, tested every
-{WatchOptions().step_s:g} s against all that was seen before. Something could be said in {percent(told, all_of)} of the
-cameras' minutes. The largest scores: {", ".join(f"{value:.1f}" for value in largest)}; a camera has moved from
+{WatchOptions().step_s:g} s against all earlier footage. The cameras could be tested in {percent(told, all_of)} of their
+minutes. The largest scores: {", ".join(f"{value:.1f}" for value in largest)}; a camera counts as moved from
 {WatchOptions().threshold:g} on.
 
-Knocks: a camera drawn at random is turned about a random axis or shifted in a random direction after
-{QUIET_BEFORE_S[0]:g} to {QUIET_BEFORE_S[1]:g} quiet seconds; the footage ends a minute later. *Seen* counts where the
-monitor said within this minute that a camera, or one of several that it named, had moved. There are {crowd} people at once
-on average.
+Bumps: a randomly chosen camera is rotated about a random axis or moved in a random direction after {QUIET_BEFORE_S[0]:g} to
+{QUIET_BEFORE_S[1]:g} quiet seconds; the footage ends a minute later. *Seen* counts the cases in which the monitor reported
+within this minute that a camera, or one of several that it named, had moved. There are {crowd} people at once on average.
 
 {table(columns, rows)}
 """

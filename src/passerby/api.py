@@ -1,4 +1,4 @@
-"""What `import passerby` offers beside `calibrate`: other tools' rigs, the world frame, errors against a truth, ways."""
+"""What `import passerby` offers beside `calibrate`: other tools' rigs, the world frame, errors, trajectories."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def export_rig(rig: RigLike, format: str, path: str | Path, *, name: str = "rig"
         format: one of those that `passerby formats` lists.
         path: the file or folder to write.
         name: of the scene, for formats that have a place for it.
-        lossy: go on where the format cannot hold everything.
+        lossy: continue where the format cannot hold everything.
 
     Returns:
         What was lost, one sentence each.
@@ -77,9 +77,9 @@ def import_rig(
     Args:
         path: the file or folder.
         format: one of those that `passerby formats` lists.
-        size: (width, height) of the pictures, where the file does not tell it.
-        metres_per_unit: of lengths, where the file does not tell them in metres.
-        lossy: go on where not everything in the file can be kept.
+        size: (width, height) of the images, if the file does not state it.
+        metres_per_unit: of lengths, if the file does not state them in metres.
+        lossy: continue where not everything in the file can be kept.
 
     Raises:
         InputError: an unknown format, or a file that cannot be read so.
@@ -93,9 +93,9 @@ def evaluate(rig: RigLike, truth: RigLike, reference: str | None = None) -> Comp
         passerby.evaluate("out", "truth.toml").similarity.mean_position_mm
 
     Args:
-        rig: to be judged: a rig, a calibration, or the path of a rig file or an output folder.
+        rig: the rig to evaluate: a rig, a calibration, or the path of a rig file or an output folder.
         truth: likewise, with the true poses.
-        reference: the camera that coincides in the metric placement; the first.
+        reference: the camera at which the rigs are aligned with the scale kept; default: the first.
 
     Raises:
         InputError: no camera has a pose in both, or the reference has none.
@@ -107,7 +107,7 @@ def trajectories(
     calibration: Calibration | OutputFolder | str | Path, *, method: Method = "smoothed", max_gap_s: float = 2.0,
     fps: float | None = None,
 ) -> Trajectories:  # fmt: skip
-    """Everybody's way over the ground, as `passerby track`.
+    """The trajectory of every person on the ground, as `passerby track`.
 
         found = passerby.trajectories("out")
         found.xyz[found.identity == found.people[0]]
@@ -115,11 +115,11 @@ def trajectories(
     Args:
         calibration: as it was made, or as it was written.
         method: smoothed, or pairwise as in the paper.
-        max_gap_s: seconds without sight of a person that are bridged.
-        fps: of the frames, where the calibration does not know it.
+        max_gap_s: longest gap between observations of a person that is bridged, seconds.
+        fps: of the frames, if the calibration does not state it.
 
     Raises:
-        InputError: nobody knows the frames' rate, or an option is out of range.
+        InputError: no frame rate is known, or an option is out of range.
         EvidenceError: no camera has a pose, or nobody has an identity.
     """
     if method not in METHODS:
@@ -129,11 +129,11 @@ def trajectories(
         return trajectories_by_rig(folder, folder.rig, folder_clocks(folder, fps), track_options(folder, method, max_gap_s))
     names = calibration.rig.posed().names
     if not names:
-        raise EvidenceError("no camera has a pose: nobody can be followed")
+        raise EvidenceError("no camera has a pose: nobody can be tracked")
     told = calibration.association.clocks if calibration.association else {}
     rate = fps or calibration.scene.scene.fps
     if not told and rate is None:
-        raise InputError("the calibration does not know the frames' rate: give fps")
+        raise InputError("the calibration has no frame rate: give fps")
     clocks = {name: told[name] if told else Clock(rate or 1.0) for name in names}
     options = TrackOptions(method, max_gap_s, calibration.scene.scale.person_height_m)
     return following.trajectories(calibration.rig, calibration.observations, clocks, options)
@@ -152,9 +152,9 @@ def monitor(
     Args:
         rig: a rig, a calibration, or the path of a rig file or an output folder.
         scene: new footage of its cameras, under the same names: a scene, or the path of a scene file.
-        every_s: seconds of footage that are judged at once.
-        in_step: whether the footage's clocks agree, whatever they did in the calibration.
-        keep: folder in which is kept what was seen in videos.
+        every_s: seconds of footage that are tested at once.
+        in_step: whether the clocks of the footage are synchronised, whatever they were in the calibration.
+        keep: folder that caches what was detected in videos.
         progress: told of each stage.
 
     Raises:
@@ -178,33 +178,33 @@ def align(
     points: str | Path | Sequence[KnownPoint] | None = None, positions: str | Path | Sequence[KnownPosition] | None = None,
     geodetic: bool = False, scale: bool = False, tilt: bool = False,
 ) -> Aligned:  # fmt: skip
-    """A rig in another frame of the world, as `passerby align`.
+    """A rig in another world frame, as `passerby align`.
 
         aligned = passerby.align("out", camera="C1")
         passerby.write_rig("aligned.toml", aligned.rig)
 
     Args:
         rig: a rig, a calibration, or the path of a rig file or an output folder.
-        camera: origin on the ground below this camera, x along what it looks at.
-        towards: with `camera`: x towards this other camera.
+        camera: origin on the ground below this camera, x axis along its viewing direction.
+        towards: with `camera`: x axis towards this other camera.
         points: points with known coordinates, or a file of them.
         positions: known positions of cameras, or a file of them.
         geodetic: whether positions that are not a file are latitude, longitude and altitude.
-        scale: points or positions set the scale too.
-        tilt: they set the vertical and the height too.
+        scale: points or positions also set the scale.
+        tilt: they also set the up direction and the height.
 
     Raises:
         InputError: not one of camera, points and positions; a camera that the rig does not have; left-handed coordinates.
-        EvidenceError: the places do not fix the frame, or a camera has no pose.
+        EvidenceError: the points or positions do not fix the frame, or a camera has no pose.
     """
     if sum(way is not None for way in (camera, points, positions)) != 1:
         raise InputError("give one of camera, points, positions")
     if camera is not None:
         if scale or tilt:
-            raise InputError("scale and tilt need points or positions: a camera tells neither")
+            raise InputError("scale and tilt need points or positions: a camera determines neither")
         return align_to_camera(_rig(rig), camera, towards)
     if towards is not None:
-        raise InputError("towards goes with camera")
+        raise InputError("towards needs camera")
     if points is not None:
         known = read_known_points(points) if isinstance(points, str | Path) else points
         return align_to_points(_rig(rig), known, with_scale=scale, tilt=tilt)

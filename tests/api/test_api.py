@@ -128,17 +128,17 @@ def test_joints_alone_from_arrays(made):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"boxes": {"X": np.zeros((0, 6))}}, "camera X has people, but no lens: add it to the lenses (C1, C2, C3, C4)"),
+        ({"boxes": {"X": np.zeros((0, 6))}}, "camera X has people, but no intrinsics: add it to the lenses (C1, C2, C3, C4)"),
         ({"boxes": {"C1": np.zeros((3, 4))}}, "boxes of camera C1 have the shape (3, 4): give rows of frame, id"),
-        ({"boxes": {"C1": [["a"] * 6]}}, "boxes of camera C1 are no numbers"),
+        ({"boxes": {"C1": [["a"] * 6]}}, "boxes of camera C1 are not numbers"),
         ({"boxes": {"C1": [[1, 1, 0, 0, -5, 9]]}}, "boxes of camera C1: box of frame 1, identity 1 has width and height"),
-        ({"boxes": {"C1": [[1, 1, 0, 0, 5, 9]] * 2}}, "boxes: camera C1: 1 of 2 rows stand for somebody who has another row"),
+        ({"boxes": {"C1": [[1, 1, 0, 0, 5, 9]] * 2}}, "boxes: camera C1: 1 of 2 rows repeat an identity that has another row"),
         ({"fps": {"C9": 5.0}}, "fps: camera C9 has no lens"),
         ({"fps": -1.0}, "scene scene: [scene] fps"),
         ({"association": {"mode": "givn"}}, "scene scene: [association] mode is 'givn'"),
         ({"scale": {"person_hight_m": 1.7}}, "did you mean 'person_height_m'?"),
         ({"solver": {"options": {"round": 1}}}, "unknown key 'round': did you mean 'rounds'?"),
-        ({"perception": {}}, "'perception' is no table of the scene file that counts here"),
+        ({"perception": {}}, "'perception' is not a table of the scene file that can be used here"),
         ({"boxes": {name: [[1, -1, 9, 9, 9, 9]] for name in ("C1", "C2", "C3", "C4")}}, "no row has an identity"),
     ],
 )

@@ -76,7 +76,11 @@ def of_both(scene: Crowd, seed: int = 0) -> tuple[appearance.TrackletFeatures, a
 def pair_usefulness(scene: Crowd, seed: int = 0) -> evidence.Discriminability | None:
     a, b = of_both(scene, seed)
     rng = np.random.default_rng(seed)
-    return evidence.between_camera_discriminability(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, rng)
+    return evidence.between_camera_discriminability(camera(scene.a, a), camera(scene.b, b), rng)
+
+
+def camera(boxes: Boxes, features: appearance.TrackletFeatures, instants: Ints | None = None) -> appearance.CameraAppearance:
+    return appearance.CameraAppearance(boxes, boxes.frame if instants is None else instants, features)
 
 
 def boxes_of(frame: object, identity: object, embedding: object) -> Boxes:
@@ -133,21 +137,21 @@ def brute_matches(scene: Crowd, similarity: Floats, a: appearance.TrackletFeatur
 def test_matches_are_the_best_of_every_instant() -> None:
     scene = crowd("distinct", 3, n_frames=80, noise=4.0)
     a, b = of_both(scene)
-    found = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
+    found = appearance.match_boxes(camera(scene.a, a), camera(scene.b, b))
     assert (scene.a.frame[found.row_a] == scene.b.frame[found.row_b]).all()
     assert found.distance.sum() == pytest.approx(brute_matches(scene, appearance.similarities(a, b), a, b))
     for rows in (found.row_a, found.row_b):
         assert len(np.unique(rows)) == len(rows)
-    later = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame + 1000, scene.b.frame + 1000)
+    later = appearance.match_boxes(camera(scene.a, a, scene.a.frame + 1000), camera(scene.b, b, scene.b.frame + 1000))
     assert (later.row_a == found.row_a).all()
-    never = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame + 1000)
+    never = appearance.match_boxes(camera(scene.a, a), camera(scene.b, b, scene.b.frame + 1000))
     assert len(never.row_a) == 0
 
 
 def test_people_whom_both_cameras_see_all_the_time_are_matched() -> None:
     scene = crowd("distinct", 1, shared=1.0, noise=2.0)
     a, b = of_both(scene)
-    found = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
+    found = appearance.match_boxes(camera(scene.a, a), camera(scene.b, b))
     assert len(found.row_a) == len(scene.a)
     assert (scene.person_a[found.row_a] == scene.person_b[found.row_b]).mean() > 0.99
 
@@ -162,7 +166,7 @@ def test_the_cameras_mean_is_in_the_way() -> None:
         for way, centre in enumerate((True, False)):
             similarity = appearance.similarities(a, b, centre)
             nearest[way, seed] = same[np.arange(len(same)), similarity.argmax(axis=1)].mean()
-            found = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, centre)
+            found = appearance.match_boxes(camera(scene.a, a), camera(scene.b, b), centre)
             matched[way, seed] = (scene.person_a[found.row_a] == scene.person_b[found.row_b]).mean()
     assert nearest[0].mean() > nearest[1].mean() + 0.1
     assert matched[0].mean() > matched[1].mean()
@@ -172,15 +176,15 @@ def test_a_tracklet_seen_twice_at_one_instant_is_matched_once() -> None:
     embedding = np.array([[1, 0, 0], [1, 0, 0], [0, 1, 0]])
     a, b = boxes_of([1, 2, 1], [0, 0, 1], embedding), boxes_of([1, 1, 1], [4, 4, 6], embedding)
     fa, fb = (appearance.tracklet_features(one, np.random.default_rng(0)) for one in (a, b))
-    found = appearance.match_boxes(a, b, fa, fb, np.zeros(3, int), np.zeros(3, int))
+    found = appearance.match_boxes(camera(a, fa, np.zeros(3, int)), camera(b, fb, np.zeros(3, int)))
     assert sorted(zip(a.identity[found.row_a].tolist(), b.identity[found.row_b].tolist(), strict=True)) == [(0, 4), (1, 6)]
 
 
 def test_votes_count_instants() -> None:
     scene = crowd("distinct", 2, n_frames=100, noise=2.0)
     a, b = of_both(scene)
-    found = appearance.match_boxes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame)
-    votes = appearance.count_votes(scene.a, scene.b, a, b, scene.a.frame, scene.b.frame, found)
+    found = appearance.match_boxes(camera(scene.a, a), camera(scene.b, b))
+    votes = appearance.count_votes(camera(scene.a, a), camera(scene.b, b), found)
     assert votes.matched.sum() == len(found.row_a)
     assert (votes.together.toarray() >= votes.matched.toarray()).all()
     i, j = 3, 5
@@ -195,11 +199,11 @@ def test_nothing_known_of_looks_gives_nothing() -> None:
     rng = np.random.default_rng(0)
     for b in (bare, Boxes.empty()):
         fa, fb = appearance.tracklet_features(scene.a, rng), appearance.tracklet_features(b, rng)
-        found = appearance.match_boxes(scene.a, b, fa, fb, scene.a.frame, b.frame)
+        found = appearance.match_boxes(camera(scene.a, fa), camera(b, fb))
         assert len(found.row_a) == 0
-        assert appearance.count_votes(scene.a, b, fa, fb, scene.a.frame, b.frame, found).together.nnz == 0
+        assert appearance.count_votes(camera(scene.a, fa), camera(b, fb), found).together.nnz == 0
         assert evidence.within_camera_discriminability(b, rng) is None
-        assert evidence.between_camera_discriminability(scene.a, b, fa, fb, scene.a.frame, b.frame, rng) is None
+        assert evidence.between_camera_discriminability(camera(scene.a, fa), camera(b, fb), rng) is None
         assert not evidence.appearance_log_likelihood_ratios(fa, fb, np.zeros(0), 1.0).any()
 
 

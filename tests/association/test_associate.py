@@ -44,14 +44,14 @@ class Prepared:
 
     def people_of_rig(
         self, poses: Sequence[Pose | None] | None = None, offset_s: np.ndarray | None = None,
-        affinity: dict[tuple[int, int], np.ndarray] | None = None,
+        affinity: dict[tuple[int, int], np.ndarray] | None = None, graph: ViewGraph | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Person of each tracklet by the true rig and clocks, or by others."""
         poses = self.poses if poses is None else poses
         offset_s = self.offset_s if offset_s is None else offset_s
         person_height_m = self.scene.options.person_height_mean_m
-        nothing = ViewGraph((), (), np.zeros(len(self.cameras)))
-        return cluster_by_rig(self.tracklets, self.cameras, nothing, poses, offset_s, person_height_m, affinity)
+        graph = ViewGraph((), (), np.zeros(len(self.cameras))) if graph is None else graph
+        return cluster_by_rig(self.tracklets, self.cameras, graph, poses, offset_s, person_height_m, affinity)
 
     def agreement(self, person: np.ndarray, *, cameras: tuple[int, ...] = (0, 1, 2, 3)) -> IdentityAgreement:
         """How well persons of tracklets agree with the truth."""
@@ -153,6 +153,22 @@ def test_a_camera_without_a_pose_shares_nobody(prepared: Prepared) -> None:
     camera = people_by_camera(prepared, prepared.people_of_rig(poses))
     assert not camera[2] & (camera[0] | camera[1] | camera[3])
     assert camera[0] & camera[1] & camera[3]
+
+
+def test_registrations_stand_in_for_lost_cameras_only(prepared: Prepared) -> None:
+    """Between two cameras with poses the rig decides alone, whatever the registration says of the two."""
+    graph = registered(prepared)
+    here = prepared.people_of_rig()
+    np.testing.assert_array_equal(prepared.people_of_rig(graph=late(graph)), here)
+    lost = [*prepared.poses[:2], None, prepared.poses[3]]
+    camera = people_by_camera(prepared, prepared.people_of_rig(lost, graph=graph))
+    assert camera[2] & camera[0] & camera[1]
+
+
+def late(graph: ViewGraph) -> ViewGraph:
+    """The same registrations, at clocks that are far off."""
+    edges = [replace(edge, guess=edge.guess and replace(edge.guess, lag_s=edge.guess.lag_s + 4.0)) for edge in graph.edges]
+    return replace(graph, edges=tuple(edges))
 
 
 def test_looks_add_to_the_evidence(prepared: Prepared) -> None:

@@ -1,12 +1,15 @@
 """Two cameras are registered by joints of people who move on the spot, and by nothing that only looks alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from passerby.association.joints import joint_pairs
 from passerby.association.joints.joint_pairs import register_joints
 from passerby.association.joints.joint_tracks import joint_tracks
 from passerby.core.observations import Clock
-from passerby.geometry.rotations import angle_between, direction_angle
+from passerby.geometry.rotations import angle_between, direction_angle, exp_rotation
 from support.scenes.people_on_spot import moving_on_spot, ring, seen
 
 ONE = np.array([[0.0, 0.0]])
@@ -63,6 +66,14 @@ def test_who_stands_still_proves_nothing():
         found, _, _ = two_views(0, places, moving=0.0)
         assert not found.used
         assert found.gain < 0.2
+
+
+def test_hypotheses_contradict_each_other_by_rotation_or_by_baseline():
+    """One that only turns the camera elsewhere, one that only puts it elsewhere, and one that does neither."""
+    fit = joint_pairs._Fit(0, 0, False, np.eye(3), np.array([1.0, 0.0, 0.0]), 0.9)
+    turned, moved = replace(fit, R_ba=exp_rotation(np.radians([0, 40, 0]))), replace(fit, t_ba=np.array([0.0, 1.0, 0.0]))
+    near = replace(fit, R_ba=exp_rotation(np.radians([0, 1, 0])), t_ba=np.array([1.0, 0.02, 0.0]))
+    assert [joint_pairs._contradict(other, fit) for other in (turned, moved, near)] == [True, True, False]
 
 
 def test_clocks_that_differ_are_not_taken_to_agree():

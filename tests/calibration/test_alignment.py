@@ -125,7 +125,7 @@ def test_tilt_without_scale_from_single_sightings():
     points = points_in(wanted, 7, np.random.default_rng(3), one_camera=True)
     aligned = align_to_points(rig, points, tilt=True)
     assert apart(aligned.rig, wanted) < 1e-5
-    assert "leans by" in aligned.notes[-1]
+    assert "is now tilted by" in aligned.notes[-1]
 
 
 def test_the_ground_stays_where_it_is():
@@ -233,7 +233,7 @@ def test_a_wrong_position_is_named(seed):
     positions[wrong] = KnownPosition(f"C{wrong + 1}", positions[wrong].place + (4.0, 1.0, 0.0), 0.1)
     aligned = align_to_positions(square(), positions)
     assert len(aligned.notes) == 1
-    assert aligned.notes[0].startswith(f"the position of camera C{wrong + 1} is off by 4.")
+    assert aligned.notes[0].startswith(f"the position of camera C{wrong + 1} has a residual of 4.")
     assert apart(aligned.rig, wanted) < 0.4
 
 
@@ -265,11 +265,11 @@ def test_a_wrong_point_is_named():
     assert sightings > 1
     coordinates = [*points[:2], KnownPoint("3", points[2].xyz + (0.0, 4.0, 0.0), points[2].pixels), *points[3:]]
     aligned = align_to_points(square(), coordinates)
-    assert aligned.notes[0].startswith(f"point 3 is off by 4.0 m in all {sightings} cameras: check its coordinates")
+    assert aligned.notes[0].startswith(f"point 3 has a residual of 4.0 m in all {sightings} cameras: check its coordinates")
     camera, (u, v) = next(iter(points[2].pixels.items()))
     clicked = [*points[:2], KnownPoint("3", points[2].xyz, {**points[2].pixels, camera: (u / 2, v)}), *points[3:]]
     aligned = align_to_points(square(), clicked)
-    assert aligned.notes[0].startswith(f"point 3 in camera {camera} is off by")
+    assert aligned.notes[0].startswith(f"point 3 in camera {camera} has a residual of")
     assert [row["used"] for row in aligned.residuals].count(False) == 1
     assert apart(aligned.rig, wanted) < 0.1
 
@@ -291,7 +291,7 @@ def test_too_little_is_told():
         align_to_points(rig, one)
     with pytest.raises(EvidenceError, match="1 camera with a known position cannot fix the heading"):
         align_to_positions(rig, positions_in(rig)[:1])
-    with pytest.raises(EvidenceError, match="2 points cannot fix the vertical: give 3 or more"):
+    with pytest.raises(EvidenceError, match="2 points cannot fix the up direction: give 3 or more"):
         align_to_points(rig, points_in(rig, 2, rng), tilt=True)
     spot = [KnownPoint(name, one[0].xyz, one[0].pixels) for name in "ab"]
     with pytest.raises(EvidenceError, match="lie within 0 mm"):
@@ -323,14 +323,14 @@ def test_cameras_without_a_pose_are_left_out_and_told():
         align_to_points(rig, [KnownPoint("a", np.zeros(3), {"C4": (5.0, 5.0)})])
     with pytest.raises(InputError, match="no camera C9"):
         align_to_points(rig, [KnownPoint("a", np.zeros(3), {"C9": (5.0, 5.0)})])
-    with pytest.raises(InputError, match="outside its 1280 x 720 picture"):
+    with pytest.raises(InputError, match="outside its 1280 x 720 image"):
         align_to_points(rig, [KnownPoint("a", np.zeros(3), {"C1": (1500.0, 5.0)})])
 
 
 def test_another_scale_is_told():
     wanted = square().moved(*turned(0.5, (1, 2, 0), 1.06))
     aligned = align_to_positions(square(), positions_in(wanted, sd=0.02))
-    assert "fit to 0.7" in aligned.notes[0]
+    assert "residual of the positions is 0.7" in aligned.notes[0]
     assert re.search(r"should be (5.9|6.[01]) % larger .*`scale`", aligned.notes[1])
 
 
@@ -384,5 +384,5 @@ def test_what_all_cameras_are_unsure_of_together_is_the_scale():
     known = positions_in(wanted)
     known[4] = KnownPosition("C5", known[4].place + (1.0, 0.0, 0.0), 0.01)
     aligned = align_to_positions(unsure, known, with_scale=True)
-    assert aligned.notes[0].startswith("the position of camera C5 is off by 1.0 m")
+    assert aligned.notes[0].startswith("the position of camera C5 has a residual of 1.0 m")
     assert apart(aligned.rig, wanted) < 0.01

@@ -121,7 +121,7 @@ def test_people_who_only_stand_are_not_enough(terrace, tmp_path):
     rng = np.random.default_rng(2)
     calibration = passerby.calibrate(seen(terrace, tmp_path, [standing(rng) for _ in range(5)], rng))
     assert calibration.exit_status == 3
-    one_sentence(calibration.reasons, "stand still", "record more people who walk")
+    one_sentence(calibration.reasons, "stand still", "record more people walking")
 
 
 def test_one_line_is_not_enough(terrace, tmp_path):
@@ -193,7 +193,7 @@ def test_ids_that_change_from_frame_to_frame_are_detections(tmp_path):
     calibration = passerby.calibrate(path)
     assert calibration.verdict == "accepted", calibration.reasons
     assert_near_truth(calibration, simulated.rig)
-    one_sentence(calibration.findings, "camera C3", "taken as detections")
+    one_sentence(calibration.findings, "camera C3", "treated as detections")
 
 
 def test_ids_that_change_person_and_false_boxes(tmp_path):

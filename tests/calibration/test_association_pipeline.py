@@ -153,7 +153,7 @@ def test_looks_alone_that_tell_nothing_are_refused(tmp_path):
     assert calibration.verdict == "refused"
     assert calibration.exit_status == 3
     assert registered(calibration) == []
-    assert "embeddings do not tell people apart" in calibration.reasons[0]
+    assert "embeddings do not distinguish people" in calibration.reasons[0]
 
 
 def test_a_camera_that_saw_nobody_does_not_keep_the_others_from_it(tmp_path):

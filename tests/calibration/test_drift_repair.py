@@ -41,9 +41,9 @@ def test_a_clock_that_drifts_is_set_right(association, unrelated):
     simulated = scene(unrelated_ids=unrelated)
     calibration = calibrated(simulated, {"C3": STATED}, association, "clock_rate")
     assert calibration.verdict == "accepted", calibration.reasons
-    (told,) = [finding for finding in calibration.findings if "was fitted" in finding]
-    assert told.startswith("the clock of C3 was fitted: ")
-    assert "in place of the stated 5.20833" in told
+    (told,) = [finding for finding in calibration.findings if "was estimated" in finding]
+    assert told.startswith("the frame rate of C3 was estimated: ")
+    assert "instead of the stated 5.20833" in told
     fitted = calibration.figures.clock_rates["C3"]
     assert fitted.stated == STATED
     assert fitted.fps == pytest.approx(FPS, abs=min(3 * fitted.sigma, 0.02))
@@ -59,7 +59,7 @@ def test_identities_given_and_no_clock_searched_for_a_drift_is_told():
     assert calibration.verdict == "doubtful"
     (told,) = [reason for reason in calibration.reasons if "drifts" in reason]
     assert told.startswith("the clock of C3 drifts by 1.")
-    assert told.endswith('check its fps, or let it be fitted: under [solver] set refine = ["clock_rate"]')
+    assert told.endswith('check its fps, or estimate it: under [solver] set refine = ["clock_rate"]')
 
 
 def test_clocks_in_step_stay_as_stated():

@@ -76,7 +76,8 @@ def test_a_rig_of_another_calibration_is_told(calibrations, out, tmp_path, capsy
                     ["align", "OUT", "-o", "OUT", "--camera", "A"]):  # fmt: skip
         assert run([str(out) if part == "OUT" else part for part in command]) == 2
         assert capsys.readouterr().err == (
-            f"error: {out / 'rig.toml'}: is not the file that calibration.json beside it tells of: it was changed, is damaged, "
+            f"error: {out / 'rig.toml'}: is not the file that calibration.json beside it describes: it was changed, is "
+            f"damaged, "
             "or is of another calibration: put the right one back, or calibrate again\n"
         )
     assert read_rig(out / "rig.toml")["A"].pose is not None, "by itself it is a rig as any"
@@ -85,7 +86,7 @@ def test_a_rig_of_another_calibration_is_told(calibrations, out, tmp_path, capsy
 @pytest.mark.parametrize("name", ["tracks/A.txt", "tracks/B.txt"])
 def test_damaged_tracks_are_told(out, name):
     change_text(out / name)
-    with pytest.raises(InputError, match=f"{name}: is not the file that calibration.json beside it tells of"):
+    with pytest.raises(InputError, match=f"{name}: is not the file that calibration.json beside it describes"):
         read_output(out)
 
 
@@ -120,7 +121,7 @@ def test_a_report_that_cannot_be_drawn_costs_nothing_else(calibrations, out, mon
         write_results(calibrations[0], out)
     notes = " ".join([str(raised.value), *getattr(raised.value, "__notes__", [])])
     assert told in notes
-    assert f"all other results in {out} are whole and can be used; `passerby report {out}` makes the report again" in notes
+    assert f"all other results in {out} are complete and can be used; `passerby report {out}` writes the report again" in notes
     assert read_output(out).verdict == "accepted"
 
 

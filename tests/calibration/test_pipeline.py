@@ -143,7 +143,7 @@ def test_a_camera_that_shares_nobody_is_named(tmp_path, solver, capsys):
     solver.lost = ("C",)
     scene = write_scene(tmp_path, ("A", "B", "C"), files={"C.txt": rows(identities=(8, 9))})
     assert run(["calibrate", str(scene), "-o", str(tmp_path / "out")]) == 3
-    assert "camera C shares nobody with A, B" in capsys.readouterr().err
+    assert "camera C shares no people with A, B" in capsys.readouterr().err
 
 
 def test_nobody_shared_at_all_is_refused_before_the_solver(tmp_path, solver):

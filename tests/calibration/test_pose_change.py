@@ -10,7 +10,7 @@ import pytest
 
 import passerby
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.diagnostics.pose_change import detect_pose_change, match_people
+from passerby.calibration.diagnostics.pose_change import detect_pose_change, match_people, resect_correspondences
 from passerby.core.cameras import Rig
 from passerby.evaluation.metrics import compare
 from passerby.people.body_centres import identified_body_centres, triangulate_people
@@ -85,6 +85,20 @@ def test_a_knock_and_back_is_found():
     assert abs(change.last / 5.0 - 20.0) < 1.0
 
 
+def test_pixels_across_and_pixels_down_count_alike():
+    """A camera's pose is the same where the picture's columns are taken for its rows."""
+    scene = moved(None)
+    people = triangulate_people(scene.rig, identified_body_centres(scene.rig, scene.observations), BODY_M, excluding=1)
+    own = identified_body_centres(scene.rig, scene.observations)[1]
+    assert own is not None
+    exchanged = replace(own, tangent=own.tangent[:, ::-1])
+    start = scene.rig["C2"].pose
+    assert start is not None
+    here, there = (resect_correspondences(match_people(one, people, BODY_M, given=True), start) for one in (own, exchanged))
+    np.testing.assert_allclose(there.centre, here.centre, atol=1e-9)
+    assert np.linalg.norm(here.centre - start.centre) > 1e-6
+
+
 def test_no_camera_of_a_still_rig_seems_to_move():
     assert not any(change is not None and change.sure for change in changes(moved(None)).values())
 
@@ -106,7 +120,10 @@ def test_what_a_moved_camera_saw_afterwards_is_left_out(options):
     assert calibration.verdict == "doubtful"
     (told,) = [reason for reason in calibration.reasons if reason.startswith("camera ")]
     assert told.startswith("camera C2 moved at 2")
-    assert "its pose is that before, what it saw after was left out; under [cameras.C2] set until_s = 20 " in told
+    assert (
+        "its pose is the one before the move, and its observations after the move were left out; under [cameras.C2] set "
+        "until_s = 20 " in told
+    )
     assert "from_s = 22 for the pose after" in told
     (figures,) = calibration.figures.moved
     assert abs(figures.seconds[0] - 21.0) < 1.0
@@ -121,7 +138,10 @@ def test_the_longer_part_is_kept():
     scene = moved(move)
     calibration = calibrated(scene)
     (told,) = calibration.reasons
-    assert "its pose is that after, what it saw before was left out; under [cameras.C2] set from_s = 12 " in told
+    assert (
+        "its pose is the one after the move, and its observations before the move were left out; under [cameras.C2] set "
+        "from_s = 12 " in told
+    )
     still = compare(calibrated(moved(None)).rig, scene.rig).similarity
     after = rig_after(scene.rig, [move])
     assert_right(calibration, after, 1.5 * still.mean_position_mm, 1.5 * still.mean_orientation_deg)

@@ -85,7 +85,7 @@ def test_the_command_says_it_in_words_and_ends_with_3(upper: Path, tmp_path: Pat
     distance = '\n[[scale.distances]]\nbetween = ["C1", "C2"]\nmetres = 9.8\nsd_m = 0.01\n'
     measured = upper.with_name("measured.toml")
     measured.write_text(upper.read_text() + distance)
-    for scene, scale in ((upper, "scale unknown: nothing"), (measured, "scale known to 0.1 %, from distance C1 to C2")):
+    for scene, scale in ((upper, "scale unknown: no observation"), (measured, "scale known to 0.1 %, from distance C1 to C2")):
         assert run(["calibrate", str(scene), "-o", str(tmp_path / "out"), "--no-report"]) == WANT_OF_EVIDENCE
         shown = capsys.readouterr()
         assert scale in shown.out
@@ -136,7 +136,7 @@ def test_the_report_says_unknown(written: tuple[Path, Calibration], capsys: pyte
     )
     assert shown == at_once
     assert not NOT_A_NUMBER.search(" ".join(shown))
-    for name in ("lengths, one sigma", "position, least sure camera", "vertical, one sigma"):
+    for name in ("scale uncertainty (1 sigma)", "worst camera position uncertainty", "up direction uncertainty (1 sigma)"):
         assert shown[shown.index(name) + 1] == "unknown"
     assert run(["report", str(folder)]) == 0
     assert capsys.readouterr().err == ""

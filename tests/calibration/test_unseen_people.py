@@ -74,6 +74,22 @@ def test_a_camera_that_filmed_others_is_told(rig: Rig, walked: np.ndarray) -> No
     (told,) = doubts_of_missed(rig, mixed)
     assert told.code == "people_missed"
     assert "C2" in told.cameras
+    (pair,) = [pair for pair in people_missed(rig, mixed) if (pair.sees, pair.should) == told.cameras]
+    assert told.values == {"found": pair.found / pair.due, "by_chance": pair.by_chance / pair.due}
+    assert 0 < pair.by_chance < pair.due
+
+
+@pytest.mark.parametrize(("beyond_px", "due"), [(1, 0), (4, 200)])
+def test_whoever_stands_at_the_border_need_not_be_found(rig: Rig, beyond_px: int, due: int) -> None:
+    """Within a quarter of the height that is expected, and three pixels."""
+    seen = seen_by(rig, np.zeros((200, 1, 2)))
+    foot, head = rig["C2"].project(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.75]]))
+    height = int(np.ceil(foot[1] + 0.25 * np.linalg.norm(foot - head))) + beyond_px
+    cropped = Rig((rig["C1"], replace(rig["C2"], lens=replace(LENS, size=(1280, height)))))
+    # Boxes that are a little low, for nobody is looked for who is smaller than those who are found.
+    low = replace(seen["C2"].boxes, ltwh=seen["C2"].boxes.ltwh * (1, 1, 1, 0.9))
+    pairs = people_missed(cropped, replace(seen, cameras={"C1": seen["C1"], "C2": CameraObservations(low)}))
+    assert [pair.due for pair in pairs if pair.should == "C2"] == [due]
 
 
 def test_a_turned_camera_is_told(rig: Rig, walked: np.ndarray) -> None:

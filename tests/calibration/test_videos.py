@@ -109,7 +109,7 @@ def test_processes_and_a_folder_to_keep_decide_nothing(calibrated, folder, tmp_p
     assert to_json(apart.to_dict()) == to_json(calibrated.to_dict())
     assert sorted(path.name for path in (tmp_path / "perception").iterdir()) == ["C1", "C2"]
     assert not list(tmp_path.rglob("progress"))
-    watching = [(part, done, total) for stage, part, done, total in told if stage == "watching"]
+    watching = [(part, done, total) for stage, part, done, total in told if stage == "processing videos"]
     # 90 pictures are looked at; the empty scene is learnt from 60, each as long as three.
     assert watching[:2] == [("C1", 0, 270), ("C2", 0, 270)]
     assert {total for _, _, total in watching} == {270}
@@ -361,8 +361,8 @@ def test_without_any_network_there_are_notes(place, tmp_path, monkeypatch, capsy
     notes = [line for line in out.splitlines() if line.startswith("note: ")]
     assert len(notes) == 2
     assert notes[0].startswith("note: tiny is not on this computer and cannot be fetched: ")
-    assert notes[0].endswith("people are found by background subtraction, without a network")
-    assert notes[1].endswith("people are told apart by the colours of stripes, without a network")
+    assert notes[0].endswith("people are detected by background subtraction, without a neural network")
+    assert notes[1].endswith("appearance is described by colour histograms of horizontal stripes, without a neural network")
 
 
 class _Heard:
@@ -390,9 +390,9 @@ def test_a_network_that_cannot_be_had_is_told_at_once(place, tmp_path, monkeypat
     assert fetching == "fetching tiny.onnx (kB)"
     assert failed == f"failed: {fetching}"
     assert note.startswith("warning: tiny is not on this computer and cannot be fetched")
-    assert note.endswith("people are found by background subtraction, without a network")
+    assert note.endswith("people are detected by background subtraction, without a neural network")
     assert heard.told[4].startswith("warning: ")
-    assert "colours of stripes" in heard.told[4]
+    assert "colour histograms" in heard.told[4]
     assert heard.told[5] == "watching"
     assert len([told for told in heard.told if told.startswith(("warning", "failed"))]) == 3, "each is told once"
 
@@ -404,7 +404,7 @@ def test_a_log_tells_at_once_what_cannot_be_had(place, tmp_path, monkeypatch, ca
     with stages(verbose) as tell:
         plan_of(scene, tell)
     lines = capsys.readouterr().err.splitlines()
-    assert "people are found by background subtraction, without a network" in lines[-1]
+    assert "people are detected by background subtraction, without a neural network" in lines[-1]
     assert lines[:-1] == (["fetching tiny.onnx (kB): 300", "fetching tiny.onnx (kB): failed"] if verbose else [])
 
 
@@ -433,7 +433,7 @@ def test_a_network_that_was_named_is_not_left_out(place, tmp_path, monkeypatch, 
 
 
 def test_joints_by_a_network_that_nobody_chose(place):
-    with pytest.raises(InputError, match="keypoints = 'auto': no network for keypoints is taken by itself: name one by path"):
+    with pytest.raises(InputError, match="keypoints = 'auto': there is no default network for keypoints: name one by path"):
         inputs(scene_file(place, BOTH, perception='detector = "background"\nkeypoints = "auto"'))
 
 

@@ -39,7 +39,7 @@ def test_a_camera_that_shares_nobody_is_named(terrace, tmp_path, capsys, method)
     status, report = calibrate(lone, tmp_path, method)
     assert status == WANT_OF_EVIDENCE
     assert report["verdict"] in ("doubtful", "refused")
-    assert "camera C3 shares nobody with C1, C2, C4" in capsys.readouterr().err
+    assert "camera C3 shares no people with C1, C2, C4" in capsys.readouterr().err
     assert [camera["registered"] for camera in report["cameras"]] == [True, True, False, True]
 
 

@@ -21,17 +21,17 @@ BAD = 2
         ({"files": {"A.txt": rows() + "11,1,100,300,-40,110,1,-1,-1,-1\n"}}, "A.txt: line 21: width is -40"),
         ({"files": {"A.txt": rows() + "3,9,9,9,9,9,1,-1,-1,-1\n"}}, "A.txt: line 21: frame 3 comes after frame 10: sort"),
         ({"files": {"A.txt": rows() + 2 * "10,2,700,300,40,110,1,-1,-1,-1\n"}},
-         "A.txt: camera A: 2 of 22 rows stand for somebody who has another row in the same frame (first: id 2 in frame 10)"),
+         "A.txt: camera A: 2 of 22 rows repeat an identity that has another row in the same frame (first: id 2 in frame 10)"),
         ({"files": {"A.txt": rows() + "11,1,100\n"}}, "A.txt: line 21: 3 columns instead of 7 to 10"),
-        ({"files": {"rig.toml": lens("A", 320, 240) + lens("B")}}, "point [640.0, 360.0] lies outside the 320 x 240 picture"),
-        ({"files": {"A.txt": rows(left=1400)}}, "20 of 20 people lie outside the 1280 x 720 picture (first: frame 1,"),
+        ({"files": {"rig.toml": lens("A", 320, 240) + lens("B")}}, "point [640.0, 360.0] lies outside the 320 x 240 image"),
+        ({"files": {"A.txt": rows(left=1400)}}, "20 of 20 people lie outside the 1280 x 720 image (first: frame 1,"),
         ({"files": {"rig.toml": lens("A", distortions="[0.1, 0, 0]") + lens("B")}}, "[A]: distortions has 3 values; a pinhole"),
         ({"files": {"A.txt": rows(identities=(-1,))}}, "A.txt: camera A: no row has an identity"),
         ({"extra": "[cameras.C]\nintrinsics = 'more.toml'\ndetections = 'A.txt'", "files": {"more.toml": lens("C")}},
          "[cameras.C] has only detections"),
         ({"extra": "video = 'B.avi'"}, "B.avi: no such file: a video"),
         ({"extra": "[[scale.lengths]]\nmetres = 3.6\npoints = { A = [[1, 2], [3, 4]], B = [[1, 2], [3, 4000]] }"},
-         "[[scale.lengths]] 1 points: [[1.0, 2.0], [3.0, 4000.0]] lies outside the 1280 x 720 picture of camera B"),
+         "[[scale.lengths]] 1 points: [[1.0, 2.0], [3.0, 4000.0]] lies outside the 1280 x 720 image of camera B"),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("command", ["calibrate", "check"])
@@ -87,13 +87,13 @@ def test_check_warns_of_odd_input(tmp_path, capsys):
     assert run(["check", str(scene)]) == 0
     out = capsys.readouterr().out
     assert "all people lie within 20% of the width and 28% of the height: wrong image size?" in out
-    assert "identity 77 is seen by no camera" in out
+    assert "no camera sees identity 77" in out
 
 
 def test_check_tells_who_shares_nobody(tmp_path, capsys):
     scene = write_scene(tmp_path, ("A", "B", "C"), files={"C.txt": rows(identities=(8, 9))})
     assert run(["check", str(scene)]) == 3
-    assert "camera C shares nobody with A, B" in capsys.readouterr().err
+    assert "camera C shares no people with A, B" in capsys.readouterr().err
 
 
 def test_wrong_use_of_the_command_line(tmp_path, capsys):

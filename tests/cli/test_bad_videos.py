@@ -104,13 +104,13 @@ def test_no_file(scene, tmp_path, capsys, command, kind):
     [
         ("pieces", "is a folder of 2 videos, not one: recordings in pieces are not read yet: join each camera's into one file"),
         ("recordings", "is a folder of 2 videos, not one: recordings in pieces are not read yet"),
-        ("pieces/*.mp4", "stands for many files, not one: recordings in pieces are not read yet"),
-        ("pieces/%03d.mp4", "stands for many files, not one: recordings in pieces are not read yet"),
-        ("pieces/00[01].mp4", "stands for many files, not one: recordings in pieces are not read yet"),
+        ("pieces/*.mp4", "matches many files, not one: recordings in pieces are not read yet"),
+        ("pieces/%03d.mp4", "matches many files, not one: recordings in pieces are not read yet"),
+        ("pieces/00[01].mp4", "matches many files, not one: recordings in pieces are not read yet"),
         ("pieces/00[78].mp4", "no such file: a video is needed here"),
-        ("stills", "is a folder of pictures: still pictures are not read yet: make one video of each camera's"),
-        ("stills/%06d.png", "stands for many files, not one: still pictures are not read yet"),
-        ("stills/000001.png", "is not a video (piped png sequence), but one picture: still pictures are not read yet"),
+        ("stills", "is a folder of images: still images are not read yet: make one video of each camera's"),
+        ("stills/%06d.png", "matches many files, not one: still images are not read yet"),
+        ("stills/000001.png", "is not a video (piped png sequence), but a single image: still images are not read yet"),
         ("one", "is a folder: name a video file"),
     ],
 )
@@ -126,23 +126,23 @@ def test_pieces_and_pictures_for_a_video(scene, good, tmp_path, capsys, command,
     line = refused(
         capsys, scene({"C1": video, "C2": "C2.mp4"}), command, f"{tmp_path}/{video}: {told}", "(the video of camera C1)"
     )
-    assert ("ffmpeg -f" in line) == ("not one" in line or "one picture" in line or "of pictures" in line)
+    assert ("ffmpeg -f" in line) == ("not one" in line or "a single image" in line or "of images" in line)
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda picture: cv2.resize(picture, (180, 144)), "180 x 144{}the video is scaled by 0.5; multiply the lens's size"),
-        (lambda picture: cv2.rotate(picture, cv2.ROTATE_90_CLOCKWISE), "288 x 360{}the video is turned by 90 degrees"),
-        (lambda picture: picture[:, :200], "200 x 288{}give the lens of this video"),
+        (lambda picture: cv2.resize(picture, (180, 144)), "180 x 144{}the video is scaled by 0.5; multiply the image size"),
+        (lambda picture: cv2.rotate(picture, cv2.ROTATE_90_CLOCKWISE), "288 x 360{}the video is rotated by 90 degrees"),
+        (lambda picture: picture[:, :200], "200 x 288{}give the intrinsics of this video"),
     ],
     ids=["scaled", "turned", "cut"],
 )
 def test_pictures_of_another_size_than_the_lens(scene, tmp_path, capsys, command, change, told):
     write_video(tmp_path / "bad.mp4", (change(picture) for picture in still()), 5.0)
-    refused(capsys, scene(), command, f"{tmp_path}/bad.mp4: camera C1: its pictures are ",
-            told.format(", its lens is calibrated for 360 x 288: "), "rig.toml, [C1])")  # fmt: skip
+    refused(capsys, scene(), command, f"{tmp_path}/bad.mp4: camera C1: its frames are ",
+            told.format(", its intrinsics are for 360 x 288: "), "rig.toml, [C1])")  # fmt: skip
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
@@ -175,7 +175,7 @@ def test_a_video_that_was_cut_off(scene, good, made, tmp_path, capsys, suffix):
     path = scene({"C1": bad.name, "C2": "C2.mp4"})
     told = (
         f"{bad}: camera C1: the video ends after ",
-        " s of the 12.0 s that the file promises: it was cut off: copy the video",
+        " s of the 12.0 s that the file states: it was cut off: copy the video",
     )
     first = refused(capsys, path, "calibrate", *told)
     # The other camera's results are kept, and the same is told from those of the broken one.
@@ -200,7 +200,7 @@ def test_three_pictures(scene, made, tmp_path, capsys):
     for name in ("C1", "C2"):
         write_video(tmp_path / f"three{name}.mp4", itertools.islice(pictures(made, name), 3), 5.0)
     path = scene({"C1": "threeC1.mp4", "C2": "threeC2.mp4"})
-    refused(capsys, path, "calibrate", "threeC1.mp4: 3 pictures are too few", "give a recording with 5 or more", "camera C1",
+    refused(capsys, path, "calibrate", "threeC1.mp4: 3 frames are too few", "give a recording with 5 or more", "camera C1",
             "(and 1 more fault)")  # fmt: skip
 
 
@@ -209,7 +209,7 @@ def test_nobody_anywhere(scene, tmp_path, capsys):
     for name in ("C1", "C2"):
         write_video(tmp_path / f"empty{name}.mp4", still(), 5.0)
     path = scene({"C1": "emptyC1.mp4", "C2": "emptyC2.mp4"})
-    refused(capsys, path, "calibrate", f"{path}: no camera saw anybody: nobody was found in their videos")
+    refused(capsys, path, "calibrate", f"{path}: no camera saw anybody: nobody was detected in their videos")
     run(["check", str(path)])
     assert not capsys.readouterr().err, "check does not watch videos"
 
@@ -234,7 +234,8 @@ max_offset_s = 0""")  # fmt: skip
     told = json.loads(capsys.readouterr().out)
     assert [camera["registered"] for camera in told["cameras"]] == [True, True, False]
     assert any(
-        "camera C3 saw nobody: nobody was found in its video, it cannot be calibrated" in note for note in told["findings"]
+        "camera C3 saw nobody: nobody was detected in its video, so it cannot be calibrated" in note
+        for note in told["findings"]
     )
 
 
@@ -247,7 +248,10 @@ def test_rows_that_a_codec_cuts_off_are_a_note(scene, tmp_path, capsys, rows):
     if rows == 8:
         assert status == 0
         assert "note: " in out
-        assert "bad.mp4: camera C1: its pictures are 360 x 280, the lens's 360 x 288: the last columns or rows are taken" in out
+        assert (
+            "bad.mp4: camera C1: its video frames are 360 x 280, the image size of its intrinsics is 360 x 288: the codec is "
+            "assumed" in out
+        )
     else:
         assert status == BAD
         assert "360 x 272" in errors
@@ -256,9 +260,12 @@ def test_rows_that_a_codec_cuts_off_are_a_note(scene, tmp_path, capsys, rows):
 @pytest.mark.parametrize(
     ("detector", "told"),
     [
-        ("yolox-nan", "[perception] detector = 'yolox-nan': yolox-nan: is no model that Passerby knows: there are yolox-nano"),
+        (
+            "yolox-nan",
+            "[perception] detector = 'yolox-nan': yolox-nan: is not a model that Passerby knows: there are yolox-nano",
+        ),
         ("x.onnx", "x.onnx: no such file: the path of an .onnx file is needed for the detector"),
-        ("C1.txt.onnx", "C1.txt.onnx: this is no ONNX file"),
+        ("C1.txt.onnx", "C1.txt.onnx: this is not an ONNX file"),
     ],
 )
 @pytest.mark.parametrize("command", ["calibrate", "check"])
@@ -286,8 +293,8 @@ def test_what_check_tells_of_videos(scene, capsys):
     first, second = lines[2].split(), lines[3].split()
     assert first == ["C1", "360x288", "h264", "360x288", "5", "fps", "12.0", "s", "-", "-", "-", "-", "video", "-", "5", "ok"]
     assert second[:4] == ["C2", "360x288", "-", "-"]
-    assert lines[4] == "from the videos: people by background, looks by stripes"
-    assert lines[-1] == "all well"
+    assert lines[4] == "from the videos: people by background, appearance by stripes"
+    assert lines[-1] == "no problems found"
     assert run(["check", str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["perception"] == {"detector": "background", "embedder": "stripes"}
@@ -306,7 +313,8 @@ def test_check_tells_what_is_to_be_fetched(scene, tmp_path, capsys, monkeypatch)
     out = capsys.readouterr().out
     assert "from the videos: people by yolox-nano\n" in out
     assert (
-        "note: yolox-nano is not on this computer: `passerby models fetch` gets it, and so does calibrating; background" in out
+        "note: yolox-nano is not on this computer: `passerby models fetch` downloads it, and so does `passerby calibrate`; "
+        "background" in out
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from paper.kept import Kept
+from pages.kept import Kept
 from passerby.cli.main import run
 from passerby.cli.terminal import _Log
 from passerby.common.errors import InputError
@@ -152,7 +152,7 @@ def test_a_video_that_changes_while_it_is_watched_is_told(video, tmp_path, monke
         if done == learning + 6:
             os.utime(copy, (1.0, 1.0))
 
-    with pytest.raises(InputError, match="camera C1: was changed while it was watched: run the same command again"):
+    with pytest.raises(InputError, match="camera C1: was changed while it was processed: run the same command again"):
         watch_camera(job, touch)
     kept = [path.name for path in (tmp_path / "shelf").glob("people-*/*")]
     assert kept == ["000000.npz"], "of what was seen before"

@@ -68,7 +68,9 @@ def lines(capsys):
 def test_clocks_that_were_searched_for_are_shown(calibration, capsys):
     show_calibration(calibration(SEARCHED), verbose=False)
     _, head, first, second, *_ = lines(capsys)
-    assert " ".join(head) == "camera x m y m height m sigma mm sigma deg clock s sigma s boxes joints"
+    assert (
+        " ".join(head) == "camera x m y m height m position std mm rotation std deg time offset s offset std s boxes keypoints"
+    )
     assert first[6:8] == ["0.000", "0.000"]
     assert second[6:8] == ["-1.414", "0.012"]
 
@@ -85,13 +87,13 @@ def test_clocks_that_agree_are_not_shown(calibration, capsys):
 
 def test_pairs_are_for_those_who_want_to_know_more(calibration, capsys):
     show_calibration(calibration(SEARCHED), verbose=False)
-    assert "runner-up" not in capsys.readouterr().out
+    assert "second-best" not in capsys.readouterr().out
     show_calibration(calibration(SEARCHED), verbose=True)
     table = lines(capsys)
     start = table.index(["pairs", "of", "cameras"])
-    assert table[start + 1] == ["pair", "route", "score", "share", "runner-up", "matches", "offset", "s", "used"]
+    assert table[start + 1] == ["pair", "route", "score", "share", "second-best", "matches", "offset", "s", "used"]
     assert table[start + 2] == ["A", "+", "B", "tracks", "91.2", "0.89", "0.00", "120", "-1.40", "yes"]
-    assert table[start + 3] == ["A", "+", "B", "looks", "-", "-", "-", "-", "-", "yes"]
+    assert table[start + 3] == ["A", "+", "B", "appearance", "-", "-", "-", "-", "-", "yes"]
 
 
 def test_reasons_are_for_those_who_want_to_know_more(calibration, capsys):
@@ -122,7 +124,7 @@ def test_what_a_measured_length_would_mend(calibration, capsys):
         show_calibration(replace(found, figures=AdjustedFigures(scale=scale, cameras=cameras)), verbose=False)
         shown = capsys.readouterr().out
         assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in shown
-        assert ("but for it, positions are known to 2 mm" in shown) is told
+        assert ("relative positions are known to 2 mm" in shown) is told
 
 
 def test_stages_are_lines_for_those_who_want_them_where_there_is_no_terminal(capsys):

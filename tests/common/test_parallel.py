@@ -2,9 +2,12 @@
 
 import multiprocessing
 import os
+import signal
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
+import threading
+import time
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -54,11 +57,11 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
     def prepared(executor):
         return build_tracklets(rig, truth.observations, clocks, 1.72, np.random.default_rng(3), executor)
 
-    before = multiprocessing.active_children()
+    before = set(multiprocessing.active_children())
     with local_processes(0, 4) as executor:
         assert executor is not None
         apart = prepared(executor)
-        assert len(multiprocessing.active_children()) > len(before)
+        assert set(multiprocessing.active_children()) - before
     for one, other in zip(prepared(None), apart, strict=True):
         assert one.name == other.name
         np.testing.assert_array_equal(one.seen.boxes.identity, other.seen.boxes.identity)
@@ -69,10 +72,63 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
 def test_a_process_that_is_killed_from_outside_is_told(monkeypatch):
     monkeypatch.setattr(parallel, "pays", lambda *measure: True)
     with (
-        pytest.raises(InputError, match="was killed from outside, as a rule for want of memory: close other programs"),
+        pytest.raises(InputError, match="was killed by the system, usually because memory ran out: close other programs"),
         local_processes(0, 4) as executor,
     ):
         executor.submit(os._exit, 9).result()
+
+
+def test_a_pool_that_breaks_reports_nothing_else(monkeypatch):
+    """However slowly its thread tells job after job of the process that died, while this thread already gives up."""
+    monkeypatch.setattr(parallel, "pays", lambda *measure: True)
+    usual, before, unhandled = Future.set_exception, set(threading.enumerate()), []
+    monkeypatch.setattr(Future, "set_exception", lambda *given: (usual(*given), time.sleep(0.1)))
+    monkeypatch.setattr(threading, "excepthook", unhandled.append)
+    with pytest.raises(InputError, match="killed from outside"), local_processes(0, 4) as executor:
+        side_by_side(os._exit, [9] * 4, executor, lambda *part: None, "jobs")
+    for thread in set(threading.enumerate()) - before:
+        thread.join(60)  # one that failed may leave another behind that waits for ever
+    assert unhandled == []
+
+
+class InterruptedExecutor(Executor):
+    """Is interrupted while it takes each job."""
+
+    def __init__(self):
+        self.futures = []
+
+    def submit(self, function, *arguments):
+        signal.raise_signal(signal.SIGINT)
+        self.futures.append(Future())
+        return self.futures[-1]
+
+
+def test_an_interruption_waits_until_all_jobs_are_given():
+    executor = InterruptedExecutor()
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side(squared, [3, 1, 2], executor, lambda *part: None, "squares")
+    assert [future.cancelled() for future in executor.futures] == [True] * 3
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+BEGINNING = """
+import os, signal
+from passerby.common import parallel
+if __name__ == "__mp_main__":
+    os.kill(os.getpid(), signal.SIGINT)  # Ctrl-C reaches all processes of a terminal, this one before it is prepared.
+if __name__ == "__main__":
+    os.sched_getaffinity = lambda process: {0, 1}
+    with parallel.local_processes(10**10, 8) as pool:
+        print(parallel.side_by_side(abs, [-1, -2], pool, lambda *part: None, "numbers"))
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be kept waiting")
+def test_a_process_that_is_interrupted_while_it_begins_says_nothing(tmp_path):
+    (tmp_path / "beginning.py").write_text(BEGINNING)
+    ended = subprocess.run([sys.executable, tmp_path / "beginning.py"], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "[1, 2]\n", "")
 
 
 INTERRUPTED = """

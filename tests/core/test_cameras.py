@@ -128,7 +128,7 @@ def test_tangents_are_the_derivatives_of_the_pixel(lens: Lens) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"size": (0, 720)}, "picture size"),
+        ({"size": (0, 720)}, "image size"),
         ({"matrix": np.eye(2)}, "3 x 3"),
         ({"matrix": np.where(np.eye(3) > 0, np.nan, 0)}, "finite"),
         ({"matrix": np.diag([-800.0, 800, 1])}, "focal lengths above 0"),
@@ -200,7 +200,7 @@ def test_a_rig_knows_its_cameras() -> None:
         rig["C"]
     with pytest.raises(InputError, match="camera B has no pose"):
         _ = rig["B"].centre
-    with pytest.raises(InputError, match="camera A stands twice"):
+    with pytest.raises(InputError, match="camera A occurs twice"):
         Rig((posed, posed))
 
 
@@ -254,7 +254,7 @@ def test_a_camera_with_more_pixels_a_degree_counts_more() -> None:
     ("change", "message"),
     [
         ({"X": [[1.0, 2.0]]}, "no camera X in this rig; it has A, B, C"),
-        ({"B": [[1.0, 2.0], [3.0, 4.0]]}, r"pixels of camera B have the shape \(2, 2\): give \(1, 2\), a row a point"),
+        ({"B": [[1.0, 2.0], [3.0, 4.0]]}, r"pixels of camera B have the shape \(2, 2\): give \(1, 2\), a row per point"),
         ({"B": [1.0, 2.0]}, r"pixels of camera B have the shape \(2,\)"),
         ({"B": None}, "pixels of two cameras or more, not of 1"),
         ({"B": [[np.nan, 2.0]]}, "point 0 cannot be triangulated: 1 camera of the two or more that are needed see it"),

@@ -94,7 +94,7 @@ BREAKS = {
     "half a frame": (lambda f: line(f / BOXES, 3, "1.5 2 3 4 5 6 1 -1 -1 -1"), f"{BOXES}: line 3: frame and identity are 1.5"),
     "frame 0": (lambda f: line(f / BOXES, 3, "0 2 3 4 5 6 1 -1 -1 -1"), f"{BOXES}: line 3: .*frames from 1 on"),
     "a flat box": (lambda f: line(f / BOXES, 1, "1 1 30 40 0 60 1 -1 -1 -1"), "the box of identity 1 in frame 1 is 0 x 60"),
-    "twice": (lambda f: line(f / BOXES, 2, (f / BOXES).read_text().splitlines()[0]), "identity 1 stands twice in frame"),
+    "twice": (lambda f: line(f / BOXES, 2, (f / BOXES).read_text().splitlines()[0]), "identity 1 occurs twice in frame"),
     "a centroid too few": (lambda f: line(f / WORLD, 2, "1 2 -1 -1 -1"), f"{WORLD}: line 2: has 5 columns"),
     "no matrix": (lambda f: (f / "cam3_cam_mat.txt").unlink(), "cam3_cam_mat.mat: no such file, and none in"),
     "a broken matrix": (lambda f: (f / "cam3_cam_mat.txt").write_text("1 2 3"), "cam3_cam_mat.txt: the matrix is .*3 rows"),
@@ -103,7 +103,7 @@ BREAKS = {
         lambda f: shutil.copy(f / "cam1_cam_mat.txt", f / "cam3_cam_mat.txt"),
         "camera Cam_3 .*(of another recording|in front of it)",
     ),
-    "small pictures": (lambda f: [shutil.copy(f / "tiny.png", p) for p in (f / "Cam_4").iterdir()], "is a picture of 4 x 3"),
+    "small images": (lambda f: [shutil.copy(f / "tiny.png", p) for p in (f / "Cam_4").iterdir()], "is an image of 4 x 3"),
 }  # fmt: skip
 
 

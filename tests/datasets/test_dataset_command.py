@@ -50,7 +50,7 @@ def test_scene_of_boxes_and_scene_of_videos(sequence, tmp_path, capsys):
     assert videos["cameras"]["c1"]["video"] == str(sequence / "terrace1-c1.avi")
     # The videos of the tests last a second: they are sound, but nobody can be followed in them.
     assert run(["check", str(tmp_path / "scene" / "videos.toml")]) == 3
-    assert "too short to tell cameras by how people walk" in capsys.readouterr().err
+    assert "too short to register cameras by how people walk" in capsys.readouterr().err
     with (tmp_path / "scene" / "ground_positions.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["frame", "id", "x_m", "y_m"]
@@ -63,7 +63,7 @@ def test_pictures_are_filmed_where_identities_are_to_be_found(tmp_path, capsys):
     scene = tmp_path / "scene"
     assert run(["dataset", "pets2009", str(recording), "-o", str(scene)]) == 0
     assert run(["check", str(scene / "scene.toml")]) == 3
-    assert "too short to tell cameras by how people walk" in capsys.readouterr().err
+    assert "too short to register cameras by how people walk" in capsys.readouterr().err
     reader = VideoReader(scene / "videos" / "View_003.mp4")
     levels = [float(frame.picture.mean()) for frame in reader]
     assert reader.info.average_fps == 7.0
@@ -145,7 +145,7 @@ def test_joints_alone_make_a_scene(tmp_path):
 
 
 def test_one_camera_with_people_is_too_few(tmp_path):
-    with pytest.raises(InputError, match="tells of people in 1 camera of 2"):
+    with pytest.raises(InputError, match="has people in 1 camera of 2"):
         scene_folder.write_scene_folder(two_cameras(boxes={"a": some_boxes(1)}), tmp_path / "scene", tmp_path / "set")
     assert not (tmp_path / "scene").exists()
 
@@ -153,7 +153,7 @@ def test_one_camera_with_people_is_too_few(tmp_path):
 def test_pictures_with_gaps_are_not_filmed(tmp_path):
     pictures = dict.fromkeys("ab", (tmp_path / "1.png", tmp_path / "3.png"))
     made = two_cameras(pictures=pictures, picture_frames={"a": (1, 3), "b": (1, 3)})
-    with pytest.raises(InputError, match="No video is made of the pictures of a: they do not go from frame 1 on without a gap"):
+    with pytest.raises(InputError, match="No video is made of the images of a: they do not go from frame 1 on without a gap"):
         scene_folder.write_scene_folder(made, tmp_path / "scene", tmp_path / "set")
     assert made.frames_of_pictures("a") == (1, 3)
 

@@ -67,7 +67,7 @@ def test_without_boxes_people_are_to_be_found(broken):
     published = read(broken)
     assert not published.boxes
     assert not published.identities_known
-    assert any("found in the videos" in note for note in published.notes)
+    assert any("detected in the videos" in note for note in published.notes)
 
 
 def test_homographies_alone_tell_neither_lens_nor_pose(broken):
@@ -135,7 +135,7 @@ def test_what_is_missing_or_broken_is_told(broken, harm, told):
     [
         ("1 2 3 4", "line 1: 4 columns"),
         ('1 2 3 1 9 5 0 0 0 "PERSON"', "a box -1 wide"),
-        ('1 2 3 4 9 -5 0 0 0 "PERSON"', "frames before the first picture"),
+        ('1 2 3 4 9 -5 0 0 0 "PERSON"', "frames before the first image"),
         ('1 2 3 4 9 5 0 0 0 "PERSON"\n1 2 3 4 9 5 0 0 0 "PERSON"', "identity 1 has two boxes in frame 6"),
         ('one 2 3 4 9 5 0 0 0 "PERSON"', "'one' is not a finite number"),
     ],

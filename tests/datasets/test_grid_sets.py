@@ -168,7 +168,7 @@ def test_an_identity_twice_in_an_instant_is_unknown(broken) -> None:
     found = read_published(name, folder)
     first = found.boxes["C1"].identity[found.boxes["C1"].frame == 1]
     assert people[0]["personID"] not in first
-    assert any("stand twice" in note and annotation(folder).name in note for note in found.notes)
+    assert any("occur twice" in note and annotation(folder).name in note for note in found.notes)
 
 
 def test_a_box_that_ends_before_it_begins_is_left_out(broken) -> None:
@@ -223,7 +223,7 @@ BREAKS = {
     "no annotations": (lambda f: shutil.rmtree(f / "annotations_positions"), "annotations_positions.*no annotations"),
     "empty file": (lambda f: annotation(f).write_text(""), "0000.*json: is not JSON"),
     "cut short": (lambda f: annotation(f).write_text(annotation(f).read_text()[:200]), "0000.*json: is not JSON"),
-    "no list": (lambda f: annotation(f).write_text("{}"), "is no list of people"),
+    "no list": (lambda f: annotation(f).write_text("{}"), "is not a list of people"),
     "no cell": (lambda f: change(annotation(f), positionID=None), "person 1: positionID is None"),
     "a broken cell": (lambda f: change(annotation(f), positionID=3.5), "person 1: positionID is 3.5: a whole number"),
     "a cell outside": (lambda f: change(annotation(f), positionID=691200), "positionID is 691200, but the grid"),
@@ -231,16 +231,16 @@ BREAKS = {
     "a box of words": (lambda f: view(annotation(f), ymax="low"), "viewNum 0: ymax is 'low': a finite number"),
     "no views": (lambda f: change(annotation(f), views=None), "views is None"),
     "a camera too many": (lambda f: view(annotation(f), viewNum=9), "viewNum is 9, but there are"),
-    "a camera twice": (lambda f: view(annotation(f), viewNum=1), "viewNum 1: stands twice"),
+    "a camera twice": (lambda f: view(annotation(f), viewNum=1), "viewNum 1: occurs twice"),
     "a box without a number": (lambda f: view(annotation(f), xmin=float("nan")), "viewNum 0: xmin is nan"),
     "nobody": (lambda f: [p.write_text("[]") for p in (f / "annotations_positions").iterdir()], "nobody is annotated"),
-    "a picture of another size": (
+    "an image of another size": (
         lambda f: cv2.imwrite(str(next(iter(sorted((f / "Image_subsets" / "C2").iterdir())))), np.zeros((540, 960), np.uint8)),
-        "C2.*is a picture of 960 x 540, but the set's calibration is of 1920 x 1080",
+        "C2.*is an image of 960 x 540, but the set's calibration is of 1920 x 1080",
     ),
     "a broken picture": (
         lambda f: next(iter(sorted((f / "Image_subsets" / "C2").iterdir()))).write_bytes(b"no picture"),
-        "C2.*cannot be read as a picture",
+        "C2.*cannot be read as an image",
     ),
 }  # fmt: skip
 
@@ -311,5 +311,5 @@ def test_a_camera_of_another_hand_is_refused(tmp_path) -> None:
 def test_numbers_between_two_instants_are_refused(tmp_path) -> None:
     write_wildtrack(tmp_path / "set", frames=2, pictures=0)
     annotation(tmp_path / "set", 1).rename(tmp_path / "set" / "annotations_positions" / "00000007.json")
-    with pytest.raises(InputError, match=r"00000007.json: the number 7 is no multiple of 5"):
+    with pytest.raises(InputError, match=r"00000007.json: the number 7 is not a multiple of 5"):
         read_published("wildtrack", tmp_path / "set")

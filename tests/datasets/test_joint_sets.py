@@ -223,7 +223,7 @@ PANOPTIC_BREAKS = {
     ),
     "empty": (lambda f: (f / "calibration_sequence.json").write_text(""), "sequence.json: is not JSON"),
     "no cameras": (lambda f: (f / "calibration_sequence.json").write_text('{"cameras": []}'), "no camera is of the type 'hd'"),
-    "a camera twice": (lambda f: camera(f, name="00_01"), "00_01 stands twice"),
+    "a camera twice": (lambda f: camera(f, name="00_01"), "00_01 occurs twice"),
     "no rotation": (lambda f: camera(f, R=[[1, 0, 0], [0, 1, 0], [0, 0, -1]]), r"cameras\[1\] \(00_00\): R .*not a rotation"),
     "not finite": (lambda f: camera(f, t=[[1], [float("nan")], [2]]), r"\(00_00\): t is .*must be finite"),
     "too few": (lambda f: camera(f, distCoef=[0.1, 0.2]), r"\(00_00\): distCoef is \[0.1, 0.2\]: 5 numbers are needed"),
@@ -233,10 +233,10 @@ PANOPTIC_BREAKS = {
     "a joint too few": (lambda f: body(f, joints19=[0.0] * 72), r"bodies\[0\]: joints19 .*19 x 4 numbers are needed"),
     "a broken joint": (lambda f: body(f, joints19=[float("nan")] * 76), r"bodies\[0\]: joints19 .*must be finite"),
     "no id": (lambda f: body(f, id=None), r"bodies\[0\]: id is None"),
-    "an id twice": (lambda f: body(f, id=1), r"bodies\[1\]: id 1 stands twice"),
+    "an id twice": (lambda f: body(f, id=1), r"bodies\[1\]: id 1 occurs twice"),
     "nobody": (lambda f: [p.write_text('{"bodies": []}') for p in poses(f).parent.iterdir()], "none of the .* has a person"),
     "upside down": (turned, "heads of the people lie"),
-    "elsewhere": (buried, "none of the .* people lies in the picture"),
+    "elsewhere": (buried, "none of the .* people lies in the image"),
 }  # fmt: skip
 
 
@@ -292,9 +292,9 @@ TUM_BREAKS = {
     "no MATLAB file": (lambda f: (f / "actorsGT.mat").write_text("no matrix at all" * 50), "actorsGT.mat: cannot be read"),
     "cut short": (lambda f: (f / "actorsGT.mat").write_bytes((f / "actorsGT.mat").read_bytes()[:3000]), "actorsGT.mat: cannot"),
     "another variable": (lambda f: savemat(f / "actorsGT.mat", {"actor2D": 1}), "no variable actor3D .it has actor2D"),
-    "no cells": (lambda f: savemat(f / "actorsGT.mat", {"actor3D": np.zeros((3, 3))}), "actor3D is no cell array"),
+    "no cells": (lambda f: savemat(f / "actorsGT.mat", {"actor3D": np.zeros((3, 3))}), "actor3D is not a cell array"),
     "another shape": (lambda f: actors(f, set_cell(lambda c: c[:13])), r"actor3D\{1\}\{30\} has the shape \(13, 3\): 14 x 3"),
-    "not finite": (lambda f: actors(f, set_cell(lambda c: c * np.nan)), r"actor3D\{1\}\{30\}: joint 1 is \[nan, nan, nan\]"),
+    "not finite": (lambda f: actors(f, set_cell(lambda c: c * np.nan)), r"actor3D\{1\}\{30\}: keypoint 1 is \[nan, nan, nan\]"),
     "other lengths": (lambda f: actors(f, shorter), "have 28 and 30 frames"),
     "nobody": (lambda f: actors(f, emptied), "actor3D has nobody"),
     "upside down": (lambda f: actors(f, lambda c: [set_axes(a) for a in c[0]]), "heads of the people lie"),

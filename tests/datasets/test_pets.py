@@ -84,7 +84,7 @@ def test_pictures_keep_their_frames_where_one_is_missing(broken):
     ("name", "text", "told"),
     [
         ("View_002.xml", "<Camera>", "View_002.xml: is not XML"),
-        ("Time_14-55/View_001/frame_0000.jpg", "", "a second folder of pictures of View_001"),
+        ("Time_14-55/View_001/frame_0000.jpg", "", "a second folder of images of View_001"),
         ("old/View_001.xml", "<Camera/>", "a second calibration of View_001"),
         ("PETS2009-S2L1.xml", "<dataset><frame number='0'></dataset>", "PETS2009-S2L1.xml: is not XML"),
         (
@@ -94,7 +94,7 @@ def test_pictures_keep_their_frames_where_one_is_missing(broken):
         ),
         ("PETS2009-S2L2.xml", "<dataset><frame number='0'/></dataset>", "a second annotation of View_001"),
         ("boxes-View_009.xml", "<dataset><frame number='0'/></dataset>", "has no calibration View_009.xml"),
-        ("S2/L1/Time_12-34/View_003/frame_0000.jpg", "no picture", "is not a picture that can be read"),
+        ("S2/L1/Time_12-34/View_003/frame_0000.jpg", "no image", "is not an image that can be read"),
         ("gt/gt.txt", "1,2,3\n", "3 columns"),
     ],
 )

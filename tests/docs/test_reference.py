@@ -40,4 +40,4 @@ def test_every_key_and_a_known_option_are_there(reference: ModuleType) -> None:
     assert "| `--out`, `-o` | path | `out` |" in page
     assert "## passerby models fetch { #passerby-models-fetch }" in page
     keys = reference.pages()["scene-file.md"]
-    assert "| `fps` | number, above 0 |  | Pictures looked at in a second of video. Not given: 5, and more" in keys
+    assert "| `fps` | number, above 0 |  | Frames processed per second of video. Not given: 5, and more" in keys

@@ -74,23 +74,23 @@ def test_visibilities_become_confidences(tmp_path):
         ("{", "is not JSON"),
         ("[]", "top level: an object"),
         ({"images": []}, "categories: is missing"),
-        (changed(categories__0__keypoints=None), "category_id 1 is no category with joint names"),
-        (changed(categories__0__keypoints=["head", "head"]), "joint 'head' stands twice"),
-        (changed(categories__0__keypoints=["head", 3]), "must be a list of joint names"),
+        (changed(categories__0__keypoints=None), "category_id 1 is not a category with keypoint names"),
+        (changed(categories__0__keypoints=["head", "head"]), "keypoint 'head' occurs twice"),
+        (changed(categories__0__keypoints=["head", 3]), "must be a list of keypoint names"),
         (changed(images__0__id=None), r"images\[0\]: needs a whole number `id`"),
         (changed(images__0__frame=1.5), r"images\[0\]: frame is 1.5: a whole number"),
         (changed(images__0__frame=None), r"images\[0\]: frame is None"),
         (changed(images__1__frame=3), r"images\[1\]: frame 3 is that of image 7 too"),
-        (changed(images__1__id=7), r"images\[1\]: image id 7 stands twice"),
+        (changed(images__1__id=7), r"images\[1\]: image id 7 occurs twice"),
         (changed(annotations__0__image_id=99), r"annotations\[0\]: image_id 99 is none of the images"),
         (changed(annotations__0__track_id="Bob"), r"annotations\[0\]: track_id is 'Bob'"),
         (changed(annotations__0__track_id=-3), r"annotations\[0\]: track_id is -3"),
-        (changed(annotations__0__keypoints=[1, 2, 1]), r"annotations\[0\]: keypoints has 3 numbers; 2 joints take 6"),
+        (changed(annotations__0__keypoints=[1, 2, 1]), r"annotations\[0\]: keypoints has 3 numbers; 2 keypoints take 6"),
         (changed(annotations__0__keypoints=[1, 2, 1, "a", 2, 1]), r"keypoints holds 'a'"),
         (changed(annotations__0__keypoints=[1, 2, 1, float("nan"), 2, 1]), r"keypoints holds nan"),
-        (changed(annotations__0__keypoints=[1, 2, 1.5, 1, 2, 1]), r"third number of a joint is 1.5"),
+        (changed(annotations__0__keypoints=[1, 2, 1.5, 1, 2, 1]), r"third number of a keypoint is 1.5"),
         (changed(annotations__0__keypoints=[1, 2, -0.5, 1, 2, 1]), r"confidence is -0.5"),
-        (changed(annotations__2__track_id=5), r"identity 5 stands twice in frame 1"),
+        (changed(annotations__2__track_id=5), r"identity 5 occurs twice in frame 1"),
     ],
 )
 def test_a_fault_names_file_place_value_and_mend(tmp_path, content, told):
@@ -102,7 +102,7 @@ def test_a_fault_names_file_place_value_and_mend(tmp_path, content, told):
 def test_the_same_unknown_person_twice(tmp_path):
     content = copy.deepcopy(GOOD)
     content["annotations"].append({**content["annotations"][2], "id": 4})
-    with pytest.raises(InputError, match="the same joints stand twice in frame 1"):
+    with pytest.raises(InputError, match="the same keypoints occur twice in frame 1"):
         read(tmp_path, content)
 
 

@@ -52,7 +52,7 @@ def test_what_other_tools_write_is_read(tmp_path, text):
     [
         ("1,4,10,20,30,60\n", r"line 1: 6 columns instead of 7 to 10"),
         ("1,4,10,20,30,60,1,1,1,1,1\n", r"line 1: 11 columns instead of 7 to 10"),
-        ("1 4 10 20 30 60 1\n", r"line 1: 1 columns .* parted by commas"),
+        ("1 4 10 20 30 60 1\n", r"line 1: 1 columns .* separated by commas"),
         (GOOD + "3,4,10,20,30,60,1\n", r"line 3: 7 columns, but the first row has 10"),
         (
             "frame,id,left,top,width,height,score\n1,4,10,20,30,60,1\n",
@@ -72,7 +72,7 @@ def test_what_other_tools_write_is_read(tmp_path, text):
         ("2,4,10,20,30,60,1\n1,4,10,20,30,60,1\n", r"line 2: frame 1 comes after frame 2: sort"),
         (GOOD + "\n2,4,11,20,30,60,0.9,-1,-1,-1\n", r"line 4: repeats line 2 \(2,4,11,20,30,60,0.9,-1,-1,-1\): delete one"),
         ("1,-1,10,20,30,60,1\n1,-1,10,20,30,60,1\n", r"line 2: repeats line 1"),
-        ("1,4,10,20,30,60,1\n1,4,90,20,30,60,1\n", r"line 2: identity 4 stands a second time in frame 1 \(first on line 1\)"),
+        ("1,4,10,20,30,60,1\n1,4,90,20,30,60,1\n", r"line 2: identity 4 occurs a second time in frame 1 \(first on line 1\)"),
     ],
 )
 def test_a_fault_names_file_line_value_and_mend(tmp_path, text, told):

@@ -84,7 +84,7 @@ def test_files_of_other_tools_are_opened(tmp_path, text):
         (f"[a]\n{LENS}rotation = [0.1, 0.2, 0.3]", r"has a rotation but no translation"),
         (f"[a]\n{LENS}rotation = [0.1, 0.2]\ntranslation = [0, 0, 0]", r"rotation is \[0.1, 0.2\]"),
         (f"[a]\n{LENS}rotation = [[1,0,0],[0,1,0],[0,0,2]]\ntranslation = [0, 0, 0]", r"is not a rotation"),
-        (f'[a]\nname = "n"\n{LENS}[b]\nname = "n"\n{LENS}', r"camera n stands twice"),
+        (f'[a]\nname = "n"\n{LENS}[b]\nname = "n"\n{LENS}', r"camera n occurs twice"),
     ],
 )
 def test_a_fault_names_file_table_value_and_mend(tmp_path, text, told):

@@ -92,7 +92,7 @@ def test_nobody_outside_the_view_is_drawn_inside_the_picture(tmp_path):
 def test_distortion_that_opencv_cannot_express_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"camera c0: .*terrace-tsai-c0.xml: kappa1 0.5 .* misses by [0-9.]+ px"):
         read_tsai(written(tmp_path, camera(0.5))).camera("c0")
-    with pytest.raises(InputError, match="turns back inside the picture"):
+    with pytest.raises(InputError, match="turns back inside the image"):
         read_tsai(written(tmp_path, camera(-1e-2))).camera("c0")
 
 

@@ -66,7 +66,7 @@ def test_nothing_is_left_of_a_video_that_was_not_finished(tmp_path: Path) -> Non
 
 
 def test_a_video_needs_pictures(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="without pictures"), VideoWriter(tmp_path / "a.mp4", SIZE, fps=25):
+    with pytest.raises(InputError, match="without frames"), VideoWriter(tmp_path / "a.mp4", SIZE, fps=25):
         pass
     assert list(tmp_path.iterdir()) == []
 
@@ -89,7 +89,7 @@ def test_what_cannot_be_a_video(tmp_path: Path, name: str, size: tuple[int, int]
 
 
 def test_pictures_that_do_not_fit(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="picture 1 is uint8 of the shape"), VideoWriter(tmp_path / "a.mp4", SIZE, 25) as video:
+    with pytest.raises(InputError, match="frame 1 is uint8 of the shape"), VideoWriter(tmp_path / "a.mp4", SIZE, 25) as video:
         video.write(np.zeros((10, 10, 3), dtype=np.uint8))
     with pytest.raises(InputError, match="does not come after"):
         write(tmp_path / "b.mp4", [1, 2], [0.5, 0.5])

@@ -85,7 +85,7 @@ def test_pictures_of_another_size(tmp_path):
     rig, scene = write_watched(tmp_path, GIVEN, walkers(RIG, 10))
     (tmp_path / "small.toml").write_text(rig.read_text().replace("720", "1440", 1).replace("576", "1152", 1))
     scene.write_text(scene.read_text().replace("rig.toml", "small.toml", 1))
-    with pytest.raises(InputError, match="camera C1 has pictures of 1440 x 1152, the rig's of 720 x 576"):
+    with pytest.raises(InputError, match="camera C1 has images of 1440 x 1152, the rig's of 720 x 576"):
         passerby.monitor(rig, scene)
 
 

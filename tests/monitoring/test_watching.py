@@ -125,6 +125,7 @@ def test_one_cameras_pose_is_found_again_from_far_off():
     assert np.linalg.norm(found.pose.centre - RIG["C2"].centre) < 3 * found.sigma.position_m + 3 * 0.01
     assert found.degrees == pytest.approx(np.hypot(15, 5), abs=1)
     assert resect(off, seen, "C2", until_s=4.0) is None
+    assert resect(off, seen, "C2", without=("C1", "C3", "C4")) is None
 
 
 def test_ground_that_is_a_slope_somewhere_else():

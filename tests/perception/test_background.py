@@ -243,7 +243,7 @@ def test_more_pictures_than_asked_for_are_passed_over() -> None:
 
 def test_what_cannot_be_learnt_from_is_said() -> None:
     frames = recording(8)
-    with pytest.raises(EvidenceError, match="4 pictures are too few"):
+    with pytest.raises(EvidenceError, match="4 frames are too few"):
         learn_background(frames[:4], plan_sampling(4.0))
     odd = Frame(9, 9.0, np.zeros((10, 20, 3), np.uint8))
     with pytest.raises(InputError, match="20 x 10"):

@@ -16,16 +16,17 @@ from support.networks.model_server import BODY, SHA256, keep_to, serving
 FETCH = """
 import sys
 from pathlib import Path
-from passerby.perception.fetching import fetch
+from passerby.perception import fetching
 url, target, sha256, size = sys.argv[1:]
-fetch(url, Path(target), sha256, int(size))
+fetching.ANSWER_S = fetching.STALL_S = 600
+fetching.fetch(url, Path(target), sha256, int(size))
 """
 
 
 @pytest.fixture
 def server(tmp_path, monkeypatch):
     keep_to(tmp_path, monkeypatch)
-    with serving() as server:
+    with serving(monkeypatch) as server:
         yield server
 
 
@@ -185,10 +186,16 @@ def test_a_server_that_never_answers(server, target, monkeypatch):
 
 
 def test_a_transfer_that_stalls(server, target, monkeypatch):
-    monkeypatch.setattr(fetching, "STALL_S", 0.1)
-    server.hold = threading.Event()
+    """Half of the file comes, however long that takes; then the server holds back half of whatever it is asked for."""
+    server.breaks_after = [150_000]
+
+    def tell(stage, done=0, total=0):
+        if done == 150:
+            server.hold = threading.Event()
+            monkeypatch.setattr(fetching, "STALL_S", 0.1)
+
     with pytest.raises(UnreachableError, match=r"timed out after \d+ of 300000 bytes"):
-        get(server, target)
+        get(server, target, tell=tell)
     assert part_of(target).stat().st_size >= 150_000
     assert not target.exists()
 
@@ -218,10 +225,10 @@ def test_a_proxy_is_asked_in_place_of_the_server(server, target, monkeypatch):
 
 
 def test_nothing_is_fetched_over_an_open_line(server, target):
-    with pytest.raises(InputError, match=r"http://example\.invalid/a: is no https address"):
+    with pytest.raises(InputError, match=r"http://example\.invalid/a: is not an https address"):
         fetch("http://example.invalid/a", target, SHA256, len(BODY))
     server.location = "http://example.invalid/a"
-    with pytest.raises(InputError, match=r"http://example\.invalid/a: is no https address"):
+    with pytest.raises(InputError, match=r"http://example\.invalid/a: is not an https address"):
         get(server, target)
 
 
@@ -245,4 +252,4 @@ def test_two_processes_fetch_it_once(server, target):
     assert [process.wait() for process in processes] == [0, 0]
     assert target.read_bytes() == BODY
     assert server.asked == [None]
-    assert told[0] == "waiting for another process that fetches tiny.onnx"
+    assert told[0] == "waiting for another process that is fetching tiny.onnx"

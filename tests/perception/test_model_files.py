@@ -22,7 +22,7 @@ def cache(tmp_path, monkeypatch):
 
 @pytest.fixture
 def server(cache, monkeypatch):
-    with serving() as server:
+    with serving(monkeypatch) as server:
         known = [
             entry("tiny", url=server.url),
             entry("other", url=server.url, default=False),
@@ -49,7 +49,7 @@ def test_the_manifest_is_complete():
         assert re.fullmatch(r"[0-9a-f]{64}", item.sha256)
         assert re.fullmatch(r"[\w-]+\.onnx", item.file)
         assert item.url is None or pinned.fullmatch(item.url)
-        assert (item.url is None) == ("no address serves it" in item.note)
+        assert (item.url is None) == ("has no download address" in item.note)
         assert item.licence == "Apache-2.0"
         assert item.publisher
         assert not (item.default and item.url is None)
@@ -124,7 +124,7 @@ def test_no_network_and_no_file_is_a_reason(server, monkeypatch):
     network, reason = find_model("tiny", "detector")
     assert network is None
     assert "PASSERBY_OFFLINE is set" in reason
-    assert find_model("tiny", "detector", download=False).reason.endswith("`passerby models fetch` gets it")
+    assert find_model("tiny", "detector", download=False).reason.endswith("`passerby models fetch` downloads it")
     assert len(server.asked) == asked
 
 
@@ -136,7 +136,8 @@ def test_keypoints_are_measured_only_where_they_are_asked_for(server):
 
 def test_a_model_that_no_address_serves(server, tmp_path):
     with pytest.raises(
-        InputError, match=r"joints: lies nowhere and no address serves it: put joints\.onnx into a folder that PASS"
+        InputError,
+        match=r"joints: is not on this computer and has no download address: put joints\.onnx into a folder that PASS",
     ):
         find_model("joints", "keypoints")
     file = put(tmp_path / "models", "joints.onnx")
@@ -146,7 +147,7 @@ def test_a_model_that_no_address_serves(server, tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("tinny", "tinny: is no model that Passerby knows: there are tiny, other, auto, or the path of an .onnx file"),
+        ("tinny", "tinny: is not a model that Passerby knows: there are tiny, other, auto, or the path of an .onnx file"),
         ("looks", "looks: is for embedder, not for detector: there are tiny, other"),
         ("nets/none.onnx", "nets/none.onnx: no such file"),
     ],
@@ -175,7 +176,7 @@ def test_a_folder_that_is_none(server, tmp_path, monkeypatch, by):
     missing = tmp_path / "missing"
     if by == "variable":
         monkeypatch.setenv("PASSERBY_MODELS", str(missing))
-    with pytest.raises(InputError, match=f"{missing}: is no folder"):
+    with pytest.raises(InputError, match=f"{missing}: is not a folder"):
         find_model("auto", "detector", None if by == "variable" else missing)
 
 

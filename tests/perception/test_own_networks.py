@@ -121,5 +121,5 @@ def test_metadata_that_cannot_be(tmp_path):
 
 def test_no_onnx_file_at_all(tmp_path):
     (tmp_path / "mine.onnx").write_bytes(b"hello")
-    with pytest.raises(InputError, match=r"mine\.onnx: this is no ONNX file"):
+    with pytest.raises(InputError, match=r"mine\.onnx: this is not an ONNX file"):
         find_model(tmp_path / "mine.onnx", "detector")

@@ -45,8 +45,8 @@ def test_what_cannot_be_had_is_done_without_and_told(nowhere):
     people, appearance = texts_of(plan.notes)
     assert [notice.code for notice in plan.notes] == ["network_missing"] * 2
     assert people.startswith("tiny is not on this computer and cannot be fetched")
-    assert people.endswith(": people are found by background subtraction, without a network")
-    assert appearance.endswith(": people are told apart by the colours of stripes, without a network")
+    assert people.endswith(": people are detected by background subtraction, without a neural network")
+    assert appearance.endswith(": appearance is described by colour histograms of horizontal stripes, without a neural network")
 
 
 @pytest.mark.parametrize("role", ["detector", "embedder"])
@@ -68,9 +68,9 @@ def test_networks_by_path(files):
 
 
 def test_joints_are_never_left_out_silently():
-    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': no network for keypoints is taken by itself"):
+    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': there is no default network for keypoints"):
         planned(keypoints="auto")
-    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': no network for keypoints is taken by itself"):
+    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': there is no default network for keypoints"):
         foresee("", "", "auto", models=None, base=None)
 
 
@@ -90,9 +90,9 @@ def test_nothing_is_fetched_to_foresee(nowhere):
     choices, (note,) = foresee("auto", "", "", models=None, base=None)
     assert choices == {"detector": {"network": "tiny"}}
     assert text_of(note) == (
-        "tiny is not on this computer: `passerby models fetch` gets it, and so does calibrating; background takes its place "
-        "where it cannot be had"
+        "tiny is not on this computer: `passerby models fetch` downloads it, and so does `passerby calibrate`; background is "
+        "used if it is unavailable"
     )
     choices, (note,) = foresee("tiny", "", "", models=None, base=None)
     assert choices == {"detector": {"network": "tiny"}}
-    assert text_of(note).endswith("and so does calibrating")
+    assert text_of(note).endswith("and so does `passerby calibrate`")

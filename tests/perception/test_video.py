@@ -263,7 +263,7 @@ def changed_size(path: Path) -> Path:
 
 
 def test_a_size_that_changes_half_way(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a\.h264: the pictures change from 96 x 64 to 128 x 96 after 0\.9\d s"):
+    with pytest.raises(InputError, match=r"a\.h264: the frames change from 96 x 64 to 128 x 96 after 0\.9\d s"):
         list(frames(changed_size(tmp_path / "a.h264")))
 
 
@@ -348,12 +348,12 @@ def test_sizes_of_video_and_lens() -> None:
     assert fit_of_size((1080, 1920), (1088, 1920)) == "cropped"
     assert fit_of_size((1920, 1080), (1920, 1088)) == "cropped"
     for video, lens, told in [
-        ((1080, 1920), (1920, 1080), "1080 x 1920.*1920 x 1080.*turned by 90"),
+        ((1080, 1920), (1920, 1080), "1080 x 1920.*1920 x 1080.*rotated by 90"),
         ((960, 540), (1920, 1080), "scaled by 0.5"),
         ((1280, 720), (1920, 1080), "scaled by 0.6667"),
-        ((1920, 1088), (1920, 1080), "give the lens of this video"),
-        ((1920, 1064), (1920, 1080), "give the lens of this video"),
-        ((640, 480), (1920, 1080), "give the lens of this video"),
+        ((1920, 1088), (1920, 1080), "give the intrinsics of this video"),
+        ((1920, 1064), (1920, 1080), "give the intrinsics of this video"),
+        ((640, 480), (1920, 1080), "give the intrinsics of this video"),
     ]:
         with pytest.raises(InputError, match=told):
             fit_of_size(video, lens)

@@ -337,7 +337,7 @@ def test_a_camera_that_is_moved_is_told_and_when(job, calls, tmp_path):
         assert told.startswith(
             f"{info.path}: camera A: the camera is " if back else f"{info.path}: camera A: the camera moves "
         )
-        seconds = float(told.split(" s after the beginning")[0].split()[-1])
+        seconds = float(told.split(" s after the start")[0].split()[-1])
         assert 9.0 <= seconds <= 10.6
         # It is told from what is kept as well.
         again = watch_camera(replace(job, info=info), silent)

@@ -97,8 +97,8 @@ def test_one_person_on_the_spot(data_root: Path) -> None:
     solution, _, found = solved(data_root / "pose2sim_single")
     assert_within(found, 33, 0.65)
     assert solution.verdict == "doubtful"
-    assert any("names do not fit the pictures" in reason for reason in solution.reasons)
-    assert any("vertical is uncertain" in reason for reason in solution.reasons)
+    assert any("names do not fit the images" in reason for reason in solution.reasons)
+    assert any("up direction is uncertain" in reason for reason in solution.reasons)
 
 
 def test_errors_on_real_people_are_what_the_sigmas_say(data_root: Path) -> None:

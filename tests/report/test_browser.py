@@ -310,7 +310,7 @@ def test_the_view_in_space_is_chosen_and_turned(laptop):
         views.select_option(str(number))
         laptop.until(f"{eye} !== '{seen[-1]}'")
         seen.append(laptop.told(eye))
-    for name in ("Turn left", "Nearer"):
+    for name in ("Rotate left", "Nearer"):
         laptop.page.get_by_role("button", name=name).click()
         laptop.until(f"{eye} !== '{seen[-1]}'")
         seen.append(laptop.told(eye))

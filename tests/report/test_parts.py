@@ -57,19 +57,19 @@ def written(**tables):
 def test_a_doubt_is_a_problem_and_a_remedy():
     few, slow = doubt("few_observations", "C1", agreeing=7), doubt("adjustment_not_converged")
     assert points(few, slow, notice("frame_rate_missing", place="scene.toml")) == [
-        Point("Camera C1 rests on 7 sightings only.", "Record more people in its view."),
+        Point("Camera C1 has only 7 supporting observations.", "Record more people in its view."),
         Point("The adjustment did not converge.", "Under [solver.options] set max_iterations = 200."),
     ]
     cut = doubt("smaller_image_cut", "V1", place="V1.txt", seen_size=[96, 54], size=[192, 108], cut=5)
     (point,) = points(cut)
     assert point.problem.startswith("V1.txt: camera V1: all people lie within 96 x 54")
-    assert point.remedy.startswith("Give a lens for pictures of that size")
+    assert point.remedy.startswith("Give intrinsics for images of that size")
 
 
 def test_a_doubt_whose_sentence_has_no_remedy_gets_one():
     (point,) = points(doubt("few_inliers", "C1", share=0.2))
     assert point.problem == "Only 20% of the points that camera C1 shares with the reference agree with its pose."
-    assert point.remedy == "Record people who walk where the views of these cameras overlap."
+    assert point.remedy == "Record people walking where the views of these cameras overlap."
 
 
 def test_what_another_passerby_wrote_is_shown_as_it_stands():
@@ -94,7 +94,7 @@ def test_what_is_said_of_several_cameras_is_said_once():
 def test_cameras_of_one_doubt_are_listed_by_their_names():
     names = ["cam1", "cam12", "north gate", "a.b"]
     (point,) = points(*(doubt("lens_part_contradicted", name, part="distortion") for name in names))
-    assert point.problem == "Cameras cam1, cam12, north gate and a.b: people fit another distortion than stated."
+    assert point.problem == "Cameras cam1, cam12, north gate and a.b: people fit a different distortion than stated."
 
 
 @pytest.mark.parametrize("path", ["single/cam01.mp4", "scene.toml", "videos", "C1.mp4"])
@@ -106,7 +106,7 @@ def test_a_path_keeps_its_spelling(path):
 
 @pytest.mark.parametrize(
     ("mode", "used", "label"),
-    [("given", True, "people it rests on"), ("combined", True, "tracks it rests on"), ("combined", False, "tracks of people")],
+    [("given", True, "people used"), ("combined", True, "tracks used"), ("combined", False, "tracks")],
 )
 def test_tracks_are_not_called_people(mode, used, label):
     """Who is found by how people move is one person in several pieces: 51 of these were 14 people."""

@@ -221,7 +221,7 @@ def test_a_video_that_cannot_be_used_is_told_of(numbered, tmp_path, what):
     told = puppet_contents(made, {} if what == "missing" else {name: path})
     svg, _ = drawn(told, name)
     assert not list(parsed(svg).iter(f"{SVG}image"))
-    assert "no video" in svg if what == "missing" else "no picture: " in svg
+    assert "no video" in svg if what == "missing" else "no image: " in svg
     assert of_class(parsed(svg), "canvas")
     assert str(tmp_path) not in svg
 

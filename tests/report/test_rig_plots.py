@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose, PoseSigma, Rig
 from passerby.core.observations import CameraObservations, Observations
+from passerby.core.picture_border import border_rays
 from passerby.report.fitted import fit_people
 from passerby.report.rig_geometry import (
-    border_rays,
     density,
     ellipse,
     frustum,
@@ -143,7 +143,7 @@ def test_a_fisheye_with_black_corners_has_a_frustum():
         (1000, 1000), np.array([[290.0, 0, 500], [0, 290.0, 500], [0, 0, 1]]), np.array([-0.05, 0.0, 0.0, 0.0]), fisheye=True
     )
     camera = Camera("F", lens, Pose.from_centre(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0])))
-    assert np.isfinite(border_rays(camera)).all()
+    assert np.isfinite(border_rays(camera.lens)).all()
     border = frustum(camera, 1.0)
     assert np.linalg.norm(border - camera.centre, axis=1).max() < 5
     # It looks straight down: the ground that it sees surrounds it.
@@ -197,7 +197,7 @@ def test_density_counts_every_place_once():
 
 def test_views_look_at_the_people_and_out_of_each_camera(drawn_rig):
     told, fit, _, space = drawn_rig
-    layout, stage = space["layout"], stage_of(told.rig, fit)
+    layout, stage = space["layout"], stage_of(told.rig, fit.ways.xy)
     scene = layout["scene"]
     size = np.array([scene[f"{k}axis"]["range"][1] - scene[f"{k}axis"]["range"][0] for k in "xyz"])
     low = np.array([scene[f"{k}axis"]["range"][0] for k in "xyz"])

@@ -2,9 +2,11 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 
+from passerby.core.colours import camera_colour, person_colour
 from passerby.people.trajectories.trajectories import trajectories
 from passerby.report import trajectories_page as page
 from passerby.report.trajectories_page import trajectories_page
@@ -36,10 +38,30 @@ def test_one_line_a_person_in_each_view_and_the_cameras():
     own = found.identity == 1
     assert np.allclose(first["x"], found.xyz[own, 0], atol=0.006)
     assert np.allclose(first["z"], found.xyz[own, 2], atol=0.006)
-    cameras = next(trace for trace in traces if "text" in trace)
-    assert cameras["text"] == ["C1", "C2", "C3"]
+    for kind in ("scatter", "scatter3d"):
+        named = [trace for trace in traces if "text" in trace and trace["type"] == kind]
+        assert [trace["text"][0] for trace in named] == ["C1", "C2", "C3"]
+        for trace, camera in zip(named, rig, strict=True):
+            assert np.allclose((trace["x"][0], trace["y"][0]), camera.centre[:2], atol=0.006)
     assert "a &lt;title&gt;" in html
     assert "a note" in html
+
+
+def test_names_are_no_markup():
+    found, rig = example()
+    hostile = type(rig)(tuple(replace(camera, name=f"<b>{camera.name}</b>&lt;") for camera in rig))
+    for trace in drawn(trajectories_page(found, hostile, "t")):
+        shown = [trace["name"], *trace.get("text", ())]
+        assert not any("<b>" in text or "&lt;" in text for text in shown)
+
+
+def test_everybody_has_the_colour_of_the_report():
+    found, rig = example()
+    colours = {trace["name"]: trace["line"]["color"] for trace in drawn(trajectories_page(found, rig, "t")) if "line" in trace}
+    for number in (1, 2, 3):
+        assert colours[f"person {number}"] == person_colour(number)
+    for place, camera in enumerate(rig):
+        assert colours[camera.name] == camera_colour(place)
 
 
 def test_it_needs_no_network_and_is_the_same_again():
@@ -66,8 +88,8 @@ def test_much_is_thinned_and_says_so(monkeypatch):
     whole = trajectories_page(found, rig, "t")
     monkeypatch.setattr(page, "MOST_PLACES", 60)
     thin = trajectories_page(found, rig, "t")
-    assert "Every 3th place" not in whole
-    assert "Every 3rd place" in thin
+    assert "Every 3th position" not in whole
+    assert "Every 3rd position" in thin
     lines = [trace for trace in drawn(thin) if trace["name"].startswith("person") and trace["type"] == "scatter"]
     assert sum(len(line["x"]) for line in lines) <= 60 + 2 * 3
     # Ends are kept.

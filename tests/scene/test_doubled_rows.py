@@ -90,8 +90,8 @@ def test_one_row_too_many_in_a_file_is_told_by_check(
     told = json.loads(capsys.readouterr().out)
     (finding,) = [one for one in told["findings"] if "another row" in one]
     assert finding == (
-        f"{tmp_path / 'A.txt'}: camera A: 1 of 61 rows stand for somebody who has another row in the same frame "
-        "(first: id 2 in frame 30): of each the better row is used"
+        f"{tmp_path / 'A.txt'}: camera A: 1 of 61 rows repeat an identity that has another row in the same frame "
+        "(first: id 2 in frame 30): the better row of each is used"
     )
     assert told["cameras"][0]["boxes"] == 60
 
@@ -136,5 +136,5 @@ def test_doubled_joints_in_memory_are_told_and_too_many_are_an_error() -> None:
     found = passerby.calibrate_observations(lenses, keypoints=joints | {"C1": doubled}, fps=5.0, association={"mode": "given"})
     assert any("keypoints: camera C1: 1 of" in finding for finding in found.findings)
     alike = replace(joints["C1"], identity=np.ones(len(joints["C1"])))
-    with pytest.raises(InputError, match="which is too often for a slip"):
+    with pytest.raises(InputError, match="which is too often for a mistake"):
         passerby.calibrate_observations(lenses, keypoints=joints | {"C1": alike}, fps=5.0, association={"mode": "given"})

@@ -80,8 +80,8 @@ def test_clocks_by_frame_rate(tmp_path, association, extra, clocks, noted):
     [
         ((25, 25, 25, 25), None),
         ((25, 25, 25, 30), None),
-        ((25, 25, 25, 50), "D 0.8 s (frames 1 to 41 at 50 fps); the other cameras about 1.6 s: check fps"),
-        ((50, 50, 50, 25), "D 1.6 s (frames 1 to 41 at 25 fps); the other cameras about 0.8 s: check fps"),
+        ((25, 25, 25, 50), "D 0.8 s (frames 1 to 41 at 50 fps); the other cameras have about 1.6 s: check fps"),
+        ((50, 50, 50, 25), "D 1.6 s (frames 1 to 41 at 25 fps); the other cameras have about 0.8 s: check fps"),
     ],
 )
 def test_a_frame_rate_that_contradicts_the_others_is_named(tmp_path, rates, odd):

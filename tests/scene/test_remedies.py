@@ -12,18 +12,22 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from passerby.calibration.pipeline import calibrate
 from passerby.calibration.scene_solver import solver_options
 from passerby.cli.main import run
 from passerby.common.errors import InputError
+from passerby.core.observations import Boxes, Keypoints
 from passerby.perception.plan import keypoints_to_be_had
 from passerby.report.distances import Distance, _advice
-from passerby.scene.check import SHORTEST_S, check_scene
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.check import SHORTEST_S, check_scene, too_short
 from passerby.scene.scene import TABLES, Scene
 from support.documentation import DOCS, ROOT
 from support.networks.model_server import BODY, entry, keep_to, know_only
@@ -177,12 +181,12 @@ def test_a_measured_distance_can_be_appended(started: Path, tmp_path: Path) -> N
     ("added", "told"),
     [
         ("[association]\nmax_offset_s = 1\n[scale]\n[ association ]  # again\nmode = 'given'\n",
-         "[association] stands twice, in lines 8 and 11: merge the two into one"),
-        ("[cameras.C1]\nfps = 3\n", "[cameras.C1] stands twice, in lines 1 and 8: merge the two into one"),
+         "[association] occurs twice, in lines 8 and 11: merge the two into one"),
+        ("[cameras.C1]\nfps = 3\n", "[cameras.C1] occurs twice, in lines 1 and 8: merge the two into one"),
         ("[association]\nmax_offset_s = 1\n# max_offset_s = 2\nmax_offset_s = 3\n",
-         "[association] max_offset_s stands twice, in lines 9 and 11: keep one of them"),
+         "[association] max_offset_s occurs twice, in lines 9 and 11: keep one of them"),
         ("[scale]\n[[scale.distances]]\nmetres = 1\n[[scale.distances]]\nmetres = 2\n[scale]\n",
-         "[scale] stands twice, in lines 8 and 13"),
+         "[scale] occurs twice, in lines 8 and 13"),
     ],
 )  # fmt: skip
 def test_a_table_that_stands_twice(tmp_path: Path, added: str, told: str) -> None:
@@ -222,12 +226,21 @@ def test_check_tells_that_videos_are_too_short(brief: Path, tmp_path: Path, monk
     (lack,) = report.lacks
     assert report.exit_status == 3
     assert lack == (
-        f"{brief}: what cameras C1 (1.7 s), C2 (1.7 s) recorded is too short to tell cameras by how people walk, which "
-        f"takes more than {SHORTEST_S:g} s: record longer"
+        f"{brief}: the recordings of cameras C1 (1.7 s), C2 (1.7 s) are too short to register cameras by how people walk, "
+        f"which takes more than {SHORTEST_S:g} s: record longer"
     )
     put_model(tmp_path, monkeypatch)
     (lack,) = check_scene(brief).lacks
-    assert lack.endswith(': record longer, or go by the joints of people: under [perception] set keypoints = "joints"')
+    assert lack.endswith(': record longer, or use keypoints: under [perception] set keypoints = "joints"')
+
+
+def test_joints_of_one_camera_make_no_recording_long_enough(brief: Path) -> None:
+    scene = Scene.load(brief)
+    boxes = Boxes(np.arange(1, 13), np.zeros(12), np.full((12, 4), 30.0), np.ones(12))
+    joints = Keypoints(np.ones(1), np.zeros(1), np.full((1, 1, 2), 40.0), np.ones((1, 1)), ("nose",))
+    alone = [CameraInput(name, False, boxes=boxes, fps=10.0) for name in scene.cameras]
+    both = [replace(reading, keypoints=joints) for reading in alone]
+    assert [bool(too_short(scene, some)) for some in (alone, [both[0], alone[1]], both)] == [True, True, False]
 
 
 def test_long_videos_and_known_identities_are_not_too_short(brief: Path) -> None:

@@ -83,7 +83,7 @@ def test_a_copy_is_told(change: Callable[[Boxes], Boxes], lens: Callable[[Lens],
 
 def test_a_copy_at_another_frame_rate_is_told() -> None:
     (sentence,) = pair(lambda b: replace(b, frame=5 * (b.frame - 1) + 1), fps=25.0)
-    assert sentence.endswith("in the pictures of the other: give each camera a recording of its own, or delete [cameras.B]")
+    assert sentence.endswith("in the images of the other: give each camera a recording of its own, or delete [cameras.B]")
 
 
 @pytest.mark.parametrize("preset", ["terrace", "basketball", "construction"])

@@ -148,14 +148,14 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[[scale.distances]]\nbetween = ['A', 'A']\nmetres = 3", r"between names one camera twice"),
         (CAMERAS + "[[scale.camera_heights]]\ncamera = 'AA'\nmetres = 3", r"camera 'AA' is not declared: did you mean 'A'"),
         (CAMERAS + "[cameras.C]\ntracks = 'x'", r"\[cameras.C\] intrinsics: is missing"),
-        (CAMERAS + "[cameras.C]\nintrinsics = 'x'", r"\[cameras.C\]: says nothing of what the camera saw"),
+        (CAMERAS + "[cameras.C]\nintrinsics = 'x'", r"\[cameras.C\]: has no observations"),
         (
             CAMERAS + "[cameras.C]\nintrinsics = 'x'\nvideo = 'x.avi'\n[association]\nmode = 'given'",
             r"\[cameras.A\]: has no fps, but camera C has: set fps there",
         ),
         (
             CAMERAS + "[cameras.C]\nintrinsics = 'x'\nvideo = 'x.avi'\n[scene]\nfps = 5\n[association]\nmode = 'given'",
-            r"\[cameras.C\]: has only a video, which does not tell who is who: .* set mode = .combined.",
+            r"\[cameras.C\]: has only a video, which has no identities: .* set mode = .combined.",
         ),
         (CAMERAS + "[perception]\nminscore = 0.5", r"\[perception\]: unknown key 'minscore': did you mean 'min_score'"),
         (CAMERAS + "[perception]\nmin_score = 2", r"\[perception\] min_score is 2: input should be less than or equal to 1"),

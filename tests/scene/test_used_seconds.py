@@ -59,7 +59,7 @@ def test_frames_are_counted_from_the_recording_s_own_beginning(tmp_path):
     ("keys", "told"),
     [
         ({"from_s": 4.0, "until_s": 4.0}, "from_s = 4 is not before until_s = 4: nothing would be left"),
-        ({"from_s": 100.0}, "[cameras.C2] from_s = 100: it saw people from 0.0 to 21.8 s only, nothing is left"),
+        ({"from_s": 100.0}, "[cameras.C2] from_s = 100: it saw people only from 0.0 to 21.8 s, so nothing is left"),
         ({"from_s": -1.0}, "[cameras.C2] from_s is -1.0"),
         ({"until_s": float("nan")}, "[cameras.C2] until_s"),
     ],

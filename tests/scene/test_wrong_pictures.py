@@ -66,8 +66,8 @@ def larger(lens: Lens) -> Lens:
 def test_boxes_of_a_half_size_picture_are_told(given: bool) -> None:
     found = calibrated(scene(), ("C2",), scaled(0.5), given=given)
     assert found.verdict == "doubtful"
-    (told,) = [reason for reason in found.reasons if "its people seem to be found" in reason]
-    assert "camera C2: its people seem to be found in pictures of 360 x 288, not of the stated 720 x 576" in told
+    (told,) = [reason for reason in found.reasons if "its people seem to be detected" in reason]
+    assert "camera C2: its people seem to be detected in images of 360 x 288, not of the stated 720 x 576" in told
 
 
 @pytest.mark.system
@@ -83,7 +83,7 @@ def test_boxes_of_a_second_stream_of_all_cameras_are_told(factor: float, size: s
     made = scene()
     found = calibrated(made, made.rig.names, scaled(factor))
     assert found.verdict != "accepted"
-    assert sum(f"seem to be found in pictures of {size}" in reason for reason in found.reasons) == 4
+    assert sum(f"seem to be detected in images of {size}" in reason for reason in found.reasons) == 4
 
 
 @pytest.mark.system
@@ -174,4 +174,4 @@ def test_findings_of_the_files_are_told_with_the_path(tmp_path: Path) -> None:
         {"A": lens, "B": lens}, {"A": boxes, "B": other.take(frame % 2 == 0)}, fps=5.0, association={"mode": "given"}
     )
     assert found.verdict != "accepted"
-    assert any("camera A: all people lie within 960 x 540 of the 1920 x 1080 picture" in reason for reason in found.reasons)
+    assert any("camera A: all people lie within 960 x 540 of the 1920 x 1080 image" in reason for reason in found.reasons)

@@ -120,12 +120,12 @@ def test_check_tells_of_guesses_and_the_scene_file_overrides(tmp_path: Path) -> 
     files = {"rig.toml": lens("A") + "focal_sd_percent = 15\n" + lens("B") + "focal_sd_percent = 15\n"}
     path = write_scene(tmp_path, files=files)
     (told,) = [text for text in check_scene(path).findings if "is a guess" in text]
-    assert "the focal length of cameras A, B is a guess with one sigma of 15 %" in told
+    assert "the focal length of cameras A, B is a guess with 1 sigma of 15 %" in told
     assert 'refine = ["focal"] under [solver]' in told
     path.write_text(path.read_text().replace("[cameras.A]\n", "[cameras.A]\nfocal_sd_percent = 4\n"))
     assert sum("is a guess" in text for text in check_scene(path).findings) == 2
     path.write_text(path.read_text() + '[solver]\nrefine = ["focal"]\n')
-    assert all("prior of their refinement" in text for text in check_scene(path).findings if "is a guess" in text)
+    assert all("prior of the refinement" in text for text in check_scene(path).findings if "is a guess" in text)
     Scene.load(path)
     path.write_text(path.read_text().replace('refine = ["focal"]', 'method = "geopose"\nreference = "A"'))
     (fault,) = check_scene(path).faults

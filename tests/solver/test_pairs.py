@@ -12,6 +12,7 @@ from passerby.core.observations import Observations
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.single_view import Level
+from passerby.solver import pairs
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.initialisation import level_of
 from passerby.solver.pairs import body_lengths, pair_hypotheses, shared_rows
@@ -114,6 +115,17 @@ def test_people_on_one_spot_are_no_ground_hypothesis() -> None:
     ground = np.array([0.3, -0.2]) + 1e-3 * rng.normal(size=(30, 2))
     seen = observe(rig, ground, np.full(30, BODY), np.arange(30), np.zeros(30, dtype=int))
     assert "ground" not in {h.route for h in hypotheses(rig, gather_evidence(rig, Observations(seen), rng))}
+
+
+def test_few_trials_do_where_all_people_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the ground route any two people who are apart give the pose: none of the trials is left to chance."""
+    monkeypatch.setattr(pairs, "_GROUND_TRIALS", 8)
+    rng = np.random.default_rng(0)
+    rig = ring(3)
+    seen = observe(rig, rng.uniform(-2, 2, (80, 2)), np.full(80, BODY), np.arange(80), np.zeros(80, dtype=int))
+    found = [h for h in hypotheses(rig, gather_evidence(rig, Observations(seen), rng)) if h.route == "ground"]
+    assert [(h.a, h.b) for h in found] == [(0, 1), (0, 2), (1, 2)]
+    assert max(max(errors(rig, h)[:2]) for h in found) < 3
 
 
 def test_shared_rows_show_the_same_blocks() -> None:

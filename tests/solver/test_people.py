@@ -198,7 +198,7 @@ def test_guesses_from_outside_are_counted_like_the_solvers_own() -> None:
 def test_cameras_that_share_nobody_are_no_rig() -> None:
     rig, seen = boxes_only("terrace")
     apart = Observations({name: renamed(camera, 100 * n) for n, (name, camera) in enumerate(seen.cameras.items())})
-    with pytest.raises(EvidenceError, match="no two cameras share 8 sightings"):
+    with pytest.raises(EvidenceError, match="no two cameras share 8 observations"):
         solve(rig, apart)
 
 

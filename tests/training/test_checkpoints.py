@@ -50,7 +50,7 @@ def test_cut_short(kept):
     content = kept.read_bytes()
     for share in (0.0, 0.01, 0.5, 0.99):
         kept.write_bytes(content[: int(share * len(content))])
-        with pytest.raises(InputError, match=r"checkpoint.pt: is no checkpoint that can be read \(.*\): train again"):
+        with pytest.raises(InputError, match=r"checkpoint.pt: is not a checkpoint that can be read \(.*\): train again"):
             load_checkpoint(kept)
 
 
@@ -68,7 +68,7 @@ def test_a_bit_that_turned(kept):
         largest = max(archive.infolist(), key=lambda one: one.file_size)
     for place in (largest.header_offset + 2000, len(content) // 2):
         kept.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
-        with pytest.raises(InputError, match="is no checkpoint that can be read"):
+        with pytest.raises(InputError, match="is not a checkpoint that can be read"):
             load_checkpoint(kept)
 
 
@@ -105,7 +105,7 @@ class Wish:
 
 def test_a_file_that_would_run_something(kept):
     torch.save({"format": FORMAT, "epoch": Wish()}, kept)
-    with pytest.raises(InputError, match="is no checkpoint that can be read"):
+    with pytest.raises(InputError, match="is not a checkpoint that can be read"):
         load_checkpoint(kept)
 
 
@@ -154,7 +154,7 @@ def test_a_last_stride_that_cannot_be_set():
 
 
 def test_pictures_that_a_backbone_does_not_take():
-    with pytest.raises(InputError, match="backbone bert: does not turn a picture of 16x32 pixels into features"):
+    with pytest.raises(InputError, match="backbone bert: does not turn an image of 16x32 pixels into features"):
         open_backbone("bert", SIZE, "random", 2)
 
 

@@ -134,4 +134,4 @@ def test_the_page_shows_all_curves_needs_no_network_and_is_the_same_each_time(lo
 
 def test_the_page_of_a_training_that_has_not_begun(tmp_path):
     write_curves(TrainingLog(tmp_path), tmp_path / "curves.html")
-    assert "No epoch is done yet." in (tmp_path / "curves.html").read_text()
+    assert "No epoch is finished yet." in (tmp_path / "curves.html").read_text()

@@ -117,7 +117,7 @@ def test_names_that_tell_no_camera(tmp_path, names):
     data = read_data(tmp_path / "set", tmp_path)
     assert data.train.cameras == ("set/unknown-camera",)
     assert len(data.notes) == 1
-    assert "do not tell their cameras" in data.notes[0]
+    assert "do not state their cameras" in data.notes[0]
 
 
 def test_bad_pictures_are_named_and_left_out(tmp_path):
@@ -134,7 +134,7 @@ def test_bad_pictures_are_named_and_left_out(tmp_path):
     (folder / "1_0.jpg").write_bytes((folder / "1_0.jpg").read_bytes()[:-100])
     (folder / "1_1.png").write_bytes((folder / "1_1.png").read_bytes()[:-100])
     for view in range(4):
-        (folder / f"2_{view}.jpg").write_text("not a picture")
+        (folder / f"2_{view}.jpg").write_text("not an image")
     picture(folder / "2_3.png", size=(4, 8))
     data = read_data(tmp_path / "set", tmp_path)
     assert len(data.train) == 32 - 8
@@ -152,7 +152,7 @@ def test_people_with_one_picture_are_not_learnt_from(tmp_path):
     data = read_data(tmp_path / "set", tmp_path)
     assert data.train.people == ("set/a",)
     assert "1 folder without pictures" in data.notes[0]
-    assert data.notes[-1] == "2 people with one picture each, kept out of the training: b, c"
+    assert data.notes[-1] == "2 people with one image each, kept out of the training: b, c"
 
 
 def test_people_both_learnt_from_and_searched_for_are_told(tmp_path):
@@ -186,7 +186,7 @@ def broken(tmp_path: Path, what: str) -> Path:
         (msmt17(folder) / "list_gallery.txt").unlink()
     elif what == "line":
         (msmt17(folder) / "list_val.txt").write_text("0000/0000_000_01_0303morning_0015_0.jpg\n")
-    elif what == "pictures of msmt17":
+    elif what == "images of msmt17":
         shutil.rmtree(msmt17(folder) / "test")
     elif what == "nothing":
         folder.mkdir()
@@ -206,13 +206,13 @@ def broken(tmp_path: Path, what: str) -> Path:
         ("query", "set/query: no such folder"),
         ("bounding_box_test", "set/bounding_box_test: no such folder"),
         ("bounding_box_train", "set/bounding_box_train: no such folder"),
-        ("empty part", "set/query: holds no picture named as"),
+        ("empty part", "set/query: holds no image named as"),
         ("gallery", "set/val/gallery: no such folder, but there is query"),
         ("nobody in gallery", "set: nobody of the query is in the gallery, seen by another camera"),
         ("list", "list_gallery.txt: no such file"),
-        ("line", "list_val.txt: line 1: '0000/0000_000_01_0303morning_0015_0.jpg' is not a picture and a person"),
-        ("pictures of msmt17", "train and test or mask_train_v2 and mask_test_v2 are needed"),
-        ("nothing", "set: holds no pictures of people in a way that is known: give Market-1501 .* a folder per identity"),
+        ("line", "list_val.txt: line 1: '0000/0000_000_01_0303morning_0015_0.jpg' is not an image and a person"),
+        ("images of msmt17", "train and test or mask_train_v2 and mask_test_v2 are needed"),
+        ("nothing", "set: holds no images of people in a known layout: give Market-1501 .* a folder per identity"),
         ("all bad", "2 pictures that cannot be read: .* nothing is left to learn from"),
         ("inside", "set/Market-1501-v15.09.15 holds one"),
         ("file", "is a file, but no scene file"),

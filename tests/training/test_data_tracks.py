@@ -180,7 +180,7 @@ def test_boxes_beyond_the_end_of_the_video_are_told(tmp_path):
     film(tmp_path / "yard" / "C1.mp4")
     data = read_data(tmp_path / "yard", tmp_path / "cache")
     assert len(data.train) == 40
-    assert "8 of 48 boxes are of pictures that it does not have" in data.notes[0]
+    assert "8 of 48 boxes are of frames that it does not have" in data.notes[0]
     assert "frames 31 to 34" in data.notes[0]
 
 
@@ -190,7 +190,7 @@ def test_people_of_whom_nothing_can_be_seen_are_told(tmp_path):
     film(tmp_path / "yard" / "C1.mp4")
     data = read_data(tmp_path / "yard", tmp_path / "cache")
     assert data.train.people == ("yard/4", "yard/9")
-    assert data.notes == ("1 people without two clear pictures, kept out of the training: yard/7",)
+    assert data.notes == ("1 people without two clear frames, kept out of the training: yard/7",)
 
 
 def mot(folder, rows):

@@ -54,7 +54,7 @@ def test_every_picture_is_embedded_in_its_row(tmp_path):
         np.testing.assert_array_equal(vector, embedder(shown, np.array([[0.0, 0, 16, 32]]))[0])
     assert heard[-1] == (4, 4)
     data.train.paths[2].unlink()
-    with pytest.raises(InputError, match="is not a picture that can be read"):
+    with pytest.raises(InputError, match="is not an image that can be read"):
         embed_crops(data.train, embedder)
 
 
@@ -152,7 +152,7 @@ def test_reading_and_scoring_need_no_pytorch():
 
 def test_what_cannot_be_scored():
     crops = crops_of([0, 1], [0, 1])
-    with pytest.raises(InputError, match="for 2 and 2 pictures: one each"):
+    with pytest.raises(InputError, match="for 2 and 2 images: one each"):
         score_crops(crops, crops, appearance([0, 1]), appearance([0]))
     with pytest.raises(InputError, match="none of 2 queries"):
         leave_one_out(crops, appearance([0, 1]))

@@ -150,7 +150,7 @@ def test_a_file_that_cannot_be_written(trained, tmp_path):
 def test_another_answer_than_pytorchs_is_an_error_and_nothing_is_written(trained, tmp_path, monkeypatch):
     right = export.normalise_pictures
     monkeypatch.setattr(export, "normalise_pictures", lambda batch: right(batch.flip(-1)))  # red and blue exchanged
-    with pytest.raises(InputError, match=r"backbone small: on random pictures, .* other vectors than PyTorch"):
+    with pytest.raises(InputError, match=r"backbone small: on random images, .* other vectors than PyTorch"):
         export_network(trained, options(), tmp_path / "net.onnx")
     assert not list(tmp_path.iterdir())
 

@@ -102,7 +102,7 @@ def test_crops_show_whom_they_are_said_to(made, tmp_path):
     assert crops.apart.sum() >= 20
     assert found.scene.name == "yard"
     assert found.notes == ()
-    assert {"reading", "checking who is who"} <= set(told)
+    assert {"reading", "checking identities"} <= set(told)
     figures = found.figures
     assert figures["crops"] == len(crops) == sum(figures["crops_by_camera"].values())
     assert figures["people"] == len(crops.people)
@@ -126,7 +126,7 @@ def test_a_scene_that_was_moved_is_named(made, out, tmp_path):
     with pytest.raises(InputError, match=r"gone/scene\.toml: no such file.*new place"):
         scene_people(out, tmp_path / "cache")
     change(out, scene_file=None)
-    with pytest.raises(InputError, match="does not say where the scene file lies"):
+    with pytest.raises(InputError, match="does not state the path of the scene file"):
         scene_people(out, tmp_path / "cache")
     assert len(scene_people(out, tmp_path / "cache", folder / "scene.toml").crops) > 100
 
@@ -183,9 +183,9 @@ def test_too_little_is_refused_with_figures(made, out, tmp_path, fault):
         wrong = replace(rig["C2"], pose=rig["C2"].pose.moved(turned, np.array([1.0, 2.0, 0.0])))
         wrong_too = replace(rig["C3"], pose=rig["C3"].pose.moved(turned.T, np.array([2.0, -1.0, 0.0])))
         write_rig(out / "rig.toml", Rig((rig["C1"], wrong, wrong_too)))
-    with pytest.raises(EvidenceError, match=r"sure of too few people: \d+ people and \d+ crops") as error:
+    with pytest.raises(EvidenceError, match=r"identifies too few people reliably: \d+ people and \d+ crops") as error:
         scene_people(out, tmp_path / "cache")
-    assert "identified boxes are sure" in error.value.reasons[1]
+    assert "identified boxes are reliable" in error.value.reasons[1]
     assert not (tmp_path / "cache" / "yard").exists()
 
 
@@ -214,7 +214,7 @@ def test_bad_input_is_named(made, out, tmp_path):
     refused("cameras is 3, which should be a valid list")
     change(out, verdict=None)
     refused("verdict is None.*calibrate again")
-    for text, match in (("[]", "it is no table"), ("{", "is not JSON")):
+    for text, match in (("[]", "it is not a table"), ("{", "is not JSON")):
         (out / "calibration.json").write_text(text)
         refused(match)
     (out / "calibration.json").write_text(whole)

@@ -300,7 +300,7 @@ def test_a_loss_that_is_no_number(data, whole, tmp_path, monkeypatch, value):
 
 def test_a_loss_that_is_no_number_at_once(data, tmp_path, monkeypatch):
     poisoned(monkeypatch, 1, infinite(math.nan))
-    with pytest.raises(InputError, match="in epoch 1, batch 1: nothing was kept, it was the first epoch"):
+    with pytest.raises(InputError, match="in epoch 1, batch 1: nothing was stored, it was the first epoch"):
         run(data, tmp_path)
     assert not (tmp_path / "checkpoint.pt").exists()
 
@@ -320,7 +320,7 @@ def test_weights_that_are_no_numbers_are_never_kept(data, tmp_path, monkeypatch,
 
 def test_steps_that_are_far_too_large(data, tmp_path):
     with pytest.raises(
-        InputError, match=r"the loss is \S+ in epoch 1, batch \d: nothing was kept.* lower learning_rate \(10\)"
+        InputError, match=r"the loss is \S+ in epoch 1, batch \d: nothing was stored.* lower learning_rate \(10\)"
     ):
         run(data, tmp_path, learning_rate=10, warm_up_epochs=0, neck=False, pooling="gem")
 
@@ -346,15 +346,15 @@ def test_going_on_with_more_readers(data, whole, tmp_path):
 
 
 def test_going_on_with_other_pictures(data, whole, tmp_path):
-    with pytest.raises(InputError, match=r"checkpoint.pt: an earlier training was on other pictures: give another folder"):
+    with pytest.raises(InputError, match=r"checkpoint.pt: an earlier training was on other images: give another folder"):
         run(coloured_people(tmp_path / "court", seed=1), whole)
     more = shutil.copytree(data, tmp_path / "more" / "court")
     coloured_person(more / "train" / "0001" / "0001_c1s1_000099_00.png", 1, np.random.default_rng(0), 1.0)
-    with pytest.raises(InputError, match="other pictures"):
+    with pytest.raises(InputError, match="other images"):
         run(more, whole)
     named = shutil.copytree(data, tmp_path / "named" / "court")
     (named / "train" / "0001").rename(named / "train" / "0077")
-    with pytest.raises(InputError, match="other pictures"):
+    with pytest.raises(InputError, match="other images"):
         run(named, whole)
 
 
@@ -377,9 +377,9 @@ def test_weights_that_are_not_there(data, tmp_path):
 
 def test_too_few_to_learn_from(data, tmp_path):
     crops = read_all([data], tmp_path)[0].train
-    with pytest.raises(InputError, match="training: 1 people with two pictures or more: two are needed"):
+    with pytest.raises(InputError, match="training: 1 people with two images or more: at least two are needed"):
         train(crops.of_people(np.array([2])), options(), tmp_path / "run", origin={})
-    with pytest.raises(InputError, match="a person with one picture only"):
+    with pytest.raises(InputError, match="a person with one image only"):
         train(crops.take(np.arange(21)), options(), tmp_path / "run", origin={})
     with pytest.raises(InputError, match="training: 0 people"):
         train(CropSet(), options(), tmp_path / "run", origin={})

@@ -89,7 +89,7 @@ def build_tracklets(
         _Job(camera, observations[camera.name], clocks[camera.name], person_height_m, own, given)
         for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
     ]
-    return side_by_side(_prepared, jobs, executor, tell, "people of each camera")
+    return side_by_side(_prepared, jobs, executor, tell, "tracking in each camera")
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,7 +97,7 @@ def associate_by_ground_tracks(
         for b, second in enumerate(cameras)
         if a < b and first.tracks is not None and second.tracks is not None
     ]
-    pairs = side_by_side(_registered, jobs, executor, tell, "pairs of cameras")
+    pairs = side_by_side(_registered, jobs, executor, tell, "registering camera pairs")
     graph = view_graph(pairs, len(cameras))
     by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell)
     graph = add_joint_edges(graph, by_joints)

@@ -98,7 +98,7 @@ def solve_with_unknown_identities(
     search_s = options.search_s if observations.clocks else 0.0
     clocks = _clocks(rig, observations, options.person_height_m, rng)
     cameras = build_tracklets(rig, observations, clocks, options.person_height_m, rng, executor, tell=tell)
-    tell("looks")
+    tell("appearance")
     appearance = AppearanceAffinity.of(cameras, rng) if options.mode != "trajectory" else None
     tracklets = Tracklets.of(cameras)
     run = _Run(rig, cameras, tracklets, appearance, options)
@@ -121,7 +121,7 @@ def _tell_pairs(tell: Progress, initial: InitialAssociation) -> None:
     """How many pairs of cameras could be registered."""
     if initial.graph is not None:
         edges = initial.graph.edges
-        tell_note(tell, f"{sum(edge.used for edge in edges)} pairs of cameras used, of {len(edges)} that might be registered")
+        tell_note(tell, f"{sum(edge.used for edge in edges)} pairs of cameras used, of {len(edges)} that could be registered")
 
 
 def _unmirrored(

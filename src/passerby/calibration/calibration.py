@@ -187,7 +187,7 @@ def contents_of(calibration: Calibration) -> Contents:
 
 WORK = "passerby calibrate"
 
-WHOLE = "all other results in {0} are whole and can be used; `passerby report {0}` makes the report again"
+WHOLE = "all other results in {0} are complete and can be used; `passerby report {0}` writes the report again"
 
 COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")
 """Whose versions can change a figure."""

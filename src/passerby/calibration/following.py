@@ -59,7 +59,7 @@ def folder_clocks(folder: OutputFolder, fps: float | None = None) -> dict[str, C
     rate = fps or folder.fps
     if rate is None:
         raise InputError(
-            f"{folder.path}: the calibration does not know the frames' rate: give it with --fps, or under [scene] set fps to "
+            f"{folder.path}: the calibration has no frame rate: give it with --fps, or under [scene] set fps to "
             "it and calibrate again"
         )
     return {name: Clock(rate) for name in folder.rig.names}
@@ -71,7 +71,7 @@ def trajectories_by_rig(
     """The ways by the folder's boxes and a rig. Raises `InputError` where the folder has no box."""
     if not any(len(boxes) for boxes in folder.boxes.values()):
         raise InputError(
-            f"{folder.path / 'tracks'}: holds no box: people are followed by boxes; calibrate with boxes, or with both"
+            f"{folder.path / 'tracks'}: holds no box: people are tracked by boxes; calibrate with boxes, or with both"
         )
     seen = Observations({name: CameraObservations(boxes) for name, boxes in folder.boxes.items()})
     return trajectories(rig, seen, clocks, options, tell=tell)

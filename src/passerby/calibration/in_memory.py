@@ -63,7 +63,9 @@ def calibrate_observations(
     joints = dict(keypoints or {})
     for camera in (*seen, *joints):
         if camera not in known:
-            raise InputError(f"camera {camera} has people, but no lens: add it to the lenses ({', '.join(known) or 'none'})")
+            raise InputError(
+                f"camera {camera} has people, but no intrinsics: add it to the lenses ({', '.join(known) or 'none'})"
+            )
     scene = _scene(name, list(known), fps, tables)
     empty = Boxes.empty(), Keypoints.empty()
     readings = [
@@ -85,7 +87,9 @@ def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | Non
     allowed = ("association", "scale", "solver", "world")
     for table in tables:
         if table not in allowed:
-            raise InputError(f"'{table}' is no table of the scene file that counts here: there are {', '.join(allowed)}")
+            raise InputError(
+                f"'{table}' is not a table of the scene file that can be used here: there are {', '.join(allowed)}"
+            )
     try:
         return Scene.model_validate({"scene": own, "cameras": declared, **tables})
     except ValidationError as error:
@@ -99,7 +103,7 @@ def _boxes(camera: str, rows: Boxes | ArrayLike) -> Boxes:
     try:
         table = np.asarray(rows, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"boxes of camera {camera} are no numbers ({error}): give {BOX_COLUMNS}") from None
+        raise InputError(f"boxes of camera {camera} are not numbers ({error}): give {BOX_COLUMNS}") from None
     if table.size == 0:
         return Boxes.empty()
     if table.ndim != 2 or table.shape[1] not in (6, 7):

@@ -182,4 +182,4 @@ def _amount(inputs: SceneInputs) -> str:
     seen = inputs.observations
     boxes = sum(len(seen[name].boxes) for name in inputs.rig.names)
     joints = sum(len(seen[name].keypoints) for name in inputs.rig.names)
-    return f"{len(inputs.rig)} cameras, {boxes} boxes" + (f", {joints} bodies of joints" if joints else "")
+    return f"{len(inputs.rig)} cameras, {boxes} boxes" + (f", {joints} skeletons" if joints else "")

@@ -50,7 +50,7 @@ app = typer.Typer(
 
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: wall times and figures of the stages.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print more: wall times and figures of the stages.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
@@ -114,7 +114,7 @@ def _machine_fails(error: OSError) -> int:
     what = error.filename or "standard output or a temporary file"
     why = error.strerror or str(error)
     return _fail(
-        f"{what}: cannot be written or read ({why}): see to the disk and run the same command again", InputError.exit_status
+        f"{what}: cannot be written or read ({why}): check the disk and run the same command again", InputError.exit_status
     )
 
 
@@ -138,7 +138,7 @@ def options(
     context: typer.Context,
     verbose: Verbose = False,
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Options of all commands."""
@@ -151,7 +151,9 @@ def calibrate(
     scene: SceneFile,
     out: Annotated[
         Path,
-        typer.Option("--out", "-o", help="Folder for rig.toml, report.html, calibration.json, tracks/, what videos showed."),
+        typer.Option(
+            "--out", "-o", help="Folder for rig.toml, report.html, calibration.json, tracks/ and cached results of videos."
+        ),
     ] = Path("out"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files.")] = 0,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")] = True,
@@ -160,10 +162,10 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of a scene.
 
-    What was seen in videos is kept in the output folder: a run that was stopped goes on from there, and one with other options
-    makes again only what depends on them.
+    The output folder caches what was detected in videos: an interrupted run continues from there, and a run with other
+    options repeats only what depends on them.
 
-    Exit status 3: doubtful or refused; what was found is written all the same, with the reasons.
+    Exit status 3: the verdict is doubtful (unreliable) or refused (failed); the results are written with the reasons.
     """
     from passerby.calibration.calibration import WORK, write_results
     from passerby.calibration.pipeline import calibrate as run_calibration
@@ -192,19 +194,21 @@ def calibrate(
         )
     else:
         show_calibration(calibration, verbose)
-        print(f"written to {out}" + (f"; a page to look at: {out / REPORT_FILE}" if report else ""))
+        print(f"written to {out}" + (f"; report: {out / REPORT_FILE}" if report else ""))
     tell_reasons(calibration)
     raise typer.Exit(calibration.exit_status)
 
 
 @app.command()
 def evaluate(
-    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML) to judge, or an output folder.")],
+    rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML) to evaluate, or an output folder.")],
     truth: Annotated[Path, typer.Argument(metavar="TRUTH", help="Rig file (TOML) with the true poses, or an output folder.")],
-    reference: Annotated[str | None, typer.Option(help="Camera that coincides in the metric placement; the first.")] = None,
+    reference: Annotated[
+        str | None, typer.Option(help="Camera at which the rigs are aligned with the scale kept; default: the first.")
+    ] = None,
     json: AsJson = False,
 ) -> None:
-    """Compare a rig with the true one: errors of position and orientation, scale, vertical and ground."""
+    """Compare a rig with the true one: errors of position and orientation, scale, up direction and ground."""
     from passerby.cli.tables import show_comparison
     from passerby.evaluation.metrics import compare
     from passerby.interchange.output_folder import read_rig_at
@@ -218,9 +222,9 @@ def evaluate(
 
 @app.command()
 def check(scene: SceneFile, json: AsJson = False) -> None:
-    """Read everything that a scene names and tell what it holds and all that is wrong.
+    """Read every file that a scene names, and report what it contains and every problem.
 
-    Exit status 2: something cannot be used; 3: it can, but does not tie all cameras together.
+    Exit status 2: something cannot be used; 3: everything can be used, but it does not connect all cameras.
     """
     from passerby.cli.tables import show_check
     from passerby.scene.check import check_scene

@@ -10,7 +10,7 @@ import numpy as np
 
 from passerby.calibration.calibration import Calibration
 from passerby.cli.terminal import MISSING, is_interactive, number, show_table
-from passerby.core.association_figures import TiedPair
+from passerby.core.association_figures import TiedPair, route_in_words
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import AdjustedFigures, adjusted
 from passerby.evaluation.metrics import Comparison
@@ -30,8 +30,8 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
         position, orientation = (None, None) if sigma is None else (1000 * sigma.position_m, sigma.orientation_deg)
         sure = [number(position), number(orientation, 2), *(_clock(calibration, camera) if timed else ())]
         rows.append([camera.name, *place, *sure, str(len(seen.boxes)), str(len(seen.keypoints))])
-    clock = ("clock s", "sigma s") if timed else ()
-    columns = ("camera", "x m", "y m", "height m", "sigma mm", "sigma deg", *clock, "boxes", "joints")
+    clock = ("time offset s", "offset std s") if timed else ()
+    columns = ("camera", "x m", "y m", "height m", "position std mm", "rotation std deg", *clock, "boxes", "keypoints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
     show_scale(adjusted(calibration.figures), calibration.rig)
     for finding in calibration.findings if not is_interactive() else ():
@@ -69,7 +69,7 @@ def show_pairs(pairs: Sequence[TiedPair]) -> None:
     rows = [
         [
             " + ".join(pair.cameras),
-            pair.route,
+            route_in_words(pair.route),
             number(pair.score),
             number(pair.share, 2),
             number(pair.runner_up, 2),
@@ -79,7 +79,7 @@ def show_pairs(pairs: Sequence[TiedPair]) -> None:
         ]
         for pair in pairs
     ]
-    columns = ("pair", "route", "score", "share", "runner-up", "matches", "offset s", "used")
+    columns = ("pair", "route", "score", "share", "second-best", "matches", "offset s", "used")
     show_table("pairs of cameras", columns, rows)
 
 
@@ -93,7 +93,7 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
     if not figures.cameras:
         return
     if scale.relative_sigma is None:
-        print("scale unknown: nothing that was seen or stated fixes it")
+        print("scale unknown: no observation and no stated length determines it")
         return
     pulls = ", ".join(f"{cue_in_words(cue)} ({100 * cue.share:.0f} %)" for cue in scale.cues)
     print(f"scale known to {100 * scale.relative_sigma:.1f} %, from {pulls}")
@@ -101,8 +101,8 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
     within = [sigma for camera in figures.cameras if (sigma := camera.shape_position_sigma_mm) is not None]
     if whole and within and np.isfinite(whole).all() and max(within) < MOSTLY_SCALE * max(whole):
         print(
-            f"the sigmas are mostly scale: but for it, positions are known to {number(max(within), 0)} mm; one measured length "
-            "under [scale] fixes that"
+            f"most of the uncertainty is global scale: relative positions are known to {number(max(within), 0)} mm; one "
+            f"measured length under [scale] fixes that"
         )
 
 
@@ -141,11 +141,15 @@ def show_comparison(comparison: Comparison) -> None:
     ):
         rows.append([label, *(number(value, 1 + index % 2) for index, value in enumerate(values))])
     columns = ("camera", "metric mm", "metric deg", "similarity mm", "similarity deg")
-    show_table(f"errors; metric: {comparison.reference} held", columns, rows)
+    show_table(
+        f"errors; metric: aligned at {comparison.reference}, scale kept; similarity: after similarity (Umeyama) alignment",
+        columns,
+        rows,
+    )
     print(
-        f"scale {number(comparison.scale_ratio, 4)} of the true one, vertical off by "
-        f"{number(comparison.gravity_error_deg, 2)} deg, ground by {number(comparison.ground_error_mm)} mm; "
-        f"{len(comparison.names)} of {len(comparison.names) + len(comparison.missing)} cameras registered"
+        f"scale ratio {number(comparison.scale_ratio, 4)}, up direction error {number(comparison.gravity_error_deg, 2)} deg, "
+        f"ground height error {number(comparison.ground_error_mm)} mm; {len(comparison.names)} of "
+        f"{len(comparison.names) + len(comparison.missing)} cameras registered"
     )
     if comparison.stated is not None and comparison.stated.position_sigmas:
         print(_sigmas_in_words(comparison.stated))
@@ -158,7 +162,7 @@ def _sigmas_in_words(stated: Stated) -> str:
         return " and ".join(f"{sum(e <= n for e in errors.values())} of {len(errors)} within {n}" for n in (1, 2))
 
     return (
-        f"stated sigmas, the rig placed along the ground: positions {within(stated.position_sigmas)}, orientations "
+        f"errors in stated sigmas, rig aligned on the ground plane: positions {within(stated.position_sigmas)}, orientations "
         f"{within(stated.orientation_sigmas)}"
     )
 
@@ -169,18 +173,18 @@ def show_check(report: SceneCheck) -> None:
         given, filmed = report.mode == "given", any(camera.video for camera in report.cameras)
         last = ("people", "people shared with") if given else ("tracklets", "embeddings", "fps")
         video = ("video", "length") if filmed else ()
-        columns = ("camera", "picture", *video, "span", "frames", "boxes", "joints", *last, "faults")
+        columns = ("camera", "size", *video, "span", "frames", "boxes", "keypoints", *last, "faults")
         show_table(report.name, columns, [_check_row(camera, given, filmed) for camera in report.cameras])
     if report.perception:
-        told = (f"{WATCHED_FOR[role]} by {_choice(choice)}" for role, choice in report.perception.items())
+        told = (f"{FOUND_IN_VIDEOS[role]} by {_choice(choice)}" for role, choice in report.perception.items())
         print("from the videos: " + ", ".join(told))
     for finding in report.findings:
         print(f"note: {finding}")
     if report.exit_status == 0:
-        print("all well")
+        print("no problems found")
 
 
-WATCHED_FOR = {"detector": "people", "embedder": "looks", "keypoints": "joints"}
+FOUND_IN_VIDEOS = {"detector": "people", "embedder": "appearance", "keypoints": "keypoints"}
 
 
 def _choice(choice: Mapping[str, Any] | str) -> str:

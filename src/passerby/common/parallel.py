@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TypeVar
@@ -30,10 +30,9 @@ cameras, a minute long. Rough figures do: near the threshold nothing is gained o
 VIDEO_S = 5.0
 """What a video takes at the least; mostly it is far more."""
 ORPHANED_EVERY_S = 1.0
-SETTLING_S = 0.3
 BROKEN = (
-    "a process that worked on a camera was killed from outside, as a rule for want of memory: close other programs and run the "
-    "same command again; what was seen in videos so far is kept"
+    "a process that worked on a camera was killed by the system, usually because memory ran out: close other programs and run "
+    "the same command again; results of the videos so far are cached"
 )
 
 
@@ -51,10 +50,55 @@ def side_by_side(
     """
     tell(stage, 0, len(jobs))
     results = []
-    for result in map(function, jobs) if executor is None else executor.map(partial(_alone, function), jobs):
+    for result in map(function, jobs) if executor is None else _results(executor, partial(_alone, function), jobs):
         results.append(result)
         tell(stage, len(results), len(jobs))
     return results
+
+
+def _results(executor: Executor, function: Callable[[Job], Result], jobs: Sequence[Job]) -> Iterator[Result]:
+    """The results of an executor, in the order of the jobs; jobs that wait are cancelled where one fails.
+
+    Not so in a local pool, which is about to end: when its processes end before it has taken note that a job was cancelled,
+    Python 3.11's pool reports that as an error of its own.
+    """
+    futures: list[Future[Result]] = []
+    try:
+        with _interrupted_later():  # Jobs are given one by one, and a process is begun for some of them.
+            futures.extend(executor.submit(function, job) for job in jobs)
+        for future in futures:
+            yield future.result()
+    finally:
+        if not isinstance(executor, _LocalPool):
+            for future in futures:
+                future.cancel()
+
+
+class _LocalPool(ProcessPoolExecutor):
+    """A pool of `local_processes`, which kills its processes where a job fails or the work is interrupted."""
+
+
+@contextmanager
+def _interrupted_later() -> Iterator[None]:
+    """Keep an interruption (Ctrl-C) waiting until the block has ended, in processes that it begins until they are prepared.
+
+    A process that is half begun would say on the terminal at which line it was interrupted.
+    """
+    usual = signal.getsignal(signal.SIGINT)
+    if usual is None or threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    waiting: list[int] = []
+    # The mask is for the new processes, which inherit it; the handler is for this one, of which any thread may get the signal.
+    signal.signal(signal.SIGINT, lambda number, frame: waiting.append(number))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if waiting:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _alone(function: Callable[[Job], Result], job: Job) -> Result:
@@ -66,6 +110,8 @@ def _alone(function: Callable[[Job], Result], job: Job) -> Result:
 def _begin_process(parent: int) -> None:
     """Prepare a process of a pool: an interruption is its parent's to deal with, and it ends when its parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
@@ -104,17 +150,14 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
     # Threads of libraries do not survive a fork; a fresh process takes a moment longer and is safe everywhere.
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(n_processes, context, _begin_process, (os.getpid(),))
+    pool = _LocalPool(n_processes, context, _begin_process, (os.getpid(),))
     try:
         yield pool
     except BaseException as error:
         # Interrupted: nobody waits for what is not wanted any more.
-        pool.shutdown(wait=False, cancel_futures=True)
-        # Python 3.11's pool reports work that was cancelled as an error of its own when its processes end before it has taken
-        # note: it takes note within milliseconds.
-        time.sleep(SETTLING_S)
         for process in set(multiprocessing.active_children()) - before:
             process.kill()
+        pool.shutdown(wait=False)
         if isinstance(error, BrokenExecutor):
             raise InputError(BROKEN) from error
         raise

@@ -21,6 +21,11 @@ class CameraTracks:
     """Probability that its embeddings tell its own people apart; None without embeddings."""
 
 
+def route_in_words(route: str) -> str:
+    """A pair's route as users read it; the names in files are older."""
+    return {"looks": "appearance", "joints": "keypoints"}.get(route, route)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TiedPair:
     """How two cameras a and b were tied."""

@@ -68,7 +68,7 @@ class Lens:
         object.__setattr__(self, "distortions", distortions)
         object.__setattr__(self, "size", (int(self.size[0]), int(self.size[1])))
         if min(self.size) < 1:
-            raise InputError(f"size {list(self.size)} is not a picture size: give [width, height] in pixels")
+            raise InputError(f"size {list(self.size)} is not an image size: give [width, height] in pixels")
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise InputError(f"matrix must be 3 x 3 finite numbers, not {matrix.tolist()}")
         if not (matrix[0, 0] > 0 and matrix[1, 1] > 0) or not np.allclose(matrix[2], (0, 0, 1)):
@@ -358,7 +358,7 @@ class Rig:
         names = self.names
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise InputError(f"camera {twice[0]} stands twice in one rig: camera names must differ")
+            raise InputError(f"camera {twice[0]} occurs twice in one rig: camera names must differ")
 
     def __repr__(self) -> str:
         lost = len(self) - len(self.posed())
@@ -414,7 +414,7 @@ class Rig:
         count = len(next(iter(pixels.values())))
         for name, values in pixels.items():
             if values.shape != (count, 2):
-                raise InputError(f"pixels of camera {name} have the shape {values.shape}: give ({count}, 2), a row a point")
+                raise InputError(f"pixels of camera {name} have the shape {values.shape}: give ({count}, 2), a row per point")
         cameras = [self[name] for name in pixels]
         poses = [camera._posed() for camera in cameras]
         found, faults = triangulate_views(

@@ -210,7 +210,7 @@ class Keypoints:
             raise InputError("the columns of the keypoints differ in length")
 
     def __repr__(self) -> str:
-        return f"Keypoints({_in_words(self.frame, self.identity)}, {len(self.joints)} joints)"
+        return f"Keypoints({_in_words(self.frame, self.identity)}, {len(self.joints)} keypoints)"
 
     @classmethod
     def empty(cls, joints: tuple[str, ...] = BODY_17) -> Keypoints:
@@ -247,7 +247,7 @@ class Observations:
     def __repr__(self) -> str:
         boxes = sum(len(seen.boxes) for seen in self.cameras.values())
         joints = sum(len(seen.keypoints) for seen in self.cameras.values())
-        bodies = f", {joints} bodies of joints" if joints else ""
+        bodies = f", {joints} skeletons" if joints else ""
         return f"Observations({len(self.cameras)} cameras, {boxes} boxes{bodies})"
 
     def __getitem__(self, name: str) -> CameraObservations:

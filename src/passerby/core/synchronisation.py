@@ -114,7 +114,7 @@ def common_time_steps(observations: Observations, clocks: Mapping[str, Clock]) -
         seen[name] = len(camera.boxes) + len(camera.keypoints)
         frames[name] = np.concatenate([camera.boxes.frame, camera.keypoints.frame])
     if not seen:
-        raise InputError("there is no camera to bring to common instants")
+        raise InputError("there is no camera to synchronise")
     used = [name for name in seen if seen[name]] or list(seen)
     every = {name: sampling_distance(frames[name]) for name in used}
     rates = {name: clocks[name].fps / every[name] for name in used}
@@ -165,7 +165,7 @@ def resample_to_common_steps(
     grid = grid or common_time_steps(observations, clocks).clock
     cameras = {}
     for name, seen in observations.cameras.items():
-        for kind, rows in (("boxes", seen.boxes), ("sets of joints", seen.keypoints)):
+        for kind, rows in (("boxes", seen.boxes), ("sets of keypoints", seen.keypoints)):
             _refuse_doubles(name, kind, rows.frame, rows.identity)
         clock = clocks[name]
         step = sampling_distance(np.concatenate([seen.boxes.frame, seen.keypoints.frame]))
@@ -186,7 +186,7 @@ def _refuse_doubles(camera: str, kind: str, frame: Ints, identity: Ints) -> None
     if len(double):
         raise InputError(
             f"camera {camera}: identity {identity[double[0]]} has two {kind} in frame {frame[double[0]]}: "
-            "a person is once in a picture; keep one of them"
+            "a person occurs once in an image; keep one of them"
         )
 
 

@@ -37,7 +37,7 @@ class Trajectories:
 
     def __repr__(self) -> str:
         seconds = float(np.ptp(self.time_s)) if len(self) else 0.0
-        return f"Trajectories({len(self.people)} people, {len(self)} places, {seconds:.1f} s)"
+        return f"Trajectories({len(self.people)} people, {len(self)} positions, {seconds:.1f} s)"
 
     def __len__(self) -> int:
         return len(self.identity)

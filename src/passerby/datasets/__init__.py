@@ -42,22 +42,24 @@ READERS: Mapping[str, Reader] = {
         "EPFL multi-camera pedestrians (Terrace, Basketball, Laboratory, Campus, Passageway): 3 or 4 cameras, videos",
         "https://www.epfl.ch/labs/cvlab/data/data-pom-index-php/",
     ),
-    "pets2009": Reader("pets", "PETS 2009: up to 8 cameras, pictures at 7 fps", "http://www.cvg.rdg.ac.uk/PETS2009/a.html"),
+    "pets2009": Reader("pets", "PETS 2009: up to 8 cameras, images at 7 fps", "http://www.cvg.rdg.ac.uk/PETS2009/a.html"),
     "wildtrack": Reader(
         "wildtrack",
-        "WILDTRACK: 7 cameras, 400 annotated instants, pictures at 2 fps",
+        "WILDTRACK: 7 cameras, 400 annotated time steps, images at 2 fps",
         "https://www.epfl.ch/labs/cvlab/data/data-wildtrack/",
     ),
     "multiviewx": Reader(
-        "multiviewx", "MultiviewX: 6 synthetic cameras, 400 annotated instants", "https://github.com/hou-yz/MultiviewX"
+        "multiviewx", "MultiviewX: 6 synthetic cameras, 400 annotated time steps", "https://github.com/hou-yz/MultiviewX"
     ),
     "panoptic": Reader(
         "panoptic",
-        "CMU Panoptic: HD cameras, 3D joints of 19",
+        "CMU Panoptic: HD cameras, 3D keypoints of 19",
         "https://github.com/CMU-Perceptual-Computing-Lab/panoptic-toolbox",
     ),
-    "shelf": Reader("tum", "TUM Shelf: 5 cameras, 3D joints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
-    "campus": Reader("tum", "TUM Campus: 3 cameras, 3D joints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
+    "shelf": Reader("tum", "TUM Shelf: 5 cameras, 3D keypoints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"),
+    "campus": Reader(
+        "tum", "TUM Campus: 3 cameras, 3D keypoints of the people", "https://campar.in.tum.de/Chair/MultiHumanPose"
+    ),
     "cmc": Reader(
         "cmc",
         "CMC: 4 cameras in a room, 5 sequences with boxes and 3D positions, 4 fps",

@@ -130,7 +130,7 @@ def _number(place: str, text: str | None) -> float:
 def _check_row(place: str, row: Row) -> None:
     frame, identity, _, _, width, height = row
     if frame < 1:
-        raise InputError(f"{place}: its frame would be number {frame}: frames before the first picture cannot be used")
+        raise InputError(f"{place}: its frame would be number {frame}: frames before the first image cannot be used")
     if identity < 0:
         raise InputError(f"{place}: identity {identity}: a number from 0 on is needed")
     if min(width, height) <= 0:
@@ -144,6 +144,6 @@ def _boxes(path: Path, rows: list[Row]) -> Boxes:
     rows = sorted(rows)
     for one, other in pairwise(rows):
         if one[:2] == other[:2]:
-            raise InputError(f"{path}: identity {one[1]} has two boxes in frame {one[0]} (the first picture is 1): delete one")
+            raise InputError(f"{path}: identity {one[1]} has two boxes in frame {one[0]} (the first image is 1): delete one")
     table = np.array(rows)
     return Boxes(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:6], np.ones(len(table)))

@@ -121,7 +121,7 @@ def _check_once(table: Floats, path: Path) -> None:
     keys, counts = np.unique(table[:, :2], axis=0, return_counts=True)
     if (counts > 1).any():
         frame, who = keys[counts > 1][0].astype(int)
-        raise InputError(f"{path}: identity {who} stands twice in frame {frame}: delete one of the two rows")
+        raise InputError(f"{path}: identity {who} occurs twice in frame {frame}: delete one of the two rows")
 
 
 def _boxes(path: Path) -> Boxes:

@@ -83,7 +83,7 @@ def read(folder: Path) -> Published:
     ground, more = _ground(folder, sequence)
     boxes = _boxes(folder, sequence, videos)
     if not boxes:
-        more.append(f"No boxes are given in the views ({sequence}-cN.txt): people have to be found in the videos.")
+        more.append(f"No boxes are given in the views ({sequence}-cN.txt): people have to be detected in the videos.")
     rig = Rig(tuple(cameras))
     if ground is not None:
         ground, who = with_identities_of(boxes, rig, ground)
@@ -113,7 +113,7 @@ def _videos(folder: Path) -> tuple[str, dict[int, Path]]:
             cameras = found.setdefault(match["sequence"], {})
             number = int(match["number"])
             if number in cameras:
-                raise InputError(f"{path}: a second video of camera c{number} beside {cameras[number]}: take one of them away")
+                raise InputError(f"{path}: a second video of camera c{number} beside {cameras[number]}: remove one of them")
             cameras[number] = path
     if not found:
         raise InputError(f"{folder}: holds no videos SEQUENCE-cN.avi (as terrace1-c0.avi): put those of one sequence there")
@@ -133,14 +133,14 @@ def _cameras(folder: Path, sequence: str, infos: dict[int, VideoInfo]) -> tuple[
         if match and is_tsai(path):
             number = int(match[1])
             if number in tsai:
-                raise InputError(f"{path}: a second calibration of camera c{number} beside {tsai[number]}: take one away")
+                raise InputError(f"{path}: a second calibration of camera c{number} beside {tsai[number]}: remove one")
             tsai[number] = path
     if tsai:
         missing = [f"c{number}" for number in infos if number not in tsai]
         if missing:
             raise InputError(
                 f"{folder}: no calibration *-{missing[0]}.xml for the video {infos[int(missing[0][1:])].path.name}: put it "
-                "there, or take the video away"
+                f"there, or remove the video"
             )
         return [read_tsai(tsai[number]).camera(f"c{number}", info.size) for number, info in infos.items()], []
     own = folder / OWN_LENSES
@@ -151,11 +151,13 @@ def _cameras(folder: Path, sequence: str, infos: dict[int, VideoInfo]) -> tuple[
         ]
     plain = sorted(folder.rglob("calibration*.txt"))
     told = (
-        f"{plain[0]} has homographies of planes, which tell no lens" if plain else "there is no *-cN.xml of Tsai's calibration"
+        f"{plain[0]} has homographies of planes, which contain no intrinsics"
+        if plain
+        else "there is no *-cN.xml of Tsai's calibration"
     )
     raise InputError(
-        f"{folder}: {told}: Terrace publishes terrace-tsai-cN.xml; for {sequence}, calibrate the lenses yourself and put them "
-        f"there as {OWN_LENSES} with the tables {', '.join(f'[c{number}]' for number in infos)}"
+        f"{folder}: {told}: Terrace publishes terrace-tsai-cN.xml; for {sequence}, calibrate the intrinsics yourself and put "
+        f"them there as {OWN_LENSES} with the tables {', '.join(f'[c{number}]' for number in infos)}"
     )
 
 
@@ -165,7 +167,7 @@ def _boxes(folder: Path, sequence: str, videos: dict[int, Path]) -> dict[str, Bo
     for number in videos:
         files = sorted(folder.rglob(f"{sequence}-c{number}.txt"))
         if len(files) > 1:
-            raise InputError(f"{files[1]}: a second file of boxes beside {files[0]}: take one of them away")
+            raise InputError(f"{files[1]}: a second file of boxes beside {files[0]}: remove one of them")
         if files:
             boxes[f"c{number}"] = read_vatic(files[0])
     return boxes
@@ -175,13 +177,13 @@ def _ground(folder: Path, sequence: str) -> tuple[GroundTruth | None, list[str]]
     """Where people stood, in metres, as far as that is known; and what to note."""
     files = [path for path in sorted(folder.rglob("gt_*.txt")) if sequence in path.stem.split("_")]
     if not files:
-        return None, [f"No positions are given (gt_{sequence}.txt): people's paths cannot be compared."]
+        return None, [f"No positions are given (gt_{sequence}.txt): trajectories cannot be compared."]
     if len(files) > 1:
-        raise InputError(f"{files[1]}: a second file of positions beside {files[0]}: take one of them away")
+        raise InputError(f"{files[1]}: a second file of positions beside {files[0]}: remove one of them")
     header, cells = read_grid(files[0])
     area = next((area for name, area in AREAS.items() if sequence.startswith(name)), None)
     if area is None:
-        return None, [f"Nobody tells the size of the grid of {files[0].name} in metres: its positions are left out."]
+        return None, [f"The size of the grid of {files[0].name} in metres is unknown: its positions are left out."]
     wide, deep = area.width / header.columns, area.depth / header.rows
     annotated = np.zeros(len(cells), dtype=bool)
     annotated[header.first : header.last + 1 : header.step] = True

@@ -104,18 +104,18 @@ def read_grid(
         cut += cut_here
     if cut:
         told.append(
-            f"{cut} boxes reach beyond the picture as published and were cut at its border, or left out where wholly outside."
+            f"{cut} boxes reach beyond the image as published and were cut at its border, or left out where wholly outside."
         )
     if rows.repeated:
-        told.append(f"Identities that stand twice in one instant were made unknown (-1): {_some(rows.repeated)}.")
+        told.append(f"Identities that occur twice in one time step were made unknown (-1): {_some(rows.repeated)}.")
     if rows.turned:
         told.append(f"Boxes that end before they begin were left out: {_some(rows.turned)}.")
     known = identity != UNKNOWN
     paths, counted = _pictures(pictures, layout)
     if shifted:
-        told.append("Annotations are numbered from 1 and pictures from 0: annotation 1 was taken to be of picture 0.")
+        told.append("Annotations are numbered from 1 and images from 0: annotation 1 was taken to be of image 0.")
     if not paths:
-        told.append(f"No pictures were found in {PICTURES}.")
+        told.append(f"No images were found in {PICTURES}.")
     return Published(
         layout.name, rig, layout.fps, boxes, pictures=paths, picture_frames=counted,
         ground=GroundTruth(frame[known], identity[known], (ground * mirror[:2])[known]), notes=tuple(told),
@@ -138,8 +138,8 @@ def _frame(number: int, first: int, layout: GridLayout, path: Path) -> int:
     """The frame, from 1 on, of a file's number. Raises `InputError` for a number between two instants."""
     if (number - first) % layout.numbers_per_frame:
         raise InputError(
-            f"{path}: the number {number} is no multiple of {layout.numbers_per_frame}: files of {layout.name} are numbered in "
-            f"steps of {layout.numbers_per_frame}; give them as published"
+            f"{path}: the number {number} is not a multiple of {layout.numbers_per_frame}: files of {layout.name} are numbered "
+            f"in steps of {layout.numbers_per_frame}; give them as published"
         )
     return (number - first) // layout.numbers_per_frame + 1
 
@@ -151,7 +151,7 @@ def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int)
         frame = _frame(number, first, layout, path)
         content = read_json(path, "an annotation (JSON)")
         if not isinstance(content, list):
-            raise InputError(f"{path}: is no list of people: take the file from the set again")
+            raise InputError(f"{path}: is not a list of people: take the file from the set again")
         start = len(rows.people)
         places: dict[int, int] = {}
         for index, person in enumerate(content):
@@ -182,7 +182,7 @@ def _read_annotations(files: Mapping[int, Path], layout: GridLayout, first: int)
 def _views(views: object, cameras: int, place: str) -> tuple[list[Corners], list[int]]:
     """The corners in every camera, and the cameras whose box is turned over; one that is not listed does not see the person."""
     if not isinstance(views, list):
-        raise InputError(f"{place}: views is {shortened(views)}: a list with one entry a camera is needed")
+        raise InputError(f"{place}: views is {shortened(views)}: a list with one entry per camera is needed")
     found: list[Corners | None] = [None] * cameras
     turned = []
     for view in views:
@@ -193,7 +193,7 @@ def _views(views: object, cameras: int, place: str) -> tuple[list[Corners], list
             )
         here = f"{place}: viewNum {number}"
         if found[number] is not None:
-            raise InputError(f"{here}: stands twice: delete one of the two")
+            raise InputError(f"{here}: occurs twice: delete one of the two")
         left, top, right, bottom = (real(entry(view, key, here), f"{here}: {key}") for key in CORNERS)
         found[number] = (left, top, right, bottom)
         if right < left or bottom < top:

@@ -60,7 +60,7 @@ def _hdf5_content(path: Path) -> dict[str, Any]:
     except ImportError:
         raise InputError(
             f"{path}: is a MATLAB file of version 7.3 (HDF5): install h5py, or save it as version 7 (save -v7), or as text "
-            f"beside it ({path.stem}.txt, one row a line)"
+            f"beside it ({path.stem}.txt, one row per line)"
         ) from None
     try:
         with h5py.File(path, "r") as file:

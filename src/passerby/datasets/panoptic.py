@@ -52,13 +52,13 @@ def read(folder: Path) -> Published:
     if with_media:
         rig = Rig(tuple(camera for camera in rig if camera.name in with_media))
     else:
-        notes.append("There are neither videos (hdVideos) nor pictures (hdImgs): all HD cameras of the calibration were taken.")
+        notes.append("There are neither videos (hdVideos) nor images (hdImgs): all HD cameras of the calibration were taken.")
     poses = folder / POSES
     files = numbered(poses, (".json",)) or numbered(poses / "hd", (".json",))
     tar = " (unpack the .tar first: tar -xf)" if (folder / f"{POSES}.tar").exists() else ""
     if not files and not with_media:
         raise InputError(
-            f"{poses}: no joints (body3DScene_00000000.json, ...){tar}, and {folder} has no videos or pictures either"
+            f"{poses}: no keypoints (body3DScene_00000000.json, ...){tar}, and {folder} has no videos or images either"
         )
     keypoints, ground = {}, None
     if files:
@@ -67,7 +67,7 @@ def read(folder: Path) -> Published:
         keypoints, ground = projected(rig, skeletons, str(poses)), ground_under(skeletons)
         notes += [PROJECTED, BETWEEN_ANKLES, "A person who left and came back can have several identities."]
     else:
-        notes.append(f"There are no 3D joints in {POSES}{tar}, so nothing tells where the people are.")
+        notes.append(f"There are no 3D keypoints in {POSES}{tar}, so the positions of people are unknown.")
     name = path.stem.removeprefix("calibration_") if path.stem.startswith("calibration_") else "panoptic"
     return Published(
         name, rig, FPS, keypoints=keypoints, videos=videos, pictures=pictures, picture_frames=counted, ground=ground,
@@ -89,14 +89,16 @@ def _rig(path: Path) -> Rig:
     """All HD cameras, z up, metres."""
     tables = entry(read_json(path, "a calibration (JSON)"), "cameras", str(path))
     if not isinstance(tables, list):
-        raise InputError(f"{path}: cameras is no list: take the file from the set again")
+        raise InputError(f"{path}: cameras is not a list: take the file from the set again")
     cameras = [
         _camera(table, f"{path}: cameras[{index}]")
         for index, table in enumerate(tables)
         if isinstance(table, dict) and table.get("type") == "hd"
     ]
     if not cameras:
-        raise InputError(f"{path}: no camera is of the type 'hd', which the joints are of: take the file from the set again")
+        raise InputError(
+            f"{path}: no camera is of the type 'hd', which the keypoints belong to: take the file from the set again"
+        )
     try:
         return Rig(tuple(cameras))
     except InputError as error:
@@ -137,15 +139,15 @@ def _skeletons(files: dict[int, Path]) -> Skeletons:
     """The joints of COCO of all people of all files."""
     frames, people, tables = [], [], []
     for number, path in files.items():
-        bodies = entry(read_json(path, "the joints of an instant (JSON)"), "bodies", str(path))
+        bodies = entry(read_json(path, "the keypoints of a time step (JSON)"), "bodies", str(path))
         if not isinstance(bodies, list):
-            raise InputError(f"{path}: bodies is no list: take the file from the set again")
+            raise InputError(f"{path}: bodies is not a list: take the file from the set again")
         here = []
         for index, body in enumerate(bodies):
             place = f"{path}: bodies[{index}]"
             who = whole(entry(body, "id", place), f"{place}: id", UNKNOWN)
             if who != UNKNOWN and who in here:
-                raise InputError(f"{place}: id {who} stands twice in one instant: delete one of the two")
+                raise InputError(f"{place}: id {who} occurs twice in one time step: delete one of the two")
             here.append(who)
             frames.append(number + 1)
             tables.append(numbers(entry(body, "joints19", place), (19, 4), f"{place}: joints19", "19 x 4 numbers"))

@@ -112,7 +112,7 @@ def picture_size(path: Path) -> tuple[int, int]:
     """(width, height) of a picture. Raises `InputError` where it cannot be read."""
     picture = cv2.imread(str(path))
     if picture is None:
-        raise InputError(f"{path}: cannot be read as a picture: was the download cut short?")
+        raise InputError(f"{path}: cannot be read as an image: was the download cut short?")
     return picture.shape[1], picture.shape[0]
 
 
@@ -121,8 +121,8 @@ def check_size(path: Path, size: tuple[int, int]) -> None:
     found = picture_size(path)
     if found != size:
         raise InputError(
-            f"{path}: is a picture of {found[0]} x {found[1]}, but the set's calibration is of {size[0]} x {size[1]}: "
-            "give the pictures as published, not resized"
+            f"{path}: is an image of {found[0]} x {found[1]}, but the set's calibration is of {size[0]} x {size[1]}: "
+            "give the images as published, not resized"
         )
 
 

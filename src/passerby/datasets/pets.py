@@ -56,15 +56,15 @@ def read(folder: Path) -> Published:
     who: tuple[str, ...] = ()
     if ground is not None:
         ground, who = with_identities_of(boxes, rig, ground)
-    notes = [f"{view} has a calibration alone." for view in tsai if view not in sizes and view not in boxes]
+    notes = [f"{view} has only a calibration." for view in tsai if view not in sizes and view not in boxes]
     if UNSTEADY_VIEW in tsai:
         notes.append(f"The set's page warns of slight delays and lost frames, most of all in {UNSTEADY_VIEW}.")
     if len(boxes) == 1:
         notes.append(
-            f"Boxes are annotated in {next(iter(boxes))} alone: people in the other views have to be found in pictures."
+            f"Boxes are annotated only in {next(iter(boxes))}: people in the other views have to be detected in images."
         )
     if ground is None:
-        notes.append("No positions on the ground are given (MOTChallenge's 3D gt.txt): people's paths cannot be compared.")
+        notes.append("No positions on the ground are given (MOTChallenge's 3D gt.txt): trajectories cannot be compared.")
     return Published(
         name="pets2009",
         rig=rig,
@@ -109,7 +109,7 @@ def _calibrations(folder: Path) -> dict[str, TsaiCamera]:
 def _pictures(folder: Path) -> dict[str, dict[int, Path]]:
     """Pictures by view and by their number."""
     found: dict[str, dict[int, Path]] = {}
-    for view, place in _only((path for path in folder.rglob("*") if path.is_dir()), "folder of pictures").items():
+    for view, place in _only((path for path in folder.rglob("*") if path.is_dir()), "folder of images").items():
         for path in sorted(place.iterdir()):
             match = _FRAME.fullmatch(path.stem)
             if match and path.suffix.lower() in PICTURE_ENDINGS:
@@ -125,7 +125,7 @@ def _size_of(picture: Path) -> tuple[int, int]:
     """(width, height) of a picture."""
     read = cv2.imread(str(picture))
     if read is None:
-        raise InputError(f"{picture}: is not a picture that can be read: fetch it again")
+        raise InputError(f"{picture}: is not an image that can be read: fetch it again")
     return int(read.shape[1]), int(read.shape[0])
 
 
@@ -151,7 +151,7 @@ def _annotations(folder: Path, views: Iterable[str]) -> tuple[dict[str, Boxes], 
 def _add(boxes: dict[str, Boxes], known: set[str], view: str, seen: Boxes, path: Path) -> None:
     """One more view's boxes. Raises `InputError` for a view without calibration, or with boxes already."""
     if view not in known:
-        raise InputError(f"{path}: boxes of {view}, which has no calibration {view}.xml: put it there, or take the boxes away")
+        raise InputError(f"{path}: boxes of {view}, which has no calibration {view}.xml: put it there, or remove the boxes")
     if view in boxes:
-        raise InputError(f"{path}: a second annotation of {view}: identities of two annotations differ; take one of them away")
+        raise InputError(f"{path}: a second annotation of {view}: identities of two annotations differ; remove one of them")
     boxes[view] = seen

@@ -71,7 +71,7 @@ class Published:
                 raise ValueError(f"{what} of {sorted(strange)}, who are no cameras of the rig")
         for camera, frames in self.picture_frames.items():
             if len(frames) != len(self.pictures.get(camera, ())):
-                raise ValueError(f"camera {camera} has {len(frames)} numbers for {len(self.pictures.get(camera, ()))} pictures")
+                raise ValueError(f"camera {camera} has {len(frames)} numbers for {len(self.pictures.get(camera, ()))} images")
 
     def frames_of_pictures(self, camera: str) -> tuple[int, ...]:
         """The frame of each picture of a camera."""

@@ -96,8 +96,8 @@ def write_scene_folder(
     if len(tables) < 2:
         unfit = f" ({unfilmed[0]})" if unfilmed else ""
         raise InputError(
-            f"{source}: tells of people in {len(tables) or 'no'} camera{'' if len(tables) == 1 else 's'} of "
-            f"{len(published.rig)}: two are needed with boxes, joints, a video or pictures{unfit}; fetch more of the set"
+            f"{source}: has people in {len(tables) or 'no'} camera{'' if len(tables) == 1 else 's'} of "
+            f"{len(published.rig)}: two are needed with boxes, keypoints, a video or images{unfit}; fetch more of the set"
         )
     videos = _watched(named) if given and len(named) >= 2 else {}
     with whole_folder(directory, MARKER, "a scene made from a data set") as folder:
@@ -154,7 +154,7 @@ def _to_film(published: Published) -> dict[str, tuple[Path, ...]]:
 def _absent(published: Published, tables: dict[str, dict[str, str]]) -> list[str]:
     """The cameras that the scene does without."""
     return [
-        f"{camera} is not in {SCENE_FILE}: nothing in it tells of people in its view."
+        f"{camera} is not in {SCENE_FILE}: it has no people in its view."
         for camera in published.rig.names
         if camera not in tables
     ]
@@ -162,9 +162,9 @@ def _absent(published: Published, tables: dict[str, dict[str, str]]) -> list[str
 
 def _unfilmed(published: Published, filmed: dict[str, tuple[Path, ...]]) -> list[str]:
     """The cameras whose pictures make no video, and why."""
-    why = "the set tells no frame rate" if published.fps is None else "they do not go from frame 1 on without a gap"
+    why = "the set states no frame rate" if published.fps is None else "they do not go from frame 1 on without a gap"
     return [
-        f"No video is made of the pictures of {camera}: {why}"
+        f"No video is made of the images of {camera}: {why}"
         for camera in published.pictures
         if camera not in filmed and camera not in published.videos
     ]
@@ -242,7 +242,7 @@ def _film(job: tuple[Path, tuple[Path, ...], float]) -> None:
         for picture in pictures:
             read = _picture(picture)
             if read.shape != first.shape:
-                raise InputError(f"{picture}: has another size than {pictures[0]}: pictures of one camera must be alike")
+                raise InputError(f"{picture}: has another size than {pictures[0]}: images of one camera must be alike")
             video.write(read[: size[1], : size[0]])
 
 
@@ -250,7 +250,7 @@ def _picture(path: Path) -> Any:
     """(H, W, 3) BGR. Raises `InputError` where it cannot be read."""
     read = cv2.imread(str(path))
     if read is None:
-        raise InputError(f"{path}: is not a picture that can be read: fetch it again")
+        raise InputError(f"{path}: is not an image that can be read: fetch it again")
     return read
 
 

@@ -17,8 +17,8 @@ from passerby.core.observations import UNKNOWN, Keypoints
 from passerby.datasets.published import GroundTruth
 
 PROJECTED = (
-    "Joints are the set's 3D joints, projected through its cameras: free of noise, and there also where somebody else stands "
-    "in front. Run a detector on the pictures for joints as they would be found."
+    "Keypoints are the set's 3D keypoints, projected through its cameras: without noise, also for people who are occluded. "
+    "Run a detector on the images for realistic keypoints."
 )
 BETWEEN_ANKLES = "Ground positions are the middle between the ankles; where an ankle is missing there is none."
 BORDER_POINTS = 50
@@ -49,8 +49,8 @@ def projected(rig: Rig, skeletons: Skeletons, place: str) -> dict[str, Keypoints
     found = {camera.name: _in_camera(camera, skeletons) for camera in rig}
     if len(skeletons.frame) and not any(len(people) for people in found.values()):
         raise InputError(
-            f"{place}: none of the {len(skeletons.frame)} people lies in the picture of any camera: joints and calibration are "
-            "not of one recording, or in different units; take both from the set again"
+            f"{place}: none of the {len(skeletons.frame)} people lies in the image of any camera: keypoints and calibration "
+            "are not of one recording, or in different units; take both from the set again"
         )
     return found
 
@@ -71,7 +71,7 @@ def check_upright(skeletons: Skeletons, place: str) -> None:
     if len(height) and np.median(height) < 0:
         raise InputError(
             f"{place}: the heads of the people lie {-float(np.median(height)):.2f} m below their ankles: the axes are not "
-            "those of the set as published; take calibration and joints from the set again"
+            "those of the set as published; take calibration and keypoints from the set again"
         )
 
 

@@ -55,7 +55,7 @@ def read(folder: Path) -> Published:
         if pictures[camera.name]:
             check_size(next(iter(pictures[camera.name].values())), camera.lens.size)
     if not any(pictures.values()):
-        notes.append("No pictures were found (Camera0, Camera1, ...).")
+        notes.append("No images were found (Camera0, Camera1, ...).")
     return Published(
         SETS[len(rig)][0] if len(rig) in SETS else "tum", rig, None,
         keypoints=projected(rig, skeletons, str(folder / TRUTH)),
@@ -101,7 +101,8 @@ def _size(folder: Path, cameras: int) -> tuple[int, int]:
         return picture_size(path)
     if cameras not in SETS:
         raise InputError(
-            f"{folder}: has {cameras} cameras, but Shelf has 5 and Campus 3, and no pictures in Camera0 tell the size: add some"
+            f"{folder}: has {cameras} cameras, but Shelf has 5 and Campus 3, and no images in Camera0 give the image size: "
+            f"add some"
         )
     return SETS[cameras][1]
 
@@ -137,7 +138,7 @@ def _skeletons(path: Path) -> Skeletons:
     """The joints of all actors in all frames."""
     actors = np.asarray(mat_variable(path, "actor3D"))
     if actors.dtype != object or not actors.size:
-        raise InputError(f"{path}: actor3D is no cell array of actors: take the file from the set again")
+        raise InputError(f"{path}: actor3D is not a cell array of actors: take the file from the set again")
     frames, people, tables = [], [], []
     lengths = set()
     for who, actor in enumerate(actors.ravel(), start=1):
@@ -171,7 +172,7 @@ def _joints(cell: Any, place: str) -> Floats | None:
         raise InputError(f"{place} has the shape {value.shape}: 14 x 3 metres are needed, or nothing where nobody is seen")
     if not np.isfinite(value).all():
         row = int(np.flatnonzero(~np.isfinite(value).all(axis=1))[0])
-        raise InputError(f"{place}: joint {row + 1} is {value[row].tolist()}: finite metres are needed, or an empty cell")
+        raise InputError(f"{place}: keypoint {row + 1} is {value[row].tolist()}: finite metres are needed, or an empty cell")
     return np.asarray(value, dtype=np.float64)
 
 

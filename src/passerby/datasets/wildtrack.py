@@ -39,9 +39,7 @@ METRES_PER_UNIT = 0.01
 
 def read(folder: Path) -> Published:
     """Read WILDTRACK. Raises `InputError` for what is missing, broken or contradicts itself."""
-    note = (
-        "The lenses are those of the undistorted pictures of Image_subsets; the raw videos of the set need intrinsic_original."
-    )
+    note = "The lenses are those of the undistorted images of Image_subsets; the raw videos of the set need intrinsic_original."
     return read_grid(folder, LAYOUT, _camera, (note,))
 
 
@@ -53,7 +51,7 @@ def _camera(calibrations: Path, label: str, name: str) -> PublishedCamera:
     distortions = xml_numbers(intrinsic, "distortion_coefficients", (-1,), needed=False)
     if distortions.any():
         raise InputError(
-            f"{intrinsic}: <distortion_coefficients> is {distortions.tolist()}, but pictures without distortion have zeros: "
+            f"{intrinsic}: <distortion_coefficients> is {distortions.tolist()}, but images without distortion have zeros: "
             "was intrinsic_original copied over intrinsic_zero? Take the folder from the set again"
         )
     try:

@@ -110,7 +110,7 @@ def retrieval_score(
     n = len(precision)
     if not n:
         raise InputError(
-            f"none of {len(who)} queries has a picture of the same person by another camera among the {len(whom)} of the "
+            f"none of {len(who)} queries has an image of the same person by another camera among the {len(whom)} of the "
             "gallery: give a gallery with the people that are searched for"
         )
     cmc = {k: float((first <= k).sum() / n) for k in ks}

@@ -97,7 +97,9 @@ def _robust_start(places: Places, with_scale: bool, tilt: bool) -> tuple[Similar
     """The motion with the least trimmed squares, and the rows that they are taken over."""
     n, minimal = len(places.group), 3 if tilt else 2
     if len(np.unique(places.group)) < minimal:
-        raise EvidenceError(f"{len(np.unique(places.group))} known places do not fix the world: {minimal} or more are needed")
+        raise EvidenceError(
+            f"{len(np.unique(places.group))} known points or positions do not fix the world frame: {minimal} or more are needed"
+        )
     # A subset that is always fitted without residual cannot tell who is wrong.
     kept = min(n, max(minimal + int(with_scale or tilt), (n + minimal) // 2))
     best, least = None, np.inf
@@ -106,7 +108,7 @@ def _robust_start(places: Places, with_scale: bool, tilt: bool) -> tuple[Similar
         if squared[:kept].sum() < least:
             best, least = motion, float(squared[:kept].sum())
     if best is None:
-        raise EvidenceError("the known places lie in one spot or on one line: they do not fix the world")
+        raise EvidenceError("the known points or positions lie in one spot or on one line: they do not fix the world frame")
     rows = _smallest(_squared(places, best), kept)
     for _ in range(10):
         best = _refined(places, best, rows, with_scale, tilt).motion

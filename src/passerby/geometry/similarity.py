@@ -125,5 +125,5 @@ def _centred(source: Floats, target: Floats, weights: Floats | None) -> tuple[Fl
 def _spread(centred: Floats, weights: Floats) -> float:
     spread = float((weights * (centred**2).sum(axis=1)).sum())
     if spread <= 0.0:
-        raise EvidenceError("all points stand in one place: they fix no scale")
+        raise EvidenceError("all points are in one place: they fix no scale")
     return spread

@@ -311,7 +311,7 @@ def read_document(folder: Path) -> CalibrationDocument:
     path = folder / CALIBRATION_FILE
     if not path.is_file():
         raise InputError(f"{path}: no such file: name the folder that `passerby calibrate SCENE -o FOLDER` wrote")
-    return parse_document(read_text(path, "what a calibration tells (JSON)"), path)
+    return parse_document(read_text(path, "a calibration (JSON)"), path)
 
 
 def parse_document(text: str, path: Path = Path(CALIBRATION_FILE)) -> CalibrationDocument:
@@ -321,7 +321,7 @@ def parse_document(text: str, path: Path = Path(CALIBRATION_FILE)) -> Calibratio
     except NotParsed as error:
         raise InputError(f"{path}: is not JSON ({error}): calibrate again") from None
     if not isinstance(content, dict):
-        raise unlike(path, "it is no table")
+        raise unlike(path, "it is not a table")
     if _LONG_NUMBER.search(text):
         raise unlike(path, "it holds a number of 300 digits")
     version = content.get("schema_version", SCHEMA_VERSION)

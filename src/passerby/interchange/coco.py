@@ -113,10 +113,10 @@ class _Reader:
         ]
         used = {joints for _, _, joints, _ in rows}
         if len(used) > 1:
-            self.fault("annotations", "people of several categories with different joints: give one category only")
+            self.fault("annotations", "people of several categories with different keypoints: give one category only")
         joints = next(iter(used), next(iter(categories.values()), None))
         if joints is None:
-            self.fault("categories", "none names its joints: give the category a list `keypoints` of joint names")
+            self.fault("categories", "none names its keypoints: give the category a list `keypoints` of keypoint names")
         if self.faults or joints is None:
             return None
         table = np.array([values for *_, values in rows], dtype=np.float64).reshape(-1, len(joints), 3)
@@ -142,10 +142,10 @@ class _Reader:
             if names is None:
                 continue
             if not isinstance(names, list) or not names or not all(isinstance(name, str) and name for name in names):
-                self.fault(place, "keypoints must be a list of joint names")
+                self.fault(place, "keypoints must be a list of keypoint names")
             elif len(set(names)) != len(names):
                 twice = next(name for name in names if names.count(name) > 1)
-                self.fault(place, f"joint '{twice}' stands twice among the keypoints: joint names must differ")
+                self.fault(place, f"keypoint '{twice}' occurs twice among the keypoints: keypoint names must differ")
             else:
                 found[category["id"]] = tuple(names)
         return found
@@ -167,7 +167,7 @@ class _Reader:
                 self.fault(place, f"{keys[0] if keys else 'frame'} is {shortened(frame)}: a whole number from 0 on is needed")
                 continue
             if identifier in frames:
-                self.fault(place, f"image id {identifier} stands twice: image ids must differ")
+                self.fault(place, f"image id {identifier} occurs twice: image ids must differ")
             elif frame in image_of:
                 self.fault(
                     place,
@@ -192,17 +192,20 @@ class _Reader:
         if not _is_whole(image) or image not in frames:
             self.fault(place, f"image_id {shortened(image)} is none of the images: add the image or delete the annotation")
         elif not _is_whole(category) or category not in categories:
-            self.fault(place, f"category_id {shortened(category)} is no category with joint names: give it a list `keypoints`")
+            self.fault(
+                place, f"category_id {shortened(category)} is not a category with keypoint names: give it a list `keypoints`"
+            )
         elif not _is_whole(identity) or identity < UNKNOWN:
             self.fault(place, f"track_id is {shortened(identity)}: a whole number from 0 on is needed, or none where unknown")
         elif not isinstance(values, list) or len(values) != 3 * len(categories[category]):
             count = len(values) if isinstance(values, list) else repr(values)
             joints = len(categories[category])
-            self.fault(place, f"keypoints has {count} numbers; {joints} joints take {3 * joints} (x, y and confidence each)")
+            self.fault(place, f"keypoints has {count} numbers; {joints} keypoints take {3 * joints} (x, y and confidence each)")
         elif not all(map(_is_finite, values)):
             wrong = next(value for value in values if not _is_finite(value))
             self.fault(
-                place, f"keypoints holds {shortened(wrong)}: finite numbers are needed, 0, 0, 0 for a joint that was not found"
+                place,
+                f"keypoints holds {shortened(wrong)}: finite numbers are needed, 0, 0, 0 for a keypoint that was not found",
             )
         else:
             return frames[image], identity, categories[category], values
@@ -215,12 +218,12 @@ class _Reader:
             if wrong.size:
                 self.fault(
                     "annotations",
-                    f"the third number of a joint is {wrong[0]:g}, another {third.max():g}: "
+                    f"the third number of a keypoint is {wrong[0]:g}, another {third.max():g}: "
                     "give confidences from 0 to 1, or the visibilities 0, 1 and 2",
                 )
             return np.asarray(np.select([third == 1, third == 2], [HIDDEN_CONFIDENCE, 1.0], 0.0))
         if third.size and third.min() < 0:
-            self.fault("annotations", f"a joint's confidence is {third.min():g}: it must lie between 0 and 1")
+            self.fault("annotations", f"a keypoint's confidence is {third.min():g}: it must lie between 0 and 1")
         return third
 
     def repeats(self, frame: Any, identity: Any, table: Floats) -> None:
@@ -231,13 +234,13 @@ class _Reader:
             if who == UNKNOWN:
                 key = (when, values.tobytes())
                 if key in unknown:
-                    self.fault("annotations", f"the same joints stand twice in frame {when}: delete one of the two")
+                    self.fault("annotations", f"the same keypoints occur twice in frame {when}: delete one of the two")
                 unknown.add(key)
                 continue
             if (when, who) in seen:
                 self.fault(
                     "annotations",
-                    f"identity {who} stands twice in frame {when}: one camera sees a person once in a frame; "
+                    f"identity {who} occurs twice in frame {when}: one camera sees a person once in a frame; "
                     "delete one or give it another track_id",
                 )
             seen.add((when, who))

@@ -106,7 +106,7 @@ def _vectors(path: Path, archive: Archive) -> Vectors:
     if len(broken):
         raise InputError(
             f"{path}: row {broken[0] + 1} of {name} is not finite ({len(broken)} of {len(given)} rows): "
-            "give zeros for a box of whose looks nothing is known"
+            "give zeros for a box of unknown appearance"
         )
     vectors = np.empty(given.shape, dtype=np.float32)
     np.divide(given, np.where(length > 0, length, 1.0)[:, None], out=vectors, casting="same_kind")

@@ -119,7 +119,7 @@ def _faults(path: Path, text: str, doubles: bool) -> Iterator[str]:
             yield f"{place}: repeats line {seen_rows[row]} ({line.strip()[:80]}): delete one of the two"
         elif identity > UNKNOWN and person in seen_people:
             yield (
-                f"{place}: identity {identity:.0f} stands a second time in frame {frame:.0f} (first on line "
+                f"{place}: identity {identity:.0f} occurs a second time in frame {frame:.0f} (first on line "
                 f"{seen_people[person]}): one camera sees a person once in a frame; delete one box or give it another identity"
             )
         seen_rows.setdefault(row, number)
@@ -130,8 +130,8 @@ def _row(fields: list[str], columns: int) -> tuple[float, ...]:
     """The seven numbers of a row. Raises `InputError` without the place."""
     if not MIN_COLUMNS <= len(fields) <= MAX_COLUMNS:
         raise InputError(
-            f"{len(fields)} columns instead of {MIN_COLUMNS} to {MAX_COLUMNS}: "
-            f"write {','.join(COLUMNS)}[,-1,-1,-1], parted by commas"
+            f"{len(fields)} columns instead of {MIN_COLUMNS} to {MAX_COLUMNS}: write {','.join(COLUMNS)}[,-1,-1,-1], separated "
+            "by commas"
         )
     if len(fields) != columns:
         raise InputError(f"{len(fields)} columns, but the first row has {columns}: give all rows the same columns")

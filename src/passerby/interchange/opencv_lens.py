@@ -174,13 +174,11 @@ def _size(path: Path, content: Mapping[str, Any]) -> tuple[int, int] | None:
     nested = size if isinstance(size, dict) and "data" not in size else content
     width, height = first_value(nested, _WIDTH), first_value(nested, _HEIGHT)
     if (width is None or height is None) and size is not None and nested is content:
-        numbers = numbers_of(path, "the picture's size", size)
+        numbers = numbers_of(path, "the image size", size)
         width, height = numbers if numbers.size == 2 else (None, None)
     if width is None or height is None:
         return None
-    numbers = numbers_of(path, "the picture's size", [width, height])
+    numbers = numbers_of(path, "the image size", [width, height])
     if numbers.size != 2 or (numbers < 1).any() or (numbers != np.floor(numbers)).any():
-        raise InputError(
-            f"{path}: the picture's size is {shortened(numbers.tolist())}: whole numbers of pixels above 0 are needed"
-        )
+        raise InputError(f"{path}: the image size is {shortened(numbers.tolist())}: whole numbers of pixels above 0 are needed")
     return int(numbers[0]), int(numbers[1])

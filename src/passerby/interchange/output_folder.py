@@ -86,7 +86,7 @@ def read_output(out: Path) -> OutputFolder:
     document = read_report(out)
     reasons = document.reasons
     if document.verdict == "refused":
-        raise EvidenceError(f"{out}: the calibration was refused: {'; '.join(reasons) or 'it tells no reason'}", reasons)
+        raise EvidenceError(f"{out}: the calibration was refused: {'; '.join(reasons) or 'no reason is given'}", reasons)
     rig = read_rig(out / RIG_FILE)
     posed = rig.posed()
     if not len(posed):
@@ -138,7 +138,7 @@ def read_report(out: Path) -> CalibrationDocument:
         path = out / name
         if path.is_file() and _checksum(path) != document.files.get(name):
             raise InputError(
-                f"{path}: is not the file that {CALIBRATION_FILE} beside it tells of: it was changed, is damaged, or is of "
+                f"{path}: is not the file that {CALIBRATION_FILE} beside it describes: it was changed, is damaged, or is of "
                 "another calibration: put the right one back, or calibrate again"
             )
     return document

@@ -90,7 +90,7 @@ def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, A
         if key != METADATA and isinstance(table, dict) and {"matrix", "distortions"} & table.keys()
     }
     if not tables:
-        raise InputError(f"{path}: holds no camera: one table a camera with size, matrix and distortions is needed")
+        raise InputError(f"{path}: holds no camera: one table per camera with size, matrix and distortions is needed")
     return tables
 
 
@@ -114,7 +114,7 @@ def _lens(table: dict[str, Any]) -> Lens:
     unfilled = [text for text in leaves(table.get("matrix")) if text in UNFILLED]
     if unfilled:
         raise InputError(
-            f"matrix still says {' and '.join(unfilled)}: put the lens's numbers there, as the file tells at its top"
+            f"matrix still says {' and '.join(unfilled)}: put the lens's numbers there, as the file states at its top"
         )
     matrix = _numbers(table, "matrix", (3, 3), "three rows of three numbers")
     fisheye = table.get("fisheye", False)

@@ -65,7 +65,7 @@ def read_trajectories(path: str | Path) -> Trajectories:
 
     Raises `FileFaults` (an `InputError`) that names file, line, value and fix.
     """
-    header, lines = csv_rows(path, read_text(path, "people's ways (CSV)"))
+    header, lines = csv_rows(path, read_text(path, "trajectories of people (CSV)"))
     missing = [name for name in HEADER if name not in header]
     if missing:
         raise InputError(f"{path}: line 1: has no column {missing[0]}: give the trajectories.csv that `passerby track` wrote")
@@ -84,7 +84,7 @@ def read_trajectories(path: str | Path) -> Trajectories:
     identity, frame = table[:, 2].astype(np.int64), table[:, 1].astype(np.int64)
     again = np.flatnonzero((np.diff(identity) == 0) & (np.diff(frame) == 0))
     if len(again):
-        raise InputError(f"{path}: person {identity[again[0]]} stands twice in frame {frame[again[0]]}: delete one row")
+        raise InputError(f"{path}: person {identity[again[0]]} occurs twice in frame {frame[again[0]]}: delete one row")
     return Trajectories(
         identity, frame, table[:, 0], table[:, 3:6], table[:, 6], table[:, 7].astype(np.int64), _parts(identity, frame),
         _clock(Path(path), frame, table[:, 0]),
@@ -102,7 +102,7 @@ def _place(line: dict[str, str]) -> tuple[float, ...]:
         if not (math.isfinite(value) or (name == "sigma_m" and text == "")):
             raise InputError(f"{name} is {shortened(text)}: a finite number is needed")
         if math.isfinite(value) and not abs(value) <= LARGEST:
-            raise InputError(f"{name} is {value:g}: no way has such a number")
+            raise InputError(f"{name} is {value:g}: no trajectory has such a number")
         if name in WHOLE and value != math.floor(value):
             raise InputError(f"{name} is {value:.12g}: a whole number is needed")
         numbers.append(value)
@@ -159,7 +159,7 @@ def read_ground_positions(path: str | Path) -> GroundPositions:
         key = values[-1][0], values[-1][1]
         if key in seen:
             faults.append(
-                f"{path}: line {number}: {who} {key[1]:.0f} stands a second time in frame {key[0]:.0f} (first on line "
+                f"{path}: line {number}: {who} {key[1]:.0f} occurs a second time in frame {key[0]:.0f} (first on line "
                 f"{seen[key]}): delete one"
             )
         seen.setdefault(key, number)
@@ -184,7 +184,7 @@ def _row(row: list[str], places: list[int], names: tuple[str, ...]) -> tuple[flo
         if not math.isfinite(number):
             raise InputError(f"{name} is {shortened(row[place].strip())}: a finite number is needed")
         if not abs(number) <= LARGEST:
-            raise InputError(f"{name} is {number:g}: no place and no frame has such a number")
+            raise InputError(f"{name} is {number:g}: no position and no frame has such a number")
         if name not in ("x_m", "y_m") and number != math.floor(number):
             raise InputError(f"{name} is {number:.12g}: a whole number is needed")
         numbers.append(number)

@@ -106,7 +106,7 @@ class TsaiCamera:
         across, down = width / self.size[0], height / self.size[1]
         if abs(across / down - 1) > 0.02:
             raise InputError(
-                f"{self.path}: calibrates pictures of {self.size[0]} x {self.size[1]}, but they are {width} x {height}, "
+                f"{self.path}: calibrates images of {self.size[0]} x {self.size[1]}, but they are {width} x {height}, "
                 "which is another shape: is it the file of another sequence?"
             )
         fx, fy = across * self.focal * self.sx / self.dpx, down * self.focal / self.dpy
@@ -148,10 +148,12 @@ def fitted_distortions(kappa: float, radius: float, focal_px: float, place: str 
     if kappa == 0:
         return np.zeros(0), 0.0
     if not (abs(kappa) < MOST_KAPPA and 0 < radius < MOST_RADIUS and math.isfinite(focal_px)):
-        raise InputError(f"{place}: its numbers are no lens's: are focal, dpx and dpy in millimetres, and cx and cy in pixels?")
+        raise InputError(
+            f"{place}: its numbers do not describe a lens: are focal, dpx and dpy in millimetres, and cx and cy in pixels?"
+        )
     if 1 + 3 * kappa * radius**2 <= 0:
         raise InputError(
-            f"{place}: kappa1 is so far below 0 that the distortion turns back inside the picture: is the sign right, "
+            f"{place}: kappa1 is so far below 0 that the distortion turns back inside the image: is the sign right, "
             "and are focal, dpx and dpy in millimetres?"
         )
     drawn = np.linspace(0, radius, _SAMPLES + 1)[1:]

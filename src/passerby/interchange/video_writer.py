@@ -72,7 +72,7 @@ class VideoWriter:
         if min(self.size) < 2 or width % 2 or height % 2:
             raise InputError(f"{self.path}: H.264 needs an even width and height of at least 2 pixels, not {width} x {height}")
         if self.fps <= 0:
-            raise InputError(f"{self.path}: the rate must be a number of pictures per second above 0")
+            raise InputError(f"{self.path}: the rate must be a number of frames per second above 0")
         if not 0 <= crf <= 51:
             raise InputError(f"{self.path}: crf {crf} is not a quality of x264: give 0 (lossless) to 51 (worst)")
         if self.path.suffix.lower() not in CONTAINERS:
@@ -113,7 +113,7 @@ class VideoWriter:
         expected = (self.size[1], self.size[0], 3)
         if picture.shape != expected or picture.dtype != np.uint8:
             found = f"{picture.dtype} of the shape {picture.shape}"
-            raise InputError(f"{self.path}: picture {self._written + 1} is {found}: uint8 of the shape {expected} is needed")
+            raise InputError(f"{self.path}: frame {self._written + 1} is {found}: uint8 of the shape {expected} is needed")
         self._set_clock(seconds is not None)
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="bgr24")
         frame = frame.reformat(
@@ -126,7 +126,7 @@ class VideoWriter:
         frame.pts = self._written if seconds is None else round(seconds * TICKS_PER_SECOND)
         frame.time_base = self._stream.codec_context.time_base
         if frame.pts <= self._last_pts:
-            raise InputError(f"{self.path}: picture {self._written + 1} at {seconds} s does not come after the one before")
+            raise InputError(f"{self.path}: frame {self._written + 1} at {seconds} s does not come after the one before")
         self._last_pts = frame.pts
         self._written += 1
         self._mux(frame)
@@ -137,7 +137,7 @@ class VideoWriter:
             self._own_timestamps = own_timestamps
             self._stream.codec_context.time_base = Fraction(1, TICKS_PER_SECOND) if own_timestamps else 1 / self.fps
         elif self._own_timestamps != own_timestamps:
-            raise InputError(f"{self.path}: picture {self._written + 1}: either all pictures have a time of their own, or none")
+            raise InputError(f"{self.path}: frame {self._written + 1}: either all frames have a time of their own, or none")
 
     def _mux(self, frame: av.VideoFrame | None) -> None:
         """Encode a frame, or what the encoder still holds (None), into the file."""
@@ -159,7 +159,7 @@ class VideoWriter:
         """Give the whole file its name."""
         if self._written == 0:
             self._container.close()
-            raise InputError(f"{self.path}: a video without pictures cannot be written")
+            raise InputError(f"{self.path}: a video without frames cannot be written")
         self._mux(None)
         try:
             self._container.close()

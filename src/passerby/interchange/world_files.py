@@ -55,7 +55,7 @@ def read_known_points(path: str | Path) -> tuple[KnownPoint, ...]:
                 continue
             if camera in known.pixels:
                 raise InputError(
-                    f"point {known.name} stands a second time in camera {camera} (first on {first[key]}): delete one"
+                    f"point {known.name} occurs a second time in camera {camera} (first on {first[key]}): delete one"
                 )
             if not np.array_equal(known.xyz, xyz):
                 raise InputError(
@@ -84,10 +84,10 @@ def read_known_positions(path: str | Path) -> tuple[tuple[KnownPosition, ...], b
         try:
             camera = _camera(row)
             if camera in found:
-                raise InputError(f"camera {camera} stands a second time: delete one")
+                raise InputError(f"camera {camera} occurs a second time: delete one")
             known = np.array([_number(row, across), _number(row, along), _number(row, up, math.nan)])
             if geodetic and not (abs(known[0]) < 90 and abs(known[1]) <= 360):
-                raise InputError(f"lat {known[0]:g}, lon {known[1]:g} is no place on earth: give degrees, latitude first")
+                raise InputError(f"lat {known[0]:g}, lon {known[1]:g} is not a place on earth: give degrees, latitude first")
             found[camera] = KnownPosition(camera, known, _sd(row, GPS_SD_M if geodetic else POSITION_SD_M))
         except InputError as error:
             faults.append(f"{path}: {place}: {error}")

@@ -94,14 +94,14 @@ def _check_names(rig: Rig, seen: tuple[str, ...], place: str) -> None:
     unknown = [name for name in seen if name not in rig.names]
     if unknown:
         raise InputError(
-            f"{place}: camera {unknown[0]} is not in the rig, which has {', '.join(rig.names)}: call cameras by the rig's names"
+            f"{place}: camera {unknown[0]} is not in the rig, which has {', '.join(rig.names)}: use the camera names of the rig"
         )
     both = [name for name in seen if name in posed]
     if len(both) < 2:
         have = f"only {both[0]}" if both else "none"
         raise InputError(
-            f"{place}: of its cameras {have} has a pose in the rig: two or more that see the same people are needed, three to "
-            "tell which of them has moved"
+            f"{place}: of its cameras {have} has a pose in the rig: two or more that see the same people are needed, and "
+            f"three to determine which of them has moved"
         )
 
 
@@ -111,8 +111,8 @@ def _check_pictures(rig: Rig, seen: Rig, place: str) -> None:
         size = rig[camera.name].lens.size
         if camera.lens.size != size:
             raise InputError(
-                f"{place}: camera {camera.name} has pictures of {camera.lens.size[0]} x {camera.lens.size[1]}, the rig's of "
-                f"{size[0]} x {size[1]}: give footage of the calibrated size, or calibrate anew"
+                f"{place}: camera {camera.name} has images of {camera.lens.size[0]} x {camera.lens.size[1]}, the rig's of "
+                f"{size[0]} x {size[1]}: give footage of the calibrated size, or calibrate again"
             )
 
 
@@ -124,14 +124,14 @@ def _footage(
     rig = Rig(tuple(_loosened(given, name) for name in names))
     fps = inputs.observations.fps
     if fps is None:
-        raise InputError(f"{scene.place}: no frame rate is given, so that frames tell no times: under [scene] set fps to it")
+        raise InputError(f"{scene.place}: no frame rate is given, so frame numbers have no times: under [scene] set fps to it")
     rates = {name: inputs.observations.clocks.get(name, Clock(fps)).fps for name in names}
     offsets = {} if in_step else given.offsets_s
     clocks = {name: Clock(rates[name], offsets.get(name, 0.0)) for name in names}
     seen = Observations({name: inputs.observations[name] for name in names}, fps, clocks)
     height = rough_height(rig, seen)
     if not scene.association.given:
-        tell("who is who")
+        tell("associating identities")
         seen = identify_by_rig(rig, seen, clocks, np.random.default_rng(SEED), ground_m=height, executor=executor, tell=tell)
     sizes = {camera.name: camera.lens.size for camera in rig}
     return _Footage(rig, resample_to_common_steps(seen, clocks, sizes=sizes), height)
@@ -152,15 +152,19 @@ def _notes(given: GivenRig, seen: Rig, in_step: bool) -> tuple[str, ...]:
     lost = [name for name in seen.names if given.rig[name].pose is None]
     notes = []
     if absent:
-        notes.append(f"{_cameras(absent)} of the rig {_have(absent)} no footage here: nothing is said of {_them(absent)}")
+        notes.append(f"{_cameras(absent)} of the rig {_have(absent)} no footage here and {_are(absent)} not monitored")
     if lost:
-        notes.append(f"{_cameras(lost)} {_have(lost)} no pose in the rig: {_them(lost)} cannot be watched")
+        notes.append(f"{_cameras(lost)} {_have(lost)} no pose in the rig and cannot be monitored")
     if any(given.offsets_s.values()) and not in_step:
         notes.append(
-            "clocks are taken to differ as in the calibration (calibration.json beside the rig); --in-step if they agree"
+            "clocks are assumed to differ as in the calibration (calibration.json beside the rig); use --in-step if they are "
+            "synchronised"
         )
     if all(camera.sigma is None for camera in given.rig.posed()):
-        notes.append("the rig states no sigmas: its poses are taken to be good to 5 cm and 0.3 degrees in each direction")
+        notes.append(
+            "the rig states no sigmas: its poses are assumed to have a standard deviation of 5 cm and 0.3 degrees in "
+            "each direction"
+        )
     return tuple(notes)
 
 
@@ -172,5 +176,5 @@ def _have(names: list[str]) -> str:
     return "have" if len(names) > 1 else "has"
 
 
-def _them(names: list[str]) -> str:
-    return "them" if len(names) > 1 else "it"
+def _are(names: list[str]) -> str:
+    return "are" if len(names) > 1 else "is"

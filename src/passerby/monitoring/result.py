@@ -111,12 +111,12 @@ class MonitoringResult:
     def _silence(self, name: str) -> str:
         """Why nothing can be said of a camera."""
         metres, degrees = self.smallest(name)
-        few = "not enough people whom another camera sees too"
+        few = "not enough people that another camera also sees"
         if metres is None or degrees is None:
             return f"{name}: cannot tell: {few}"
         return (
-            f"{name}: cannot tell: a move below {metres:.2f} m or {degrees:.1f} degrees would not be seen: {few}, or the rig's "
-            "own sigmas are large and the footage is too short to learn better"
+            f"{name}: cannot tell: a move below {metres:.2f} m or {degrees:.1f} degrees would not be detected: {few}, or the "
+            f"sigmas of the rig are large and the footage is too short to reduce them"
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -178,9 +178,9 @@ def move_in_words(move: Move) -> str:
     degrees, degrees_sd = along(move.shift[3:], move.covariance[3:, 3:])
     noticed = f"noticed at {clock_time(move.noticed_s)}"
     if metres is None or metres_sd is None or degrees is None or degrees_sd is None:
-        return f"{who} moved {when}; not enough people to tell by how much; {noticed}"
+        return f"{who} moved {when}; not enough people to estimate by how much; {noticed}"
     turn = f"{np.degrees(degrees):.2f} +- {np.degrees(degrees_sd):.2f} degrees"
-    which = "" if not move.others else f" (if it was {move.camera}: the people do not tell which)"
+    which = "" if not move.others else f" (if it was {move.camera}: the people do not show which)"
     return f"{who} moved {when}, by {metres:.3f} +- {metres_sd:.3f} m and {turn}{which}; {noticed}"
 
 

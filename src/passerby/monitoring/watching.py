@@ -20,7 +20,7 @@ from passerby.people.resection import Resection, resect_observations
 from passerby.people.rig_observations import RigObservations, poses_of
 from passerby.people.scores import STRETCH_S, Scores, cluster_scores
 
-STAGE = "watching"
+STAGE = "monitoring"
 STEPS = 5
 """Tests in each window: windows overlap, so that a move is seen well before a whole window lies behind it."""
 PIECE_S = 600.0

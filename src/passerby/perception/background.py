@@ -66,7 +66,9 @@ def plan_sampling(duration_s: float, options: BackgroundOptions | None = None) -
     """The sampling for a recording of so many seconds; 1 / interval_s is the rate at which to decode it."""
     options = options or BackgroundOptions()
     if not duration_s > 0:
-        raise InputError(f"background: a recording of {duration_s} s cannot be learnt from: give a longer one")
+        raise InputError(
+            f"background: a recording of {duration_s} s is too short to learn a background model: give a longer one"
+        )
     count = int(min(max(round(duration_s / options.window_s), 1), options.windows))
     window = duration_s / count
     return Sampling(window / options.pictures, window)
@@ -172,7 +174,7 @@ class _Learner:
             self.size = size
         if size != self.size:
             raise InputError(
-                f"picture {frame.number} has {size[0]} x {size[1]} pixels, the first {self.size[0]} x {self.size[1]}"
+                f"frame {frame.number} has {size[0]} x {size[1]} pixels, the first {self.size[0]} x {self.size[1]}"
             )
         self.pictures.append(working_picture(frame.picture, self.options.working_width))
         self.times.append(frame.seconds)
@@ -205,8 +207,8 @@ class _Learner:
         self.close()
         if self.size is None or not self.backgrounds:
             raise EvidenceError(
-                f"{len(self.pictures)} pictures are too few to learn the empty scene from: "
-                f"give a recording with {LEAST_PICTURES} or more"
+                f"{len(self.pictures)} frames are too few to learn a background model: give a recording with {LEAST_PICTURES} "
+                "or more"
             )
         stature = learn_stature(np.concatenate(self.boxes), rng)
         seconds, colour, noise = zip(*self.backgrounds, strict=True)
@@ -243,7 +245,7 @@ class BackgroundDetector:
         size = (frame.picture.shape[1], frame.picture.shape[0])
         if size != self._model.size:
             width, height = self._model.size
-            raise InputError(f"picture {frame.number} has {size[0]} x {size[1]} pixels, its background {width} x {height}")
+            raise InputError(f"frame {frame.number} has {size[0]} x {size[1]} pixels, its background {width} x {height}")
         picture = working_picture(frame.picture, self._options.working_width)
         found = foreground(picture, self._reference(frame.seconds), self._options.shadows, self._model.tone)
         scale = self._model.scale

@@ -90,7 +90,7 @@ class CropNetwork:
             if answer.ndim < 1 or len(answer) != len(given):
                 raise InputError(
                     f"{self.network.path}: the output {port.name} has the shape {list(answer.shape)} for {len(given)} crops: "
-                    "one row a crop is needed; export it with a batch of 1 or an open batch"
+                    "one row per crop is needed; export it with a batch of 1 or an open batch"
                 )
         return [answer[: len(crops)] for answer in answers]
 

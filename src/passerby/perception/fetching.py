@@ -101,7 +101,9 @@ def fetch(url: str, target: Path, sha256: str, size: int, tell: Progress = silen
     except OSError as error:
         tell_failure(tell, stage)
         where = error.filename or target.parent
-        raise UnreachableError(f"{where}: cannot be written ({error.strerror or error}): {target.name} is not kept") from error
+        raise UnreachableError(
+            f"{where}: cannot be written ({error.strerror or error}): {target.name} is not stored"
+        ) from error
 
 
 def _accept(url: str, part: Path, target: Path, sha256: str, size: int) -> None:
@@ -219,7 +221,7 @@ def _check_scheme(url: str) -> None:
     """Raises `InputError` for an address that others on the way could change."""
     parts = urllib.parse.urlsplit(url)
     if parts.scheme != "https" and not (parts.scheme == "http" and parts.hostname in LOCAL):
-        raise InputError(f"{url}: is no https address: models are fetched from such only")
+        raise InputError(f"{url}: is not an https address: models are fetched from https addresses only")
 
 
 def _host(url: str) -> str:
@@ -242,6 +244,6 @@ def _turn(lock: Path, name: str, tell: Progress) -> Iterator[None]:
     """Hold the file `lock` for this process alone; whoever dies lets go of it. The empty file stays: to delete it is a race."""
     with lock.open("ab") as file:
         while not try_lock(file):
-            tell(f"waiting for another process that fetches {name}")
+            tell(f"waiting for another process that is fetching {name}")
             time.sleep(0.1)
         yield

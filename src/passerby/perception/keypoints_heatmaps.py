@@ -18,7 +18,7 @@ class HeatmapKeypoints(TopDownKeypoints):
     kind: ClassVar[str] = "heatmaps"
     # As these networks are trained and published.
     margin: ClassVar[float] = 1.25
-    outputs_needed: ClassVar[str] = "one output [N, joints, height, width] of 17, 26 or 133 joints, COCO's 17 first"
+    outputs_needed: ClassVar[str] = "one output [N, keypoints, height, width] of 17, 26 or 133 keypoints, COCO's 17 first"
 
     @staticmethod
     def fits(shapes: list[tuple[int, ...]]) -> bool:

@@ -19,7 +19,7 @@ class MovenetKeypoints(TopDownKeypoints):
     # 1.42 at 1.3. 1.1 has the most of lightning's joints within 5 % (97 %) and bears a box that cuts off the feet. A second
     # pass on a crop about the first one's joints, as where there is no detector, does not pay: 1.59, 1.37 % in twice the time.
     margin: ClassVar[float] = 1.1
-    outputs_needed: ClassVar[str] = "one output [N, 1, 17, 3]: y, x and score of COCO's 17 joints"
+    outputs_needed: ClassVar[str] = "one output [N, 1, 17, 3]: y, x and score of COCO's 17 keypoints"
 
     @staticmethod
     def fits(shapes: list[tuple[int, ...]]) -> bool:

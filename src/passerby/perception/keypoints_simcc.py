@@ -22,7 +22,7 @@ class SimccKeypoints(TopDownKeypoints):
     # As these networks are trained and published.
     margin: ClassVar[float] = 1.25
     outputs_needed: ClassVar[str] = (
-        "two outputs [N, joints, bins along x] and [N, joints, bins along y] of 17, 26 or 133 joints, COCO's 17 first"
+        "two outputs [N, keypoints, bins along x] and [N, keypoints, bins along y] of 17, 26 or 133 keypoints, COCO's 17 first"
     )
 
     @staticmethod

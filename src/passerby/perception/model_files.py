@@ -66,7 +66,7 @@ def model_folders(folder: Path | None = None) -> tuple[Path, ...]:
     named += [(f"{MODELS}: {text}", Path(text).expanduser()) for text in os.environ.get(MODELS, "").split(os.pathsep) if text]
     for told, path in named:
         if not path.is_dir():
-            raise InputError(f"{told}: is no folder: models are looked for there; correct it or leave it out")
+            raise InputError(f"{told}: is not a folder: models are searched there; correct it or leave it out")
     return (*(path for _, path in named), cache_folder())
 
 
@@ -100,17 +100,17 @@ def find_model(
         return Found(_by_path((base or Path()) / Path(text).expanduser(), role))
     entry = default_of(role) if text == AUTO else entry_of(text, role)
     if entry is None:
-        return Found(None, f"no network for {role} is taken by itself: name one by path")
+        return Found(None, f"there is no default network for {role}: name one by path")
     for copy in copies_of(entry, folder):
         copy.check()
         return Found(_network(entry, copy.path))
     if entry.url is None:
         raise InputError(
-            f"{entry.name}: lies nowhere and no address serves it: put {entry.file} into a folder that {MODELS} names, "
-            f"or name another network by path"
+            f"{entry.name}: is not on this computer and has no download address: put {entry.file} into a folder that {MODELS} "
+            "names, or name another network by path"
         )
     if not download:
-        return Found(None, f"{entry.name} is not on this computer: `passerby models fetch` gets it")
+        return Found(None, f"{entry.name} is not on this computer: `passerby models fetch` downloads it")
     try:
         return Found(_network(entry, fetch_model(entry, tell)))
     except UnreachableError as error:
@@ -123,7 +123,7 @@ def fetch_model(entry: ModelEntry, tell: Progress = silent) -> Path:
     Raises `UnreachableError` where it cannot be had just now, `InputError` where no address serves it or the file is wrong.
     """
     if entry.url is None:
-        raise InputError(f"{entry.name}: no address serves it: put {entry.file} into a folder that {MODELS} names")
+        raise InputError(f"{entry.name}: has no download address: put {entry.file} into a folder that {MODELS} names")
     path = cache_folder() / entry.file
     fetch(entry.url, path, entry.sha256, entry.bytes, tell)
     Copy(entry, path, sha256_of(path)).check()
@@ -144,7 +144,7 @@ def entry_of(name: str, role: Role | None = None) -> ModelEntry:
     if entry is not None and role in (None, entry.role):
         return entry
     known = ", ".join(entry.name for entry in catalogue() if role in (None, entry.role))
-    wrong = f"{name}: is no model that Passerby knows" if entry is None else f"{name}: is for {entry.role}, not for {role}"
+    wrong = f"{name}: is not a model that Passerby knows" if entry is None else f"{name}: is for {entry.role}, not for {role}"
     raise InputError(f"{wrong}: there are {known}" + (f", {AUTO}, or the path of an .onnx file" if role else ""))
 
 

@@ -88,7 +88,7 @@ def _metadata(path: Path, session: Any) -> dict[str, str]:
     try:
         found: dict[str, str] = session.get_modelmeta().custom_metadata_map
     except UnicodeDecodeError:
-        raise InputError(f"{path}: its metadata are no text: the file is damaged; fetch it again or give another") from None
+        raise InputError(f"{path}: its metadata are not text: the file is damaged; fetch it again or give another") from None
     return found
 
 

@@ -16,8 +16,8 @@ JOIN_PIECES = (
     "`ffmpeg -f concat -safe 0 -i list.txt -c copy camera.mp4`, where list.txt has a line `file 'NAME'` for each piece"
 )
 JOIN_PICTURES = (
-    "still pictures are not read yet: make one video of each camera's with "
-    "`ffmpeg -framerate FPS -pattern_type glob -i '*.jpg' -c:v libx264 -crf 17 camera.mp4`"
+    "still images are not read yet: make one video of each camera's with `ffmpeg -framerate FPS -pattern_type glob -i '*.jpg' "
+    "-c:v libx264 -crf 17 camera.mp4`"
 )
 PATTERN = re.compile(r"[*?]|%0?\d*d")
 DEPTH, MOST = 4, 5000
@@ -47,7 +47,7 @@ def why_no_video_is_there(folder: Path) -> str:
     if len(videos) > 1:
         return f"is a folder of {len(videos)} videos, not one: {JOIN_PIECES}, and name that file"
     if not videos and len(files_below(folder, PICTURE_ENDINGS)) > 1:
-        return f"is a folder of pictures: {JOIN_PICTURES}, and name that file"
+        return f"is a folder of images: {JOIN_PICTURES}, and name that file"
     return "is a folder: name a video file"
 
 
@@ -56,4 +56,4 @@ def why_a_pattern_is_no_video(path: Path) -> str | None:
     if not PATTERN.search(str(path)) and not ("[" in path.name and glob(str(path))):
         return None
     join = JOIN_PICTURES if path.suffix.lower() in PICTURE_ENDINGS else JOIN_PIECES
-    return f"stands for many files, not one: {join}, and name that file"
+    return f"matches many files, not one: {join}, and name that file"

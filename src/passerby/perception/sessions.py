@@ -123,7 +123,9 @@ def _complaint(path: Path, error: Exception) -> str:
     text = " ".join(str(error).split())
     said = text if len(text) < 160 else f"... {text[-150:]}"
     if kind == "InvalidProtobuf" or "No graph was found" in text:
-        return f"this is no ONNX file, or its download broke off ({path.stat().st_size} bytes): fetch it again or give another"
+        return (
+            f"this is not an ONNX file, or its download broke off ({path.stat().st_size} bytes): fetch it again or give another"
+        )
     if (
         "opset" in text
         or "IR version" in text

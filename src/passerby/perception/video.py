@@ -77,7 +77,7 @@ class VideoReader:
     def __init__(self, video: VideoInfo | str | Path, rate: float | None = None, after: int = 0, threads: int = 1) -> None:
         self.info = video if isinstance(video, VideoInfo) else probe(video)
         if rate is not None and not (rate > 0 and math.isfinite(rate)):
-            raise InputError(f"{self.info.path}: {rate} pictures per second cannot be chosen: give a number above 0")
+            raise InputError(f"{self.info.path}: {rate} frames per second cannot be chosen: give a number above 0")
         self.rate = None if rate is None or _is_every_picture(self.info, rate) else rate
         self.after = after
         self.threads = threads
@@ -177,8 +177,8 @@ class _Reading:
         if size != self._size:
             raise VideoError(
                 self._info.path,
-                f"the pictures change from {self._size[0]} x {self._size[1]} to {size[0]} x {size[1]} after"
-                f" {self._seconds:.2f} s: cut the video there and keep the part that the lens belongs to",
+                f"the frames change from {self._size[0]} x {self._size[1]} to {size[0]} x {size[1]} after"
+                f" {self._seconds:.2f} s: cut the video there and keep the part that the intrinsics are for",
             )
 
     def _count(self, frame: VideoFrame) -> None:
@@ -205,7 +205,7 @@ class _Reading:
         end = self._seconds + 1.0 / self._info.average_fps
         early = None
         if promised is not None and promised - end > (SHORTFALL_S if self._of_stream else SHORTFALL_OF_FILE_S):
-            early = f"the video ends after {end:.1f} s of the {promised:.1f} s that the file promises: it was cut off"
+            early = f"the video ends after {end:.1f} s of the {promised:.1f} s that the file states: it was cut off"
         return Decoded(self._pictures, yielded, self._seconds, self._broken, self._first_broken_s, early)
 
 

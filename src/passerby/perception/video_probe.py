@@ -68,7 +68,7 @@ OPTIONS = {
     "max_pixels": str(MOST_PIXELS),
 }
 
-MEND = "convert it, for example with `ffmpeg -i {name} -c:v libx264 converted.mp4`, or take it out of the scene"
+MEND = "convert it, for example with `ffmpeg -i {name} -c:v libx264 converted.mp4`, or remove it from the scene"
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def probe(path: str | Path) -> VideoInfo:
         first = _first_picture(path, container, stream)
         rate, variable = _rate(stream, timestamps)
         if not variable and (rate is None or rate <= 0):
-            raise VideoError(path, f"the file does not tell its pictures per second: {_remedy(path)}")
+            raise VideoError(path, f"the file does not state its frames per second: {_remedy(path)}")
         average = _average(timestamps) if variable or rate is None else rate
         rotation = first.rotation % 360 if first.rotation % 90 == 0 else 0
         return VideoInfo(
@@ -141,7 +141,7 @@ def open_video(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
                 " for example with untrunc",
             ) from error
         if isinstance(error, PermissionError):
-            raise VideoError(path, "may not be read: give yourself the right to read it") from error
+            raise VideoError(path, "cannot be read: you have no permission to read it") from error
         raise VideoError(path, f"is not a video that can be read ({error.strerror or error}): {_remedy(path)}") from error
     with container:
         yield container, _video_stream(path, container)
@@ -163,7 +163,7 @@ def _check_file(path: Path) -> None:
     if not stat.S_ISREG(kind.st_mode):
         raise VideoError(path, "is a pipe or a device: name a video file")
     if kind.st_size == 0:
-        raise VideoError(path, "holds 0 bytes: copy the video again, or take it out of the scene")
+        raise VideoError(path, "holds 0 bytes: copy the video again, or remove it from the scene")
 
 
 def _is_unfinished_mp4(path: Path) -> bool:
@@ -187,13 +187,13 @@ def _video_stream(path: Path, container: InputContainer) -> VideoStream:
     streams = [s for s in container.streams.video if not s.disposition & av.stream.Disposition.attached_pic]
     if kind.endswith("_pipe") or kind == "image2":
         raise VideoError(
-            path, f"is not a video ({container.format.long_name}), but one picture: {JOIN_PICTURES}, and name that file"
+            path, f"is not a video ({container.format.long_name}), but a single image: {JOIN_PICTURES}, and name that file"
         )
     if kind == "tty":
         raise VideoError(path, f"is not a video ({container.format.long_name}): name a video file")
     if not streams:
         kinds = ", ".join(sorted({s.type for s in container.streams})) or "nothing"
-        raise VideoError(path, f"has no video stream, only {kinds}: name a file with pictures")
+        raise VideoError(path, f"has no video stream, only {kinds}: name a file with video")
     stream = streams[0]
     if stream.codec_context is not None:
         stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
@@ -209,7 +209,7 @@ def _remedy(path: Path) -> str:
 
 def _first_picture(path: Path, container: InputContainer, stream: VideoStream) -> VideoFrame:
     """The first picture that decodes."""
-    reason = "no picture in it"
+    reason = "no frame in it"
     try:
         for packet in islice(container.demux(stream), TRIED_PACKETS):
             try:
@@ -297,13 +297,15 @@ def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int]) -> Lite
     missing = (lens_size[0] - video_size[0], lens_size[1] - video_size[1])
     if all(0 <= m < MACROBLOCK for m in missing):
         return "cropped"
-    told = f"its pictures are {video_size[0]} x {video_size[1]}, its lens is calibrated for {lens_size[0]} x {lens_size[1]}"
+    told = f"its frames are {video_size[0]} x {video_size[1]}, its intrinsics are for {lens_size[0]} x {lens_size[1]}"
     factors = (video_size[0] / lens_size[0], video_size[1] / lens_size[1])
     if video_size == lens_size[::-1]:
-        raise InputError(f"{told}: the video is turned by 90 degrees; turn it back, or give the lens of the turned pictures")
+        raise InputError(
+            f"{told}: the video is rotated by 90 degrees; rotate it back, or give the intrinsics of the rotated frames"
+        )
     if abs(video_size[0] - lens_size[0] * factors[1]) <= 1 or abs(video_size[1] - lens_size[1] * factors[0]) <= 1:
         raise InputError(
-            f"{told}: the video is scaled by {factors[0]:.4g}; multiply the lens's size and the first two rows of its matrix by"
-            f" that, or give the video in the size of the calibration"
+            f"{told}: the video is scaled by {factors[0]:.4g}; multiply the image size and the first two rows of the camera "
+            f"matrix by that, or give the video in the size of the calibration"
         )
-    raise InputError(f"{told}: give the lens of this video, or the video that the lens belongs to")
+    raise InputError(f"{told}: give the intrinsics of this video, or the video that the intrinsics belong to")

@@ -104,11 +104,11 @@ class VideoObservations:
         early = self.summary["ended_early"]
         if early is not None:
             found.append(
-                f"{place}: {early}: copy the video again, or save what is there with "
-                f"`ffmpeg -i {info.path.name} -c copy whole.mp4`"
+                f"{place}: {early}: copy the video again, or save the readable part with `ffmpeg -i {info.path.name} -c copy "
+                "whole.mp4`"
             )
         found += [
-            f"{place}: the camera moves {move['seconds']:.1f} s after the beginning, {_how_far(move['pixels'])}, and stays "
+            f"{place}: the camera moves {move['seconds']:.1f} s after the start, {_how_far(move['pixels'])}, and stays "
             f"there: static cameras are needed: under [cameras.{key(name)}] set until_s = {math.floor(move['seconds'])} for "
             f"the part before, or from_s = {math.ceil(move['seconds']) + 1} for the part after, or delete [cameras.{key(name)}]"
             for move in self.summary["moves"]
@@ -258,7 +258,7 @@ class _Watch:
         """End the segment before this one and begin this one; nothing is kept of a video that has become another one."""
         path = self._job.info.path
         if _state(path) != self._file:
-            raise VideoError(path, f"camera {self._job.name}: was changed while it was watched: run the same command again")
+            raise VideoError(path, f"camera {self._job.name}: was changed while it was processed: run the same command again")
         for stage in self._stages:
             if segment:
                 stage.end(segment - 1)
@@ -378,7 +378,7 @@ def _state(path: Path) -> tuple[int, ...]:
 
 
 def _how_far(pixels: float | None) -> str:
-    return "farther than can be told" if pixels is None else f"by {pixels:.0f} pixels"
+    return "by an unknown amount" if pixels is None else f"by {pixels:.0f} pixels"
 
 
 def _nothing(rows: int, dimensions: int) -> Vectors:

@@ -53,13 +53,13 @@ def backdrop(contents: Contents, name: str) -> Backdrop:
         fit_of_size(info.size, camera.lens.size)
         found = still(info, frames, worth)
     except VideoError as error:
-        return Backdrop(best, None, camera.lens.size, f"no picture: {error.what}")
+        return Backdrop(best, None, camera.lens.size, f"no image: {error.what}")
     except InputError as error:
-        return Backdrop(best, None, camera.lens.size, f"no picture: {error}")
+        return Backdrop(best, None, camera.lens.size, f"no image: {error}")
     except OSError as error:
-        return Backdrop(best, None, camera.lens.size, f"no picture: {error.strerror or 'the video cannot be read'}")
+        return Backdrop(best, None, camera.lens.size, f"no image: {error.strerror or 'the video cannot be read'}")
     if found is None:
-        return Backdrop(best, None, camera.lens.size, f"no picture: the video has none of number {best}")
+        return Backdrop(best, None, camera.lens.size, f"no image: the video has no frame {best}")
     return Backdrop(found.number, data_uri(found.picture), info.size, None)
 
 

@@ -19,17 +19,17 @@ COLUMNS = (
     Column("Camera", numeric=False),
     Column("x", "m"),
     Column("y", "m"),
-    Column("Height", "m", hint="z of the lens above the ground"),
-    Column("Heading", "°", hint="where it looks, counter-clockwise from the x axis, seen from above"),
+    Column("Height", "m", hint="z of the camera centre above the ground"),
+    Column("Heading", "°", hint="viewing direction, counter-clockwise from the x axis, seen from above"),
     Column("Tilt", "°", hint="below the horizon"),
     Column("Roll", "°", hint="about the viewing direction, clockwise as seen from behind the camera"),
-    Column("± position", "mm", hint="one sigma"),
-    Column("± orientation", "°", hint="one sigma"),
-    Column("Residual", "px", hint="median distance of its people from where the rig has them"),
+    Column("Position std", "mm", hint="standard deviation (1 sigma)"),
+    Column("Rotation std", "°", hint="standard deviation (1 sigma)"),
+    Column("Residual", "px", hint="median reprojection error of its people"),
     Column("People", hint="different people seen"),
-    Column("Boxes", hint="sightings of whole people"),
-    Column("Joints", hint="sightings with joints"),
-    Column("Clock", "s", hint="its time at frame 1, on the rig's clock; with one sigma"),
+    Column("Boxes", hint="observations of whole people"),
+    Column("Keypoints", hint="observations with keypoints"),
+    Column("Time offset", "s", hint="its time at frame 1 on the clock of the rig, ± 1 sigma"),
 )
 LEAD = (
     "Metres; z is up, the ground is at z = 0. Heading: counter-clockwise from the x axis, seen from above. Tilt: below the "
@@ -42,7 +42,7 @@ def camera_section(contents: Contents, seen: Seen) -> Section:
     keys = [index for index, column in enumerate(COLUMNS) if _told(contents, column.title)]
     positions, residuals = outstanding(own_sigmas_mm(contents)), residuals_px(contents)
     weak = {
-        "± position": frozenset(positions),
+        "Position std": frozenset(positions),
         "Residual": frozenset(name for name in outstanding(residuals) if (residuals[name] or 0.0) > RESIDUAL_PX),
     }
     rows = []
@@ -56,11 +56,11 @@ def camera_section(contents: Contents, seen: Seen) -> Section:
 def _told(contents: Contents, column: str) -> bool:
     """Whether a column has anything to tell: boxes, joints and clocks are not always there."""
     entries = contents.cameras.values()
-    if column == "Joints":
+    if column == "Keypoints":
         return any(entry.keypoints for entry in entries)
     if column == "Boxes":
         return any(entry.boxes for entry in entries) or not any(entry.keypoints for entry in entries)
-    if column == "Clock":
+    if column == "Time offset":
         return any(entry.time_offset_s is not None for entry in entries)
     return True
 
@@ -81,7 +81,7 @@ def _row(
         number(_first(entry.heading_deg, heading)),
         number(_first(entry.tilt_deg, tilt)),
         number(_first(entry.roll_deg, roll)),
-        number(entry.position_sigma_mm, 0, kind="stands-out" if name in weak["± position"] else ""),
+        number(entry.position_sigma_mm, 0, kind="stands-out" if name in weak["Position std"] else ""),
         number(entry.orientation_sigma_deg, 2),
         number(residual_px, 1, kind="stands-out" if name in weak["Residual"] else ""),
         number(seen.people[name] if entry.people is None else entry.people, 0),
@@ -115,5 +115,5 @@ def _why(contents: Contents, camera: Camera) -> Html | None:
     if camera.pose is not None:
         return None
     about = (doubt.point.problem for doubt in reported_doubts(contents.document) if camera.name in doubt.cameras)
-    why = next(about, "Could not be joined to other cameras.")
+    why = next(about, "Could not be connected to other cameras.")
     return element("small", f"no pose: {why}", class_="why")

@@ -59,9 +59,9 @@ def best_to_measure(distances: list[Distance]) -> Distance:
 def distances_section(contents: Contents) -> Section:
     """All distances, and how to use a measured one."""
     found = distances_of(contents)
-    lead = "Straight lines between the cameras' lenses, in metres, with one sigma. Compare some with a tape or a laser."
+    lead = "Straight-line distances between the camera centres, in metres, ± 1 sigma. Check some with a tape or a laser."
     if not found:
-        body = nothing("Fewer than two cameras have a pose: there is no distance to tell.")
+        body = nothing("Fewer than two cameras have a pose: there is no distance to report.")
     elif len(contents.rig.posed()) <= MATRIX_CAMERAS:
         body = join(_matrix(contents, found), _advice(found))
     else:
@@ -74,13 +74,16 @@ def _advice(found: list[Distance]) -> Html:
     longest = best_to_measure(found)
     # A name is quoted as TOML wants it; the measured value is left to the user.
     names = ", ".join('"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"' for name in (longest.first, longest.second))
-    example = f"[[scale.distances]]\nbetween = [{names}]\nmetres = {longest.metres:.2f}  # what your tape says\nsd_m = 0.02"
+    example = (
+        f"[[scale.distances]]\nbetween = [{names}]\nmetres = {longest.metres:.2f}  # replace by your measurement\nsd_m = 0.02"
+    )
     return element(
         "details",
         element("summary", "Use a measured distance"),
         element(
             "p",
-            "A measured distance makes all lengths surer, a long one most: write it into the scene file and calibrate again.",
+            "A measured distance reduces the uncertainty of the scale, a long one most: write it into the scene file and "
+            "calibrate again.",
         ),
         element("pre", element("code", example), tabindex="0"),
     )
@@ -114,7 +117,7 @@ def _list(found: list[Distance]) -> Html:
         Column("Camera", numeric=False),
         Column("to", numeric=False),
         Column("Distance", "m"),
-        Column("± one sigma", "m"),
+        Column("1 sigma", "m"),
     ]
     rows = [[text(one.first), text(one.second), number(one.metres, 2), number(one.sigma_m, 3)] for one in found]
     return data_table("distances-table", "Distances between cameras in metres", columns, rows)

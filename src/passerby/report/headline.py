@@ -13,9 +13,10 @@ from passerby.report.weak_points import weak_points
 
 WORDS = {"accepted": "Accepted", "doubtful": "Doubtful", "refused": "Refused"}
 MEANINGS = {
-    "accepted": "You can rely on these cameras, within the uncertainties stated here.",
-    "doubtful": "There is a rig, but do not rely on it before what stands below is fixed.",
-    "refused": "There is too little to go by for a rig that could be relied upon. Mend what stands below and calibrate again.",
+    "accepted": "The calibration is reliable within the uncertainties stated here.",
+    "doubtful": "There is a rig, but it is unreliable until the problems below are fixed.",
+    "refused": "The calibration failed: there is too little evidence for a reliable rig. Fix the problems below and calibrate "
+    "again.",
 }
 # A tick, an exclamation mark, a cross: the verdict must not hang on its colour.
 ICONS = {
@@ -44,8 +45,8 @@ def headline_section(contents: Contents, seen: Seen) -> Section:
     parts = [
         banner,
         _figures(contents, seen.spells),
-        _points("What speaks against it", "reasons", reasons),
-        _points("What would make it better", "weak", weak_points(contents, seen)) if verdict != "refused" else None,
+        _points("Problems", "reasons", reasons),
+        _points("Possible improvements", "weak", weak_points(contents, seen)) if verdict != "refused" else None,
         _findings(contents.document.findings),
     ]
     return Section("summary", "", "", element("div", parts, class_=f"summary verdict-{verdict}"), "Verdict")
@@ -72,11 +73,11 @@ def _figures(contents: Contents, spells: Spells) -> Html:
     scale_told, vertical_told = (UNKNOWN if one in free else MISSING for one in ("scale", "vertical"))
     told = [
         ("cameras with a pose", f"{posed} of {every}"),
-        ("lengths, one sigma", scale_told if scale is None else f"± {100 * scale:.1f} %"),
-        ("position, least sure camera", UNKNOWN if free else MISSING if worst is None else f"± {_length(worst)}"),
-        ("vertical, one sigma", vertical_told if vertical is None else f"± {vertical:.1f}°"),
+        ("scale uncertainty (1 sigma)", scale_told if scale is None else f"± {100 * scale:.1f} %"),
+        ("worst camera position uncertainty", UNKNOWN if free else MISSING if worst is None else f"± {_length(worst)}"),
+        ("up direction uncertainty (1 sigma)", vertical_told if vertical is None else f"± {vertical:.1f}°"),
         (_people_label(contents, used is not None), str(people) if people else MISSING),
-        ("recorded", lasted if len(spells) else MISSING),
+        ("recording length", lasted if len(spells) else MISSING),
     ]
     return element(
         "dl",
@@ -91,8 +92,8 @@ def _people_label(contents: Contents, used: bool) -> str:
     """
     given = contents.document.scene.association.mode in (None, "given")
     if used:
-        return "people it rests on" if given else "tracks it rests on"
-    return "people" if given else "tracks of people"
+        return "people used" if given else "tracks used"
+    return "people" if given else "tracks"
 
 
 def _length(millimetres: float) -> str:
@@ -133,7 +134,7 @@ def _findings(findings: Sequence[str]) -> Html | None:
     rows = [element("li", sentence(text)) for text in findings]
     shown, more = rows[:SHOWN_REASONS], rows[SHOWN_REASONS:]
     rest = element("details", element("summary", count(len(more), "more note")), element("ul", more)) if more else None
-    return element("div", element("h2", "Odd about the input"), element("ul", shown), rest, class_="points findings")
+    return element("div", element("h2", "Warnings"), element("ul", shown), rest, class_="points findings")
 
 
 def scene_name(contents: Contents) -> str:

@@ -105,7 +105,7 @@ def plot(identifier: str, figure: Any, label: str, *, kind: str = "flat") -> Htm
         label: what it shows, for those who cannot see it.
         kind: flat or space; space gets buttons that turn the view, and a note where WebGL is missing.
     """
-    tools = element("div", class_="view-buttons", role="group", aria_label="Turn the view") if kind == "space" else None
+    tools = element("div", class_="view-buttons", role="group", aria_label="Rotate the view") if kind == "space" else None
     return element(
         "div",
         tools,

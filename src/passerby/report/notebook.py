@@ -5,7 +5,7 @@ Text and lines take the notebook's own colour, so that both are readable on ligh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,8 @@ from passerby.core.colours import camera_colour
 from passerby.interchange.calibration_json import CameraEntry
 from passerby.interchange.output_folder import OutputFolder
 from passerby.report.html import Child, Html, element
-from passerby.report.rig_geometry import ellipse, ground_covariance, magnification, semi_axes, wedge
+from passerby.report.rig_geometry import sigma_ellipses, wedge
+from passerby.report.rig_labels import posed_cameras
 
 WIDTH, TALLEST = 380, 360
 """Of the picture, pixels."""
@@ -92,7 +93,7 @@ def _seen_columns(cameras: Sequence[CameraEntry], clocked: bool) -> list[tuple[s
         ("residual px", [_number(one.median_residual_px, 1) for one in cameras]),
         ("people", [_number(one.people, 0) for one in cameras]),
     ]
-    return [*columns, *([("clock s", [_number(one.time_offset_s, 3) for one in cameras])] if clocked else [])]
+    return [*columns, *([("time offset s", [_number(one.time_offset_s, 3) for one in cameras])] if clocked else [])]
 
 
 def _notes(findings: Sequence[str]) -> Html | None:
@@ -105,7 +106,7 @@ def _notes(findings: Sequence[str]) -> Html | None:
 
 def rig_svg(rig: Rig) -> Html | None:
     """The rig from above, x to the right and y up, with what each camera sees nearby and its one-sigma ellipse."""
-    posed = [(place, camera) for place, camera in enumerate(rig) if camera.pose is not None]
+    posed = posed_cameras(rig)
     if not posed:
         return None
     centres = np.array([camera.centre[:2] for _, camera in posed])
@@ -120,33 +121,20 @@ def rig_svg(rig: Rig) -> Html | None:
         """Pixels of places (N, 2), metres."""
         return np.asarray((np.atleast_2d(points) - low) * unit * (1, -1) + (0, size[1]))
 
-    factor = magnification(_longest(camera for _, camera in posed), extent)
+    sigmas = sigma_ellipses(rig, extent)
     shapes = [
         _grid(low, high, unit, at),
         *(_seen(at(outline), camera_colour(place)) for (place, _), outline in zip(posed, wedges, strict=True)),
-        *(_sigma(camera, factor, at) for _, camera in posed),
+        *(_sigma(at(outline)) for outline in sigmas.outlines),
         *(_mark(place, camera, at, float(size[0])) for place, camera in posed),
     ]
-    ellipses = _of_ellipses(posed, factor)
+    ellipses = f"red: one sigma{sigmas.times}" if sigmas.outlines else ""
     shapes.append(_text(ellipses, float(size[0]) - 4, float(size[1]) + 16, 11, anchor="end"))
     title = "The rig from above, x to the right, y up" + (f"; {ellipses}" if ellipses else "")
     return element(
         "svg", element("title", title), shapes, viewBox=f"0 0 {size[0]:.0f} {size[1] + BELOW:.0f}", width=f"{size[0]:.0f}",
         height=f"{size[1] + BELOW:.0f}", role="img", style="max-width:100%;height:auto;color:inherit",
     )  # fmt: skip
-
-
-def _longest(cameras: Iterable[Camera]) -> float:
-    """The longest semi-axis of all ellipses, metres; 0 without any."""
-    known = [ground_covariance(camera) for camera in cameras]
-    return max((float(semi_axes(found[0])[0][0]) for found in known if found is not None), default=0.0)
-
-
-def _of_ellipses(posed: Sequence[tuple[int, Camera]], factor: int) -> str:
-    """What the ellipses are."""
-    if all(ground_covariance(camera) is None for _, camera in posed):
-        return ""
-    return "red: one sigma" + (f", drawn {factor} times as large" if factor > 1 else "")
 
 
 def _grid(low: Floats, high: Floats, unit: float, at: Callable[[Floats], Floats]) -> list[Html]:
@@ -199,13 +187,9 @@ def _seen(outline: Floats, colour: str) -> Html:
     return element("polygon", points=_path(outline), fill=colour, fill_opacity=0.15, stroke=colour, stroke_opacity=0.7)
 
 
-def _sigma(camera: Camera, factor: int, at: Callable[[Floats], Floats]) -> Html | None:
-    """A camera's ellipse of one sigma; nothing where it is not known."""
-    found = ground_covariance(camera)
-    if found is None:
-        return None
-    outline = _path(at(ellipse(camera.centre[:2], found[0], factor)))
-    return element("polygon", points=outline, fill=SIGMA, fill_opacity=0.25, stroke=SIGMA, stroke_width=1.5)
+def _sigma(outline: Floats) -> Html:
+    """A camera's ellipse of one sigma, pixels (N, 2)."""
+    return element("polygon", points=_path(outline), fill=SIGMA, fill_opacity=0.25, stroke=SIGMA, stroke_width=1.5)
 
 
 def _mark(place: int, camera: Camera, at: Callable[[Floats], Floats], width: float) -> list[Html]:

@@ -142,7 +142,7 @@
   function draw(place) {
     const inSpace = place.classList.contains("plot-space");
     if (inSpace && !hasWebGL) {
-      place.textContent = "This view needs WebGL, which this browser does not offer. The view from above and the tables tell the same.";
+      place.textContent = "This view needs WebGL, which this browser does not offer. The view from above and the tables show the same.";
       place.className = "plot-note";
       all(".view-buttons", place.parentNode).forEach((tools) => tools.remove());
       return Promise.resolve();
@@ -184,7 +184,7 @@
   }
 
   const STEPS = [
-    ["Turn left", -Math.PI / 12, 1], ["Turn right", Math.PI / 12, 1], ["Nearer", 0, 0.8], ["Farther", 0, 1.25],
+    ["Rotate left", -Math.PI / 12, 1], ["Rotate right", Math.PI / 12, 1], ["Nearer", 0, 0.8], ["Farther", 0, 1.25],
   ];
 
   function plain(label) {
@@ -206,7 +206,7 @@
     const choice = document.createElement("select");
     choice.setAttribute("aria-label", "View");
     views.forEach((view, number) => choice.add(new Option(plain(view.label), String(number))));
-    const turnedByHand = new Option("as turned", "");
+    const turnedByHand = new Option("as rotated", "");
     turnedByHand.hidden = true;
     choice.add(turnedByHand);
     choice.addEventListener("change", () => Plotly.relayout(place, { "scene.camera": views[Number(choice.value)].camera }));

@@ -19,22 +19,22 @@ from passerby.solver.cues import cue_in_words
 def heights_section(contents: Contents) -> Section:
     """The people's heights beside what was assumed of them."""
     lead = (
-        "Each dot is a person, shortest first; the band is what was assumed of people: the mean height and one standard "
-        "deviation. Heights far outside it are mostly not people, or not one person."
+        "Each dot is a person, shortest first. The band is the assumed height of people: the mean and one standard deviation. "
+        "Heights far outside the band mostly come from false detections, or from tracks of more than one person."
     )
     heights = heights_of(contents.figures)
     if not heights:
-        why = "The solver tells no heights"
+        why = "The solver estimates no heights"
         if contents.document.method == "geopose":
-            why += ': the method "geopose" takes all people as equally tall'
-        return Section("heights", "How tall the people are", lead, nothing(f"{why}."), "Heights")
+            why += ': the method "geopose" assumes that all people are equally tall'
+        return Section("heights", "Heights of the people", lead, nothing(f"{why}."), "Heights")
     prior = contents.document.scene.scale
     mean, sd = prior.person_height_m, prior.person_height_sd_m
     label = (
         f"Heights of {count(len(heights), 'person', 'people')}, {min(heights.values()):.2f} to {max(heights.values()):.2f} m"
     )
     body = join(plot("heights-plot", _figure(heights, mean, sd, _stated(contents)), label), _in_words(heights, mean, sd))
-    return Section("heights", "How tall the people are", lead, body, "Heights")
+    return Section("heights", "Heights of the people", lead, body, "Heights")
 
 
 def _stated(contents: Contents) -> dict[str, tuple[float, float]]:
@@ -117,7 +117,8 @@ def _in_words(heights: Mapping[str, float], mean: float | None, sd: float | None
     if mean is not None and sd:
         far = int(np.count_nonzero(np.abs(values - mean) > 2 * sd))
         told += (
-            f" Assumed: {mean:.2f} ± {sd:.2f} m; {count(far, 'person is', 'people are')} more than two standard deviations off."
+            f" Assumed: {mean:.2f} ± {sd:.2f} m; {count(far, 'person is', 'people are')} more than two standard deviations "
+            f"away."
         )
     return element("p", told, class_="note")
 
@@ -125,8 +126,8 @@ def _in_words(heights: Mapping[str, float], mean: float | None, sd: float | None
 def scale_section(contents: Contents) -> Section:
     """The scale cues, what each says and how much it counts."""
     lead = (
-        "What tells how long a metre is. The pull is a cue's share in the answer; one that is off by more than three sigmas "
-        "contradicts the others: measure it again."
+        "The constraints that determine the scale. The weight is a constraint's share in the estimate. A constraint with a "
+        "residual of more than three sigmas contradicts the others: measure it again."
     )
     cues, figures = contents.figures.scale.cues, contents.document.figures
     if cues:
@@ -135,12 +136,12 @@ def scale_section(contents: Contents) -> Section:
         body = element("p", _geopose_scale(figures.scale))
     else:
         body = nothing("There is no rig, so nothing was measured: the scale was not determined.")
-    return Section("scale", "What the scale rests on", lead, body, "Scale")
+    return Section("scale", "Scale constraints", lead, body, "Scale")
 
 
 def _geopose_scale(scale: StarScale) -> str:
     """The scale of the method "geopose", in words."""
-    told = f"The scale comes from one cue: {scale.from_}"
+    told = f"The scale comes from one constraint: {scale.from_}"
     told += f", {scale.height_m:.2f} m for everybody" if scale.height_m is not None else ""
     return told + (f", from {count(scale.people, 'person', 'people')}." if scale.people is not None else ".")
 
@@ -148,12 +149,12 @@ def _geopose_scale(scale: StarScale) -> str:
 def _cue_table(cues: Sequence[CueFigures]) -> Html:
     """A row for each cue, its pull as a bar."""
     columns = [
-        Column("Cue", numeric=False),
+        Column("Constraint", numeric=False),
         Column("Stated", "m"),
         Column("Measured", "m"),
-        Column("± one sigma", "m"),
-        Column("Off by", "sigmas"),
-        Column("Pull", "%"),
+        Column("1 sigma", "m"),
+        Column("Residual", "sigmas"),
+        Column("Weight", "%"),
     ]
     rows = []
     for cue in cues:
@@ -170,4 +171,4 @@ def _cue_table(cues: Sequence[CueFigures]) -> Html:
                 type(pull)(join(element("span", bar, class_="pull-box"), pull.shown), percent, "pull-cell", numeric=True),
             ]
         )
-    return data_table("scale-table", "Scale cues", columns, rows)
+    return data_table("scale-table", "Scale constraints", columns, rows)

@@ -57,7 +57,7 @@ def _misses(sheet: Sheet, now: Fitted) -> dict[int, str]:
     known = (s.camera == place) & np.isfinite(s.centre_px).all(axis=1)
     for row in np.flatnonzero(known).tolist():
         told[int(s.identity[row])] = (
-            f"person {s.identity[row]}: centre {offset_words(s.centre_px[row])} of the model's, "
+            f"person {s.identity[row]}: centre {offset_words(s.centre_px[row])} of the model's centre, "
             f"{now.bodies.cameras[s.body[row]]} cameras agree"
         )
     return told
@@ -89,7 +89,7 @@ def model_layer(sheet: Sheet, now: Fitted) -> Html:
         words = f"person {now.bodies.identity[every[k]]}, {now.bodies.top[every[k]]:.2f} m tall"
         parts.append(
             element(
-                "g", element("title", words + ("" if row is not None else ": seen by others")),
+                "g", element("title", words + ("" if row is not None else ": seen by other cameras")),
                 sheet.path(d, 1.6, stroke_dasharray="5 4", class_="model"),
                 dot(foot[k], sheet.letters / 5, sheet.ink),
             )

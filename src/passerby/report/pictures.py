@@ -46,7 +46,7 @@ def camera_picture(contents: Contents, fit: Fitted, name: str) -> str:
     return element(
         "svg", _canvas(sheet), element("g", layers, transform="translate(0.5 0.5)"), _notes(sheet, fit),
         viewBox=f"0 0 {width} {height}", class_="camera-picture", role="img",
-        aria_label=f"Camera {clip_text(name)}, frame {behind.frame}: ground grid, boxes that were seen, boxes of the model",
+        aria_label=f"Camera {clip_text(name)}, frame {behind.frame}: ground grid, observed boxes, boxes of the model",
         xmlns="http://www.w3.org/2000/svg", data_frame=behind.frame, font_family="sans-serif",
     )  # fmt: skip
 

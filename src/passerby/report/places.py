@@ -16,23 +16,23 @@ from passerby.report.weak_points import residuals_px
 LAYERS = (
     ("grid", "ground grid"),
     ("cameras", "other cameras"),
-    ("boxes", "boxes that were seen"),
-    ("model", "the model’s boxes"),
-    ("joints", "joints"),
+    ("boxes", "observed boxes"),
+    ("model", "boxes of the model"),
+    ("joints", "keypoints"),
 )
 
 
 def rig_section(contents: Contents, fit: Fitted) -> Section:
     """The rig from above and in space."""
     lead = (
-        "Where the cameras stand and look, and where the people walked. The ellipses hold a camera with 39 % probability (one "
-        "sigma); needles that point to the middle are doubt about the scale, which one measured distance fixes. If the people "
-        "walk through walls, or a camera looks away from them, something is wrong."
+        "Positions and viewing directions of the cameras, and where people walked. An ellipse contains its camera with a "
+        "probability of 39 % (1 sigma). Thin ellipses that point to the middle show an uncertain scale, which one measured "
+        "distance fixes. If people walk through walls, or a camera faces away from them, something is wrong."
     )
     posed = contents.rig.posed()
     if not len(posed):
         return Section("rig", "The rig", lead, nothing("No camera has a pose: there is nothing to draw."))
-    who = f"{count(len(posed), 'camera')} and the ways of the people"
+    who = f"{count(len(posed), 'camera')} and the trajectories of the people"
     above = plot("rig-above", rig_from_above(contents, fit), f"The rig from above: {who}")
     space = plot("rig-space", rig_in_space(contents, fit), f"The rig in space: {who}", kind="space")
     return Section("rig", "The rig", lead, element("div", above, space, class_="stack"))
@@ -41,15 +41,16 @@ def rig_section(contents: Contents, fit: Fitted) -> Section:
 def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress) -> Section:
     """A panel for each camera: its picture with what was seen and what the rig makes of it, and its residuals."""
     lead = (
-        "If the calibration is good, the grid lies flat on the ground and the model’s boxes lie on the boxes that were seen. "
-        "Arrows in the residual map that point the same way over a whole region tell of a wrong lens or a camera that moved."
+        "In a good calibration the grid lies flat on the ground, and the boxes of the model coincide with the observed boxes. "
+        "Arrows in the residual map that point in the same direction over a whole region indicate wrong intrinsics or a "
+        "camera that moved."
     )
     panels = []
     for place, name in enumerate(contents.rig.names):
         tell("report", place, len(contents.rig))
         panels.append(_panel(contents, fit, seen, place, name))
     tell("report", len(contents.rig), len(contents.rig))
-    return Section("views", "What the cameras see", lead, join(_switches(contents), panels), "Views")
+    return Section("views", "Camera views", lead, join(_switches(contents), panels), "Views")
 
 
 def _switches(contents: Contents) -> Html:
@@ -68,7 +69,7 @@ def _switches(contents: Contents) -> Html:
         for layer, name in LAYERS
         if there[layer]
     ]
-    return element("fieldset", element("legend", "Draw in"), boxes, class_="layers") if boxes else Html("")
+    return element("fieldset", element("legend", "Overlays"), boxes, class_="layers") if boxes else Html("")
 
 
 def _panel(contents: Contents, fit: Fitted, seen: Seen, place: int, name: str) -> Html:
@@ -78,15 +79,15 @@ def _panel(contents: Contents, fit: Fitted, seen: Seen, place: int, name: str) -
     facts = [
         count(seen.people[name], "person", "people"),
         *([f"{figure(boxes, 0)} boxes"] if boxes or not joints else []),
-        *([f"{joints:.0f} sightings with joints"] if joints else []),
+        *([f"{joints:.0f} observations with keypoints"] if joints else []),
         f"residual {figure(residual, 1, ' px')}",
     ]
     if contents.rig[name].pose is None:
         facts.append("no pose")
     head = element("h3", element("span", swatch(place), name), element("small", ", ".join(facts)))
     pictures = [
-        element("figure", Html(camera_picture(contents, fit, name)), element("figcaption", "What it sees")),
-        element("figure", Html(residual_map(contents, fit, name)), element("figcaption", "Residuals over its picture")),
+        element("figure", Html(camera_picture(contents, fit, name)), element("figcaption", "View")),
+        element("figure", Html(residual_map(contents, fit, name)), element("figcaption", "Residuals over the image")),
     ]
     return element(
         "article", head, element("div", pictures, class_="view-pictures"), class_="view", aria_label=f"Camera {name}"

@@ -11,7 +11,7 @@ from passerby.findings.texts import KINDS, problem_of, remedy_of
 from passerby.interchange.calibration_json import CalibrationDocument, DiagnosticEntry
 from passerby.report.values import listed
 
-FOR_ANY = "run passerby check on the scene file, and record more people who walk where the views overlap"
+FOR_ANY = "run passerby check on the scene file, and record more people walking where the views overlap"
 """What to do about anything of which nothing better is known."""
 
 

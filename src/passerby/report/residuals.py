@@ -80,7 +80,7 @@ def residuals_of(fit: Fitted, name: str) -> Residuals:
         seen = s.seen[rows]
         return Residuals(seen[:, :2] + seen[:, 2:] / 2, s.centre_px[rows], "centres of boxes")
     rows = np.flatnonzero((j.camera == place) & j.agrees & np.isfinite(j.model).all(axis=1))
-    return Residuals(j.seen[rows], j.seen[rows] - j.model[rows], "joints" if len(rows) else "people")
+    return Residuals(j.seen[rows], j.seen[rows] - j.model[rows], "keypoints" if len(rows) else "people")
 
 
 def residual_cells(residuals: Residuals, size: tuple[int, int]) -> Cells:
@@ -127,11 +127,12 @@ def residual_map(contents: Contents, fit: Fitted, name: str) -> str:
 def _spoken(name: str, residuals: Residuals, cells: Cells) -> str:
     """The map in a sentence."""
     if not len(residuals.miss):
-        return f"Camera {clip_text(name)}: no residuals, since nobody whom two cameras agree on was seen"
+        return f"Camera {clip_text(name)}: no residuals, because no two cameras agree on a person"
     rms = float(np.sqrt((residuals.miss**2).sum(axis=1).mean()))
     return (
         f"Camera {clip_text(name)}: residuals of {len(residuals.miss)} {residuals.what}, root mean square {rms:.1f} pixels, "
-        f"{int(np.count_nonzero(cells.sure))} of {int(np.count_nonzero(cells.count >= FEWEST))} cells off by more than chance"
+        f"{int(np.count_nonzero(cells.sure))} of {int(np.count_nonzero(cells.count >= FEWEST))} cells with a significant mean "
+        f"residual"
     )
 
 
@@ -142,7 +143,7 @@ def _cells(cells: Cells, scale: float) -> Html:
     for row, column in zip(*np.nonzero(cells.count), strict=True):
         x, y = column * wide, row * high
         words = (
-            f"x {x:.0f} to {x + wide:.0f}, y {y:.0f} to {y + high:.0f}: {cells.count[row, column]} seen, on the mean "
+            f"x {x:.0f} to {x + wide:.0f}, y {y:.0f} to {y + high:.0f}: {cells.count[row, column]} observations, on average "
             f"{offset_words(cells.mean[row, column])} of the model, root mean square {cells.rms[row, column]:.1f} px"
         )
         opacity = 0.08 + 0.72 * min(float(cells.rms[row, column]) / scale, 1.0)
@@ -189,7 +190,7 @@ def _legend(residuals: Residuals, cells: Cells, size: tuple[int, int], scale: fl
     letters = size[0] / 40
     base = size[1] + 0.62 * STRIP * size[0]
     if not len(residuals.miss):
-        return _words("nobody whom two cameras agree on: no residuals", letters * 0.5, base, letters)
+        return _words("no residuals: no two cameras agree on a person", letters * 0.5, base, letters)
     bar = _nice(0.9 * cells.size[0] / factor)
     left = 0.5 * letters
     d = f"M{short(left)} {short(base - 0.35 * letters)}h{short(bar * factor)}"

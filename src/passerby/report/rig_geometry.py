@@ -10,17 +10,14 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera, Rig
-from passerby.report.fitted import Fitted, FittedTrajectories
+from passerby.core.picture_border import border_rays, frustum_rim
+from passerby.report.fitted import FittedTrajectories
 from passerby.report.through_lens import spacing_of
 
 MOST_LINES = 24
 """Of the ground's grid, in one direction."""
 PAD_SHARE, PAD_M = 0.06, 1.0
 """What is drawn reaches so much of its extent, and so many metres, beyond people and cameras."""
-BORDER_SAMPLES = 8
-"""Of each side of a picture: lenses bend its border."""
-STEEPEST = 0.25
-"""A frustum is flat in front where its rays lie so much along the optical axis; other rays end at a distance."""
 FRUSTUM_SHARE, WEDGE_SHARE = 0.16, 0.45
 """Of the usual distance from a camera to the people: how deep frusta and how long wedges are drawn."""
 MAGNIFICATIONS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
@@ -44,15 +41,20 @@ class Stage:
     """Usual distance from a camera to there."""
 
     @property
+    def extent(self) -> float:
+        """The longer side of the ground."""
+        return float((self.high - self.low)[:2].max())
+
+    @property
     def spacing(self) -> float:
         """Between the lines of the ground's grid."""
-        return spacing_of(float((self.high - self.low)[:2].max()), MOST_LINES)
+        return spacing_of(self.extent, MOST_LINES)
 
 
-def stage_of(rig: Rig, fit: Fitted) -> Stage:
-    """People, cameras with poses and the origin, with some room."""
+def stage_of(rig: Rig, xy: Floats) -> Stage:
+    """Cameras with poses and the places of people (N, 2), metres, with some room."""
     centres = np.array([camera.centre for camera in rig.posed()]).reshape(-1, 3)
-    places = np.column_stack([fit.ways.xy, np.zeros(len(fit.ways))])
+    places = np.column_stack([xy, np.zeros(len(xy))])
     if not len(centres) and not len(places):
         return Stage(np.array([-5.0, -5.0, 0.0]), np.array([5.0, 5.0, 3.0]), np.zeros(3), 5.0)
     middle = np.median(places, axis=0) if len(places) else centres.mean(axis=0) * (1, 1, 0)
@@ -66,38 +68,11 @@ def stage_of(rig: Rig, fit: Fitted) -> Stage:
     return Stage(low, high, middle, float(np.median(distance)) if len(distance) else 5.0)
 
 
-def border_rays(camera: Camera, samples: int = BORDER_SAMPLES) -> Floats:
-    """(4 K, 3) unit rays of the picture's border, world frame, clockwise from the first pixel's corner.
-
-    Where the lens model cannot be inverted, as in the black corners of a fisheye's picture, the ray of the point nearest to the
-    border that can; NaN where there is none.
-    """
-    assert camera.pose is not None
-    width, height = camera.lens.size
-    share = np.arange(samples) / samples
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    on_border = np.concatenate(
-        [a + share[:, None] * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
-    )
-    middle = (camera.lens.matrix[:2, 2] + 0.5) / (width, height)
-    middle = np.clip(middle, 0.05, 0.95)
-    rays = np.full((len(on_border), 3), np.nan)
-    for inward in np.linspace(1.0, 0.05, 39):
-        rows = np.flatnonzero(np.isnan(rays[:, 0]))
-        if not len(rows):
-            break
-        pixels = (middle + inward * (on_border[rows] - middle)) * (width, height) - 0.5
-        rays[rows] = camera.lens.bearings(pixels)
-    return np.asarray(rays @ camera.pose.R_cw)
-
-
 def frustum(camera: Camera, depth: float) -> Floats:
-    """(4 K, 3) the border of the picture held before the camera, metres: flat, `depth` in front; wider lenses' bent back."""
+    """(N, 3) the border of the picture held before the camera, world, metres; as of `frustum_rim`, without what is unknown."""
     assert camera.pose is not None
-    rays = border_rays(camera)
-    rays = rays[np.isfinite(rays).all(axis=1)]
-    along = rays @ camera.pose.R_cw[2]
-    return np.asarray(camera.centre + depth * rays / np.maximum(along, STEEPEST)[:, None])
+    rim = frustum_rim(camera.lens, depth)
+    return np.asarray(camera.centre + rim[np.isfinite(rim).all(axis=1)] @ camera.pose.R_cw)
 
 
 def wedge(camera: Camera, length: float) -> Floats:
@@ -105,8 +80,9 @@ def wedge(camera: Camera, length: float) -> Floats:
 
     The camera's place alone where its lens model cannot be inverted anywhere.
     """
-    rays = border_rays(camera)
-    rays = rays[np.isfinite(rays).all(axis=1)]
+    assert camera.pose is not None
+    rays = border_rays(camera.lens)
+    rays = rays[np.isfinite(rays).all(axis=1)] @ camera.pose.R_cw
     if not len(rays):
         return np.asarray(camera.centre[None, :2])
     level = np.linalg.norm(rays[:, :2], axis=1)
@@ -143,6 +119,32 @@ def ellipse(centre: Floats, covariance: Floats, factor: float, points: int = 48)
     lengths, directions = semi_axes(covariance)
     angle = np.linspace(0.0, 2 * np.pi, points + 1)
     return np.asarray(centre + factor * np.column_stack([np.cos(angle), np.sin(angle)]) * lengths @ directions)
+
+
+@dataclass(frozen=True, eq=False)
+class SigmaEllipses:
+    """How sure the cameras' places on the ground are, as it is drawn."""
+
+    outlines: tuple[Floats, ...]
+    """(K, 2) closed, metres, of each camera whose sigma is known."""
+    factor: int
+    """So many times as large as they are."""
+    directed: bool
+    """Whether all directions are known; else some are circles."""
+
+    @property
+    def times(self) -> str:
+        """What a legend says of the size; nothing where it is true."""
+        return f", drawn {self.factor} times as large" if self.factor > 1 else ""
+
+
+def sigma_ellipses(rig: Rig, extent_m: float) -> SigmaEllipses:
+    """One-sigma ellipses of a rig's cameras, so large that they are seen in a drawing of so many metres."""
+    known = [(camera, found) for camera in rig.posed() if (found := ground_covariance(camera)) is not None]
+    longest = max((float(semi_axes(covariance)[0][0]) for _, (covariance, _) in known), default=0.0)
+    factor = magnification(longest, extent_m)
+    outlines = tuple(ellipse(camera.centre[:2], covariance, factor) for camera, (covariance, _) in known)
+    return SigmaEllipses(outlines, factor, all(directed for _, (_, directed) in known))
 
 
 def magnification(longest_m: float, extent_m: float) -> int:

@@ -6,8 +6,7 @@ import re
 
 import numpy as np
 
-from passerby.core.cameras import Camera
-from passerby.report.contents import Contents
+from passerby.core.cameras import Camera, Rig
 from passerby.report.sheet import clip_text
 
 ENTITY = re.compile(r"&(?=#?\w+;)")
@@ -18,14 +17,14 @@ def told(name: str) -> str:
     return ENTITY.sub("& ", clip_text(name).replace("<", "‹").replace(">", "›"))
 
 
-def unregistered(contents: Contents) -> list[str]:
+def unregistered(rig: Rig) -> list[str]:
     """Names of the cameras without a pose."""
-    return [told(camera.name) for camera in contents.rig if camera.pose is None]
+    return [told(camera.name) for camera in rig if camera.pose is None]
 
 
-def posed_cameras(contents: Contents) -> list[tuple[int, Camera]]:
+def posed_cameras(rig: Rig) -> list[tuple[int, Camera]]:
     """The cameras with poses and their places in the rig."""
-    return [(place, camera) for place, camera in enumerate(contents.rig) if camera.pose is not None]
+    return [(place, camera) for place, camera in enumerate(rig) if camera.pose is not None]
 
 
 def hover_words(camera: Camera) -> str:

@@ -7,18 +7,17 @@ from typing import Any
 import numpy as np
 
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Rig
 from passerby.core.colours import camera_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
 from passerby.report.rig_geometry import (
     WEDGE_SHARE,
+    SigmaEllipses,
     Stage,
     density,
-    ellipse,
-    ground_covariance,
     joined,
-    magnification,
-    semi_axes,
+    sigma_ellipses,
     stage_of,
     wedge,
 )  # fmt: skip
@@ -41,11 +40,11 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
 
     `layout.meta.magnification` tells how many times as large the ellipses are drawn.
     """
-    stage = stage_of(contents.rig, fit)
-    extent = float((stage.high - stage.low)[:2].max())
-    ellipses, factor = _ellipses(contents, extent)
-    data = [*_crowd(fit, stage), *_wedges(contents, stage), *ellipses, *_cameras_from_above(contents, stage)]
-    missing = unregistered(contents)
+    rig, stage = contents.rig, stage_of(contents.rig, fit.ways.xy)
+    ellipses = sigma_ellipses(rig, stage.extent)
+    cameras = draw_cameras_from_above(rig, stage)
+    data = [*_crowd(fit, stage), *draw_ground_seen(rig, stage), *_draw_ellipses(ellipses), *cameras]
+    missing = unregistered(rig)
     layout: dict[str, Any] = {
         "xaxis": {"title": {"text": "x, m"}, "range": _range(stage, 0), "zeroline": False, "constrain": "domain"},
         "yaxis": {
@@ -54,7 +53,7 @@ def rig_from_above(contents: Contents, fit: Fitted) -> Figure:
         },
         "height": 620, "margin": {"l": 56, "r": 16, "t": 16, "b": 52}, "hovermode": "closest",
         "legend": {"itemsizing": "constant", "orientation": "h", "y": -0.1, "yanchor": "top"},
-        "meta": {"magnification": factor, "unregistered": missing},
+        "meta": {"magnification": ellipses.factor, "unregistered": missing},
     }  # fmt: skip
     if missing:
         layout["annotations"] = [{
@@ -89,10 +88,10 @@ def _crowd(fit: Fitted, stage: Stage) -> list[Trace]:
     }]  # fmt: skip
 
 
-def _wedges(contents: Contents, stage: Stage) -> list[Trace]:
+def draw_ground_seen(rig: Rig, stage: Stage) -> list[Trace]:
     """The ground that each camera sees nearby."""
     out = []
-    for place, camera in posed_cameras(contents):
+    for place, camera in posed_cameras(rig):
         x, y = joined([wedge(camera, WEDGE_SHARE * stage.reach)])
         colour = camera_colour(place)
         out.append({
@@ -103,28 +102,23 @@ def _wedges(contents: Contents, stage: Stage) -> list[Trace]:
     return out
 
 
-def _ellipses(contents: Contents, extent: float) -> tuple[list[Trace], int]:
-    """One trace with the ellipses of all cameras that have sigmas, and by how much they are magnified."""
-    known = [(camera, found) for _, camera in posed_cameras(contents) if (found := ground_covariance(camera)) is not None]
-    longest = max((float(semi_axes(covariance)[0][0]) for _, (covariance, _) in known), default=0.0)
-    factor = magnification(longest, extent)
-    if not known:
-        return [], factor
-    x, y = joined([ellipse(camera.centre[:2], covariance, factor) for camera, (covariance, _) in known], 4)
-    name = "1 sigma" + (f", drawn {factor} times as large" if factor > 1 else "")
-    if not all(directed for _, (_, directed) in known):
-        name += " (circles: directions unknown)"
+def _draw_ellipses(ellipses: SigmaEllipses) -> list[Trace]:
+    """One trace with the ellipses of all cameras that have sigmas."""
+    if not ellipses.outlines:
+        return []
+    x, y = joined(ellipses.outlines, 4)
+    name = f"1 sigma{ellipses.times}" + ("" if ellipses.directed else " (circles: directions unknown)")
     return [{
         "type": "scatter", "mode": "lines", "x": x, "y": y, "fill": "toself", "fillcolor": "rgba(229,72,77,0.18)",
         "line": {"color": "#e5484d", "width": 1.5}, "hoverinfo": "skip", "name": name,
-    }], factor  # fmt: skip
+    }]  # fmt: skip
 
 
-def _cameras_from_above(contents: Contents, stage: Stage) -> list[Trace]:
+def draw_cameras_from_above(rig: Rig, stage: Stage) -> list[Trace]:
     """Of each camera a mark with its name, and a stroke where it looks."""
     out = []
-    near, taken = CROWDED * float((stage.high - stage.low)[:2].max()), list[tuple[Floats, str]]()
-    for place, camera in posed_cameras(contents):
+    near, taken = CROWDED * stage.extent, list[tuple[Floats, str]]()
+    for place, camera in posed_cameras(rig):
         assert camera.pose is not None
         ahead = camera.pose.R_cw[2, :2]
         level = float(np.hypot(*ahead))

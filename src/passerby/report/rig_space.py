@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats
+from passerby.core.cameras import Rig
 from passerby.core.colours import camera_colour, person_colour
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
@@ -28,12 +29,12 @@ SCENE_SIZE = 1.6
 
 
 def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
-    """Cameras with what they see, the ground, the ways of people and which way is up.
+    """Cameras with what they see, the ground, the trajectories of people and which way is up.
 
     `layout.meta.views` lists views: {label, camera: {eye, center, up}}, for `scene.camera`.
     """
-    stage = stage_of(contents.rig, fit)
-    data = [_ground(stage), *_axes(stage), *_ways(fit), *_cameras_in_space(contents, stage)]
+    stage = stage_of(contents.rig, fit.ways.xy)
+    data = [_ground(stage), *_axes(stage), *_ways(fit), *draw_cameras_in_space(contents.rig, stage)]
     size = stage.high - stage.low
     unit = SCENE_SIZE / float(size.max())
     views = _views(contents, stage, unit)
@@ -51,7 +52,7 @@ def rig_in_space(contents: Contents, fit: Fitted) -> Figure:
     ratio = {name: round(float(size[k]) * unit, 4) for k, name in enumerate("xyz")}
     scene = {**axes, "aspectmode": "manual", "aspectratio": ratio, "camera": views[0]["camera"], "dragmode": "orbit"}
     legend = {"itemsizing": "constant", "orientation": "h", "y": 0, "yanchor": "bottom"}
-    meta = {"views": views, "unregistered": unregistered(contents)}
+    meta = {"views": views, "unregistered": unregistered(contents.rig)}
     layout = {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "legend": legend, "meta": meta}
     return {"data": data, "layout": layout}
 
@@ -105,7 +106,7 @@ def _ways(fit: Fitted) -> list[Trace]:
         who = [np.column_stack([ways.identity[rows], ways.seconds[rows]]) for rows in parts]
         identity, seconds = joined(who, 1)
         shown = {
-            "name": "ways of people", "legendgroup": "ways", "showlegend": number == 0, "opacity": 0.75,
+            "name": "trajectories of people", "legendgroup": "ways", "showlegend": number == 0, "opacity": 0.75,
             "line": {"color": colour, "width": 2.5}, "hoverinfo": "text",
             "hovertext": [
                 "" if one is None else f"person {one:.0f}<br>{when:.1f} s" for one, when in zip(identity, seconds, strict=True)
@@ -115,10 +116,10 @@ def _ways(fit: Fitted) -> list[Trace]:
     return out
 
 
-def _cameras_in_space(contents: Contents, stage: Stage) -> list[Trace]:
+def draw_cameras_in_space(rig: Rig, stage: Stage) -> list[Trace]:
     """Of each camera its frustum, with its name at the centre."""
     out = []
-    for place, camera in posed_cameras(contents):
+    for place, camera in posed_cameras(rig):
         border = frustum(camera, FRUSTUM_SHARE * stage.reach)
         corners = border[:: max(1, len(border) // 4)][:4]
         strokes = [camera.centre[None], np.concatenate([border, border[:1]]), *(np.stack([camera.centre, p]) for p in corners)]
@@ -155,7 +156,7 @@ def _views(contents: Contents, stage: Stage, unit: float) -> list[dict[str, Any]
         ("Along x", middle + far * np.array([-1.0, 0.0, 0.12]), middle),
         ("Along y", middle + far * np.array([0.0, -1.0, 0.12]), middle),
     ]
-    for _, camera in posed_cameras(contents):
+    for _, camera in posed_cameras(contents.rig):
         assert camera.pose is not None
         eye = (camera.centre - around) * unit
         found.append((f"From {told(camera.name)}", eye, eye + 0.5 * camera.pose.R_cw[2]))

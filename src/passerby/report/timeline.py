@@ -1,4 +1,4 @@
-"""Who was seen where, and when: bars, or how many at once where there are too many bars to tell apart."""
+"""Timeline of observations, and when: bars, or how many at once where there are too many bars to tell apart."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ MOST_KEPT = 20_000
 BINS = 400
 LANE_PX, ROW_PX = 7, 26
 MINUTES_FROM_S = 900.0
-TITLE = "Who was seen where"
+TITLE = "Timeline of observations"
 
 
 def timeline_section(contents: Contents, spells: Spells) -> Section:
     """A row for each camera, a bar for each stretch in which it saw somebody."""
     if not len(spells):
-        return Section("timeline", TITLE, "", nothing("No tracks of known people are there."), "Timeline")
+        return Section("timeline", TITLE, "", nothing("There are no tracks with identities."), "Timeline")
     kept = merge_spells(spells, MOST_KEPT)
     rows = _rows(len(contents.rig), kept)
     if rows.crowded:
         lead = (
-            "A row for each camera, the stronger the colour the more people it saw at once. Choose a person to see their way."
+            "One row per camera. A stronger colour means more people at the same time. Select a person to see their trajectory."
         )
     else:
-        lead = "A row for each camera, a bar for each stretch in which it saw a person; the same colour is the same person."
-    lead += " A camera whose marks never lie under another’s saw nobody at the same time."
+        lead = "One row per camera, and one bar for each interval in which it saw a person. The same colour is the same person."
+    lead += " A camera whose marks never overlap in time with those of another camera shares no observations with it."
     label = f"Timeline of {count(len(kept.people), 'person', 'people')} in {count(len(contents.rig), 'camera')}"
     figure = _figure(contents, kept, rows)
     body = join(_chooser(kept.people.tolist()), plot("timeline-plot", figure, label), _merged_note(spells, kept))
@@ -56,7 +56,7 @@ def _merged_note(spells: Spells, kept: Spells) -> Html | None:
     """That short breaks were closed, where they were."""
     if len(kept) == len(spells):
         return None
-    told = f"{len(spells)} stretches are drawn as {len(kept)}: the shortest breaks between them are closed."
+    told = f"{len(spells)} intervals are drawn as {len(kept)}: the shortest gaps between them are closed."
     return element("p", told, class_="note")
 
 

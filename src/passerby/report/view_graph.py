@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from passerby.core.association_figures import TiedPair
+from passerby.core.association_figures import TiedPair, route_in_words
 from passerby.core.colours import camera_colour
 from passerby.core.figures import PairFigures, StarFigures
 from passerby.core.overlap import Shared
@@ -117,14 +117,14 @@ def view_graph_section(contents: Contents, seen: Seen) -> Section:
     """The graph and its table."""
     links = links_of(contents, seen)
     lead = (
-        "Each line is a pair of cameras that saw the same people at the same time: the thicker, the more they share. A camera "
-        "that hangs by one thin or broken line is the first that fails."
+        "Each line is a pair of cameras that saw the same people at the same time. A thicker line means more shared "
+        "observations. A camera that is connected by a single thin or broken line is the most likely to fail."
     )
     if not links:
-        body = nothing("No two cameras saw the same people at the same time: nothing ties them together.")
+        body = nothing("No two cameras saw the same people at the same time: nothing connects them.")
     else:
         body = element("div", element("div", _drawing(contents, links), _legend(), class_="graph"), _table(contents, links))
-    return Section("graph", "What ties the cameras together", lead, body, "View graph")
+    return Section("graph", "Covisibility of the cameras", lead, body, "View graph")
 
 
 def _legend() -> Html:
@@ -159,7 +159,8 @@ def _drawing(contents: Contents, links: list[Link]) -> Html:
     for link in sorted(links, key=lambda one: one.used):
         (x1, y1), (x2, y2) = at[link.first], at[link.second]
         told = (
-            f"{link.first} – {link.second}: {link.word}, {link.shared.people} people, {link.shared.sightings} sightings shared"
+            f"{link.first} – {link.second}: {link.word}, {link.shared.people} people, {link.shared.sightings} shared "
+            f"observations"
         )
         lines.append(
             element(
@@ -208,12 +209,14 @@ def _table(contents: Contents, links: list[Link]) -> Html:
     columns = [
         Column("Camera", numeric=False),
         Column("with", numeric=False),
-        Column("Confidence", numeric=False, hint="the product of the shares that agree: strong from 70 %, fair from 40 %"),
+        Column("Confidence", numeric=False, hint="product of inliers and loop consistency: strong from 70 %, fair from 40 %"),
         Column("People", hint="seen by both at the same time"),
-        Column("Sightings", hint="shared, at the same time"),
-        Column("Agree", "%", hint="of what both saw, what agrees on one motion between them"),
-        Column("Third cameras", "%", hint="how well the ways through other cameras agree"),
-        Column("Runner-up", "%", hint="score of the best other placement, as a share of this one's: the lower, the surer"),
+        Column("Observations", hint="shared, at the same time"),
+        Column("Inliers", "%", hint="share of the common observations that agree with one relative pose"),
+        Column("Loop consistency", "%", hint="agreement with the poses through loops of other cameras"),
+        Column(
+            "Second-best", "%", hint="score of the second-best hypothesis, as a share of the best: high values are ambiguous"
+        ),
         Column("Found by", numeric=False),
     ]
     place = {name: index for index, name in enumerate(contents.rig.names)}
@@ -230,7 +233,7 @@ def _table(contents: Contents, links: list[Link]) -> Html:
                 number(_percent(link.agreeing), 0),
                 number(_percent(link.support), 0),
                 number(_percent(link.runner_up), 0),
-                text(", ".join(link.routes) or MISSING),
+                text(", ".join(map(route_in_words, link.routes)) or MISSING),
             ]
         )
     return data_table("pairs-table", "Pairs of cameras", columns, rows)

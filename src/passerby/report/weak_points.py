@@ -75,12 +75,12 @@ def _scale(contents: Contents) -> list[_Weak]:
     best = best_to_measure(distances_of(contents))
     which = f"{best.first} to {best.second} ({best.metres:.1f} m)"
     told, state = (
-        f"All lengths are known to {100 * sigma:.1f} % only",
+        f"The scale is known to {100 * sigma:.1f} % only",
         "state it in the scene file: a table [[scale.distances]], as shown below the distances.",
     )
     if _by_people_alone(contents):
-        remedy = f"Measure one distance with a tape, best {which}, and {state}"
-        return [_Weak(f"{told}: they rest on how tall people are.", remedy, "scale")]
+        remedy = f"Measure one distance with a tape, preferably {which}, and {state}"
+        return [_Weak(f"{told}: it depends on the assumed height of people.", remedy, "scale")]
     return [_Weak(f"{told}.", f"Measure another long distance between two cameras, such as {which}, and {state}", "scale")]
 
 
@@ -94,8 +94,8 @@ def _vertical(contents: Contents) -> list[_Weak]:
     sigma = contents.figures.vertical_sigma_deg
     if sigma is None or sigma < VERTICAL_DEG:
         return []
-    what = f"The vertical is known to {sigma:.1f}° only."
-    return [_Weak(what, "Record people who walk about, seen from head to feet.", "vertical")]
+    what = f"The up direction is known to {sigma:.1f}° only."
+    return [_Weak(what, "Record people walking about, seen from head to feet.", "vertical")]
 
 
 def _uncertain(contents: Contents) -> list[_Weak]:
@@ -107,7 +107,8 @@ def _uncertain(contents: Contents) -> list[_Weak]:
     usual = float(np.median([value for value in sigmas.values() if value is not None]))
     return [
         _Weak(
-            f"{worst[0]} is the least certain camera: {sigmas[worst[0]]:.0f} mm within the rig, {usual:.0f} mm are usual here.",
+            f"{worst[0]} is the least certain camera: {sigmas[worst[0]]:.0f} mm within the rig; {usual:.0f} mm is typical "
+            f"here.",
             f"Record more people in the view of {worst[0]}, nearer to it and where other cameras see them too.",
             worst[0],
         )
@@ -123,7 +124,7 @@ def _residual(contents: Contents) -> list[_Weak]:
     usual = float(np.median([value for value in found.values() if value is not None]))
     return [
         _Weak(
-            f"{worst[0]} fits the people worst: {found[worst[0]]:.1f} px in the median, {usual:.1f} px are usual here.",
+            f"{worst[0]} has the largest residuals: {found[worst[0]]:.1f} px (median); {usual:.1f} px is typical here.",
             f"See its residuals below; if they grow towards the border, check the intrinsics of {worst[0]}.",
             worst[0],
         )
@@ -142,8 +143,8 @@ def _lonely(contents: Contents, seen: Seen) -> list[_Weak]:
         return []
     return [
         _Weak(
-            f"{least} hangs by few sightings: {total[least]} shared with other cameras, {usual:.0f} are usual here.",
-            f"Record people who walk where the view of {least} overlaps with others.",
+            f"{least} shares few observations with other cameras: {total[least]}; {usual:.0f} is typical here.",
+            f"Record people walking where the view of {least} overlaps with others.",
             least,
         )
     ]

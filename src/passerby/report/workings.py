@@ -1,4 +1,4 @@
-"""What each stage did, with which settings, by which versions, and which files were written."""
+"""Processing stages, with which settings, by which versions, and which files were written."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from passerby.core.figures import AdjustedFigures, StarFigures
+from passerby.findings.texts.solver import PART_NAMES
 from passerby.interchange.calibration_json import NetworkEntry, VideoEntry
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import Contents
@@ -15,19 +16,19 @@ from passerby.report.tables import Column, data_table, text
 from passerby.report.values import count, figure, listed
 
 MODES = {
-    "given": "who is who was given",
-    "combined": "people were told apart by their tracks on the ground and by their looks",
-    "trajectory": "people were told apart by their tracks on the ground",
-    "appearance": "people were told apart by their looks",
+    "given": "identities are known",
+    "combined": "people were associated by their tracks on the ground and by their appearance",
+    "trajectory": "people were associated by their tracks on the ground",
+    "appearance": "people were associated by their appearance",
 }
 METHODS = {
     "people": "a model of upright people is fitted to all cameras at once",
-    "geopose": "the paper's method: each camera is registered with a reference, then all are adjusted",
+    "geopose": "the method of the paper: each camera is registered with a reference camera, then all are adjusted",
 }
 FILES = (
     ("report.html", "this page"),
-    ("rig.toml", "the cameras, as Anipose, Caliscope and Pose2Sim read them too"),
-    ("calibration.json", "everything that this page tells, for machines"),
+    ("rig.toml", "the cameras, also readable by Anipose, Caliscope and Pose2Sim"),
+    ("calibration.json", "all contents of this page, machine-readable"),
 )
 
 
@@ -49,7 +50,7 @@ def stages_section(contents: Contents, seen: Seen) -> Section:
         ],
         class_="stages",
     )
-    return Section("stages", "What each stage did", "", body, "Stages")
+    return Section("stages", "Processing stages", "", body, "Stages")
 
 
 Step = tuple[str, list[str]] | None
@@ -61,28 +62,28 @@ def _watched(contents: Contents) -> Step:
     if perception is None:
         return None
     roles = (
-        ("People were found by", perception.detector),
-        ("Looks were taken by", perception.embedder),
-        ("Joints were found by", perception.keypoints),
+        ("People were detected by", perception.detector),
+        ("Appearance was described by", perception.embedder),
+        ("Keypoints were detected by", perception.keypoints),
     )
     facts = [f"{words} {_choice(choice)}." for words, choice in roles if choice not in (None, "none")]
-    return "Watching the videos", facts + [_camera_video(name, one) for name, one in perception.cameras.items()]
+    return "Processing the videos", facts + [_camera_video(name, one) for name, one in perception.cameras.items()]
 
 
 def _choice(choice: str | NetworkEntry | None) -> str:
     """What did the work of a role, in words."""
     if isinstance(choice, NetworkEntry):
         return f"the network {choice.network} (licence: {choice.licence or 'unknown'})"
-    return {"background": "what differs from the empty scene", "stripes": "colours of horizontal stripes"}.get(
+    return {"background": "a background model", "stripes": "colour histograms of horizontal stripes"}.get(
         str(choice), str(choice)
     )
 
 
 def _camera_video(name: str, one: VideoEntry) -> str:
     """What was found in one camera's video, and what is wrong with it."""
-    told = f"{name}: {one.boxes} boxes in {one.pictures} pictures"
+    told = f"{name}: {one.boxes} boxes in {one.pictures} frames"
     told += f"; it shakes by {one.shake_px:.2f} px" if one.shake_px is not None else ""
-    told += f"; {one.broken} pictures are broken" if one.broken else ""
+    told += f"; {one.broken} frames could not be decoded" if one.broken else ""
     told += f"; it was moved {count(len(one.moves), 'time')}" if one.moves else ""
     return told + ("; it ends early." if one.ended_early is not None else ".")
 
@@ -92,12 +93,12 @@ def _observed(contents: Contents, seen: Seen) -> Step:
     facts = []
     for name, entry in contents.cameras.items():
         boxes, joints = entry.boxes, entry.keypoints
-        parts = [f"{boxes} boxes" if boxes else None, f"{joints} sightings with joints" if joints else None]
+        parts = [f"{boxes} boxes" if boxes else None, f"{joints} observations with keypoints" if joints else None]
         width, height = contents.rig[name].lens.size
         kind = ", fisheye" if contents.rig[name].lens.fisheye else ""
         what = listed([part for part in parts if part]) or "nobody"
         facts.append(f"{name} ({width} × {height} px{kind}): {what}, {count(seen.people[name], 'person', 'people')}.")
-    return "What the cameras saw", facts
+    return "Observations of the cameras", facts
 
 
 def _associated(contents: Contents) -> Step:
@@ -107,8 +108,8 @@ def _associated(contents: Contents) -> Step:
     facts = [f"Mode “{mode}”: {MODES.get(mode, 'see the documentation')}."]
     for one in found.cameras or ():
         facts.append(
-            f"{one.name}: {count(one.tracklets, 'tracklet')}, {one.walking_samples} samples of people who walk"
-            + (f"; looks tell people apart in {100 * one.looks:.0f} % of trials." if one.looks is not None else ".")
+            f"{one.name}: {count(one.tracklets, 'tracklet')}, {one.walking_samples} samples of walking people"
+            + (f"; appearance distinguishes people in {100 * one.looks:.0f} % of trials." if one.looks is not None else ".")
         )
     if found.pairs:
         used = sum(pair.used for pair in found.pairs)
@@ -116,7 +117,7 @@ def _associated(contents: Contents) -> Step:
     if found.people is not None:
         rounds = count(len(found.rounds or ()), "round")
         facts.append(f"{count(found.people, 'person', 'people')} in all, after {rounds} of matching and solving.")
-    return "Who is who", facts
+    return "Cross-camera identity association", facts
 
 
 def _solved(contents: Contents) -> Step:
@@ -127,13 +128,13 @@ def _solved(contents: Contents) -> Step:
     if isinstance(figures, StarFigures):
         facts.append(f"Adjustment: {_ended(figures.converged)} after {figures.iterations} steps.")
         if figures.rms_px is not None:
-            facts.append(f"Points are off by {figures.rms_px:.2f} px (root mean square).")
+            facts.append(f"The residual of the points is {figures.rms_px:.2f} px (root mean square).")
     elif not isinstance(figures, AdjustedFigures):
-        facts.append("It did not come to a rig.")
+        facts.append("No rig was found.")
     for number, one in enumerate(contents.figures.rounds, start=1):
-        with_joints = f" and {one.joints} joints" if one.joints else ""
+        with_joints = f" and {one.joints} keypoints" if one.joints else ""
         done = f"{_ended(one.converged)} after {one.iterations} steps"
-        facts.append(f"Round {number}: {one.sightings} sightings{with_joints}, {done}.")
+        facts.append(f"Round {number}: {one.sightings} observations{with_joints}, {done}.")
     return "Solving", facts + _noise(contents.figures)
 
 
@@ -148,15 +149,16 @@ def _noise(figures: AdjustedFigures) -> list[str]:
     facts = []
     if noise is not None:
         facts += [
-            f"Boxes are off by {100 * noise.centre:.1f} % of their height in their middle, by {100 * noise.height:.1f} % in "
-            "their height.",
-            f"{100 * noise.broken_edges:.0f} % of the boxes' edges do not end where the people do: hidden, or cut off.",
+            f"The error of the boxes is {100 * noise.centre:.1f} % of their height in the centre and {100 * noise.height:.1f} "
+            f"% in the height.",
+            f"{100 * noise.broken_edges:.0f} % of the box edges do not end where the person does: the person is occluded or "
+            f"cut off.",
         ]
     if people is not None and people.standing is not None:
-        facts.append(f"{100 * people.standing:.0f} % of the sightings are of standing or walking people.")
+        facts.append(f"{100 * people.standing:.0f} % of the observations show standing or walking people.")
     if inflation is not None:
         facts.append(
-            f"Sightings in a row err alike: they count {inflation:.1f} times less in the sigmas than as many independent ones."
+            f"Errors of consecutive observations are correlated: their weight in the sigmas is {inflation:.1f} times lower."
         )
     return facts
 
@@ -167,15 +169,15 @@ def _scaled(contents: Contents) -> Step:
     facts = []
     scale, vertical = figures.scale.relative_sigma, figures.vertical_sigma_deg
     if scale is not None:
-        facts.append(f"Lengths are known to {100 * scale:.1f} % (one sigma).")
+        facts.append(f"The scale is known to {100 * scale:.1f} % (1 sigma).")
     if vertical is not None:
-        facts.append(f"The vertical is known to {vertical:.2f}° (one sigma).")
+        facts.append(f"The up direction is known to {vertical:.2f}° (1 sigma).")
     if figures.undetermined:
-        facts.append(f"No evidence fixes these: {listed(figures.undetermined)}.")
+        facts.append(f"No evidence fixes these: {listed([PART_NAMES.get(part, part) for part in figures.undetermined])}.")
     if figures.clocks:
         most = max(abs(clock.correction_s) for clock in figures.clocks.values())
         facts.append(f"The clocks were refined with the cameras, by {1000 * most:.0f} ms at most.")
-    return ("Length, up and time", facts) if facts else None
+    return ("Scale, up direction and time", facts) if facts else None
 
 
 def _placed(contents: Contents) -> Step:
@@ -186,14 +188,14 @@ def _placed(contents: Contents) -> Step:
     facts = [f"Origin and heading are set by {world.by}."]
     turn, place = world.turn_sigma_deg, world.place_sigma_mm
     if turn is not None and place is not None:
-        facts.append(f"The heading is known to {turn:.2f}°, the place to {place / 1000:.2f} m (one sigma).")
+        facts.append(f"The heading is known to {turn:.2f}°, the position to {place / 1000:.2f} m (1 sigma).")
     if world.scale_fitted:
         facts.append(f"Lengths were multiplied by {figure(world.scale, 4)}.")
     for row in world.residuals or ():
         what = str(row.camera) if row.point is None else f"Point {row.point} in {row.camera}"
-        facts.append(f"{what} is off by {figure(row.off_m, 2, ' m')}{'' if row.used else ', left out'}.")
+        facts.append(f"{what} has a residual of {figure(row.off_m, 2, ' m')}{'' if row.used else ', left out'}.")
     facts += [f"{note[:1].upper()}{note[1:]}." for note in world.notes or ()]
-    return "Placing the world", facts
+    return "Alignment of the world frame", facts
 
 
 def settings_section(contents: Contents) -> Section:
@@ -210,7 +212,7 @@ def settings_section(contents: Contents) -> Section:
         table = _pairs("settings-table", "Settings", ("Setting", "Value"), settings)
         parts.append(element("details", element("summary", count(len(settings), "setting")), table))
     else:
-        parts.append(nothing("The settings were not kept."))
+        parts.append(nothing("The settings were not stored."))
     parts.append(_pairs("versions-table", "Versions", ("Package", "Version"), versions))
     return Section("settings", "Settings and versions", lead, join(parts), "Settings")
 
@@ -244,8 +246,11 @@ def files_section(contents: Contents) -> Section:
         if entry.boxes:
             rows.append((f"tracks/{name}.txt", f"the people in {name}, by their identities (MOTChallenge)"))
         if len(contents.observations[name].keypoints):
-            rows.append((f"tracks/{name}.json", f"the joints in {name}, by their identities (COCO)"))
-    lead = "In the output folder. For other tools see passerby export and passerby formats; for people's ways passerby track."
+            rows.append((f"tracks/{name}.json", f"the keypoints in {name}, by their identities (COCO)"))
+    lead = (
+        "In the output folder. For other tools see passerby export and passerby formats; for trajectories of people see "
+        "passerby track."
+    )
     return Section("files", "Files", lead, _pairs("files-table", "Files", ("File", "Holds"), rows))
 
 

@@ -81,12 +81,13 @@ def find_repeated_key(text: str) -> str | None:
             table, keys = f"[{'.'.join(part.strip() for part in header[1].split('.'))[:LONGEST_KEY]}]", {}
             if table in tables:
                 return (
-                    f"{table} stands twice, in lines {tables[table]} and {number}: merge the two into one, a table stands once"
+                    f"{table} occurs twice, in lines {tables[table]} and {number}: merge the two into one, because a table "
+                    f"may occur only once"
                 )
             tables[table] = number
         elif stated := KEY.match(line):
             key = stated[1][:LONGEST_KEY]
             if key in keys:
-                return f"{table} {key} stands twice, in lines {keys[key]} and {number}: keep one of them".strip()
+                return f"{table} {key} occurs twice, in lines {keys[key]} and {number}: keep one of them".strip()
             keys[key] = number
     return None

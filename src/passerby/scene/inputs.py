@@ -159,8 +159,8 @@ def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     if scene.solver.method != "geopose" or not guessed:
         return []
     return [
-        f'{scene.place}: [cameras.{guessed[0]}] states focal_sd_percent, but method "geopose" takes focal lengths to be right: '
-        'delete it there and in the intrinsics, or take method "people"'
+        f'{scene.place}: [cameras.{guessed[0]}] states focal_sd_percent, but method "geopose" assumes that focal lengths are '
+        f'exact: delete it there and in the intrinsics, or use method "people"'
     ]
 
 
@@ -187,7 +187,7 @@ def _length_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
             if lens is not None and not all(0 <= u <= lens.size[0] and 0 <= v <= lens.size[1] for u, v in ends):
                 faults.append(
                     f"{scene.place}: [[scale.lengths]] {number} points: {[list(end) for end in ends]} lies outside the "
-                    f"{lens.size[0]} x {lens.size[1]} picture of camera {name}: give pixels of that picture"
+                    f"{lens.size[0]} x {lens.size[1]} image of camera {name}: give pixels of that image"
                 )
     return faults
 
@@ -199,8 +199,8 @@ def _joint_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         if not set(reading.keypoints.joints) & set(with_joints[0].keypoints.joints):
             first = ", ".join(reading.keypoints.joints[:3])
             faults.append(
-                f"{scene.place}: [cameras.{reading.name}] keypoints: none of its joints ({first}, ...) is one of camera "
-                f"{with_joints[0].name}'s: use the same names for the same joints"
+                f"{scene.place}: [cameras.{reading.name}] keypoints: none of its keypoints ({first}, ...) is one of the "
+                f"keypoints of camera {with_joints[0].name}: use the same names for the same keypoints"
             )
     return faults
 
@@ -216,7 +216,7 @@ def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     ]
     if scene.association.mode != "appearance":
         return faults
-    remedy = 'give each camera embeddings or a video, or do without: under [association] set mode = "combined"'
+    remedy = 'give each camera embeddings or a video, or use another mode: under [association] set mode = "combined"'
     without = [reading for reading in readings if scene.cameras[reading.name].embeddings is None and reading.dimensions is None]
     without = [reading for reading in without if not needs_video(scene, reading)]
     wanting = [reading.name for reading in without if reading.people]
@@ -284,7 +284,7 @@ def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     if scene.association.given or len(awake) > 1 or any(reading.faults or reading.awaiting for reading in readings):
         return []
     none = "no camera saw anybody: " + (
-        "nobody was found in their videos"
+        "nobody was detected in their videos"
         if any(table.watched for table in scene.cameras.values())
         else "their files have no rows"
     )

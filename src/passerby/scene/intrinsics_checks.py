@@ -68,8 +68,8 @@ def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
             )  # fmt: skip
             if count > OUTSIDE_SHARE * len(extent):
                 reading.faults.append(
-                    f"{text_of(finding)}: wrong image size? the size {width} x {height} in {intrinsics} is not that of the "
-                    "picture in which the people were found"
+                    f"{text_of(finding)}: wrong image size? the size {width} x {height} in {intrinsics} is not the size of "
+                    f"the images in which the people were detected"
                 )
             else:
                 reading.findings.append(finding)

@@ -149,7 +149,7 @@ def _keep_used(scene: Scene, reading: CameraInput) -> None:
     if len(before) and not reading.people:
         seen = f"{(before[0] - 1) / fps:.1f} to {(before[-1] - 1) / fps:.1f} s"
         told = " and ".join(f"{key} = {getattr(table, key):g}" for key in named)
-        reading.faults.append(f"{place} {told}: it saw people from {seen} only, nothing is left: check the seconds")
+        reading.faults.append(f"{place} {told}: it saw people only from {seen}, so nothing is left: check the seconds")
 
 
 def _check_people(scene: Scene, reading: CameraInput) -> None:

@@ -183,12 +183,12 @@ class Scene(Table):
                 )
             if table.watched and self.association.given:
                 raise ValueError(
-                    f'[cameras.{name}]: has only a video, which does not tell who is who: mode "given" needs `tracks` or '
-                    '`keypoints` with identities; to have them found, under [association] set mode = "combined"'
+                    f'[cameras.{name}]: has only a video, which has no identities: mode "given" needs `tracks` or '
+                    '`keypoints` with identities; to estimate them, under [association] set mode = "combined"'
                 )
         if self.scale.people and not self.association.given:
             raise ValueError(
-                f"[[scale.people]]: names identities, but mode '{self.association.mode}' does not know them beforehand: delete "
+                f"[[scale.people]]: names identities, but mode '{self.association.mode}' does not know them in advance: delete "
                 'the table, or give global identities and under [association] set mode = "given"'
             )
         return self

@@ -27,9 +27,9 @@ def _standing(value: float) -> float:
 Mode = Literal["combined", "trajectory", "appearance", "given"]
 
 WATCHED_FPS = 5.0
-"""People walk a third of a step in a fifth of a second: neighbouring pictures add little that is independent."""
+"""People walk a third of a step in a fifth of a second: neighbouring frames add little independent evidence."""
 SEARCHED_S = 5.0
-"""Recordings that are started by hand, or cut by cameras whose clocks are set now and then, differ by a few seconds."""
+"""Recordings that are started by hand, or by cameras whose clocks are set occasionally, differ by a few seconds."""
 
 Metres = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 Height = Annotated[float, AfterValidator(_standing)]
@@ -55,38 +55,39 @@ class SceneTable(Table):
     """`[scene]`: the scene as a whole."""
 
     name: str | None = None
-    """What reports call the scene; the file's name without ending, unless given."""
+    """Name of the scene in reports. None: the file's name without suffix."""
     fps: FramesPerSecond | None = None
-    """Frames per second of the frame numbers. None: those of the videos; without any, nothing that needs speeds or clocks is
-    used. Given, it is believed rather than a video's own rate, which many recorders write wrongly."""
+    """Frames per second of the frame numbers. None: those of the videos; without any, walking speeds and clock
+    offsets are not used. A stated value overrides the rate of a video, which many recorders write wrongly."""
 
 
 class CameraTable(Table):
-    """`[cameras.NAME]`: one camera and what it saw."""
+    """`[cameras.NAME]`: one camera and its observations."""
 
     intrinsics: Path
-    """Rig file; size, matrix and distortions of its table [NAME] are read, a pose in it is ignored."""
+    """Rig file. The image size, matrix and distortions of its table [NAME] are read; a pose in it is ignored."""
     video: Path | None = None
-    """A video file. People are found in it where there are neither boxes nor joints; boxes get their embeddings from it.
-    Streams, devices, pieces of recordings and folders of pictures are not read yet."""
+    """A video file. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings from it.
+    Streams, devices, pieces of recordings and folders of images are not read yet."""
     detections: Path | None = None
-    """Boxes without identities, MOTChallenge text, id -1. Read where there are no `tracks`, in every mode but "given"."""
+    """Boxes without identities, MOTChallenge text, id -1. Read if there are no `tracks`, in every mode except "given"."""
     tracks: Path | None = None
-    """Boxes with ids, MOTChallenge text: identities in mode "given", else the camera's own tracklet numbers; -1 for unknown."""
+    """Boxes with ids, MOTChallenge text: identities in mode "given", otherwise tracklets of this camera; -1 for unknown."""
     keypoints: Path | None = None
-    """Joints, COCO JSON; `track_id` as the ids in `tracks`, with the same numbers as there."""
+    """Keypoints, COCO JSON; `track_id` has the same meaning and the same numbers as the ids in `tracks`."""
     embeddings: Path | None = None
-    """Appearance of the boxes in `tracks`, or else in `detections`: npz, one row a row of that file, in its order."""
+    """Appearance of the boxes in `tracks`, or else in `detections`: npz, one row per row of that file, in the same order."""
     fps: FramesPerSecond | None = None
-    """Frames per second of this camera's frame numbers. None: those of `[scene]`, or else the video's own."""
+    """Frames per second of this camera's frame numbers. None: those of `[scene]`, or else those of the video."""
     from_s: Seconds | None = None
-    """What the camera saw earlier is not used: seconds of its own recording, (frame - 1) / fps. For one that was moved."""
+    """Earlier observations of the camera are not used: seconds of its own recording, (frame - 1) / fps. For a camera that
+    was moved."""
     until_s: Seconds | None = None
-    """What the camera saw later is not used, likewise."""
+    """Later observations of the camera are not used, in the same seconds."""
     focal_sd_percent: Annotated[float, Field(gt=0, le=50)] | None = None
-    """How far the focal length may be off, one standard deviation in per cent of it, where it is a guess: it is carried into
-    every sigma, and is the prior where `refine` has "focal". None: what the table in `intrinsics` says under the same key, or
-    else the lens is taken to be right."""
+    """Standard deviation of a guessed focal length, in per cent of it. Every reported uncertainty includes it, and it is
+    the prior if `refine` has "focal". None: the value of the same key in the table of `intrinsics`, or else the intrinsics
+    are assumed to be exact."""
 
     @property
     def watched(self) -> bool:
@@ -105,8 +106,7 @@ class CameraTable(Table):
     def _has_a_source(self) -> Self:
         if self.video is None and self.detections is None and self.tracks is None and self.keypoints is None:
             raise ValueError(
-                "says nothing of what the camera saw: add `video`, `tracks` (boxes with ids), `detections` (boxes without) "
-                "or `keypoints` (joints)"
+                "has no observations: add `video`, `tracks` (boxes with ids), `detections` (boxes without) or `keypoints`"
             )
         if self.embeddings is not None and self.detections is None and self.tracks is None:
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")
@@ -116,36 +116,37 @@ class CameraTable(Table):
 
 
 class PerceptionTable(Table):
-    """`[perception]`: how people are found in the videos. A choice is a word, the name of a model that
+    """`[perception]`: how people are detected in the videos. A choice is a word, the name of a model that
     `passerby models list` knows, or the path of an ONNX file.
     """
 
     detector: str = "auto"
-    """auto: the default network, or "background" where it cannot be had; background: what differs from the empty scene."""
+    """auto: the default network, or "background" if it is unavailable; background: background subtraction."""
     embedder: str = "auto"
-    """auto: the default network, or "stripes" where it cannot be had; stripes: colours of horizontal stripes; none."""
+    """auto: the default network, or "stripes" if it is unavailable; stripes: colour histograms of horizontal
+    stripes; none."""
     keypoints: str = "none"
-    """none, or a network that finds the joints of each person found."""
+    """none, or a network that detects the keypoints of each detected person."""
     fps: FramesPerSecond | None = None
-    """Pictures looked at in a second of video. None: `WATCHED_FPS`, and more in videos of less than a minute."""
+    """Frames processed per second of video. None: `WATCHED_FPS`, and more in videos shorter than a minute."""
     min_score: Annotated[float, Field(ge=0, le=1)] = 0.25
-    """A network's detections of a lower score are dropped. The tracker uses weak ones to go on, never to begin."""
+    """Detections with a lower score are dropped. The tracker uses weak detections to continue a track, never to start one."""
     tiles: Literal["auto", "none"] | tuple[Annotated[int, Field(ge=1, le=16)], Annotated[int, Field(ge=1, le=16)]] = "auto"
-    """Columns and rows of overlapping tiles in which small people are looked for. auto: as the picture's size asks for."""
+    """Columns and rows of overlapping tiles in which small people are detected. auto: chosen by the image size."""
     models: Path | None = None
-    """A folder of model files, looked into before the others."""
+    """A folder of model files that is searched first."""
 
 
 class AssociationTable(Table):
-    """`[association]`: how identities over cameras are found."""
+    """`[association]`: how identities are associated across cameras."""
 
     mode: Mode = "combined"
-    """combined: by how people move and, where there are embeddings, how they look. trajectory: by how they move alone.
-    appearance: by how they look alone. given: the ids in the files are global, the same id is the same person in all cameras.
-    In all modes but given the ids are each camera's own: the same number in two cameras means nothing."""
+    """combined: by trajectories and, if there are embeddings, by appearance. trajectory: by trajectories only. appearance: by
+    appearance only. given: identities are known, the same id is the same person in all cameras. In all other modes an id
+    belongs to one camera: the same number in two cameras has no meaning."""
     max_offset_s: Seconds | None = None
-    """The largest difference of two cameras' clocks that is searched for. None: `SEARCHED_S` in modes combined and trajectory,
-    nothing in modes appearance and given. 0: the cameras' clocks agree."""
+    """The largest clock offset between two cameras that is searched for. None: `SEARCHED_S` in modes combined and trajectory, 0
+    in modes appearance and given. 0: the cameras are synchronised."""
 
     @property
     def given(self) -> bool:
@@ -164,13 +165,13 @@ class SolverTable(Table):
     """`[solver]`: how the rig is computed."""
 
     method: Literal["people", "geopose"] = "people"
-    """people: the person-model adjustment, the more accurate; geopose: the paper's method, as described there."""
+    """people: the person-model adjustment, which is more accurate; geopose: the method of the paper."""
     reference: str | None = None
     """The reference camera. geopose needs one; people treats all cameras alike."""
     refine: tuple[Literal["focal", "principal_point", "clock_rate"], ...] = ()
-    """What is computed beside the poses, about what is stated. focal: each camera's focal length, where it comes from a data
-    sheet or a zoom was moved. principal_point: where each lens's axis meets the picture. clock_rate: each camera's frames
-    per second, where a clock drifts."""
+    """What is refined besides the poses, with the stated values as priors. focal: each camera's focal length, if it comes from
+    a data sheet or the zoom has changed. principal_point: each camera's principal point. clock_rate: each camera's frames per
+    second, if a clock drifts."""
     options: dict[str, Any] = Field(default_factory=dict)
     """`[solver.options]`: fields of the method's options dataclass, for experiments; nothing needs to be set."""
 
@@ -179,7 +180,7 @@ class SolverTable(Table):
         if self.method == "geopose" and self.reference is None:
             raise ValueError('method "geopose" needs a reference camera: add reference = "NAME"')
         if self.method == "geopose" and self.refine:
-            raise ValueError('method "geopose" refines nothing: delete refine, or take method "people"')
+            raise ValueError('method "geopose" refines nothing: delete refine, or use method "people"')
         return self
 
 
@@ -189,9 +190,9 @@ class PersonTable(Table):
     identity: int = Field(ge=0)
     """The person's id in the files, which in mode "given" is the same in all cameras."""
     height_m: Height
-    """Standing height, shoes on."""
+    """Standing height, with shoes."""
     sd_m: Metres = 0.01
-    """A person's measured height is good to a centimetre (shoes)."""
+    """Standard deviation. A measured height is accurate to about a centimetre (shoes)."""
 
 
 class LengthTable(Table):
@@ -200,7 +201,7 @@ class LengthTable(Table):
     metres: Metres
     """The length."""
     sd_m: Metres = 0.02
-    """Painted lines and pipes are known to about two centimetres at the point one marks."""
+    """Standard deviation. The marked points of painted lines and pipes are accurate to about two centimetres."""
     points: dict[str, Ends]
     """camera -> the pixels of the two ends, the ends in the same order in all cameras."""
 
@@ -211,36 +212,36 @@ class DistanceTable(Table):
     between: tuple[str, str]
     """The two cameras' names."""
     metres: Metres
-    """From one lens to the other."""
+    """Between the two camera centres."""
     sd_m: Metres = 0.05
-    """A tape between two mounted cameras meets neither optical centre: half a decimetre."""
+    """Standard deviation. A tape between two mounted cameras reaches neither optical centre: about 5 centimetres."""
 
 
 class CameraHeightTable(Table):
-    """`[[scale.camera_heights]]`: a known height of a camera above the people's ground."""
+    """`[[scale.camera_heights]]`: a known height of a camera above the ground that people walk on."""
 
     camera: str
     """The camera's name."""
     metres: Metres
-    """From its lens straight down to the level on which people walk."""
+    """From the camera centre straight down to the ground that people walk on."""
     sd_m: Metres = 0.05
-    """As for distances."""
+    """Standard deviation, as for distances."""
 
 
 class ScaleTable(Table):
-    """`[scale]`: what is known about lengths; all of it is combined, weighted by the standard deviations."""
+    """`[scale]`: known lengths. All are combined, weighted by their standard deviations."""
 
     person_height_m: Height = PERSON_HEIGHT_M
-    """Mean standing height of the people, shoes on: adults of both sexes, worldwide."""
+    """Mean standing height of the people, with shoes. Default: adults of both sexes, worldwide."""
     person_height_sd_m: Metres = PERSON_HEIGHT_SD_M
-    """How much people's heights differ around it."""
+    """Standard deviation of the heights of people around the mean."""
     person_height_mean_sd_m: Metres | None = None
-    """How well that mean is known of the people in these videos. None: 4 % of it, as where nobody asked them; 0.02 is as good
-    as boxes allow for people whose mean was measured."""
+    """Standard deviation of that mean for the people in these videos. None: 4 % of it, for unknown people. 0.02 is the best
+    that boxes allow for people whose mean was measured."""
     people: tuple[PersonTable, ...] = ()
-    """Single people whose height was measured: `[[scale.people]]`."""
+    """People with a measured height: `[[scale.people]]`."""
     lengths: tuple[LengthTable, ...] = ()
-    """Lengths that cameras see: `[[scale.lengths]]`."""
+    """Lengths between points that cameras see: `[[scale.lengths]]`."""
     distances: tuple[DistanceTable, ...] = ()
     """Distances between two cameras: `[[scale.distances]]`."""
     camera_heights: tuple[CameraHeightTable, ...] = ()
@@ -248,20 +249,20 @@ class ScaleTable(Table):
 
 
 class WorldTable(Table):
-    """`[world]`: the frame that the rig is wanted in. Left out, the first camera stands above the origin and looks along y."""
+    """`[world]`: the requested world frame. Default: the origin is below the first camera, which faces along y."""
 
     camera: str | None = None
-    """The origin lies on the ground below this camera, x along what it looks at."""
+    """The origin is on the ground below this camera, the x axis along its viewing direction."""
     towards: str | None = None
-    """With `camera`: x points towards this other camera."""
+    """With `camera`: the x axis points towards this other camera."""
     points: Path | None = None
-    """Points with known coordinates, marked in the pictures: CSV or TOML."""
+    """Points with known coordinates, marked in the images: CSV or TOML."""
     positions: Path | None = None
     """Known positions of cameras, in metres or as latitude, longitude and altitude: CSV or TOML."""
     scale: bool = False
-    """Whether points or positions set the scale too. Otherwise it stays what `[scale]` makes it."""
+    """Whether points or positions also set the scale. Otherwise `[scale]` determines it."""
     tilt: bool = False
-    """Whether they set the vertical and the height too. Otherwise the ground that people walk on stays at z = 0."""
+    """Whether they also set the up direction and the height. Otherwise the ground that people walk on stays at z = 0."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -270,9 +271,9 @@ class WorldTable(Table):
             told = " and ".join(ways) or "none of them"
             raise ValueError(f"has {told}: give one of camera, points, positions")
         if self.towards is not None and self.camera is None:
-            raise ValueError("towards goes with camera: name the camera that the world begins at, or delete towards")
+            raise ValueError("towards needs camera: name the camera at the origin, or delete towards")
         if self.towards is not None and self.towards == self.camera:
             raise ValueError("towards is the camera itself: name another one")
         if self.camera is not None and (self.scale or self.tilt):
-            raise ValueError("scale and tilt need points or positions: a camera tells neither; delete them")
+            raise ValueError("scale and tilt need points or positions: a camera determines neither; delete them")
         return self

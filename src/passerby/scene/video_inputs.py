@@ -78,7 +78,7 @@ class SceneVideoProcessor:
 
     def _watched(self, jobs: Sequence[CameraJob]) -> list[VideoObservations | InputError]:
         """The results of all jobs, in their order; an error that names one camera's fault stops no other camera."""
-        forward = Forward(self.tell, "watching")
+        forward = Forward(self.tell, "processing videos")
         for job in jobs:
             forward(job.name, 0, work_of(job))
         if self.executor is not None:

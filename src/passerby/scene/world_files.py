@@ -27,7 +27,7 @@ def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str
             marks = [(point.name, name, pixel) for point in points for name, pixel in point.pixels.items()]
             return [
                 f"{path}: point {point} in camera {name}: ({u:g}, {v:g}) lies outside its {sizes[name][0]} x {sizes[name][1]} "
-                "picture: give pixels of that picture"
+                "image: give pixels of that image"
                 for point, name, (u, v) in marks
                 if name in sizes and not (0 <= u <= sizes[name][0] and 0 <= v <= sizes[name][1])
             ] + _unknown(scene, path, [name for _, name, _ in marks])

@@ -88,7 +88,7 @@ def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mas
 def _camera_frame(camera: Camera, points: Floats) -> Floats:
     pose = camera.pose
     if pose is None:
-        raise InputError(f"camera {camera.name} has no pose: people can only be seen by a camera that is placed")
+        raise InputError(f"camera {camera.name} has no pose: only a camera with a pose can see people")
     return np.asarray(points @ pose.R_cw.T + pose.t_cw)
 
 

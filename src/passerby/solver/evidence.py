@@ -82,7 +82,7 @@ def gather_evidence(
         InputError: `moving`, and the observations' frame rate is not known.
     """
     if moving and not observations.fps:
-        raise InputError("clocks cannot be refined without a frame rate: give the instants' fps")
+        raise InputError("clocks cannot be refined without a frame rate: give the time steps' fps")
     fps = observations.fps if moving else None
     named, findings = _names_hold(rig, observations)
     tables: list[tuple[int, Segments]] = []

@@ -68,27 +68,27 @@ class PeopleOptions:
     """Options of the person-model solver."""
 
     max_sightings: int = 30_000
-    """Most sightings of people that enter the adjustment; above, person-instants are drawn at random."""
+    """Largest number of observations of people in the adjustment; more are sampled at random by person and time step."""
     max_joints: int = 24_000
-    """Most sightings of joints, likewise."""
+    """Largest number of keypoint observations, likewise."""
     coarse_people: int = 400
-    """Person-instants of the descents that choose among the first guesses."""
+    """People, each at one time step, in the coarse adjustments that select the initial rig."""
     coarse_joints: int = 1500
-    """Joints of the same."""
+    """Keypoints in the coarse adjustments."""
     learning_people: int = 1500
-    """Person-instants of the first round, which learns how noisy the sightings are."""
+    """People, each at one time step, in the first round, which estimates the noise of the observations."""
     learning_joints: int = 6000
-    """Joints of the same."""
+    """Keypoints in the first round."""
     rounds: int = 3
-    """Rounds of agreement, adjustment and learnt noise on all of the evidence; some more while the noise learnt still grows."""
+    """Rounds of outlier removal, adjustment and noise estimation on all evidence; more rounds while the noise still grows."""
     max_iterations: int = 60
     """Iterations of the adjustment in each round."""
     tolerance: float = 1e-6
     """Relative decrease of the cost at which a round has converged."""
     refine_time: bool = False
-    """Whether each camera's clock has an unknown error; takes observations whose frame rate is known."""
+    """Whether each camera's clock has an unknown error; needs observations with a known frame rate."""
     refine_lens: tuple[LensPart, ...] = ()
-    """What of each camera's lens is unknown, about what is stated: "focal", "principal_point"."""
+    """Which intrinsics are refined, with the stated values as priors: "focal", "principal_point"."""
 
     def __post_init__(self) -> None:
         for name in (

@@ -82,17 +82,17 @@ def _made(name: str, weights: str) -> tuple[nn.Module, bool, str]:
     if weights != "random" and source is not None:
         try:
             network = cast(nn.Module, had(AutoModel.from_pretrained, source))
-            return network, True, f"{title}: begins with the weights of {title if source == name else source}"
+            return network, True, f"{title}: starts with the weights of {title if source == name else source}"
         except UNAVAILABLE as error:
             if weights == "published":
                 reason = " ".join(str(error).split())[:200]
-                raise InputError(f"backbone {name}: the weights of {source} cannot be had: {reason}") from None
+                raise InputError(f"backbone {name}: the weights of {source} are not available: {reason}") from None
     if weights == "published" and source is None:
         raise InputError(f"backbone {name}: no published weights are known by this name: give weights = random, or another one")
-    why = "" if weights == "random" else ": none are published" if source is None else f": those of {source} cannot be had"
+    why = "" if weights == "random" else ": none are published" if source is None else f": those of {source} are not available"
     with _quiet():
         made: nn.Module = AutoModel.from_config(_configuration(name))  # type: ignore[no-untyped-call]
-    return made, False, f"{title}: begins with random weights{why}"
+    return made, False, f"{title}: starts with random weights{why}"
 
 
 UNAVAILABLE = (OSError, ValueError, ImportError)
@@ -113,7 +113,7 @@ def had(load: Callable[..., Any], source: str) -> Any:
         try:
             get_hf_file_metadata(hf_hub_url(source, "config.json"), timeout=HUB_TIMEOUT_S)
         except Exception as error:  # an HTTP library's own, which differs between its versions
-            raise OSError(f"the hub cannot be asked for {source}: {error}") from error
+            raise OSError(f"the hub cannot be queried for {source}: {error}") from error
         return load(source)
 
 
@@ -138,7 +138,7 @@ def _configuration(name: str) -> PretrainedConfig:
         return AutoConfig.for_model(name)
     except UNAVAILABLE as error:
         raise InputError(
-            f"backbone {name}: is none of {', '.join(RESNETS)}, and transformers knows or finds no model of this name "
+            f"backbone {name}: is not one of {', '.join(RESNETS)}, and transformers knows or finds no model of this name "
             f"({' '.join(str(error).split())[:120]})"
         ) from None
 
@@ -162,7 +162,7 @@ def _channels(network: nn.Module, name: str, size: tuple[int, int]) -> int:
             features = feature_map(network(torch.zeros(1, 3, *size)))
     except Exception as error:  # whatever a network says to pictures that it does not take
         raise InputError(
-            f"backbone {name}: does not turn a picture of {size[1]}x{size[0]} pixels into features "
+            f"backbone {name}: does not turn an image of {size[1]}x{size[0]} pixels into features "
             f"({' '.join(str(error).split())[:160]}): give another backbone, or the size that it takes"
         ) from None
     finally:

@@ -45,8 +45,7 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
     posed = found.rig
     if len(posed) < 2:
         raise EvidenceError(
-            f"{out / RIG_FILE}: {len(posed)} of {found.all_cameras} cameras have a pose: who is who is told by two cameras or "
-            "more"
+            f"{out / RIG_FILE}: {len(posed)} of {found.all_cameras} cameras have a pose: identities need two cameras or more"
         )
     loaded = Scene.load(_scene_path(out, found.document.scene_file, scene))
     for camera in posed:
@@ -59,7 +58,7 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
         name: loaded.resolve(table.video) for name, table in loaded.cameras.items() if table.video and name in posed.names
     }
     if not videos:
-        raise InputError(f"{loaded.place}: no calibrated camera has a video: crops of people are cut out of videos")
+        raise InputError(f"{loaded.place}: no calibrated camera has a video: crops of people are cut from videos")
     clocks = found.clocks or _alike(loaded, posed, videos)
     return CalibratedScene(loaded, posed, found.boxes, clocks, found.verdict, videos)
 
@@ -69,10 +68,10 @@ def _scene_path(out: Path, written: str | None, given: Path | None) -> Path:
     if given is not None:
         return given
     if written is None:
-        raise InputError(f"{out / CALIBRATION_FILE}: does not say where the scene file lies (scene_file): name it")
+        raise InputError(f"{out / CALIBRATION_FILE}: does not state the path of the scene file (scene_file): give it")
     path = out / written
     if not path.is_file():
-        raise InputError(f"{path}: no such file: {out} was made from it: name the scene file's new place")
+        raise InputError(f"{path}: no such file: {out} was made from it: give the new path of the scene file")
     return path
 
 

@@ -153,5 +153,5 @@ def _read(file: Path) -> Any:
         return torch.load(file, map_location="cpu", weights_only=True)
     except Exception as error:  # what unpickling raises for bytes that mean something else has no end
         raise InputError(
-            f"{file}: is no checkpoint that can be read ({' '.join(str(error).split())[:120]}): train again, or give another"
+            f"{file}: is not a checkpoint that can be read ({' '.join(str(error).split())[:120]}): train again, or give another"
         ) from None

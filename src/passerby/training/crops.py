@@ -37,7 +37,7 @@ class CropSet:
 
     def __post_init__(self) -> None:
         if not len(self.paths) == len(self.person) == len(self.camera):
-            raise InputError(f"{len(self.paths)} pictures, {len(self.person)} people, {len(self.camera)} cameras: one each")
+            raise InputError(f"{len(self.paths)} images, {len(self.person)} people, {len(self.camera)} cameras: one each")
         if len(set(self.people)) != len(self.people):
             twice = next(name for name in self.people if self.people.count(name) > 1)
             raise InputError(f"two people are called {twice}: give the data sets names that differ")

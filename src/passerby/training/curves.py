@@ -62,7 +62,9 @@ class TrainingLog:
             return ()
         header, lines = csv_rows(self.path, read_text(self.path, "the log of a training"))
         if tuple(header) != COLUMNS:
-            raise InputError(f"{self.path}: line 1 is not {','.join(COLUMNS)}: this is no log of a training; delete or move it")
+            raise InputError(
+                f"{self.path}: line 1 is not {','.join(COLUMNS)}: this is not a log of a training; delete or move it"
+            )
         rows: list[EpochRecord] = []
         for number, texts in lines:
             rows.append(self._row(texts, number))
@@ -204,7 +206,7 @@ def write_curves(log: TrainingLog, path: Path) -> None:
 def _summary(rows: Sequence[EpochRecord]) -> str:
     """Where the training stands, in a sentence or two."""
     if not rows:
-        return "No epoch is done yet."
+        return "No epoch is finished yet."
     told = f"After epoch {rows[-1].epoch}, {rows[-1].step} steps: loss {rows[-1].loss:.4g}."
     scored = [(row.rank_1, row.epoch) for row in rows if row.rank_1 is not None]
     if not scored:

@@ -158,7 +158,7 @@ def _directions(
     for crops, vectors in ((query, query_vectors), (gallery, gallery_vectors)):
         if np.ndim(vectors) != 2 or len(vectors) != len(crops) or vectors.shape[1] != query_vectors.shape[1]:
             shapes = f"{np.shape(query_vectors)} and {np.shape(gallery_vectors)}"
-            raise InputError(f"vectors of the shapes {shapes} for {len(query)} and {len(gallery)} pictures: one each is needed")
+            raise InputError(f"vectors of the shapes {shapes} for {len(query)} and {len(gallery)} images: one each is needed")
     unit = _unit(np.concatenate([query_vectors, gallery_vectors]))
     if not centred:
         return unit

@@ -154,8 +154,8 @@ def export_network(
         trial = Path(folder) / path.name
         write_bytes(trial, data)
         embedder = ReidEmbedder(own_network(trial, "embedder", sha256))
-        random = _compared(expected[0], embedder, noise, f"backbone {options.backbone}: on random pictures")
-        real = _compared(expected[1], embedder, large, f"backbone {options.backbone}: on the given pictures") if large else None
+        random = _compared(expected[0], embedder, noise, f"backbone {options.backbone}: on random images")
+        real = _compared(expected[1], embedder, large, f"backbone {options.backbone}: on the given images") if large else None
     write_bytes(path, data)
     opset = max(entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx"))
     return ExportReport(path, len(data), sha256, opset, embedder.dimensions, random, real, len(given) - len(large))

@@ -57,7 +57,8 @@ class FineTuned:
     def lines(self) -> list[str]:
         """What to tell of the labels and the training."""
         return [
-            f"{len(self.people.crops)} pictures of {len(self.people.crops.people)} people whom the calibration is sure of",
+            f"{len(self.people.crops)} images of {len(self.people.crops.people)} people that the calibration identifies "
+            f"reliably",
             *self.people.notes,
             self.trained.note,
         ]

@@ -53,7 +53,7 @@ def course(sets: Sequence[DataSet], options: TrainOptions) -> Course:
         raise InputError(f"{', '.join(one.name for one in sets)}: nobody to learn from: give data with a training part")
     query, gallery = mix_sets([one.query for one in sets]), mix_sets([one.gallery for one in sets])
     if len(query):
-        return Course(learnt, query, gallery, f"{len(query)} pictures searched among {len(gallery)}")
+        return Course(learnt, query, gallery, f"{len(query)} images searched among {len(gallery)}")
     held = round(options.hold_out * len(learnt.people))
     if len(learnt.people) < FEW_PEOPLE or held < 2:
         return Course(learnt, CropSet(), CropSet(), "nobody: there are too few people to hold some out")

@@ -30,7 +30,7 @@ FEWEST_PEOPLE, FEWEST_CROPS = 4, 100
 """Less does not tell a network how people differ."""
 REMEDIES = {
     ALONE: "let the cameras' views overlap more",
-    MISFIT: "look into the calibration: its poses or clocks may be off",
+    MISFIT: "check the calibration: its poses or clocks may be wrong",
     AMBIGUOUS: "record with fewer people at a time, or with more cameras",
     BEHIND: "record with fewer people at a time, or hang the cameras higher",
     NEAR: "record with fewer people at a time",
@@ -70,7 +70,7 @@ def scene_people(
     """
     tell("reading")
     calibrated = read_calibrated(out, scene)
-    tell("checking who is who")
+    tell("checking identities")
     person_height_m = calibrated.scene.scale.person_height_m
     places = places_of(calibrated.rig, calibrated.boxes, calibrated.clocks, person_height_m)
     agreed = verify_boxes(places)
@@ -165,12 +165,12 @@ def _check_enough(out: Path, figures: dict[str, Any], people: int, crops: int) -
     worst = next((number for why, _ in causes for number in REMEDIES if REASONS[number] == why), None)
     remedy = REMEDIES[worst] if worst is not None else "record for longer"
     reasons = (
-        f"{people} people and {crops} crops are sure, {FEWEST_PEOPLE} and {FEWEST_CROPS} are needed",
-        f"{figures['sure']} of {figures['identified']} identified boxes are sure",
+        f"{people} people and {crops} crops are reliable, {FEWEST_PEOPLE} and {FEWEST_CROPS} are needed",
+        f"{figures['sure']} of {figures['identified']} identified boxes are reliable",
         *(f"left out, {line}" for line in told),
     )
     raise EvidenceError(
-        f"{out}: the calibration is sure of too few people: {reasons[0]}; {reasons[1]} "
+        f"{out}: the calibration identifies too few people reliably: {reasons[0]}; {reasons[1]} "
         f"(left out: {', '.join(told) or 'none'}): {remedy}",
         reasons,
     )
@@ -184,5 +184,5 @@ def _notes(out: Path, calibrated: CalibratedScene) -> list[str]:
     without = [name for name in calibrated.rig.names if name not in calibrated.videos]
     if without:
         notes.append(f"{calibrated.scene.place}: no video of camera{'s' if len(without) > 1 else ''} {', '.join(without)}: "
-                     "no crops of it, but it helps to tell who is who")  # fmt: skip
+                     "no crops of it, but it helps to determine identities")  # fmt: skip
     return notes

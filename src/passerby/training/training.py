@@ -128,11 +128,11 @@ def _check(crops: CropSet, options: TrainOptions) -> None:
     """Raises `InputError` where there is nothing to learn from."""
     counts = np.bincount(crops.person[crops.person >= 0], minlength=len(crops.people)) if len(crops) else np.zeros(0, int)
     if (crops.person < 0).any() or (counts == 1).any():
-        raise InputError("training: a picture of nobody, or a person with one picture only: leave them out")
+        raise InputError("training: an image of nobody, or a person with one image only: leave them out")
     if (counts > 1).sum() < 2:
         raise InputError(
-            f"training: {int((counts > 1).sum())} people with two pictures or more: two are needed at the least, and hundreds "
-            "for a network that is of use"
+            f"training: {int((counts > 1).sum())} people with two images or more: at least two are needed, and hundreds for a "
+            f"useful network"
         )
     if options.workers < 0:
         raise InputError(f"workers = {options.workers}: give 0 or more")
@@ -148,12 +148,12 @@ def _earlier(folder: Path, crops: CropSet, options: TrainOptions) -> Checkpoint 
         if known[key] != wanted[key] and key != "workers":
             raise InputError(
                 f"{folder / CHECKPOINT}: an earlier training had {key} = {known[key]!r}, this one has {wanted[key]!r}: give "
-                "another folder, or delete this one to begin anew"
+                "another folder, or delete this one to begin again"
             )
     if found.data != data_key(crops):
         raise InputError(
-            f"{folder / CHECKPOINT}: an earlier training was on other pictures: give another folder, or delete this one to "
-            "begin anew"
+            f"{folder / CHECKPOINT}: an earlier training was on other images: give another folder, or delete this one to "
+            "begin again"
         )
     return found
 
@@ -235,7 +235,7 @@ class _Training:
             save_checkpoint(self._folder / CHECKPOINT, self.network, kept, epoch, self._options, self._data, self.origin)
 
     def _broken(self, epoch: int, batch: int, what: str) -> InputError:
-        good = f"{CHECKPOINT} has the network after epoch {epoch}" if epoch else "nothing was kept, it was the first epoch"
+        good = f"{CHECKPOINT} has the network after epoch {epoch}" if epoch else "nothing was stored, it was the first epoch"
         return InputError(
             f"{self._folder}: {what} in epoch {epoch + 1}, batch {batch + 1}: {good}: lower learning_rate "
             f"({self._options.learning_rate:g}) or lengthen warm_up_epochs ({self._options.warm_up_epochs:g})"
@@ -248,7 +248,7 @@ def _begun(
 ) -> tuple[ReidNetwork, str, dict[str, str]]:
     """The network to begin or to go on with, what to tell of its weights, and where it comes from."""
     if before is not None:
-        return before.restored(), f"goes on after epoch {before.epoch} of {options.epochs}", dict(before.origin)
+        return before.restored(), f"continues after epoch {before.epoch} of {options.epochs}", dict(before.origin)
     torch.manual_seed(options.seed)
     size = options.height, options.width
     if options.weights in KEPT_WEIGHTS:
@@ -259,7 +259,7 @@ def _begun(
     network = ReidNetwork(backbone, len(crops.people), options)
     start.load_into(network, options.backbone)
     note = (
-        f"{options.backbone}: begins with {start.path}, after {start.epoch} epochs on {start.origin.get('data', 'other data')}"
+        f"{options.backbone}: starts with {start.path}, after {start.epoch} epochs on {start.origin.get('data', 'other data')}"
     )
     return network, note, {**origin, "began_with": f"{start.origin.get('data', 'other data')}, {start.epoch} epochs"}
 

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from pages.page import Page
 from paper import parts
-from paper.page import Page
 from passerby.cli import main
 
 run_paper = pytest.importorskip("run_paper")

@@ -8,10 +8,10 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
+from pages import kept as kept_module
+from pages.kept import Kept
 from paper import conditions
-from paper import kept as kept_module
 from paper.conditions import Condition, run_conditions
-from paper.kept import Kept
 from paper.thinning import thinned
 from passerby.common.errors import InputError
 from passerby.common.progress import silent
@@ -142,6 +142,6 @@ def test_what_other_code_has_kept_is_not_believed(tmp_path, monkeypatch):
     kept.put("a", {"mm": float("inf")})
     assert Kept(tmp_path).get("a") == {"mm": float("inf")}
     assert kept.get("b") is None
-    monkeypatch.setattr(kept_module, "code_digest", lambda: "other")
+    monkeypatch.setattr(kept_module, "code_digest", lambda *_: "other")
     assert Kept(tmp_path).get("a") is None
     assert Kept(None).get("a") is None

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from pages.page import Page
 from paper import pixels
-from paper.page import Page, Wanted
 from paper.paper_figures import POSES, REPROJECTIONS, SCENES
 from paper.pixel_jobs import Done, Job, jobs, run_job
 from paper.pixel_real import panoptic, wildtrack
 from paper.pixel_rows import NOT_RUN, ROWS, PixelOutcome, run_row
 from paper.pixel_stage import Stage
+from paper.wanted import Wanted
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions
 

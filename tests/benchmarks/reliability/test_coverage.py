@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -45,26 +45,48 @@ def test_scenes_are_drawn_over_the_whole_range(coverage: ModuleType) -> None:
         assert high - 0.1 * (high - low) <= max(values) <= high
 
 
-def test_finished_cases_are_not_run_again(bench: Bench, tmp_path: Path) -> None:
-    runs, page = bench("reliability.runs"), bench("reliability.page")
+def test_finished_cases_are_not_run_again(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    runs = bench("reliability.runs")
     wanted = runs.Wanted(tmp_path, workers=1)
     first = runs.kept(wanted, "squares", {"2": 2, "3": 3}, squared)
-    with (tmp_path / "squares.jsonl").open("a") as file:
-        file.write('{"code": "cut o')
-    assert runs.kept(wanted, "squares", {"3": 3, "2": 2}, failing) == {"3": {"is": 9}, "2": {"is": 4}}
     assert first == {"2": {"is": 4}, "3": {"is": 9}}
-    (tmp_path / "squares.jsonl").write_text(json.dumps({"code": "another", "key": "2", "result": {"is": 5}}) + "\n")
-    assert runs.kept(wanted, "squares", {"2": 2}, squared) == {"2": {"is": 4}}
+    assert runs.kept(wanted, "squares", {"3": 3, "2": 2}, failing) == {"3": {"is": 9}, "2": {"is": 4}}
+    # One that was cut off is run again, and so are all by other code, and those of a quick run.
+    cut = min(tmp_path.iterdir())
+    cut.write_bytes(cut.read_bytes()[:-10])
+    with pytest.raises(AssertionError, match="again"):
+        runs.kept(wanted, "squares", {"2": 2, "3": 3}, failing)
+    assert runs.kept(wanted, "squares", {"2": 2, "3": 3}, squared) == first
+    with pytest.raises(AssertionError, match="again"):
+        runs.kept(replace(wanted, quick=True), "squares", {"2": 2}, failing)
+    monkeypatch.setattr(bench("pages.kept"), "code_digest", lambda *_: "other")
+    with pytest.raises(AssertionError, match="again"):
+        runs.kept(wanted, "squares", {"2": 2}, failing)
 
-    part = page.Part(
-        "squares", "Squares", [page.Line("two squared", "4", "4", True), page.Line("more", "1", "2", False)], "Text."
-    )
-    page.save(part, tmp_path, quick=True)
-    text = page.page(["squares", "cubes"], tmp_path).text
-    assert "| two squared" in text
-    assert "**no**" in text
-    assert "quick run" in text
-    assert "not run" in text
+
+def test_the_page_keeps_the_parts_that_are_not_run(bench: Bench, tmp_path: Path) -> None:
+    page, pages, sections = bench("reliability.page"), bench("pages.page"), bench("pages.sections")
+    lines = [page.Line("two squared", "4", "4", True), page.Line("more --> <b>", "1", "2", False)]
+    parts = {"coverage": lambda: [page.part_found(lines, "Text of sigmas.", quick=True)]}
+    (first,) = page.reliability_page().grow(parts, {})
+    assert "| two squared" in first.text
+    assert "**no**" in first.text
+    assert "quick run" in first.text
+    assert "| verdict " in first.text
+    assert "not run" in first.text
+    path = pages.write_page(first, tmp_path, "make reliability")
+
+    again = replace(page.reliability_page(), code="newer")
+    parts = {"verdict": lambda: [page.part_found([page.Line("wrong rigs", "0", "0", True)], "Text.", quick=False)]}
+    (second,) = again.grow(parts, sections.sections_on(path))
+    assert "| verdict " not in second.text
+    for kept in ("| two squared", "| more --> <b>", "Text of sigmas.", "quick run", "| wrong rigs"):
+        assert second.text.count(kept) == 1
+    # The older part says that it is older, once, however often the page is written.
+    pages.write_page(second, tmp_path, "make reliability")
+    (third,) = again.grow(parts, sections.sections_on(path))
+    assert third == second
+    assert third.text.count("earlier state of the code") == 1
 
 
 def squared(value: int) -> dict[str, int]:

@@ -97,10 +97,10 @@ def test_the_table_names_a_wrong_point(out, tmp_path, capsys):
     path.write_text("\n".join(lines) + "\n")
     assert run(["align", str(out), "-o", str(tmp_path / "a.toml"), "--points", str(path)]) == 0
     said = capsys.readouterr()
-    assert f"note: point p2 in camera {camera} is off by" in said.err
+    assert f"note: point p2 in camera {camera} has a residual of" in said.err
     row = next(cells for line in said.out.splitlines() if (cells := line.split())[:2] == ["p2", camera])
     assert row[-1] == "no"
-    assert "heading known to" in said.out
+    assert "uncertainty (1 sigma): heading" in said.out
 
 
 def test_a_whole_folder_into_a_new_one(made, out, tmp_path, capsys):
@@ -109,7 +109,7 @@ def test_a_whole_folder_into_a_new_one(made, out, tmp_path, capsys):
     new = tmp_path / "new"
     assert run(["align", str(out), "-o", str(new), "--positions", str(positions), "--scale"]) == 0
     assert (
-        f"{out / 'trajectories'} shows the old frame: make it in the new one by `passerby track {new}`"
+        f"{out / 'trajectories'} uses the old frame: write it in the new one with `passerby track {new}`"
         in capsys.readouterr().err
     )
     before, after = (json.loads((folder / "calibration.json").read_text()) for folder in (out, new))
@@ -157,8 +157,8 @@ def test_a_folder_in_place(out, capsys):
     [
         ([], 2, "nothing given: give one of --camera, --points, --positions"),
         (["--camera", "C1", "--points", "x.csv"], 2, "--camera and --points given"),
-        (["--points", "x.csv", "--towards", "C1"], 2, "--towards goes with --camera"),
-        (["--camera", "C1", "--towards", "C1"], 2, "--towards is the camera itself"),
+        (["--points", "x.csv", "--towards", "C1"], 2, "--towards needs --camera"),
+        (["--camera", "C1", "--towards", "C1"], 2, "--towards names the camera of --camera itself"),
         (["--camera", "C1", "--tilt"], 2, "need --points or --positions"),
         (["--camera", "C9"], 2, "no camera C9: it has C1, C2, C3, C4"),
         (["--points", "missing.csv"], 2, "missing.csv: no such file"),
@@ -205,7 +205,7 @@ BROKEN_POINTS = [
     ("camera,u,v,x,y\n,1,2,3,4\n", "line 2: camera is missing"),
     ("camera,u,v,x,y\nC1,1,2,,4\n", "line 2: x is missing"),
     ("camera,u,v,x,y,sd_m\nC1,1,2,3,4,0\n", "sd_m is 0: give metres above 0"),
-    ("point,camera,u,v,x,y\na,C1,1,2,3,4\na,C1,5,6,3,4\n", "point a stands a second time in camera C1 (first on line 2)"),
+    ("point,camera,u,v,x,y\na,C1,1,2,3,4\na,C1,5,6,3,4\n", "point a occurs a second time in camera C1 (first on line 2)"),
     ("point,camera,u,v,x,y\na,C1,1,2,3,4\na,C2,5,6,3,5\n", "line 3: point a is at [3.0, 5.0, 0.0], but at [3.0, 4.0, 0.0]"),
 ]
 
@@ -221,8 +221,8 @@ def test_broken_points(out, tmp_path, capsys, text, says):
     ("text", "says"),
     [
         ("camera,x,z\nC1,1,2\n", "line 2: y is missing"),
-        ("camera,lat,lon\nC1,95,2\n", "lat 95, lon 2 is no place on earth"),
-        ("camera,x,y\nC1,1,2\nC1,1,3\n", "line 3: camera C1 stands a second time"),
+        ("camera,lat,lon\nC1,95,2\n", "lat 95, lon 2 is not a place on earth"),
+        ("camera,x,y\nC1,1,2\nC1,1,3\n", "line 3: camera C1 occurs a second time"),
         ("camera,x,y\nC9,1,2\nC1,1,3\n", "no camera C9"),
     ],
 )
@@ -296,7 +296,7 @@ def test_a_frame_that_cannot_be_set_is_told(made, tmp_path):
     kept = calibrate(world_scene(made, tmp_path, '\n[world]\npositions = "near.csv"\n'))
     assert kept.accepted
     assert len(kept.findings) == 1
-    assert "[world]: the rig stays in its own frame, since the positions fix " in kept.findings[0]
+    assert "[world]: the rig stays in its own frame: the positions fix " in kept.findings[0]
     assert kept.rig["C1"].centre[:2] == pytest.approx((0, 0), abs=1e-9)
     assert "world" not in kept.to_dict()
 
@@ -306,7 +306,7 @@ def test_a_frame_that_cannot_be_set_is_told(made, tmp_path):
     [
         ("", "has none of them: give one of camera, points, positions"),
         ('camera = "C1"\npoints = "p.csv"', "has camera and points: give one"),
-        ('points = "p.csv"\ntowards = "C1"', "towards goes with camera"),
+        ('points = "p.csv"\ntowards = "C1"', "towards needs camera"),
         ('camera = "C1"\ntowards = "C1"', "towards is the camera itself"),
         ('camera = "C1"\nscale = true', "scale and tilt need points or positions"),
         ('camera = "C7"', "[world] camera: camera 'C7' is not declared: did you mean 'C"),

@@ -40,7 +40,7 @@ def test_there_and_back_again(rig, tmp_path, capsys):
     assert run(["export", str(rig), "--format", "opencv", "-o", str(out)]) == 0
     told = capsys.readouterr()
     assert told.out == f"written to {out}\n"
-    assert "is of a calibration, which is doubtful" in told.err
+    assert "is from a calibration, which is doubtful" in told.err
     assert run(["import", str(out), "--format", "opencv", "-o", str(back)]) == 0
     assert "3 cameras, 2 with poses" in capsys.readouterr().out
     for camera in read_rig(rig).posed():

@@ -206,7 +206,7 @@ def test_a_file_of_opencv_without_the_picture_size(folder, capsys):
     out = told(capsys)
     assert re.search(r"cam1 .* size assumed\n", out)
     assert re.search(r"cam2 .* MISSING\n", out)
-    assert "cam2.yml: does not say the picture's size, and its principal point [64.0, 48.0] is not that of the 64 x 48" in out
+    assert "cam2.yml: does not state the image size, and its principal point [64.0, 48.0] is not that of the 64 x 48" in out
     scene = Scene.load(place / "scene.toml")
     assert scene.cameras["cam1"].intrinsics != scene.cameras["cam2"].intrinsics
     assert read_lens(place / scene.cameras["cam1"].intrinsics, "cam1").size == (WIDTH, HEIGHT)
@@ -215,7 +215,7 @@ def test_a_file_of_opencv_without_the_picture_size(folder, capsys):
 
 @pytest.mark.parametrize(
     ("size", "state", "what"),
-    [((48, 64), "WRONG SIZE", "turned by 90 degrees"), ((128, 96), "WRONG SIZE", "scaled by 0.5"), ((64, 56), "found", "")],
+    [((48, 64), "WRONG SIZE", "rotated by 90 degrees"), ((128, 96), "WRONG SIZE", "scaled by 0.5"), ((64, 56), "found", "")],
 )
 def test_a_lens_of_another_size(folder, capsys, size, state, what):
     place = folder("a.mp4", "b.mp4")
@@ -225,7 +225,7 @@ def test_a_lens_of_another_size(folder, capsys, size, state, what):
     assert re.search(rf"a +a.mp4 .* {state}\n", out)
     assert what in out
     text = (place / "scene.toml").read_text()
-    assert ("# TO DO: its pictures are 64 x 48" in text) == bool(what)
+    assert ("# TO DO: its frames are 64 x 48" in text) == bool(what)
     assert ("without its last columns or rows" in text) != bool(what)
     Scene.load(place / "scene.toml")
 
@@ -259,7 +259,7 @@ def test_a_folder_for_each_camera(folder, capsys):
     assert videos(Scene.load(place / "scene.toml")) == {"gate": "gate/GX010001.MP4", "north": "north/GX010001.MP4"}
     out = told(capsys)
     assert "left out: GX020001.MP4 in" in out
-    assert "overview.mp4: the cameras are taken to be the subfolders" in out
+    assert "overview.mp4: the cameras are assumed to be the subfolders" in out
 
 
 def test_the_folder_of_videos_is_preferred(folder):
@@ -338,7 +338,7 @@ def test_pieces_of_recordings_are_no_cameras(folder, names, below):
     with pytest.raises(InputError, match=r"holds pieces of longer recordings .* in a row") as error:
         init(place)
     assert "`ffmpeg -f concat -safe 0 -i list.txt -c copy camera.mp4`" in str(error.value)
-    assert "and give the folder with one file a camera" in str(error.value)
+    assert "and give the folder with one file per camera" in str(error.value)
     assert "\n" not in str(error.value)
     assert not list(place.rglob("*.toml"))
 
@@ -357,7 +357,7 @@ def test_still_pictures_are_no_videos(folder, place):
     for number in range(3):
         cv2.imwrite(str(shoot / place / f"{number:06d}.jpg"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     with pytest.raises(
-        InputError, match=r"holds 3 pictures \(.*000000.jpg, ...\) and no video: still pictures are not read"
+        InputError, match=r"holds 3 images \(.*000000.jpg, ...\) and no video: still images are not read"
     ) as error:
         init(shoot)
     assert "-pattern_type glob" in str(error.value)
@@ -369,7 +369,7 @@ def test_still_pictures_are_no_videos(folder, place):
 def test_too_few_videos(folder, tmp_path, names):
     (tmp_path / "shoot").mkdir()
     place = folder(*names)
-    with pytest.raises(InputError, match="holds one camera only" if names else "neither it nor a folder in it") as error:
+    with pytest.raises(InputError, match="holds only one camera" if names else "neither it nor a folder in it") as error:
         init(place)
     assert error.value.exit_status == 2
     assert "\n" not in str(error.value)

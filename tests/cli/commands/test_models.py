@@ -18,7 +18,7 @@ def cache(tmp_path, monkeypatch):
 
 @pytest.fixture
 def server(cache, monkeypatch):
-    with serving() as server:
+    with serving(monkeypatch) as server:
         known = [
             entry("tiny", url=server.url),
             entry("second", url=server.url, default=False),
@@ -45,7 +45,7 @@ def test_list(server, run, cache):
     listed = lines(run("list"))
     assert ["joints", "keypoints", "25.1", "MB", "Apache-2.0", "not", "here"] in listed
     assert ["tiny", "detector", "0.3", "MB", "Apache-2.0", "auto", "not", "here"] in listed
-    assert ["looked", "for", "in", str(cache)] in listed
+    assert ["searched", "in", str(cache)] in listed
     run("fetch")
     assert ["tiny", "detector", "0.3", "MB", "Apache-2.0", "auto", str(cache / "tiny.onnx")] in lines(run("list"))
 
@@ -94,8 +94,8 @@ def test_fetch_all_that_can_be_had(server, run, cache):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["joints"], "joints: no address serves it: put joints.onnx into"),
-        (["nothing"], "nothing: is no model that Passerby knows: there are tiny, second, joints$"),
+        (["joints"], "joints: has no download address: put joints.onnx into"),
+        (["nothing"], "nothing: is not a model that Passerby knows: there are tiny, second, joints$"),
         (["tiny", "--all"], "names and --all contradict each other"),
     ],
 )

@@ -78,7 +78,7 @@ def test_from_pictures_to_a_network(court, config, tmp_path, capsys):
     same_figures(by_onnx, by_run)
 
     again = answer(capsys, *train)
-    assert "goes on after epoch 3 of 3" in again.out
+    assert "continues after epoch 3 of 3" in again.out
     assert f"written to {folder}" in again.out
 
 

@@ -111,7 +111,7 @@ def broken_report(out, **changes):
     [
         (lambda out: (out / "calibration.json").unlink(), 2, "calibration.json: no such file"),
         (lambda out: (out / "calibration.json").write_text("{"), 2, "is not JSON"),
-        (lambda out: (out / "calibration.json").write_text("[]"), 2, "is no table"),
+        (lambda out: (out / "calibration.json").write_text("[]"), 2, "is not a table"),
         (lambda out: broken_report(out, verdict="fine"), 2, "verdict is 'fine'"),
         (lambda out: broken_report(out, cameras=[]), 2, "has no camera C1"),
         (lambda out: broken_report(out, verdict="refused", reasons=["no overlap"]), 3, "refused: no overlap"),

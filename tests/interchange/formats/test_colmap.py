@@ -157,7 +157,7 @@ def test_either_name_reads_what_lies_there(tmp_path):
         ("cameras.txt", "7 PINHOLES 1280 720 1 2 3 4\n", "'PINHOLES' is not known"),
         ("cameras.txt", "8 PINHOLE 1280 720 1 2 3 4\n", "image C1.png is of camera 7"),
         ("images.txt", "1 1 0 0 0 0 0 0 7\n", "line 1: has 9 values: IMAGE_ID"),
-        ("images.txt", "1 0 0 0 0 0 0 0 7 C1.png\n", "is no rotation"),
+        ("images.txt", "1 0 0 0 0 0 0 0 7 C1.png\n", "is not a rotation"),
         ("images.txt", "1 1 0 0 0 0 inf 0 7 C1.png\n", "finite numbers are needed"),
     ],
 )

@@ -96,7 +96,7 @@ def test_easymocaps_own_projection(tmp_path):
 def test_a_file_of_easymocap(tmp_path):
     (tmp_path / "intri.yml").write_bytes(INTRI.encode())
     (tmp_path / "extri.yml").write_bytes(EXTRI.encode())
-    with pytest.raises(InputError, match=r"camera 01: tells no picture size.*--size"):
+    with pytest.raises(InputError, match=r"camera 01: states no image size.*--size"):
         read_back("easymocap", tmp_path)
     rig, _ = read_back("easymocap", tmp_path, size=SIZE)
     assert rig.names == ("01", "02")
@@ -133,7 +133,7 @@ def test_a_fisheye_is_a_loss(tmp_path):
         ("[1]", None, "holds no table of OpenCV"),
         (INTRI.replace("K_02", "K_03"), None, "camera 02: K_02 is missing"),
         (INTRI.replace("1100.000000", "-1100.000000"), None, "camera 01: matrix .* focal lengths"),
-        (INTRI.replace('"02"', '"01"'), None, "camera 01 stands twice"),
+        (INTRI.replace('"02"', '"01"'), None, "camera 01 occurs twice"),
         (INTRI, EXTRI.replace("T_01", "T_1"), "camera 01: R_01 or T_01 is missing"),
         (INTRI, EXTRI.replace("1.570796, ", ""), "camera 01: R_01 is .*: 3 numbers are needed"),
     ],

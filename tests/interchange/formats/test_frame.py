@@ -113,7 +113,7 @@ def test_ways_survive_their_file(tmp_path):
     [
         (lambda text: text.replace("x_m", "x"), "no column x_m"),
         (lambda text: text.replace("1.500", "wide"), r"line 2: x_m is 'wide'"),
-        (lambda text: text + text.splitlines()[-1] + "\n", "stands twice"),
+        (lambda text: text + text.splitlines()[-1] + "\n", "occurs twice"),
         (lambda text: text.splitlines()[0] + "\n", "has no row"),
     ],
 )

@@ -112,12 +112,12 @@ def test_a_board_without_a_unit(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
-        (DUMPED, "", "is no calibration of FreeMoCap"),
-        (DUMPED, "[a]\nb = 1", "is no calibration of FreeMoCap"),
+        (DUMPED, "", "is not a calibration of FreeMoCap"),
+        (DUMPED, "[a]\nb = 1", "is not a calibration of FreeMoCap"),
         ("[cam_0]", "[cam_0", "is not TOML"),
         ("size = [ 1280, 720,]", "size = [ 1280 ]", r"\[cam_0\]: size is \[1280\]"),
         ("rotation = [ 0.0, 0.5, 0.0,]", "", r"\[cam_1\]: has a translation but no rotation"),
-        ("Camera_001", "Camera_000", "camera Camera_000_synchronized stands twice"),
+        ("Camera_001", "Camera_000", "camera Camera_000_synchronized occurs twice"),
     ],
 )
 def test_bad_files(tmp_path, old, new, match):

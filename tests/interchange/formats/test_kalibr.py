@@ -160,7 +160,7 @@ def test_cameras_without_a_pose_are_left_out(tmp_path):
         ("camera_model: pinhole", "camera_model: fancy", "cam0: camera_model fancy"),
         ("resolution: [752, 480]", "resolution: 752", "cam0: resolution is 752: 2 numbers"),
         ("intrinsics: [461.629,", "intrinsics: [", "cam0: intrinsics is .*: 4 numbers"),
-        ("[1.0, 0.0, 0.0, -0.1]", "[2.0, 0.0, 0.0, -0.1]", "cam1: T_cn_cnm1: .* is no rotation"),
+        ("[1.0, 0.0, 0.0, -0.1]", "[2.0, 0.0, 0.0, -0.1]", "cam1: T_cn_cnm1: .* is not a rotation"),
         ("[0.8, 833.006", "[.nan, 833.006", "cam1: intrinsics .* finite"),
         ("cam0:", "cam7:", "cam1: T_cn_cnm1 is there, but no camera before it"),
         ("cam0:", "cam0: [", "is not YAML"),

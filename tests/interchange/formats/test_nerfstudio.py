@@ -127,7 +127,7 @@ def test_fisheyes_are_held_and_mixed_rigs_lose(tmp_path):
 def test_size_and_unit_as_told(tmp_path):
     content = {key: value for key, value in DOCUMENTED.items() if key not in ("w", "h")}
     (tmp_path / "t.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="tells no picture size"):
+    with pytest.raises(InputError, match="states no image size"):
         read_back("nerfstudio", tmp_path / "t.json")
     rig, _ = read_back("nerfstudio", tmp_path / "t.json", size=(3008, 2000), metres_per_unit=0.01)
     np.testing.assert_allclose(rig["frame_00002"].centre, (0.02, 0, 0))
@@ -152,7 +152,7 @@ def test_cameras_without_a_pose(tmp_path):
         ({"w": 12.5}, "w is 12.5: a whole number"),
         ({"p1": 0.1}, "a fisheye has no tangential"),
         ({"camera_model": "OPENCV"}, "k4 = 0.00010067: OpenCV's pinhole has no such"),
-        ({"frames": [{"file_path": "a", "transform_matrix": [[1, 0, 0, 0]] * 4}]}, "is no rotation"),
+        ({"frames": [{"file_path": "a", "transform_matrix": [[1, 0, 0, 0]] * 4}]}, "is not a rotation"),
         ({"frames": [{"file_path": "a", "transform_matrix": 5}]}, "16 numbers are needed"),
         ({"frames": [{"file_path": "a"}]}, "transform_matrix is missing"),
     ],

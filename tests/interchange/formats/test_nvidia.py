@@ -133,7 +133,7 @@ def test_zero_centred_projection_matrices_are_read(tmp_path):
     values = "".join(f"  - {value}\n" for value in (-2 * centred).ravel())
     path = tmp_path / "camInfo-01.yml"
     path.write_text(f"%YAML:1.0\n---\n# of a test\nprojectionMatrix_3x4:\n{values}modelInfo:\n  height: 205\n  radius: 33\n")
-    with pytest.raises(InputError, match=r"camInfo-01.yml: tells no picture size"):
+    with pytest.raises(InputError, match=r"camInfo-01.yml: states no image size"):
         read_back("mv3dt", path)
     rig, _ = read_back("mv3dt", tmp_path, size=SIZE, metres_per_unit=0.01)
     np.testing.assert_allclose(rig["camInfo-01"].lens.matrix, facing().lens.matrix, atol=1e-9)
@@ -187,7 +187,7 @@ def test_sensors_of_others(tmp_path):
             "frameWidth is 'wide'",
         ),
         ({"intrinsicMatrix": np.eye(3).tolist(), "extrinsicMatrix": [[1, 2, 3]] * 3}, "extrinsicMatrix has 9 numbers"),
-        ({"intrinsicMatrix": np.eye(3).tolist(), "extrinsicMatrix": np.ones((3, 4)).tolist()}, "is no rotation"),
+        ({"intrinsicMatrix": np.eye(3).tolist(), "extrinsicMatrix": np.ones((3, 4)).tolist()}, "is not a rotation"),
     ],
 )
 def test_bad_sensors(tmp_path, change, match):

@@ -32,7 +32,7 @@ def projected(turn=TURN, move=MOVE, matrix=MATRIX, distortions=DISTORTIONS):
 def test_one_file(ending, rotation, tmp_path):
     path = tmp_path / f"yard{ending}"
     write(path, K=MATRIX, dist=DISTORTIONS, image_width=1280, image_height=720, rvec=rotation, tvec=1000 * MOVE)
-    with pytest.raises(InputError, match="does not tell the unit of its translation"):
+    with pytest.raises(InputError, match="does not state the unit of its translation"):
         read_rig_as("opencv", path)
     rig, told = read_rig_as("opencv", path, Given(metres_per_unit=0.001))
     assert told == ()
@@ -44,7 +44,7 @@ def test_files_without_poses_are_lenses_in_the_order_of_their_names(tmp_path):
     for name in ("C10", "C2"):
         write(tmp_path / f"{name}.yml", camera_matrix=MATRIX, distortion_coefficients=DISTORTIONS)
     write(tmp_path / "other.yml", threshold=3.0)
-    with pytest.raises(InputError, match=r"C2\.yml: tells no picture size.*--size"):
+    with pytest.raises(InputError, match=r"C2\.yml: states no image size.*--size"):
         read_rig_as("opencv", tmp_path)
     rig, _ = read_rig_as("opencv", tmp_path, Given((1280, 720)))
     assert rig.names == ("C2", "C10")

@@ -84,8 +84,8 @@ def test_what_was_not_found_is_not_there(tmp_path):
     assert score["nose"] == score["left_eye"] == score["right_eye"] == 0
     assert score["left_ear"] == 1
     assert score["right_ear"] == 0.5
-    assert "one joint has the confidence 1.07: it becomes 1" in found.notes
-    assert "one person without a joint is left out" in found.notes
+    assert "one keypoint has the confidence 1.07: it becomes 1" in found.notes
+    assert "one person without a keypoint is left out" in found.notes
 
 
 def test_identities_are_kept_and_nobody_is_twice(tmp_path):
@@ -99,7 +99,7 @@ def test_identities_are_kept_and_nobody_is_twice(tmp_path):
 def test_the_same_twice_is_once(tmp_path):
     found = read_people_as("openpose", written(tmp_path / "C1", {0: [person(joints(25)), person(joints(25))]}))
     assert len(found.keypoints) == 1
-    assert "one of the people stands twice" in found.notes
+    assert "one of the people occurs twice" in found.notes
 
 
 def test_the_command_writes_what_a_scene_takes(tmp_path):
@@ -124,10 +124,10 @@ def test_the_command_writes_what_a_scene_takes(tmp_path):
         ({"a_1.json": "{"}, r"a_1.json: line 1: is not JSON"),
         ({"a_1.json": "[]"}, r"a_1.json: has no list `people`"),
         ({"a_1.json": '{"people": [{}]}'}, r"people\[0\]: has no pose_keypoints_2d"),
-        ({"a_1.json": '{"people": [{"pose_keypoints_2d": [1, 2]}]}'}, "2 numbers a person"),
+        ({"a_1.json": '{"people": [{"pose_keypoints_2d": [1, 2]}]}'}, "2 numbers per person"),
         ({"a_1.json": '{"people": [{"pose_keypoints_2d": [1, 2, "3"]}]}'}, "holds '3': finite numbers"),
         ({"a_1.json": '{"people": [{"pose_keypoints_2d": [1, 2, Infinity]}]}'}, "holds inf: finite numbers"),
-        ({"a_1.json": json.dumps({"people": [person(joints(15))]})}, "45 numbers a person"),
+        ({"a_1.json": json.dumps({"people": [person(joints(15))]})}, "45 numbers per person"),
         ({"a_1.json": json.dumps({"people": [person(joints(25)), person(joints(18))]})}, "54 numbers.* others 75"),
         ({"a_1.json": json.dumps({"people": [person([0.5, 0.25, 0.9] * 25)]})}, "--keypoint_scale 0"),
         ({"a_1.json": '{"people": [{"pose_keypoints_2d": [], "person_id": ["x"]}]}'}, None),

@@ -117,6 +117,21 @@ def test_faces_and_edges_are_of_one_thing(tmp_path):
         assert (np.ptp(vertex[column][edges], axis=1) == 0).all()
 
 
+def test_two_faces_make_a_band_of_the_ground(tmp_path):
+    """Side by side, not one upon the other: together they are as wide and as long as their corners are apart."""
+    _, tables = parsed(written(tmp_path, rig()))
+    point, corners = places(tables["vertex"]), tables["face"]["vertex_indices"]
+    ground = (tables["vertex"]["camera"][corners] < 0).all(axis=1)
+    assert np.count_nonzero(ground) >= 8
+    _, band = np.unique(corners[ground].min(axis=1), return_inverse=True)
+    for one in np.unique(band):
+        faces = corners[ground][band == one]
+        ends = np.unique(faces)
+        assert (faces.shape, len(ends)) == ((2, 3), 4)
+        np.testing.assert_allclose(point[faces].mean(axis=(0, 1)), point[ends].mean(axis=0), atol=1e-5)
+        assert np.ptp(point[ends][:, :2], axis=0).min() > 1e-4
+
+
 def test_the_ground_lies_below_everything(tmp_path):
     _, tables = parsed(written(tmp_path, rig(), ways()))
     vertex = tables["vertex"]

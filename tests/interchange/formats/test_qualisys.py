@@ -105,17 +105,17 @@ def test_metres_in_the_file(tmp_path):
     ("old", "new", "match"),
     [
         ("<transform", "<transformation", "camera 26580: <transform> is missing"),
-        ('r23="1"', 'r23="0.9"', "is no rotation"),
-        ('r12="1"', 'r12="-1"', "is no rotation"),  # a mirrored camera
+        ('r23="1"', 'r23="0.9"', "is not a rotation"),
+        ('r12="1"', 'r12="-1"', "is not a rotation"),  # a mirrored camera
         ('x="4000"', 'x="far"', "<transform> x is 'far'"),
         ('x="4000"', "", "<transform> has no x"),
         ('focalLengthU="102400"', 'focalLengthU="nan"', "<intrinsic> focalLengthU is 'nan'"),
         ('focalLengthU="102400"', 'focalLengthU="-3"', "is not a camera matrix"),
-        ('fov_video left="0"', 'fov_video left="4000"', "is no picture"),
+        ('fov_video left="0"', 'fov_video left="4000"', "is not an image"),
         ("</camera>", "", "is not XML"),
         ("camera ", "kamera ", "is not XML"),
         (CAMERA, "", "holds no <camera>"),
-        (CAMERA, 2 * CAMERA, "camera 26580 stands twice"),
+        (CAMERA, 2 * CAMERA, "camera 26580 occurs twice"),
     ],
 )
 def test_broken_files_are_told(tmp_path, old, new, match):

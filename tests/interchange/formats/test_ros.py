@@ -224,7 +224,7 @@ def test_a_camera_without_a_pose_is_kept_as_a_lens(tmp_path):
         (("camera_matrix:", "camera_matri:"), None, "camera_matrix is missing"),
         ((OST, "- 1"), None, "holds no camera_info"),
         (None, (ECHOED, "transforms: 1"), "has no list `transforms`"),
-        (None, ("w: 0.5", "w: 0.6"), "is no unit quaternion"),
+        (None, ("w: 0.5", "w: 0.6"), "is not a unit quaternion"),
         (None, ("frame_id: map", "frame_id: narrow_stereo_optical_frame"), "is its own ancestor"),
         (None, ("x: 4.0", "x: four"), r"transforms\[0\]: narrow_stereo_link: translation: x is 'four'"),
         (None, ("narrow_stereo_optical_frame", "narrow_stereo_link"), "each frame needs one parent"),

@@ -102,7 +102,7 @@ def read(form, text, folder, **given):
 
 
 def test_anipose_does_not_tell_its_unit(tmp_path):
-    with pytest.raises(InputError, match=r"rig\.toml: does not tell the unit.*--units mm"):
+    with pytest.raises(InputError, match=r"rig\.toml: does not state the unit.*--units mm"):
         read("anipose", ANIPOSE, tmp_path)
     rig, _ = read("anipose", ANIPOSE, tmp_path, metres_per_unit=0.001)
     assert rig.names == ("B", "A")

@@ -73,7 +73,7 @@ def test_rounded_rotations_are_made_rotations():
     found = rotation("p", np.round(np.array([[np.cos(1), -np.sin(1), 0], [np.sin(1), np.cos(1), 0], [0, 0, 1]]), 4))
     np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-14)
     for bad in (np.diag([1.0, 1, -1]), 1.01 * np.eye(3), np.zeros((3, 3))):
-        with pytest.raises(InputError, match=r"p: .* is no rotation"):
+        with pytest.raises(InputError, match=r"p: .* is not a rotation"):
             rotation("p", bad)
 
 

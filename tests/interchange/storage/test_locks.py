@@ -1,6 +1,7 @@
 """One process at a time in a folder; a killed one holds nobody up."""
 
 import errno
+import itertools
 import math
 import os
 import signal
@@ -15,6 +16,7 @@ import pytest
 
 from passerby.cli.main import run
 from passerby.common.errors import InputError
+from passerby.interchange.storage import locks
 from passerby.interchange.storage.locks import FOLDER_LOCK, lock_folder
 
 pytest.importorskip("fcntl", reason="the system has no such locks")
@@ -43,9 +45,7 @@ def test_the_second_is_told_of_the_first(tmp_path, holder, capsys):
         assert run(command) == 2
         errors = capsys.readouterr().err
         assert errors.startswith(f"error: {tmp_path}: process {holder.pid} on ")
-        assert errors.endswith(
-            "(passerby calibrate) works there at this moment: wait until it has ended, or give another place\n"
-        )
+        assert errors.endswith("(passerby calibrate) is running there now: wait until it has finished, or give another place\n")
 
 
 def test_a_killed_process_leaves_a_file_and_no_lock(tmp_path, holder):
@@ -111,7 +111,24 @@ def test_a_folder_that_goes_and_comes_is_no_fault(tmp_path, monkeypatch, call):
     assert not out.exists()
 
 
-def test_a_lock_that_can_never_be_made_is_a_fault(tmp_path):
+def test_a_process_that_the_machine_let_wait_tries_again(tmp_path, monkeypatch):
+    """All of the time for tries goes by between the first one, which fails, and the second."""
+    real, hours, tries = Path.open, itertools.count(step=3600), []
+
+    def gone_once(self, *arguments, **named):
+        tries.append(self)
+        if len(tries) == 1:
+            raise FileNotFoundError(errno.ENOENT, "No such file or directory", str(self))
+        return real(self, *arguments, **named)
+
+    monkeypatch.setattr(Path, "open", gone_once)
+    monkeypatch.setattr(locks.time, "monotonic", lambda: float(next(hours)))
+    with lock_folder(tmp_path, "a test"):
+        assert tries == [tmp_path / FOLDER_LOCK] * 2
+
+
+def test_a_lock_that_can_never_be_made_is_a_fault(tmp_path, monkeypatch):
+    monkeypatch.setattr(locks, "GONE_FOR_S", 0.01)
     (tmp_path / FOLDER_LOCK).symlink_to(tmp_path / "nowhere" / "lock")
     with pytest.raises(InputError, match="cannot be written"), lock_folder(tmp_path, "a test"):
         raise AssertionError
@@ -121,6 +138,6 @@ def test_a_lock_that_can_never_be_made_is_a_fault(tmp_path):
 
 
 def test_a_folder_that_was_there_stays(tmp_path):
-    with lock_folder(tmp_path, "a test"), pytest.raises(InputError, match="works there"), lock_folder(tmp_path, "another"):
+    with lock_folder(tmp_path, "a test"), pytest.raises(InputError, match="is running there"), lock_folder(tmp_path, "another"):
         raise AssertionError
     assert tmp_path.is_dir()

@@ -106,7 +106,7 @@ def test_checkpoints_run_nothing(tmp_path):
 
     trap = tmp_path / "sprung"
     torch.save({"format": "passerby", "options": Trap(trap)}, tmp_path / "checkpoint.pt")
-    with pytest.raises(InputError, match=r"checkpoint\.pt: is no checkpoint"):
+    with pytest.raises(InputError, match=r"checkpoint\.pt: is not a checkpoint"):
         load_checkpoint(tmp_path / "checkpoint.pt")
     assert not trap.exists()
 

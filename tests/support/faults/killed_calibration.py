@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import signal
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -22,16 +23,23 @@ Moment = tuple[str, int]
 
 @dataclass
 class Fate:
-    """Counts what happens, and ends the process when the moment has come."""
+    """Counts what happens, and ends the process when the moment has come; or makes a file, and waits until that is gone."""
 
     moment: Moment | None = None
     sign: int = signal.SIGKILL
+    gate: Path | None = None
     seen: Counter[str] = field(default_factory=Counter)
 
     def __call__(self, event: str) -> None:
         self.seen[event] += 1
-        if self.moment == (event, self.seen[event]):
+        if self.moment != (event, self.seen[event]):
+            return
+        if self.gate is None:
             os.kill(os.getpid(), self.sign)
+            return
+        self.gate.touch()
+        while self.gate.exists():
+            time.sleep(0.02)
 
     def before(self, event: str, function: Callable[..., Any]) -> Callable[..., Any]:
         def told(*arguments: Any, **named: Any) -> Any:
@@ -84,9 +92,8 @@ class _Os:
         return getattr(os, name)
 
 
-def _run(scene: Path, out: Path, moment: Moment | None, sign: int, channel: Any) -> None:
+def _run(scene: Path, out: Path, fate: Fate, channel: Any) -> None:
     """In the new process."""
-    fate = Fate(moment, sign)
     _watch_over(fate)
     from passerby.cli.main import run
 
@@ -107,14 +114,16 @@ class Ended:
     seen: Counter[str] = field(default_factory=Counter)
 
 
-def calibrate(scene: Path, out: Path, moment: Moment | None = None, sign: int = signal.SIGKILL) -> Ended:
-    """Calibrate in a process of its own until the moment comes, or to the end."""
+def calibrate(
+    scene: Path, out: Path, moment: Moment | None = None, sign: int = signal.SIGKILL, gate: Path | None = None
+) -> Ended:
+    """Calibrate in a process of its own until the moment comes, or to the end; with a gate to the end, but through the gate."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
         ["passerby.calibration.pipeline", "passerby.cli.main", "passerby.perception.background", "passerby.cli.tables"]
     )
     here, there = context.Pipe(duplex=False)
-    process = context.Process(target=_run, args=(scene, out, moment, sign, there))
+    process = context.Process(target=_run, args=(scene, out, Fate(moment, sign, gate), there))
     process.start()
     there.close()
     try:

@@ -9,7 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import numpy as np
 
 from passerby.perception import catalogue as catalogue_module
-from passerby.perception import model_files
+from passerby.perception import fetching, model_files
 from passerby.perception.catalogue import ModelEntry, catalogue
 
 BODY = np.random.default_rng(5).bytes(300_000)
@@ -69,8 +69,10 @@ class Server:
 
 
 @contextmanager
-def serving():
-    """A `Server` that answers until the block ends."""
+def serving(monkeypatch):
+    """A `Server` that answers until the block ends, and is waited for however long its thread waits for its turn."""
+    monkeypatch.setattr(fetching, "ANSWER_S", 600)
+    monkeypatch.setattr(fetching, "STALL_S", 600)
     server = Server()
 
     class Handler(BaseHTTPRequestHandler):
@@ -89,11 +91,13 @@ def serving():
         server.port = listening.server_address[1]
         thread = threading.Thread(target=listening.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
-        yield server
-        if server.hold is not None:
-            server.hold.set()
-        listening.shutdown()
-        thread.join()
+        try:
+            yield server
+        finally:
+            if server.hold is not None:
+                server.hold.set()
+            listening.shutdown()
+            thread.join()
 
 
 def keep_to(folder, monkeypatch):

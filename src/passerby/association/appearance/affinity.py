@@ -14,22 +14,23 @@ from passerby.association.appearance.discriminability import (
     similarities_of_different_people,
     within_camera_discriminability,
 )
-from passerby.association.appearance.embeddings import TrackletFeatures, Votes, count_votes, match_boxes, tracklet_features
+from passerby.association.appearance.embeddings import (
+    CameraAppearance,
+    TrackletFeatures,
+    Votes,
+    count_votes,
+    match_boxes,
+    tracklet_features,
+)
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.sampling import STEP_S
-from passerby.common.arrays import Floats, Ints
-from passerby.core.observations import Boxes
+from passerby.common.arrays import Floats
 
 
 @dataclass(frozen=True, eq=False)
-class CameraAffinity:
-    """One camera's tracklets as they look, thinned to the grid of time."""
+class CameraAffinity(CameraAppearance):
+    """One camera's tracklets, thinned to one box a tracklet and grid time by the camera's own clock."""
 
-    boxes: Boxes
-    """One box a tracklet and grid time."""
-    instants: Ints
-    """(N,) grid times of the boxes, by the camera's own clock."""
-    features: TrackletFeatures
     different: Floats
     """Similarities of people who are surely two."""
     usefulness: Discriminability | None
@@ -107,9 +108,8 @@ def _camera_looks(camera: CameraTracklets, rng: np.random.Generator) -> CameraAf
 def _pair_looks(a: CameraAffinity | None, b: CameraAffinity | None, rng: np.random.Generator) -> PairAffinity | None:
     if a is None or b is None:
         return None
-    columns = a.boxes, b.boxes, a.features, b.features, a.instants, b.instants
-    useful = between_camera_discriminability(*columns, rng)
-    counted = count_votes(*columns, match_boxes(*columns))
+    useful = between_camera_discriminability(a, b, rng)
+    counted = count_votes(a, b, match_boxes(a, b))
     ratio = appearance_log_likelihood_ratios(
         a.features, b.features, np.concatenate([a.different, b.different]), useful.weight if useful else 0.0, counted.together
     )

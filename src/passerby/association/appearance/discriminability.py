@@ -18,6 +18,7 @@ from scipy.sparse import coo_array, csr_array
 
 from passerby.association.appearance.embeddings import (
     SAMPLES,
+    CameraAppearance,
     TrackletFeatures,
     common_presence,
     normalise,
@@ -100,7 +101,7 @@ def within_camera_discriminability(boxes: Boxes, rng: np.random.Generator, sampl
 
 def _seen_together(boxes: Boxes, features: TrackletFeatures) -> tuple[Ints, Ints]:
     """(P,), (P,) rows of two tracklets of known looks that one camera saw at one instant; each pair in both orders."""
-    _, tracklet, frame = tracklet_presence(boxes, features, boxes.frame)
+    _, tracklet, frame = tracklet_presence(CameraAppearance(boxes, boxes.frame, features))
     frames, at = np.unique(frame, return_inverse=True)
     seen = presence(tracklet, at, (len(frames), len(features.tracklet)))
     together = coo_array(seen.T @ seen)
@@ -123,14 +124,7 @@ def similarities_of_different_people(boxes: Boxes, features: TrackletFeatures, c
 
 
 def between_camera_discriminability(
-    a: Boxes,
-    b: Boxes,
-    features_a: TrackletFeatures,
-    features_b: TrackletFeatures,
-    instants_a: Ints,
-    instants_b: Ints,
-    rng: np.random.Generator,
-    centre: bool = True,
+    a: CameraAppearance, b: CameraAppearance, rng: np.random.Generator, centre: bool = True
 ) -> Discriminability | None:
     """Whether two cameras see the same looks.
 
@@ -145,21 +139,18 @@ def between_camera_discriminability(
     A person whom the other camera does not see counts as chance, so the figure is a lower bound.
 
     Args:
-        a: boxes of the first camera.
-        b: boxes of the second camera.
-        features_a: looks of a's tracklets.
-        features_b: looks of b's tracklets.
-        instants_a: (N_a,) as in `match_boxes`.
-        instants_b: (N_b,) the same of b.
+        a: the first camera.
+        b: the second camera.
         rng: draws instants and candidates.
         centre: take each camera's mean feature off first.
 
     Returns:
         None where there are too few instants at which each camera sees three people or more.
     """
-    in_a, in_b = common_presence(a, b, features_a, features_b, instants_a, instants_b)
+    in_a, in_b = common_presence(a, b)
     if not in_a.shape[0]:
         return None
+    features_a, features_b = a.features, b.features
     if centre:
         features_a, features_b = without_camera_bias(features_a), without_camera_bias(features_b)
     forth = _margin_wins(in_a, in_b, features_a.feature, features_b.feature, rng)

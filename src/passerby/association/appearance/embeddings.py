@@ -45,6 +45,16 @@ class TrackletFeatures:
 
 
 @dataclass(frozen=True, eq=False)
+class CameraAppearance:
+    """One camera's tracklets: their boxes, when they were seen, and their appearance."""
+
+    boxes: Boxes
+    instants: Ints
+    """(N,) when each box was seen, counted alike in all cameras."""
+    features: TrackletFeatures
+
+
+@dataclass(frozen=True, eq=False)
 class BoxMatches:
     """Boxes of cameras a and b that are thought to show one person at one instant."""
 
@@ -134,13 +144,14 @@ def similarities(a: TrackletFeatures, b: TrackletFeatures, centre: bool = True) 
     return np.asarray(a.feature @ b.feature.T)
 
 
-def tracklet_presence(boxes: Boxes, features: TrackletFeatures, instants: Ints) -> tuple[Ints, Ints, Ints]:
-    """The boxes that can be compared: those of tracklets with known looks, one per tracklet and instant.
+def tracklet_presence(camera: CameraAppearance) -> tuple[Ints, Ints, Ints]:
+    """The boxes that can be compared: those of tracklets with a known appearance, one per tracklet and instant.
 
     Returns:
-        (S,) rows of the boxes, (S,) rows in `features`, (S,) instants; in order of the instant, then the tracklet.
+        (S,) rows of the boxes, (S,) rows in the features, (S,) instants; in order of the instant, then the tracklet.
     """
-    index = features.index(boxes.identity)
+    features, instants = camera.features, camera.instants
+    index = features.index(camera.boxes.identity)
     usable = np.flatnonzero((index > UNKNOWN) & np.append(features.known, False)[index])
     order = usable[np.lexsort((index[usable], instants[usable]))]
     instant, tracklet = instants[order], index[order]
@@ -149,31 +160,19 @@ def tracklet_presence(boxes: Boxes, features: TrackletFeatures, instants: Ints) 
     return order[first], tracklet[first], instant[first]
 
 
-def match_boxes(
-    a: Boxes,
-    b: Boxes,
-    features_a: TrackletFeatures,
-    features_b: TrackletFeatures,
-    instants_a: Ints,
-    instants_b: Ints,
-    centre: bool = True,
-) -> BoxMatches:
+def match_boxes(a: CameraAppearance, b: CameraAppearance, centre: bool = True) -> BoxMatches:
     """Box matches of two cameras: at every common instant, the assignment with the least sum of feature distances.
 
     As many are matched as the camera that sees fewer people has; mistakes are expected, later steps reject them.
 
     Args:
-        a: boxes of the first camera.
-        b: boxes of the second camera.
-        features_a: looks of a's tracklets.
-        features_b: looks of b's tracklets.
-        instants_a: (N_a,) when each box of a was seen, counted alike in both cameras.
-        instants_b: (N_b,) the same of b.
+        a: the first camera.
+        b: the second camera.
         centre: take each camera's mean feature off first (the paper does not).
     """
-    distance = np.sqrt(np.maximum(2.0 - 2.0 * similarities(features_a, features_b, centre), 0.0))
-    rows_a, tracklet_a, when_a = tracklet_presence(a, features_a, instants_a)
-    rows_b, tracklet_b, when_b = tracklet_presence(b, features_b, instants_b)
+    distance = np.sqrt(np.maximum(2.0 - 2.0 * similarities(a.features, b.features, centre), 0.0))
+    rows_a, tracklet_a, when_a = tracklet_presence(a)
+    rows_b, tracklet_b, when_b = tracklet_presence(b)
     common = np.intersect1d(when_a, when_b)
     from_a, to_a = np.searchsorted(when_a, common), np.searchsorted(when_a, common, side="right")
     from_b, to_b = np.searchsorted(when_b, common), np.searchsorted(when_b, common, side="right")
@@ -196,43 +195,30 @@ def presence(tracklet: Ints, instant: Ints, shape: tuple[int, int]) -> csr_array
     return csr_array((np.ones(len(tracklet), dtype=np.int64), (instant, tracklet)), shape=shape)
 
 
-def common_presence(
-    a: Boxes, b: Boxes, features_a: TrackletFeatures, features_b: TrackletFeatures, instants_a: Ints, instants_b: Ints
-) -> tuple[csr_array, csr_array]:
-    """(I, T_a) and (I, T_b) sparse: who is seen at each of the I instants at which both cameras see somebody of known looks."""
-    _, tracklet_a, when_a = tracklet_presence(a, features_a, instants_a)
-    _, tracklet_b, when_b = tracklet_presence(b, features_b, instants_b)
+def common_presence(a: CameraAppearance, b: CameraAppearance) -> tuple[csr_array, csr_array]:
+    """(I, T_a) and (I, T_b) sparse: the tracklets at each of the I instants at which both cameras see a known appearance."""
+    _, tracklet_a, when_a = tracklet_presence(a)
+    _, tracklet_b, when_b = tracklet_presence(b)
     common = np.intersect1d(when_a, when_b)
     out = []
-    for tracklet, when, features in ((tracklet_a, when_a, features_a), (tracklet_b, when_b, features_b)):
+    for tracklet, when, features in ((tracklet_a, when_a, a.features), (tracklet_b, when_b, b.features)):
         shared = np.isin(when, common)
         at = np.searchsorted(common, when[shared])
         out.append(presence(tracklet[shared], at, (len(common), len(features.tracklet))))
     return out[0], out[1]
 
 
-def count_votes(
-    a: Boxes,
-    b: Boxes,
-    features_a: TrackletFeatures,
-    features_b: TrackletFeatures,
-    instants_a: Ints,
-    instants_b: Ints,
-    matches: BoxMatches,
-) -> Votes:
-    """How often each two tracklets were matched, of the instants at which both were seen.
+def count_votes(a: CameraAppearance, b: CameraAppearance, matches: BoxMatches) -> Votes:
+    """How often each two tracklets of two cameras were matched, of the instants at which both were seen.
 
     Args:
-        a: boxes of the first camera.
-        b: boxes of the second camera.
-        features_a: looks of a's tracklets.
-        features_b: looks of b's tracklets.
-        instants_a: (N_a,) as in `match_boxes`.
-        instants_b: (N_b,) the same of b.
+        a: the first camera.
+        b: the second camera.
         matches: from `match_boxes`.
     """
-    in_a, in_b = common_presence(a, b, features_a, features_b, instants_a, instants_b)
-    pair = (features_a.index(a.identity[matches.row_a]), features_b.index(b.identity[matches.row_b]))
+    in_a, in_b = common_presence(a, b)
+    identity_a, identity_b = a.boxes.identity[matches.row_a], b.boxes.identity[matches.row_b]
+    pair = (a.features.index(identity_a), b.features.index(identity_b))
     matched = csr_array((np.ones(len(matches.row_a), dtype=np.int64), pair), shape=(in_a.shape[1], in_b.shape[1]))
     matched.sum_duplicates()
     return Votes(matched, csr_array(in_a.T @ in_b))

@@ -73,7 +73,7 @@ def register_by_joints(
         JointJob(a, b, joints[a], joints[b], round(float(offset[a] - offset[b]) / GRID_S), own)
         for (a, b), own in zip(wanted, rng.spawn(len(wanted)), strict=True)
     ]
-    found = side_by_side(_registered, jobs, executor, tell, "joints of pairs")
+    found = side_by_side(_registered, jobs, executor, tell, "registering pairs by keypoints")
     return consistent_registrations([registration for registration in found if registration is not None], len(joints))
 
 

@@ -52,7 +52,7 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
             _write_moved(new, document, aligned)
             forget_halves(out / REPORT_FILE)
         _report_again(with_report, out, tell)
-        return [f"{out / name} still shows the old frame: make it again by `{OLD_FRAME[name]} {out}`" for name in old]
+        return [f"{out / name} still uses the old frame: write it again with `{OLD_FRAME[name]} {out}`" for name in old]
     if target.is_dir() and any(target.iterdir()):
         raise InputError(f"{target}: is not empty: give a new folder, or {out} itself")
     with whole_folder(target, CALIBRATION_FILE, "a calibration") as new:
@@ -60,7 +60,7 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
             shutil.copytree(out / TRACKS_FOLDER, new / TRACKS_FOLDER)
         _write_moved(new, document, aligned)
     _report_again(with_report, target, tell)
-    return [f"{out / name} shows the old frame: make it in the new one by `{OLD_FRAME[name]} {target}`" for name in old]
+    return [f"{out / name} uses the old frame: write it in the new one with `{OLD_FRAME[name]} {target}`" for name in old]
 
 
 def _write_moved(folder: Path, document: CalibrationDocument, aligned: Aligned) -> None:

@@ -30,8 +30,8 @@ def visible_points(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[K
             width, height = camera.lens.size
             if not (-0.5 <= u <= width and -0.5 <= v <= height):
                 raise InputError(
-                    f"point {point.name} in camera {name}: ({u:g}, {v:g}) lies outside its {width} x {height} picture: give "
-                    "pixels of that picture"
+                    f"point {point.name} in camera {name}: ({u:g}, {v:g}) lies outside its {width} x {height} image: give "
+                    "pixels of that image"
                 )
             if camera.pose is None:
                 lost[name] = lost.get(name, 0) + 1
@@ -39,7 +39,8 @@ def visible_points(rig: Rig, points: Sequence[KnownPoint]) -> tuple[list[tuple[K
             bearing = camera.lens.bearings(np.array([[u, v]]))[0]
             if not np.isfinite(bearing).all():
                 raise InputError(
-                    f"point {point.name} in camera {name}: ({u:g}, {v:g}) is no pixel of its lens model: choose another"
+                    f"point {point.name} in camera {name}: ({u:g}, {v:g}) is outside the range of its lens model: choose "
+                    f"another"
                 )
             rows.append((point, camera, np.asarray(bearing @ camera.pose.R_cw)))
     return rows, [notice("points_without_pose", name, count=count) for name, count in lost.items()]

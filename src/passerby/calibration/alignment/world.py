@@ -73,11 +73,11 @@ def align_to_camera(rig: Rig, name: str, towards: str | None = None) -> Aligned:
     if towards is None:
         along, remedy = pose.R_cw[2, :2], "name another camera as `towards`"
         if np.linalg.norm(along) < STRAIGHT_DOWN:
-            raise EvidenceError(f"camera {name} looks straight down, so that it points nowhere on the ground: {remedy}")
+            raise EvidenceError(f"camera {name} looks straight down, so it has no heading on the ground: {remedy}")
     else:
         along = _posed(rig, towards).centre[:2] - pose.centre[:2]
         if np.linalg.norm(along) < 0.01:
-            raise EvidenceError(f"camera {towards} is where camera {name} is: name one that stands elsewhere")
+            raise EvidenceError(f"camera {towards} is where camera {name} is: name one at another position")
     turn = exp_rotation(np.array([0.0, 0.0, -np.arctan2(along[1], along[0])]))
     motion = Similarity(1.0, turn, -turn @ np.array([*pose.centre[:2], 0.0]))
     how = f"camera {name}" + ("" if towards is None else f" towards {towards}")
@@ -172,12 +172,14 @@ def _enough(count: int, targets: Sequence[Floats], with_scale: bool, tilt: bool,
     least = 3 if tilt else 2
     why = f" ({'; '.join(texts_of(notes))})" if notes else ""
     if count < least:
-        wanted = "the vertical" if tilt else "the heading and the scale" if with_scale else "the heading"
+        wanted = "the up direction" if tilt else "the heading and the scale" if with_scale else "the heading"
         some = what.replace("camera ", "cameras ").replace("position", "positions") if what != "point" else "points"
         raise EvidenceError(f"{count} {what if count == 1 else some} cannot fix {wanted}{why}: give {least} or more")
     spread = float(np.ptp(np.array(targets)[:, : 3 if tilt else 2], axis=0).max())
     if spread < 0.01:
-        raise EvidenceError(f"all known coordinates lie within {1000 * spread:.0f} mm: give places that are metres apart")
+        raise EvidenceError(
+            f"all known coordinates lie within {1000 * spread:.0f} mm: give points or positions that are metres apart"
+        )
 
 
 def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit:
@@ -188,12 +190,12 @@ def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit
         if tilt:
             raise EvidenceError(_on_a_line(what)) from None
         raise EvidenceError(
-            f"no two of the {what} are apart in the rig as well: check that each belongs to its camera, and that points lie "
+            f"no two of the {what} are apart in the rig: check that each belongs to its camera, and that points lie "
             "below the horizon"
         ) from None
     if fits_mirrored(places, fit, with_scale=with_scale, tilt=tilt):
         raise InputError(
-            f"the {what} fit only mirrored: the coordinates are left-handed (seen from above, y must be 90 degrees "
+            f"the {what} fit only as a mirror image: the coordinates are left-handed (seen from above, y must be 90 degrees "
             "counter-clockwise of x): exchange x and y, or change the sign of one"
         )
     turn = float(np.degrees(fit.turn_sigma))
@@ -201,7 +203,7 @@ def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit
         raise EvidenceError(_on_a_line(what))
     if turn > WEAK_TURN_DEG:
         known = f"the heading to {turn:.0f} degrees only" if turn < 90 else "no heading"
-        raise EvidenceError(f"the {what} fix {known}: give {what} that are further apart, or better known")
+        raise EvidenceError(f"the {what} fix {known}: give {what} that are further apart, or more accurate")
     if fit.scale_sigma > WEAK_SCALE:
         known = f"the scale to {100 * fit.scale_sigma:.0f} % only" if fit.scale_sigma < 1 else "no scale"
         remedy = f"give {what} that are further apart" + (", in two cameras or more" if what == "points" else "")
@@ -212,7 +214,7 @@ def _fitted(places: Places, with_scale: bool, tilt: bool, what: str) -> WorldFit
 def _on_a_line(what: str) -> str:
     """The error of places that leave the turn about a line free."""
     return (
-        f"the {what} lie on one line, or nearly, for how well they are known: that leaves the tilt about this line open: give "
+        f"the {what} lie on one line within their accuracy, so the tilt about this line is not determined: give "
         f"{what} off the line, or leave `tilt` out"
     )
 

@@ -23,9 +23,9 @@ def align(
         typer.Option("--out", "-o", help="Rig file to write (.toml), or folder for the whole calibration; may be RIG itself."),
     ],
     camera: Annotated[
-        str | None, typer.Option(help="Origin on the ground below this camera, x along what it looks at.")
+        str | None, typer.Option(help="Origin on the ground below this camera, x axis along its viewing direction.")
     ] = None,
-    towards: Annotated[str | None, typer.Option(help="With --camera: x towards this other camera.")] = None,
+    towards: Annotated[str | None, typer.Option(help="With --camera: x axis towards this other camera.")] = None,
     points: Annotated[
         Path | None, typer.Option(help="Points with known coordinates: camera, u, v, x, y[, z][, point][, sd_m] (CSV or TOML).")
     ] = None,
@@ -33,15 +33,15 @@ def align(
         Path | None,
         typer.Option(help="Known positions of cameras: camera, x, y[, z][, sd_m], or camera, lat, lon[, alt] (CSV or TOML)."),
     ] = None,
-    scale: Annotated[bool, typer.Option("--scale", help="Points or positions set the scale too.")] = False,
-    tilt: Annotated[bool, typer.Option("--tilt", help="Points or positions set the vertical and the height too.")] = False,
+    scale: Annotated[bool, typer.Option("--scale", help="Points or positions also set the scale.")] = False,
+    tilt: Annotated[bool, typer.Option("--tilt", help="Points or positions also set the up direction and the height.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
-    """Set origin and heading of the world: by a camera, by clicked points, or by known positions of cameras.
+    """Set the origin and heading of the world frame by a camera, by clicked points, or by known positions of cameras.
 
-    The ground stays at z = 0, the vertical vertical and lengths as they are, unless --tilt or --scale says otherwise. Sigmas
-    and verdict are kept. Residuals are told for each point and camera; one gross error among enough places is found, told and
-    left out.
+    The ground stays at z = 0, and the up direction and the scale stay as they are, unless --tilt or --scale is given.
+    Uncertainties and the verdict are kept. Residuals are reported for each point and camera. One gross error among enough
+    points or positions is reported and left out.
     """
     from passerby.calibration.alignment.folder import write_aligned
     from passerby.calibration.alignment.scene_world import align_rig
@@ -91,11 +91,11 @@ def _wanted(
     if len(given) != 1:
         raise InputError(f"{' and '.join(given) or 'nothing'} given: give one of --camera, --points, --positions")
     if towards is not None and camera is None:
-        raise InputError("--towards goes with --camera: name the camera that the world begins at")
+        raise InputError("--towards needs --camera: name the camera at the origin")
     if towards is not None and towards == camera:
-        raise InputError("--towards is the camera itself: name another one")
+        raise InputError("--towards names the camera of --camera itself: name another one")
     if camera is not None and (scale or tilt):
-        raise InputError("--scale and --tilt need --points or --positions: a camera tells neither")
+        raise InputError("--scale and --tilt need --points or --positions: a camera determines neither")
     return WorldTable(camera=camera, towards=towards, points=points, positions=positions, scale=scale, tilt=tilt)
 
 
@@ -111,7 +111,8 @@ def _check_target(source: Path, out: Path, folder: Path | None, to_file: bool) -
         )
     if not to_file and folder is None:
         raise InputError(
-            f"{out}: is no .toml, and {source} is not the {RIG_FILE} of an output folder: give a file that ends in .toml"
+            f"{out}: is not a .toml file, and {source} is not the {RIG_FILE} of an output folder: give a file that ends in "
+            f".toml"
         )
 
 
@@ -125,17 +126,17 @@ def _show(aligned: Aligned) -> None:
     if aligned.residuals:
         of_points = "point" in aligned.residuals[0]
         rows = [_row(row, of_points) for row in aligned.residuals]
-        last = ("off px", "height off m", "used") if of_points else ("height off m", "used")
+        last = ("residual px", "height residual m", "used") if of_points else ("height residual m", "used")
         columns = ("point", "camera") if of_points else ("camera",)
-        show_table(f"aligned by {figures['by']}", (*columns, "off m", *last), rows)
+        show_table(f"aligned by {figures['by']}", (*columns, "residual m", *last), rows)
     turn = float(np.degrees(np.linalg.norm(figures["rotation"])))
     shift = float(np.linalg.norm(motion.translation))
-    grown = f", lengths times {motion.scale:.4f}" if figures.get("scale_fitted") else ""
-    print(f"world turned by {turn:.2f} degrees and moved by {shift:.3f} m{grown}")
+    grown = f", and scaled by {motion.scale:.4f}" if figures.get("scale_fitted") else ""
+    print(f"world frame rotated by {turn:.2f} degrees, translated by {shift:.3f} m{grown}")
     if aligned.residuals:
-        scale = f", scale to {100 * figures['scale_sigma']:.1f} %" if figures.get("scale_fitted") else ""
+        scale = f", scale {100 * figures['scale_sigma']:.1f} %" if figures.get("scale_fitted") else ""
         place = number(figures["place_sigma_mm"] / 1000, 3)
-        print(f"heading known to {number(figures['turn_sigma_deg'], 2)} degrees, place to {place} m{scale}")
+        print(f"uncertainty (1 sigma): heading {number(figures['turn_sigma_deg'], 2)} degrees, position {place} m{scale}")
     if "geodetic_origin" in figures:
         latitude, longitude, altitude = figures["geodetic_origin"]
         print(f"origin: latitude {latitude:.7f}, longitude {longitude:.7f}, altitude {altitude:.2f} m; x east, y north")

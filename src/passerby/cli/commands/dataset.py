@@ -16,20 +16,22 @@ if TYPE_CHECKING:
 
 
 def dataset(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="The set; none: list those that can be read.")] = None,
-    folder: Annotated[Path | None, typer.Argument(metavar="[FOLDER]", help="Where its files lie, as published.")] = None,
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="The data set; without it, list those that can be read.")
+    ] = None,
+    folder: Annotated[Path | None, typer.Argument(metavar="[FOLDER]", help="Folder of its files, as published.")] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Scene folder to write; an earlier one of this kind is replaced.")
     ] = None,
     videos: Annotated[
-        bool, typer.Option("--videos", help="Make videos of the set's pictures, to find people in them.")
+        bool, typer.Option("--videos", help="Make videos from the images of the set, to detect people in them.")
     ] = False,
-    listing: Annotated[bool, typer.Option("--list", help="List the data sets that can be read, and end.")] = False,
+    listing: Annotated[bool, typer.Option("--list", help="List the data sets that can be read, and exit.")] = False,
 ) -> None:
     """Turn a published data set into a scene folder with its truth.
 
-    The scene is in mode "given" where the set tells who is who in at least two cameras; else people are to be found in its
-    videos or pictures.
+    The scene has mode "given" (known identities) if the set identifies people across at least two cameras; otherwise people
+    are detected in its videos or images.
     """
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
@@ -58,7 +60,7 @@ def _list() -> None:
     for name, reader in READERS.items():
         print(f"{name.ljust(width)}  {reader.what}")
         print(f"{' ' * width}  {reader.where}")
-    print("\nThe files are fetched from there, under the sets' own terms: passerby dataset NAME FOLDER -o scene")
+    print("\nDownload the files from there, under the terms of each set: passerby dataset NAME FOLDER -o scene")
 
 
 def _show(published: Published, written: SceneFolder, out: Path) -> None:
@@ -84,7 +86,7 @@ def _show(published: Published, written: SceneFolder, out: Path) -> None:
             ]
         )
     title = f"{published.name}: {len(rows)} cameras" + (f", {published.people} people" if published.people else "")
-    show_table(title, ("camera", "size", "boxes", "joints", "pictures", "video", "pose"), rows)
+    show_table(title, ("camera", "size", "boxes", "keypoints", "images", "video", "pose"), rows)
     frames = [boxes.frame for boxes in published.boxes.values() if len(boxes)]
     frames += [joints.frame for joints in published.keypoints.values() if len(joints)]
     if frames:

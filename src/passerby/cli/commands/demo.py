@@ -15,16 +15,14 @@ def demo(
     context: typer.Context,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Keep the scene and its calibration in this folder.")] = None,
     detector: Annotated[
-        str, typer.Option(help="What finds people: background, auto, a model's name or a path.")
+        str, typer.Option(help="Detector of people: background, auto, a model's name or a path.")
     ] = "background",
-    embedder: Annotated[
-        str, typer.Option(help="What describes how they look: stripes, none, auto, a name or a path.")
-    ] = "stripes",
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: wall times and figures of the stages.")] = False,
+    embedder: Annotated[str, typer.Option(help="Appearance embedding: stripes, none, auto, a name or a path.")] = "stripes",
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more: wall times and figures of the stages.")] = False,
 ) -> None:
     """Film a simulated terrace with four cameras, calibrate them from the videos, and print the errors.
 
-    Needs no network and no model files unless they are asked for.
+    Needs no internet connection and no model files unless you ask for them.
     """
     import tempfile
 
@@ -53,14 +51,14 @@ def demo(
             write_results(calibration, folder / "out", report=out is not None, progress=tell)
         comparison = compare(read_rig(folder / "out" / "rig.toml"), read_rig(path.parent / "truth.toml"))
     print(
-        f"A simulated terrace of 7 x 11 m, filmed by {options.n_cameras} cameras for {options.seconds:g} s: people walk about, "
-        f"found by {calibration.perception['detector']}.\n"
+        f"A simulated terrace of 7 x 11 m, filmed by {options.n_cameras} cameras for {options.seconds:g} s: people walk "
+        f"about and are detected by {calibration.perception['detector']}.\n"
     )
     show_calibration(calibration, verbose or bool(context.obj))
     print()
     show_comparison(comparison)
     if out is not None:
         print(f"\nwritten to {out}: the videos and scene.toml in scene/, the rig and the tracks in out/")
-        print(f"a page to look at: {out / 'out' / 'report.html'}")
+        print(f"report: {out / 'out' / 'report.html'}")
     tell_reasons(calibration)
     raise typer.Exit(calibration.exit_status)

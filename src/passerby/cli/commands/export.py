@@ -16,23 +16,24 @@ if TYPE_CHECKING:
 
 def export(
     rig: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML), or the output folder of `passerby calibrate`.")],
-    form: Annotated[str, typer.Option("--format", "-f", metavar="FORMAT", help="One of those that `passerby formats` lists.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="File or folder to write, as the format is.")],
+    form: Annotated[str, typer.Option("--format", "-f", metavar="FORMAT", help="A format that `passerby formats` lists.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File or folder to write, depending on the format.")],
     tracks: Annotated[
         Path | None,
         typer.Option(
-            help="People's trajectories: trajectories.csv, or an output folder. PLY and glTF take those of RIG if that is one."
+            help="People's trajectories: trajectories.csv, or an output folder. Default for PLY and glTF: those of RIG, if "
+            "it is one."
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="What the scene is called in the file; the rig file's name.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the scene in the file; default: the rig file's name.")] = None,
     lossy: Annotated[
-        bool, typer.Option("--lossy", help="Go on where the format cannot hold everything; what is lost is told.")
+        bool, typer.Option("--lossy", help="Continue where the format cannot hold everything; losses are reported.")
     ] = False,
 ) -> None:
     """Write a rig in the format of another tool.
 
-    What the format cannot hold, such as a lens model or a camera without a pose, is an error unless --lossy is given. Sigmas
-    and the verdict stay behind silently: no other tool has a place for them.
+    What the format cannot hold, such as a lens model or a camera without a pose, is an error unless --lossy is given.
+    Uncertainties and the verdict are dropped without a message: no other tool has a place for them.
     """
     from passerby.interchange.formats import Export, find_format
     from passerby.interchange.formats import export as write
@@ -50,7 +51,7 @@ def export(
         print(f"note: lost: {' '.join(loss.split())}", file=sys.stderr)
     verdict = f", which is {loaded.verdict}" if loaded.verdict not in (None, "accepted") else ""
     if verdict:
-        print(f"note: {path} is of a calibration{verdict}: rely on it accordingly", file=sys.stderr)
+        print(f"note: {path} is from a calibration{verdict}: do not rely on it", file=sys.stderr)
     print(f"written to {out}")
 
 

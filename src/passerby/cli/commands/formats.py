@@ -13,9 +13,11 @@ if TYPE_CHECKING:
 
 
 def formats(
-    name: Annotated[str | None, typer.Argument(metavar="[FORMAT]", help="Tell more of this one.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="[FORMAT]", help="Show the details of this format.")] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print a table and their conventions as Markdown.")] = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the table and the conventions of the formats as Markdown.")
+    ] = False,
 ) -> None:
     """List the formats of other tools that `passerby export` writes and `passerby import` reads."""
     from passerby.interchange.formats import all_formats, find_format
@@ -55,7 +57,7 @@ def _list(found: list[Format]) -> None:
     width, can = max((len(form.name) for form in found), default=0), max((len(_can(form)) for form in found), default=0)
     for form in found:
         print(f"{form.name.ljust(width)}  {_can(form).ljust(can)}  {form.title}")
-    print("\npasserby formats FORMAT tells more of one.")
+    print("\npasserby formats FORMAT shows the details of one.")
 
 
 def as_markdown(found: Sequence[Format]) -> str:

@@ -19,23 +19,23 @@ KEYPOINTS_ENDING, BOXES_ENDING = ".json", ".txt"
 
 def import_(
     source: Annotated[Path, typer.Argument(metavar="PATH", help="File or folder of the other tool.")],
-    form: Annotated[str, typer.Option("--format", "-f", metavar="FORMAT", help="One of those that `passerby formats` lists.")],
+    form: Annotated[str, typer.Option("--format", "-f", metavar="FORMAT", help="A format that `passerby formats` lists.")],
     out: Annotated[
         Path,
-        typer.Option("--out", "-o", help="Cameras: a rig file (.toml). People: joints (.json, COCO) or boxes (.txt, MOT)."),
+        typer.Option("--out", "-o", help="Cameras: a rig file (.toml). People: keypoints (.json, COCO) or boxes (.txt, MOT)."),
     ],
     size: Annotated[
-        str | None, typer.Option(metavar="WxH", help="Size of the pictures in pixels, where the file does not tell it.")
+        str | None, typer.Option(metavar="WxH", help="Image size in pixels, if the file does not state it.")
     ] = None,
-    units: Annotated[str | None, typer.Option(help="Unit of lengths where the file does not tell it: m, cm or mm.")] = None,
+    units: Annotated[str | None, typer.Option(help="Unit of lengths, if the file does not state it: m, cm or mm.")] = None,
     lossy: Annotated[
-        bool, typer.Option("--lossy", help="Go on where not everything in the file can be kept; what is lost is told.")
+        bool, typer.Option("--lossy", help="Continue where not everything in the file can be kept; losses are reported.")
     ] = False,
 ) -> None:
     """Read cameras, or one camera's people, from another tool's files.
 
-    Cameras become a rig file, whose lenses a scene file can name as `intrinsics`, and whose poses `passerby evaluate` compares.
-    People become what a scene file names as `keypoints`, `tracks` or `detections` of a camera.
+    Cameras are written as a rig file: a scene file can name it as `intrinsics`, and `passerby evaluate` compares its poses.
+    People are written as a file that a scene file names as `keypoints`, `tracks` or `detections` of a camera.
     """
     from passerby.interchange.formats import find_format, read_people_as, read_rig_as
     from passerby.interchange.rig_toml import write_rig
@@ -77,7 +77,7 @@ def _write_people(people: People, out: Path) -> str:
     ending = out.suffix.lower()
     if ending == KEYPOINTS_ENDING and len(people.keypoints):
         write_keypoints(out, people.keypoints)
-        return f"{len(people.keypoints)} bodies of joints: written to {out}"
+        return f"{len(people.keypoints)} skeletons: written to {out}"
     if ending == BOXES_ENDING and len(people.boxes):
         write_boxes(out, people.boxes)
         return f"{len(people.boxes)} boxes: written to {out}"
@@ -87,7 +87,8 @@ def _write_people(people: People, out: Path) -> str:
         if len(part)
     ]
     raise InputError(
-        f"{out}: nothing for a file with this ending: there are {' and '.join(held) or 'neither joints nor boxes'}"
+        f"{out}: the input has nothing for a file with this suffix: there are "
+        f"{' and '.join(held) or 'neither keypoints nor boxes'}"
     )
 
 

@@ -12,16 +12,17 @@ if TYPE_CHECKING:
 
 
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the videos, one a camera.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the videos, one per camera.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The scene file to write; scene.toml in the folder.", show_default=False)
+        Path | None,
+        typer.Option("--out", "-o", help="Scene file to write; default: scene.toml in the folder.", show_default=False),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier scene file; no other file is touched.")] = False,
 ) -> None:
     """Write a scene file, with comments, for a folder of videos.
 
-    A calibration of the lenses that lies there is used: a rig file (TOML of Anipose, Caliscope or Pose2Sim), or files of OpenCV
-    (YAML, XML, JSON), in the folder or in a folder in it that is called calibration or intrinsics.
+    Intrinsics in the folder, or in its subfolder calibration or intrinsics, are used: a rig file (TOML of Anipose, Caliscope
+    or Pose2Sim) or OpenCV files (YAML, XML, JSON).
     """
     from passerby.scene.start.start import start
 

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 models_app = typer.Typer(
     name="models",
-    help="The networks that detect, tell apart and measure people: list, fetch and verify them. Without a command: list.",
+    help="The neural networks that detect, re-identify and measure people: list, fetch and verify them. Default command: list.",
     invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
-Folder = Annotated[Path | None, typer.Option("--models", metavar="FOLDER", help="A folder of models to look in first.")]
+Folder = Annotated[Path | None, typer.Option("--models", metavar="FOLDER", help="A folder of models to search first.")]
 
 ABSENT = "not here"
 
@@ -35,7 +35,7 @@ def models_command(context: typer.Context) -> None:
 
 @models_app.command("list")
 def list_models(models: Folder = None, json: AsJson = False) -> None:
-    """What Passerby knows, and where on this computer it lies."""
+    """List the known models, and where they are on this computer."""
     from passerby.cli.terminal import show_table
     from passerby.perception.catalogue import catalogue
     from passerby.perception.model_files import model_folders
@@ -53,18 +53,20 @@ def list_models(models: Folder = None, json: AsJson = False) -> None:
         for entry, place in zip(catalogue(), places, strict=True)
     ]
     show_table("models", ["name", "role", "size", "licence", "default", "where"], rows)
-    print(f"looked for in {', '.join(map(str, folders))}")
+    print(f"searched in {', '.join(map(str, folders))}")
 
 
 @models_app.command("fetch")
 def fetch_models(
     context: typer.Context,
-    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="Which ones; those that `auto` means.")] = None,
-    all_models: Annotated[bool, typer.Option("--all", help="All that an address serves.")] = False,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names of models; default: those that `auto` uses.")
+    ] = None,
+    all_models: Annotated[bool, typer.Option("--all", help="All models that have a download address.")] = False,
     models: Folder = None,
     json: AsJson = False,
 ) -> None:
-    """Fetch models into the cache; what lies on this computer already is only checked."""
+    """Fetch models into the cache; models that are already on this computer are only verified."""
     from passerby.cli.terminal import stages
     from passerby.perception.catalogue import catalogue
     from passerby.perception.fetching import UnreachableError
@@ -96,7 +98,7 @@ def fetch_models(
 
 @models_app.command("verify")
 def verify_models(models: Folder = None, json: AsJson = False) -> None:
-    """Check the SHA-256 of every model on this computer. Exit status 2 if one is wrong; an absent one is none."""
+    """Check the SHA-256 of every model on this computer. Exit status 2 if one is wrong; absent models are ignored."""
     from passerby.cli.terminal import show_table
     from passerby.perception.catalogue import catalogue
     from passerby.perception.model_files import copies_of

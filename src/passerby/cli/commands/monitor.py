@@ -21,18 +21,19 @@ def monitor(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for rig.toml with the new poses, and monitor.json.")
     ] = None,
-    every: Annotated[float, typer.Option(help="Seconds of footage that are judged at once.")] = 60.0,
+    every: Annotated[float, typer.Option(help="Length of a window of footage that is tested at once, in seconds.")] = 60.0,
     in_step: Annotated[
-        bool, typer.Option("--in-step", help="The footage's clocks agree, whatever they did in the calibration.")
+        bool,
+        typer.Option("--in-step", help="The clocks of the footage are synchronised, whatever they were in the calibration."),
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: each window, and the stages.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more: each window, and the stages.")] = False,
 ) -> None:
-    """Tell whether a camera has moved: which, when, and by how much; it alone gets a new pose.
+    """Detect whether a camera has moved: which one, when, and by how much. Only that camera gets a new pose.
 
-    The people in the footage tell, as they did in the calibration; nobody needs to say who is who.
+    The people in the footage are the evidence, as in the calibration. Their identities need not be known.
 
-    Exit status 3: a camera has moved, or there are too few people to tell of one.
+    Exit status 3: a camera has moved, or there are too few people to decide.
     """
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
@@ -79,7 +80,9 @@ def _show(found: MonitoringResult, verbose: bool) -> None:
         rows.append([name, found.state(name), told, number(metres, 2), number(degrees, 1)])
     span = f"{clock_time(watched.from_s)} to {clock_time(watched.until_s)}"
     show_table(
-        f"watched from {span}", ["camera", "state", f"windows of {found.options.every_s:g} s", "seen from m", "from deg"], rows
+        f"monitored from {span}",
+        ["camera", "state", f"windows of {found.options.every_s:g} s", "detection limit m", "limit deg"],
+        rows,
     )
     for sentence in found.sentences():
         print(sentence)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 reid_app = typer.Typer(
     name="reid",
-    help="Networks that tell people apart: train them, adapt one to a scene without labels, evaluate, export.",
+    help="Re-identification networks: train them, adapt one to a scene without labels, evaluate, export.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -32,9 +32,9 @@ Data = Annotated[
 MoreData = Annotated[list[Path] | None, typer.Option("--data", metavar="DATA", help="Real crops to compare on; repeatable.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 Config = Annotated[Path | None, typer.Option(help="TOML file of training options; `run.toml` of a run shows them all.")]
-Device = Annotated[str, typer.Option(help="auto: a graphics card where there is one; or cpu.")]
-Epochs = Annotated[int | None, typer.Option(min=1, help="Passes over the pictures.")]
-Seed = Annotated[int | None, typer.Option(min=0, help="Of all random numbers; the same seed gives the same network.")]
+Device = Annotated[str, typer.Option(help="auto (a GPU if there is one) or cpu.")]
+Epochs = Annotated[int | None, typer.Option(min=1, help="Passes over the images.")]
+Seed = Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers; the same seed gives the same network.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="A line for every epoch, also where there is no terminal.")]
 TOLD_NOTES = 12
 EXTRA = ("torch", "transformers", "pytorch_metric_learning", "accelerate", "onnx", "onnxscript", "plotly")
@@ -44,24 +44,24 @@ EXTRA = ("torch", "transformers", "pytorch_metric_learning", "accelerate", "onnx
 @reid_app.command("train")
 def train(
     data: Data,
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Folder of the run; one that was stopped goes on.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN", help="Folder of the run; an interrupted run continues.")],
     recipe: Annotated[
         str,
-        typer.Option(help="strong (ResNet-50, the usual tricks), paper (ResNet-50, nothing more), small (for a processor)."),
+        typer.Option(help="strong (ResNet-50 with the usual refinements), paper (plain ResNet-50), small (for a CPU)."),
     ] = "strong",
     config: Config = None,
     backbone: Annotated[str | None, typer.Option(help="small, resnet-18 ... resnet-152, or a model of transformers.")] = None,
     weights: Annotated[
-        str | None, typer.Option(help="To begin with: auto, published, random, or the folder of another run.")
+        str | None, typer.Option(help="Initial weights: auto, published, random, or the folder of another run.")
     ] = None,
     epochs: Epochs = None,
     seed: Seed = None,
-    precision: Annotated[str | None, typer.Option(help="no, fp16 or bf16.")] = None,
+    precision: Annotated[str | None, typer.Option(help="Mixed precision: no, fp16 or bf16.")] = None,
     device: Device = "auto",
     json: AsJson = False,
     verbose: Verbose = False,
 ) -> None:
-    """Train a network on sets of pictures.
+    """Train a network on sets of images.
 
     RUN gets run.toml (the options), checkpoint.pt (the state after the last whole epoch), log.csv and curves.html.
     """
@@ -82,7 +82,7 @@ def train(
                      "validated_on": trained.validated_on, "last": vars(last) if last else None})  # fmt: skip
         return
     print(trained.note)
-    print(f"{trained.origin['pictures']} pictures of {trained.origin['people']} people; validated on {trained.validated_on}")
+    print(f"{trained.origin['pictures']} images of {trained.origin['people']} people; validated on {trained.validated_on}")
     if last is not None:
         show_table("training", *_last_row(last))
     print(f"written to {out}: `passerby reid export {out} -o net.onnx` makes a network for embedder under [perception]")
@@ -94,13 +94,13 @@ def evaluate(
         str, typer.Argument(metavar="NETWORK", help="A run's folder, an ONNX file, a known model's name, or stripes.")
     ],
     data: Data,
-    cache: Annotated[Path | None, typer.Option(help="Folder for crops cut out of videos; a temporary one.")] = None,
+    cache: Annotated[Path | None, typer.Option(help="Folder for crops cut out of videos; default: a temporary one.")] = None,
     json: AsJson = False,
 ) -> None:
     """CMC rank-1, 5, 10 and mAP by the protocol of Market-1501 (same person and same camera left out).
 
-    Sets without query and gallery are searched picture by picture. Camera-centred: each camera's mean taken off first, as the
-    association does. A run needs the extra passerby[reid], the others do not.
+    In sets without query and gallery every image is a query. Camera-centred: the mean of each camera is subtracted first, as
+    the association does. A run needs the extra passerby[reid], the others do not.
     """
     import tempfile
 
@@ -125,30 +125,30 @@ def evaluate(
     show_table(f"retrieval by {network}, %", ["set", "rank-1", "rank-5", "rank-10", "mAP", "queries", "gallery"], rows)
     left_out = {name: scores["plain"].left_out for name, scores in found.items() if scores["plain"].left_out}
     for name, count in left_out.items():
-        print(f"{name}: {count} queries have no right picture by another camera and count for nothing")
+        print(f"{name}: {count} queries have no correct match from another camera and are ignored")
 
 
 @reid_app.command("finetune")
 def finetune(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of `passerby calibrate` on videos.")],
     weights: Annotated[
-        Path | None, typer.Option(help="The run to begin with; without it a small network from nothing.")
+        Path | None, typer.Option(help="Run to start from; default: a small network with random weights.")
     ] = None,
     target: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for the network and the new calibration; OUT/finetuned.")
+        Path | None, typer.Option("--out", "-o", help="Folder for the network and the new calibration; default: OUT/finetuned.")
     ] = None,
-    scene: Annotated[Path | None, typer.Option(help="The scene file, where it was moved since.")] = None,
+    scene: Annotated[Path | None, typer.Option(help="The scene file, if it has moved since.")] = None,
     config: Config = None,
     epochs: Epochs = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the training and of the calibration.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the training and of the calibration.")] = 0,
     device: Device = "auto",
     json: AsJson = False,
     verbose: Verbose = False,
 ) -> None:
     """Adapt a network to the people of a calibrated scene, without labels, then associate and solve again.
 
-    The people whom the calibration is sure of, by geometry, are the labels. OUT/finetuned gets the run, net.onnx, and a
-    calibration of its own. Exit status 3: too few people are sure, or the new calibration is doubtful.
+    The labels are the people that the calibration identifies reliably by geometry. OUT/finetuned gets the run, net.onnx, and
+    a calibration of its own. Exit status 3: too few people are identified reliably, or the new calibration is doubtful.
     """
     _need_torch("finetune")
     from passerby.cli.tables import show_calibration, tell_reasons
@@ -177,7 +177,7 @@ def export(
     data: MoreData = None,
     json: AsJson = False,
 ) -> None:
-    """Write the network of a run to an ONNX file that the perception stage loads, compared with PyTorch's answers."""
+    """Write the network of a run to an ONNX file for the perception stage, and compare its output with PyTorch's."""
     _need_torch("export")
     import tempfile
 
@@ -191,14 +191,14 @@ def export(
     if json:
         _print_json(report.to_dict())
         return
-    compared = [("noise", report.random), *([("given pictures", report.real)] if report.real else [])]
+    compared = [("noise", report.random), *([("given images", report.real)] if report.real else [])]
     rows = [
         [what, str(one.pictures), f"{one.largest_difference:.1e}", f"{1 - one.worst_cosine:.1e}",
          "same" if one.same_ranking else "differs"]
         for what, one in compared
     ]  # fmt: skip
-    show_table("compared with PyTorch", ["on", "pictures", "difference", "1 - cosine", "ranking"], rows)
-    print(f"written to {out}: {report.bytes / 1e6:.1f} MB, {report.dimensions} numbers a person; in a scene file: "
+    show_table("compared with PyTorch", ["on", "images", "difference", "1 - cosine", "ranking"], rows)
+    print(f"written to {out}: {report.bytes / 1e6:.1f} MB, {report.dimensions} dimensions; in a scene file: "
           f'under [perception] set embedder = "{out.name}"')  # fmt: skip
 
 

@@ -12,12 +12,12 @@ import typer
 def report(
     context: typer.Context,
     calibrated: Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of `passerby calibrate`.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file to write; OUT/report.html.")] = None,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Name the stages.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="HTML file to write; default: OUT/report.html.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print the stages.")] = False,
 ) -> None:
-    """Make report.html again: also of a calibration that was refused, or that an older Passerby wrote.
+    """Write report.html again, also for a calibration that was refused or that an older Passerby wrote.
 
-    Pictures are taken from the videos that the scene file names, where they still lie there.
+    Frames are taken from the videos that the scene file names, if they still exist.
     """
     from passerby.cli.terminal import stages
     from passerby.interchange.output_folder import REPORT_FILE

@@ -17,42 +17,51 @@ def simulate(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write; an earlier simulation in it is replaced.")],
     preset: Annotated[str, typer.Option(help="terrace, basketball or construction.")] = "terrace",
     seed: Annotated[int, typer.Option(help="The same options and seed give the same scene.")] = 0,
-    cameras: Annotated[int | None, typer.Option(help="Number of cameras; the preset's.")] = None,
-    people: Annotated[int | None, typer.Option(help="Number of people; the preset's.")] = None,
+    cameras: Annotated[int | None, typer.Option(help="Number of cameras; default: the preset's.")] = None,
+    people: Annotated[int | None, typer.Option(help="Number of people; default: the preset's.")] = None,
     seconds: Annotated[float, typer.Option(help="Length of the recording.")] = 40.0,
-    fps: Annotated[float, typer.Option(help="Instants per second.")] = 5.0,
-    camera_height_m: Annotated[float | None, typer.Option(help="Height of the cameras; the preset's.")] = None,
+    fps: Annotated[float, typer.Option(help="Time steps per second.")] = 5.0,
+    camera_height_m: Annotated[float | None, typer.Option(help="Height of the cameras; default: the preset's.")] = None,
     person_height_mean_m: Annotated[float, typer.Option(help="Mean standing height, shoes on.")] = PERSON_HEIGHT_M,
     person_height_sd_m: Annotated[float, typer.Option(help="Its standard deviation.")] = PERSON_HEIGHT_SD_M,
-    occlusion: Annotated[bool, typer.Option(help="People hide each other.")] = True,
-    box_noise: Annotated[float, typer.Option(help="Sigma of each edge, as a fraction of the box height.")] = 0.0,
+    occlusion: Annotated[bool, typer.Option(help="People occlude each other.")] = True,
+    box_noise: Annotated[float, typer.Option(help="Standard deviation of each edge, as a fraction of the box height.")] = 0.0,
     corner_noise_px: Annotated[float, typer.Option(help="Uniform noise of the corners, plus or minus pixels.")] = 0.0,
     box_slack: Annotated[float, typer.Option(help="Fraction of its height by which a box is larger on each side.")] = 0.0,
     missing: Annotated[float, typer.Option(help="Fraction of the boxes that are dropped.")] = 0.0,
     false_boxes: Annotated[float, typer.Option(help="Boxes without a person, as a fraction of the true ones.")] = 0.0,
-    identity_swaps: Annotated[float, typer.Option(help="Fraction of each instant's people who exchange identities.")] = 0.0,
+    identity_swaps: Annotated[
+        float, typer.Option(help="Fraction of the people in each time step who exchange identities.")
+    ] = 0.0,
     clock_offsets: Annotated[
-        str, typer.Option(help="Seconds: a largest offset drawn for each camera, or one for each, parted by commas.")
+        str,
+        typer.Option(help="Seconds: the largest offset, drawn for each camera, or one offset per camera, separated by commas."),
     ] = "0",
-    joint_noise_px: Annotated[float, typer.Option(help="Sigma of the joints' pixels.")] = 0.0,
-    unrelated_ids: Annotated[bool, typer.Option(help="Tracklet numbers of each camera's own, not identities.")] = False,
+    joint_noise_px: Annotated[float, typer.Option(help="Standard deviation of the keypoints, in pixels.")] = 0.0,
+    unrelated_ids: Annotated[
+        bool, typer.Option(help="Ids are tracklets of each camera, not identities across cameras.")
+    ] = False,
     tracklet_seconds: Annotated[
         float, typer.Option(help="Mean length at which tracklets are cut at random; 0: never. Needs --unrelated-ids.")
     ] = 0.0,
     embeddings: Annotated[
-        str, typer.Option(help="Appearance of the boxes: none, distinct (tells people apart) or alike (tells nothing).")
+        str, typer.Option(help="Appearance of the boxes: none, distinct (distinguishes people) or alike (does not).")
     ] = "none",
-    camera_fps: Annotated[str, typer.Option(help="Frames per second of each camera, parted by commas; all --fps.")] = "",
-    groups: Annotated[
-        str, typer.Option(help="Cameras in groups without common ground: their numbers, parted by commas, as 6,2.")
+    camera_fps: Annotated[
+        str, typer.Option(help="Frames per second of each camera, separated by commas; default: --fps for all.")
     ] = "",
-    keypoints: Annotated[bool, typer.Option(help="Write joints (COCO) too.")] = False,
+    groups: Annotated[
+        str, typer.Option(help="Cameras in groups without common ground: the size of each group, separated by commas, as 6,2.")
+    ] = "",
+    keypoints: Annotated[bool, typer.Option(help="Also write keypoints (COCO).")] = False,
     video: Annotated[bool, typer.Option(help="Render videos; the scene file names these instead of boxes.")] = False,
     clothes: Annotated[
         str, typer.Option(help="With --video: individual, or alike (vests and trousers of one kind).")
     ] = "individual",
-    shadows: Annotated[bool, typer.Option(help="With --video: the sun casts shadows; else the sky is overcast.")] = True,
-    pixel_noise: Annotated[float, typer.Option(help="With --video: sigma of the sensor's noise, grey levels.")] = 2.5,
+    shadows: Annotated[bool, typer.Option(help="With --video: the sun casts shadows; otherwise the sky is overcast.")] = True,
+    pixel_noise: Annotated[
+        float, typer.Option(help="With --video: standard deviation of the sensor noise, in grey levels.")
+    ] = 2.5,
 ) -> None:
     """Simulate people in a scene: boxes or videos, true cameras, and a scene file ready to calibrate."""
     from passerby.cli.terminal import stages
@@ -100,7 +109,7 @@ def _clock_offsets(text: str) -> float | tuple[float, ...]:
         offsets = tuple(float(part) for part in text.split(","))
     except ValueError:
         raise InputError(
-            f"--clock-offsets {text!r}: give seconds, one number or one for each camera parted by commas"
+            f"--clock-offsets {text!r}: give seconds, one number, or one for each camera separated by commas"
         ) from None
     return offsets[0] if len(offsets) == 1 else offsets
 
@@ -110,4 +119,4 @@ def _numbers(text: str, kind: type[Number], option: str, wanted: str) -> tuple[N
     try:
         return tuple(kind(part) for part in text.split(",")) if text else ()
     except ValueError:
-        raise InputError(f"{option} {text!r}: give {wanted}, parted by commas") from None
+        raise InputError(f"{option} {text!r}: give {wanted}, separated by commas") from None

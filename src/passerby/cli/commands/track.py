@@ -1,4 +1,4 @@
-"""`passerby track`: everybody's way over the ground, from the output folder of a calibration."""
+"""`passerby track`: everybody's trajectory on the ground, from the output folder of a calibration."""
 
 from __future__ import annotations
 
@@ -26,30 +26,35 @@ def track(
     context: typer.Context,
     calibrated: Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of `passerby calibrate`.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for trajectories.csv and trajectories.html; OUT/trajectories.")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for trajectories.csv and trajectories.html; default: OUT/trajectories."),
     ] = None,
     method: Annotated[
         str, typer.Option(help="smoothed: bodies on the ground, smoothed over time; pairwise: mean of pairwise triangulations.")
     ] = "smoothed",
-    max_gap: Annotated[float, typer.Option("--max-gap", help="Seconds without sight of a person that are bridged.")] = 2.0,
-    fps: Annotated[float | None, typer.Option(help="Frames per second, where the calibration does not know them.")] = None,
+    max_gap: Annotated[
+        float, typer.Option("--max-gap", help="Longest gap between observations of a person that is bridged, in seconds.")
+    ] = 2.0,
+    fps: Annotated[float | None, typer.Option(help="Frames per second, if the calibration does not state them.")] = None,
     truth: Annotated[
         Path | None, typer.Option(help="True ground positions (CSV: frame, id, x_m, y_m) to compare with.")
     ] = None,
     true_rig: Annotated[
-        Path | None, typer.Option("--true-rig", help="Rig file with the true poses: places the world for --truth.")
+        Path | None, typer.Option("--true-rig", help="Rig file with the true poses: aligns the world frame with --truth.")
     ] = None,
     truth_fps: Annotated[
-        float | None, typer.Option("--truth-fps", help="Frames per second of --truth; the first camera's.")
+        float | None, typer.Option("--truth-fps", help="Frames per second of --truth; default: the first camera's.")
     ] = None,
-    reference: Annotated[str | None, typer.Option(help="Camera that coincides in the metric placement; the first.")] = None,
+    reference: Annotated[
+        str | None, typer.Option(help="Camera at which the rigs are aligned with the scale kept; default: the first.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Tell more: each person, and the stages.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more: each person, and the stages.")] = False,
 ) -> None:
-    """Follow everybody over the ground: where each person was at each instant, with a sigma.
+    """Estimate the trajectory of every person on the ground: the position at each time step, with its uncertainty.
 
-    Places that no camera saw, between others, have 0 cameras. With the true positions and the true cameras: how far the ways
-    lie from the truth, by the estimated and by the true cameras.
+    Positions between observations, which no camera saw, have 0 cameras. With --truth and --true-rig: the distance of the
+    trajectories to the truth, with the estimated and with the true cameras.
     """
     from passerby.calibration.following import folder_clocks, track_options, trajectories_by_rig
     from passerby.cli.terminal import stages
@@ -62,7 +67,7 @@ def track(
     from passerby.report.trajectories_page import trajectories_page
 
     if truth is not None and true_rig is None:
-        raise InputError("--truth needs --true-rig: the true cameras tell how the estimated world lies in the true one")
+        raise InputError("--truth needs --true-rig: the true cameras align the estimated world frame with the true one")
     verbose = verbose or bool(context.obj)
     with stages(verbose) as tell:
         tell("reading")
@@ -78,7 +83,7 @@ def track(
         tell("writing")
         target = out or calibrated / FOLDER
         name = str(folder.document.name or calibrated.resolve().name)
-        page = trajectories_page(found, folder.rig, f"{name}: ways over the ground", _note(figures))
+        page = trajectories_page(found, folder.rig, f"{name}: trajectories on the ground", _note(figures))
         with folder_lock(target, "passerby track"), transaction(target) as new:
             write_trajectories(new / CSV_FILE, found)
             write_text(new / HTML_FILE, page)
@@ -124,8 +129,8 @@ def _note(figures: dict[str, Any]) -> str:
     from passerby.cli.terminal import number
 
     return (
-        f"{figures['people']} people, {figures['places']} places in {number(figures['seconds'])} s; sigma "
-        f"{number(figures['median_sigma_m'], 2)} m (median); z is the middle of the body. Calibration: {figures['verdict']}."
+        f"{figures['people']} people, {figures['places']} positions in {number(figures['seconds'])} s; position std "
+        f"{number(figures['median_sigma_m'], 2)} m (median); z is the body centre. Calibration: {figures['verdict']}."
     )
 
 
@@ -135,20 +140,20 @@ def _show(figures: dict[str, Any], verbose: bool) -> None:
 
     print(_note(figures))
     rows = [[one["name"], str(one["boxes"]), str(one["used"]), number(one["disagreement_m"], 3)] for one in figures["cameras"]]
-    show_table("cameras", ["camera", "boxes", "used", "disagreement m"], rows)
+    show_table("cameras", ["camera", "boxes", "used", "ray residual m"], rows)
     if verbose:
         people = [
             [str(one["id"]), number(one["from_s"]), number(one["to_s"]), str(one["parts"]), number(one["length_m"]),
              number(one["median_sigma_m"], 2)] for one in figures["ways"]
         ]  # fmt: skip
-        show_table("people", ["person", "from s", "to s", "parts", "length m", "sigma m"], people)
+        show_table("people", ["person", "from s", "to s", "parts", "length m", "std m"], people)
     if "truth" not in figures:
         return
     judged = figures["truth"]
-    names = {"metric": "placed by the reference camera", "similarity": "placed by a similarity", "true_cameras": "true cameras"}
+    names = {"metric": "aligned at the reference camera", "similarity": "similarity alignment", "true_cameras": "true cameras"}
     errors = [
         [title, str(judged[key]["places"]), *(number(judged[key][column], 3) for column in ("mean_m", "median_m", "p95_m"))]
         for key, title in names.items()
         if key in judged
     ]
-    show_table("distance to the truth", ["cameras", "places", "mean m", "median m", "95 % m"], errors)
+    show_table("distance to the truth", ["cameras", "positions", "mean m", "median m", "95 % m"], errors)

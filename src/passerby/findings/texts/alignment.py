@@ -1,4 +1,4 @@
-"""Findings about the frame of the world: known points and positions against the rig."""
+"""Findings about the world coordinate frame: known points and positions against the rig."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from passerby.findings.texts.kinds import NOTICE, Kind
 
 ALIGNMENT: Mapping[str, Kind] = {
     "world_not_set": Kind(
-        NOTICE, "The frame that `[world]` asks for could not be set; `why` has the words of the fault.",
-        "the rig stays in its own frame, since {why}",
+        NOTICE, "The world frame that `[world]` asks for could not be set; `why` is the text of the error.",
+        "the rig stays in its own frame: {why}",
     ),
     "point_off_everywhere": Kind(
         NOTICE, "A known point contradicts the others in all cameras that see it, and was left out.",
-        "point {point} is off by {off_m:.1f} m in all {count} cameras: check its coordinates; it was left out",
+        "point {point} has a residual of {off_m:.1f} m in all {count} cameras: check its coordinates; it was left out",
     ),
     "point_off": Kind(
         NOTICE, "A known point contradicts the others in one camera, and was left out there.",
-        "point {point} in camera {camera} is off by {off_m:.1f} m: check it; it was left out",
+        "point {point} in camera {camera} has a residual of {off_m:.1f} m: check it; it was left out",
     ),
     "position_off": Kind(
         NOTICE, "The known position of the camera contradicts the others, and was left out.",
-        "the position of camera {camera} is off by {off_m:.1f} m: check it; it was left out",
+        "the position of camera {camera} has a residual of {off_m:.1f} m: check it; it was left out",
     ),
     "points_without_pose": Kind(
         NOTICE, "The camera has no pose, so that its known points are left out.",
@@ -32,20 +32,18 @@ ALIGNMENT: Mapping[str, Kind] = {
         "camera {camera} has no pose: its position is left out",
     ),
     "places_fit_poorly": Kind(
-        NOTICE, "The known places fit worse than their stated accuracy.",
-        "the {what} fit to {off_m:.2f} m only, {times:.1f} times their stated accuracy",
+        NOTICE, "The known points or positions fit worse than their stated accuracy.",
+        "the residual of the {what} is {off_m:.2f} m, {times:.1f} times their stated accuracy",
         "check them, or state a larger sd_m",
     ),
     "places_want_scale": Kind(
-        NOTICE, "By the known places all lengths should be others; they were not asked for that.",
-        lambda v: f"by the {v['what']} all lengths should be {v['percent']:.1f} % "
-        f"{'larger' if v['larger'] else 'smaller'} (one "
-        f"sigma {v['sigma_percent']:.1f} %): `scale` makes them so",
+        NOTICE, "The known points or positions imply another scale; rescaling was not requested.",
+        lambda v: f"according to the {v['what']} all lengths should be {v['percent']:.1f} % "
+        f"{'larger' if v['larger'] else 'smaller'} (1 sigma {v['sigma_percent']:.1f} %): `scale` rescales them",
     ),
     "ground_elsewhere": Kind(
-        NOTICE, "In the wanted frame the people's ground leans, or is not at z = 0.",
-        "the ground that people walked on leans by {lean_deg:.2f} degrees now and lies at z = {height_m:.2f} m below the "
-        "cameras: "
-        "their ways take z = 0 to be the ground",
+        NOTICE, "In the requested world frame the people's ground is tilted, or is not at z = 0.",
+        "the ground that people walked on is now tilted by {lean_deg:.2f} degrees and lies at z = {height_m:.2f} m below the "
+        "cameras: trajectories assume the ground at z = 0",
     ),
 }  # fmt: skip

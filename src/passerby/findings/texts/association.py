@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import DOUBT, NOTICE, REFUSAL, Fields, Kind, Said
 
-WALK = "record more people who walk about in the view that cameras share"
+WALK = "record more people walking in the area that the cameras share"
 VIEW = f"{WALK}, and check its fps and its intrinsics"
-_FIT_CLOCK = 'or let it be fitted: under [solver] set refine = ["clock_rate"]'
+_FIT_CLOCK = 'or estimate it: under [solver] set refine = ["clock_rate"]'
 _ANY: tuple[Severity, ...] = ("doubt", "refusal")
 _SAID_OR_NOT: tuple[Severity, ...] = ("notice", "doubt")
 
@@ -17,11 +17,11 @@ _SAID_OR_NOT: tuple[Severity, ...] = ("notice", "doubt")
 def _fit(v: Fields) -> str:
     """How far the tracks of two cameras fit."""
     clauses = {
-        "never_together": "nobody walks in both at one time",
-        "nobody": "nobody walks in it and in another at one time",
-        "few_in_both": "of the people whom both should see, the best fit of their tracks finds {share:.0%} in both",
-        "contradicted": "third cameras contradict the best fit of their tracks",
-        "ambiguous": "another fit of their tracks scores {runner_up:.0%} of the best",
+        "never_together": "nobody walks in both at the same time",
+        "nobody": "nobody walks in it and in another camera at the same time",
+        "few_in_both": "the best fit of their tracks finds {share:.0%} of the people that both should see in both",
+        "contradicted": "loops through other cameras contradict the best fit of their tracks",
+        "ambiguous": "the fit of their tracks is ambiguous (the second-best hypothesis scores {runner_up:.0%} of the best)",
     }
     return clauses[v["fit"]].format_map(v)
 
@@ -34,7 +34,7 @@ def _fixed(v: Fields) -> Said | None:
 
 def _unregistered(v: Fields) -> str:
     to = "" if v["to"] is None else f" to {v['to']}"
-    so, fixed = "" if v["timed"] else "has no clock: it ", _fixed(v)
+    so, fixed = "" if v["timed"] else "has an unknown clock offset and ", _fixed(v)
     text = f"camera {v['camera']} {so}could not be registered{to}: {_fit(v)}"
     return text if fixed is None else f"{text}: {fixed.problem}"
 
@@ -45,37 +45,37 @@ def _pair(v: Fields) -> str:
 
 
 def _clock(v: Fields) -> str:
-    way = "ahead of" if v["ahead_s"] > 0 else "behind"
-    return f"the clock of {v['camera']} is {abs(v['ahead_s']):.1f} s {way} that of {v['second']}"
+    side = "ahead of" if v["ahead_s"] > 0 else "behind"
+    return f"the clock of {v['camera']} is {abs(v['ahead_s']):.1f} s {side} the clock of {v['second']}"
 
 
 def _nobody_shared(v: Fields) -> str:
     several = len(v["names"]) > 1
-    kin = " and stand as a group apart" if several else ""
-    return f"{v['who']} share{'' if several else 's'} nobody with {', '.join(v['main'])}{kin}"
+    separate = " and form a separate group" if several else ""
+    return f"{v['who']} share{'' if several else 's'} no people with {', '.join(v['main'])}{separate}"
 
 
 def _to_share(v: Fields) -> str:
     if v["given"]:
-        return "give identities that are the same person in all cameras, and frame numbers that are the same instant"
+        return "give the same person the same identity in all cameras, and synchronised frames the same frame number"
     return (
-        "search for larger clock offsets: under [association] set max_offset_s to the largest difference of the clocks, in "
-        "seconds"
+        "search for larger clock offsets: under [association] set max_offset_s to the largest difference between the clocks, "
+        "in seconds"
     )
 
 
 ASSOCIATION: Mapping[str, Kind] = {
     "no_shared_people": Kind(
-        _ANY, "No two cameras saw one person at one instant; `given` says whether identities were given.",
-        "no two cameras share a person at the same instant", _to_share,
+        _ANY, "No two cameras saw the same person at the same time; `given` says whether identities are known.",
+        "no two cameras see the same person at the same time", _to_share,
     ),
     "cameras_share_nobody": Kind(
-        _ANY, "Nobody ties a group of cameras to the largest one, `main`.",
+        _ANY, "No person connects a group of cameras to the largest group, `main`.",
         _nobody_shared, lambda v: f"record people where their views overlap, or {_to_share(v)}",
     ),
     "no_pair_registered": Kind(
         REFUSAL, "The ground tracks of no two cameras fit each other.",
-        "no two cameras could be registered by the tracks of the people", WALK,
+        "no two cameras could be registered by the tracks of people", WALK,
     ),
     "pair_unregistered": Kind(
         REFUSAL, "How far the ground tracks of two cameras fit, and what would make them fit.",
@@ -83,8 +83,8 @@ ASSOCIATION: Mapping[str, Kind] = {
     ),
     "nobody_seen_whole": Kind(
         _ANY, "In all its boxes people are cut off or hidden.",
-        "{who} saw nobody from head to feet: it cannot be calibrated",
-        advice="turn or raise the camera, so that whole people are in view", common=True,
+        "{who} saw nobody from head to feet and cannot be calibrated",
+        advice="turn or raise the camera so that whole people are in view", common=True,
     ),
     "few_walkers": Kind(
         _ANY, "The camera has no ground tracks.",
@@ -96,9 +96,8 @@ ASSOCIATION: Mapping[str, Kind] = {
     ),
     "other_rate_fits": Kind(
         NOTICE, "With another frame rate the camera's people are where the second camera sees them.",
-        "at {fits_fps:.4g} frames per second instead of {fps:.4g} {share:.0%} of the people of {camera} are where "
-        "{second} sees "
-        "them",
+        "at {fits_fps:.4g} frames per second instead of {fps:.4g} {share:.0%} of the people seen by {camera} are where "
+        "{second} sees them",
         "check its fps",
     ),
     "clock_far_off": Kind(
@@ -107,11 +106,11 @@ ASSOCIATION: Mapping[str, Kind] = {
     ),
     "people_stand_still": Kind(
         DOUBT, "Fewer than two registered cameras saw anybody walk.",
-        "the people stand still, so that neither who is who nor the clocks are sure", WALK,
+        "the people stand still, so neither their identities nor the clock offsets are reliable", WALK,
     ),
     "clock_drifts": Kind(
         _SAID_OR_NOT, "The camera's clock runs at another rate than stated.",
-        "the clock of {camera} drifts by {drift_s:.2f} s over {span_s:.0f} s: its people fit about {fits_fps:.4g} frames per "
+        "the clock of {camera} drifts by {drift_s:.2f} s over {span_s:.0f} s: its tracks fit about {fits_fps:.4g} frames per "
         "second better than the stated {fps:.4g}",
         f"check its fps, {_FIT_CLOCK}",
     ),
@@ -120,30 +119,30 @@ ASSOCIATION: Mapping[str, Kind] = {
         "the clocks of {camera} and {second} drift apart by {drift_s:.2f} s", f"check their fps, {_FIT_CLOCK}",
     ),
     "clock_fitted": Kind(
-        NOTICE, "The camera's frame rate was fitted.",
-        "the clock of {camera} was fitted: {fps:.6g} frames per second (sigma {sigma:.1g}) in place of the stated {stated:.6g}",
+        NOTICE, "The camera's frame rate was estimated.",
+        "the frame rate of {camera} was estimated: {fps:.6g} frames per second (1 sigma {sigma:.1g}) instead of the stated "
+        "{stated:.6g}",
     ),
     "clock_unknown": Kind(
-        DOUBT, "The tracks of the same people do not tell the camera's clock offset.",
-        "camera {camera} has no clock: the tracks of the same people do not tell its offset",
-        "record more people who walk about in the view that it shares with the others, or start the cameras at one time",
+        DOUBT, "The tracks of the same people do not determine the camera's clock offset.",
+        "the clock offset of camera {camera} is unknown: the tracks of the same people do not determine it",
+        "record more people walking in the area that it shares with the others, or start the cameras at the same time",
         joint="; ",
     ),
     "no_embeddings": Kind(
         REFUSAL, 'Mode "appearance": no two cameras have tracklets with embeddings.',
-        "no two cameras have tracklets with embeddings", "give embeddings of the boxes of every camera",
+        "no two cameras have tracklets with embeddings", "provide embeddings for the boxes of every camera",
     ),
     "embeddings_useless": Kind(
-        REFUSAL, 'Mode "appearance": the embeddings tell people apart no better than chance.',
-        "the embeddings do not tell people apart across cameras: no better than chance in any pair",
-        "take them from a network that fits these people, or go by their tracks on the ground: under [association] set "
+        REFUSAL, 'Mode "appearance": the embeddings distinguish people no better than chance.',
+        "the embeddings do not distinguish people across cameras: they are no better than chance in any pair",
+        "use a network trained for such people, or use their tracks on the ground: under [association] set "
         'mode = "combined"',
         joint="; ",
     ),
     "registered_by_keypoints": Kind(
-        NOTICE, "The cameras were joined by the joints of people who move; their clocks were not searched for.",
-        lambda v: f"cameras {', '.join(v['names'][:-1])} and {v['names'][-1]} were joined by the joints of people who "
-        f"move, nobody "
-        "walks through their views; offsets between their clocks were not searched for",
+        NOTICE, "The cameras were registered by the keypoints of moving people; their clock offsets were not estimated.",
+        lambda v: f"cameras {', '.join(v['names'][:-1])} and {v['names'][-1]} were registered by the keypoints of moving "
+        f"people, because nobody walks through their views; their clock offsets were not estimated",
     ),
 }  # fmt: skip

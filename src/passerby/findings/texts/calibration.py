@@ -1,4 +1,4 @@
-"""Findings of a calibration as a whole: moved cameras, places of the people, lenses against pictures."""
+"""Findings of a calibration as a whole: moved cameras, positions of the people, intrinsics against image sizes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import DOUBT, Fields, Kind
 
-_ALL_OVER = "record people who walk all over the view that the cameras share"
+_ALL_OVER = "record people walking all over the area that the cameras share"
 _MORE_OR_LESS: tuple[Severity, ...] = ("notice", "doubt")
 
 
@@ -23,14 +23,17 @@ def _kept(v: Fields) -> tuple[str, str]:
 
 def _moved(v: Fields) -> str:
     far = f"by {v['metres']:.2f} m and {v['degrees']:.1f} degrees"
-    either = f" (or camera {v['second']} did: two cameras do not tell which)" if len(v["names"]) > 1 else ""
+    either = f" (or camera {v['second']} did: two cameras alone cannot show which)" if len(v["names"]) > 1 else ""
     if v["left_out"] == "between":
         return (
-            f"camera {v['camera']} was moved {far} {_when(v, 0)} and back {_when(v, 1)}{either}: what it saw meanwhile "
-            f"was left out"
+            f"camera {v['camera']} moved {far} {_when(v, 0)} and back {_when(v, 1)}{either}: its observations in between "
+            f"were left out"
         )
     kept, other = _kept(v)
-    return f"camera {v['camera']} moved {_when(v, 0)} {far}{either}: its pose is that {kept}, what it saw {other} was left out"
+    return (
+        f"camera {v['camera']} moved {_when(v, 0)} {far}{either}: its pose is the one {kept} the move, and its observations "
+        f"{other} the move were left out"
+    )
 
 
 def _to_choose(v: Fields) -> str:
@@ -39,7 +42,7 @@ def _to_choose(v: Fields) -> str:
     kept, other = _kept(v)
     until, since = f"until_s = {v['until_s']}", f"from_s = {v['from_s']}"
     one, two = (until, since) if kept == "before" else (since, until)
-    return f"under [{v['table']}] set {one} if that is right, or {two} for the pose {other}"
+    return f"under [{v['table']}] set {one} to keep that pose, or {two} for the pose {other} the move"
 
 
 def _uneven(v: Fields) -> str:
@@ -47,84 +50,84 @@ def _uneven(v: Fields) -> str:
     if v["at"] is not None:
         low, high = (f"({x:.1f}, {y:.1f})" for x, y in v["at"])
         where = f", at {low} and {high}"
-    text = f"the people's ground is not one plane: {v['rise_m']:.1f} m between its lowest and its highest part{where}"
+    text = (
+        f"the ground that people walk on is not one plane: {v['rise_m']:.1f} m between its lowest and its highest part{where}"
+    )
     if v["severity"] == "notice":
         return text
-    return f"{text}: how the cameras stand to each other holds, but the vertical and the heights do not"
+    return f"{text}: the relative poses of the cameras are valid, but the up direction and the heights are not"
 
 
 def _fast(v: Fields) -> str:
     if v["heights"] == "stated":
-        return f"people walk at {v['speed']:.1f} m/s if they are as tall as [scale] says, which is fast"
-    return f"people walk at {v['speed']:.1f} m/s if they are as tall as they are taken to be, which is fast: are they children?"
+        return f"people walk at {v['speed']:.1f} m/s if they are as tall as [scale] states, which is unusually fast"
+    return f"people walk at {v['speed']:.1f} m/s if they are as tall as assumed, which is unusually fast: are they children?"
 
 
 def _to_slow(v: Fields) -> str:
     if v["heights"] == "stated":
         return (
-            "see whether the boxes reach from head to feet, check the frame rate, and give a length that you measured "
-            "([[scale.distances]], for one)"
+            "check that the boxes reach from head to feet, check the frame rate, and give a measured length (for example "
+            "under [[scale.distances]])"
         )
     return "Write their mean height as person_height_m under [scale], or give a length, and check the frame rate"
 
 
 CALIBRATION: Mapping[str, Kind] = {
     "camera_without_pose": Kind(
-        DOUBT, "The camera could not be registered, and nothing else says why.",
-        "{who} could not be registered", "record more people in the view that it shares with the others", common=True,
+        DOUBT, "The camera could not be registered, and no other finding says why.",
+        "{who} could not be registered", "record more people in the area that it shares with the others", common=True,
     ),
     "camera_moved": Kind(
         DOUBT, "The camera moved while it filmed (or the second one did); `left_out` says which part was not used.",
         _moved, _to_choose, joint="; ",
     ),
     "people_on_one_spot": Kind(
-        DOUBT, "All people stay on one spot, which fixes no rig.", "all people stay on one spot of {length_m:.1f} m", _ALL_OVER,
+        DOUBT, "All people stay on one spot, which determines no rig.", "all people stay on one spot of {length_m:.1f} "
+        "m", _ALL_OVER,
     ),
     "people_on_one_line": Kind(
-        DOUBT, "All people walk on one straight line, which fixes no rig.",
+        DOUBT, "All people walk on one straight line, which determines no rig.",
         "all people walk on one straight line of {length_m:.1f} m", _ALL_OVER,
     ),
     "people_missed": Kind(
         DOUBT, "Most people seen by the camera are missing where the second camera should see them.",
-        "of the people whom {camera} sees where {second} should see them too, {found:.0%} are there, and {by_chance:.0%} "
-        "would be "
-        "by chance",
-        "see whether one of the two films a screen, a mirror or another place, whether its intrinsics are right, and "
-        "whether the "
-        "ground is flat",
+        "{second} sees only {found:.0%} of the people that {camera} sees in their common view, and {by_chance:.0%} would "
+        "match by chance",
+        "check whether one of the two films a screen, a mirror or another place, whether its intrinsics are right, and "
+        "whether the ground is flat",
     ),
     "people_walk_fast": Kind(
-        DOUBT, "By the rig's scale people walk faster than people do; `heights` says what the scale rests on.",
+        DOUBT, "At the rig's scale people walk faster than people do; `heights` says what the scale comes from.",
         _fast, _to_slow, joint=lambda v: ": " if v["heights"] == "stated" else " ", subjects=("scale",),
     ),
     "people_run_fast": Kind(
-        DOUBT, "By the rig's scale people move faster than people run.",
-        "a quarter of the people who move do so at {speed:.1f} m/s or more by the scale of the rig, faster than people run",
-        "check the heights and lengths under [scale] and [world], whether the boxes reach from head to feet, and the "
-        "frame rate", subjects=("scale",),
+        DOUBT, "At the rig's scale people move faster than people run.",
+        "a quarter of the moving people move at {speed:.1f} m/s or more at the scale of the rig, faster than people run",
+        "check the heights and lengths under [scale] and [world], that the boxes reach from head to feet, and the frame "
+        "rate", subjects=("scale",),
     ),
     "people_too_tall": Kind(
-        DOUBT, "The known places make people taller or shorter than people are.",
-        "the places under [world] make people {metres:.2f} m tall, who are {expected_m:.2f} m by [scale]",
-        "check their units and coordinates, and whether the boxes reach from head to feet", subjects=("scale",),
+        DOUBT, "The known points or positions make people taller or shorter than people are.",
+        "the points or positions under [world] make people {metres:.2f} m tall, but [scale] states {expected_m:.2f} m",
+        "check their units and coordinates, and that the boxes reach from head to feet", subjects=("scale",),
     ),
     "ground_uneven": Kind(
-        _MORE_OR_LESS, "The people's ground is not one plane; a doubt where that spoils the vertical and the heights.",
+        _MORE_OR_LESS, "The people's ground is not one plane; a doubt where that spoils the up direction and the heights.",
         _uneven,
-        lambda v: "" if v["severity"] == "notice" else 'give points with known heights: under [world] set points = '
+        lambda v: "" if v["severity"] == "notice" else 'provide points with known heights: under [world] set points = '
         '"points.csv" '
-        "and tilt = true; or people on one level", subjects=("vertical",),
+        "and tilt = true; or record people on one level", subjects=("vertical",),
     ),
     "smaller_image_fits": Kind(
-        DOUBT, "All cameras agree better if the camera's people were found in smaller pictures than its lens is for.",
-        "camera {camera}: its people seem to be found in pictures of {seen_size[0]} x {seen_size[1]}, not of the stated "
-        "{size[0]} x "
-        "{size[1]}: they lie within that part, and all cameras agree better so",
-        "give a lens for pictures of that size, or scale its boxes and joints to the size of the lens",
+        DOUBT, "All cameras agree better if the camera's people were detected in smaller images than its intrinsics are for.",
+        "camera {camera}: its people seem to be detected in images of {seen_size[0]} x {seen_size[1]}, not of the stated "
+        "{size[0]} x {size[1]}: they lie within that part, and all cameras agree better with that size",
+        "give intrinsics for images of that size, or scale its boxes and keypoints to the image size of the intrinsics",
     ),
     "keypoints_unused": Kind(
-        DOUBT, "A camera is missing, and the joints of people were not looked for.",
-        "the joints of people were not looked for, which tell more than boxes where people stand or the recording is short",
+        DOUBT, "A camera is missing, and keypoints were not detected.",
+        "keypoints were not detected; they constrain more than boxes do where people stand or the recording is short",
         'under [perception] set keypoints = "{network}"',
     ),
 }  # fmt: skip

@@ -8,14 +8,13 @@ from passerby.findings.finding import Severity
 from passerby.findings.texts.kinds import DOUBT, REFUSAL, Kind
 
 _EITHER: tuple[Severity, ...] = ("doubt", "refusal")
-_OVERLAP = "record people who walk where the views of these cameras overlap"
+_OVERLAP = "record people walking where the views of these cameras overlap"
 
 GEOPOSE: Mapping[str, Kind] = {
     "keypoint_ends_unnamed": Kind(
-        _EITHER, "The joints' names do not fit the pictures: the highest and lowest joints are taken for head and feet.",
-        "the joints' names do not fit the pictures (correlation of {correlation:.2f} with the order from head to feet): "
-        "joints are "
-        "matched by number, and the highest and lowest ones stand in for head and feet",
+        _EITHER, "The keypoint names do not fit the images: the highest and lowest keypoints are taken as head and feet.",
+        "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): "
+        "keypoints are matched by number, and the highest and lowest ones are taken as head and feet",
         "check the layout of the keypoint files", joint="; ",
     ),
     "pair_failed": Kind(
@@ -45,38 +44,36 @@ GEOPOSE: Mapping[str, Kind] = {
         advice=_OVERLAP,
     ),
     "people_do_not_stand": Kind(
-        REFUSAL, "By the pair's pose hardly anybody has head and feet: it is its mirror image.",
-        "heads and feet of only {standing} of {shared} people seen by both meet in its pose, so it is wrong (points on "
-        "one level "
-        "cannot tell apart two poses of cameras that face each other)",
+        REFUSAL, "In the pair's pose hardly anybody's head and feet agree: it is the mirror image of the true pose.",
+        "the heads and feet of only {standing} of {shared} people seen by both agree with its pose, so the pose is wrong "
+        "(points on one level cannot distinguish two poses of cameras that face each other)",
         "choose another reference camera",
     ),
     "few_whole_people": Kind(
-        REFUSAL, "Too few people were seen whole by two cameras to find the vertical and the scale.",
-        "{seen} people were seen from head to feet by two cameras at once: at least {needed} are needed to find the "
-        "vertical and "
-        "the scale",
-        "let people walk where the pictures hold them whole", joint="; ",
+        REFUSAL, "Too few people were seen whole by two cameras to estimate the up direction and the scale.",
+        "{seen} people were seen from head to feet by two cameras at the same time: at least {needed} are needed to estimate "
+        "the up direction and the scale",
+        "record people walking where they are fully in view", joint="; ",
     ),
     "few_upright_people": Kind(
-        REFUSAL, "Too few upright people were measured to find the scale.",
+        REFUSAL, "Too few upright people were measured to estimate the scale.",
         "{seen} upright people were measured: at least {needed} are needed for the scale",
-        advice="let people walk where the pictures hold them whole",
+        advice="record people walking where they are fully in view",
     ),
     "few_inliers": Kind(
         DOUBT, "Few of the points that the camera shares with the reference agree with its pose.",
         "only {share:.0%} of the points that camera {camera} shares with the reference agree with its pose", advice=_OVERLAP,
     ),
     "near_reference": Kind(
-        DOUBT, "The camera looks from almost where the reference stands.",
-        "camera {camera} looks from almost where the reference stands (rays meet at {parallax_deg:.1f} degrees): its "
-        "distance is "
-        "not known",
-        "choose another reference", joint="; ",
+        DOUBT, "The camera is almost at the position of the reference camera.",
+        "camera {camera} is almost at the position of the reference camera (rays meet at {parallax_deg:.1f} degrees): its "
+        "distance is unknown",
+        "choose another reference camera", joint="; ",
     ),
     "pairs_disagree": Kind(
-        DOUBT, "The pairs place the same points differently.",
-        "the pairs place the same {what} {share:.0%} of their distance apart: at least one pair is wrong",
+        DOUBT, "The pairs disagree about the positions of the same points.",
+        "the pairs disagree about the positions of the same {what} by {share:.0%} of their distance: at least one pair is "
+        "wrong",
         "try another reference camera or {other}", joint="; ",
     ),
     "global_adjustment_not_converged": Kind(

@@ -1,4 +1,4 @@
-"""Findings about the files of a scene, and of cameras that show one another's pictures."""
+"""Findings about the files of a scene, and about cameras that show the same images."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind
 
-_OF_THAT_SIZE = "Give a lens for pictures of that size, or scale the boxes and joints to the size of the lens"
+_OF_THAT_SIZE = "Give intrinsics for images of that size, or scale the boxes and keypoints to the image size of the intrinsics"
 
 
 def _guessed(v: Fields) -> str:
-    text = f"the focal length of {v['who']} is a guess with one sigma of {v['sd_percent']:g} %"
-    return f"{text}: it is the prior of their refinement" if v["refined"] else f"{text}: it is in every sigma"
+    text = f"the focal length of {v['who']} is a guess with 1 sigma of {v['sd_percent']:g} %"
+    return f"{text}: it is the prior of the refinement" if v["refined"] else f"{text}: every reported uncertainty includes it"
 
 
 def _spans(v: Fields) -> str:
@@ -19,15 +19,15 @@ def _spans(v: Fields) -> str:
         f"{one['camera']} {one['seconds']:.1f} s (frames {one['frames'][0]} to {one['frames'][1]} at {one['fps']:g} fps)"
         for one in v["spans"]
     )
-    others = "" if v["usual_s"] is None else f"; the other cameras about {v['usual_s']:.1f} s"
-    return f"by their frame rates the recordings differ in length: {spans}{others}"
+    others = "" if v["usual_s"] is None else f"; the other cameras have about {v['usual_s']:.1f} s"
+    return f"the recordings differ in length according to their frame rates: {spans}{others}"
 
 
 def _doubled(v: Fields) -> str:
     camera = f"camera {v['camera']}: " if v["names"] else ""
-    who = "nobody known" if v["identity"] is None else f"id {v['identity']}"
-    text = f"{camera}{v['doubled']} of {v['rows']} rows stand for somebody who has another row in the same frame"
-    ending = ", which is too often for a slip" if v["too_many"] else ": of each the better row is used"
+    who = "an unknown identity" if v["identity"] is None else f"id {v['identity']}"
+    text = f"{camera}{v['doubled']} of {v['rows']} rows repeat an identity that has another row in the same frame"
+    ending = ", which is too often for a mistake" if v["too_many"] else ": the better row of each is used"
     return f"{text} (first: {who} in frame {v['frame']}){ending}"
 
 
@@ -37,112 +37,108 @@ def _same(v: Fields) -> str:
     way = "later" if v["later"] > 0 else "earlier"
     shifted = "" if float(amount) == 0 else f", {amount} {'s' if v['timed'] else 'frames'} {way}"
     return (
-        f"cameras {v['camera']} and {v['second']} show the same: {v['share']:.0%} of the people of the one are at the "
-        f"same places "
-        f"in the pictures of the other{scaled}{shifted}"
+        f"cameras {v['camera']} and {v['second']} show the same images: {v['share']:.0%} of the people of one camera are at "
+        f"the same positions in the images of the other{scaled}{shifted}"
     )
 
 
 def _short(v: Fields) -> str:
+    what, verb = ("the recordings of cameras", "are") if len(v["names"]) > 1 else ("the recording of camera", "is")
     cameras = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in v["seconds"].items())
     return (
-        f"what camera{'s' if len(v['names']) > 1 else ''} {cameras} recorded is too short to tell cameras by how people "
-        f"walk, which "
-        f"takes more than {v['shortest_s']:g} s"
+        f"{what} {cameras} {verb} too short to register cameras by how people walk, which takes more than {v['shortest_s']:g} s"
     )
 
 
 INPUT_FILES: Mapping[str, Kind] = {
     "same_recording": Kind(
-        DOUBT, "Two cameras show the same pictures.",
+        DOUBT, "Two cameras show the same images.",
         _same, "give each camera a recording of its own, or delete [cameras.{second}]",
     ),
     "same_place": Kind(
-        DOUBT, "Two cameras stand at one place, look one way, and their people do not tell them apart.",
-        "cameras {camera} and {second} stand {distance_m:.2f} m apart and look the same way, and their people do not tell "
-        "them apart",
-        "if it is one camera, delete [cameras.{second}]; if not, record people near them",
+        DOUBT, "Two cameras have the same pose, and their people do not distinguish them.",
+        "cameras {camera} and {second} are {distance_m:.2f} m apart and face the same direction, and their people do not "
+        "distinguish them",
+        "if they are one camera, delete [cameras.{second}]; if not, record people near them",
     ),
     "smaller_image_cut": Kind(
-        DOUBT, "People keep to a part of the picture and are cut off at its edge: they were found in smaller pictures.",
-        "camera {camera}: all people lie within {seen_size[0]} x {seen_size[1]} of the {size[0]} x {size[1]} picture, and "
-        "{cut} are "
-        "cut off just there: were they found in pictures of {seen_size[0]} x {seen_size[1]}?",
+        DOUBT, "All people lie in a part of the image and are cut off at its edge: they were detected in smaller images.",
+        "camera {camera}: all people lie within {seen_size[0]} x {seen_size[1]} of the {size[0]} x {size[1]} image, and "
+        "{cut} are cut off at the edge of that part: were they detected in images of {seen_size[0]} x {seen_size[1]}?",
         _OF_THAT_SIZE, joint=" ",
     ),
     "image_upside_down": Kind(
-        DOUBT, "The camera's people stand on their heads.",
-        "{who}: people stand on their heads: the picture seems flipped top to bottom, or the camera hangs upside down",
-        "turn its pictures the right way up, with the boxes and joints in them", common=True,
+        DOUBT, "The camera's people are upside down.",
+        "{who}: people are upside down: the image seems to be flipped top to bottom, or the camera hangs upside down",
+        "turn its images the right way up, with their boxes and keypoints", common=True,
     ),
     "recordings_short": Kind(
-        DOUBT, "The recordings are too short for people to be followed, and joints are not used.",
+        DOUBT, "The recordings are too short to follow people, and keypoints are not used.",
         _short,
-        lambda v: "record longer" if v["network"] is None else "record longer, or go by the joints of people: under "
+        lambda v: "record longer" if v["network"] is None else "record longer, or use keypoints: under "
         "[perception] "
         f'set keypoints = "{v["network"]}"',
     ),
     "identity_unseen": Kind(
         NOTICE, "The scene file states the height of a person that no camera sees.",
-        "[[scale.people]]: identity {identity} is seen by no camera; its height says nothing",
+        "[[scale.people]]: no camera sees identity {identity}; its height is not used",
     ),
     "focal_guessed": Kind(
         NOTICE, "The scene file says that the cameras' focal length is a guess.",
         _guessed,
-        lambda v: "" if v["refined"] else "calibrate the lens with a pattern and delete focal_sd_percent, or write refine = "
+        lambda v: "" if v["refined"] else "calibrate the intrinsics with a pattern and delete focal_sd_percent, or write "
+        "refine = "
         '["focal"] under [solver]',
     ),
     "frame_rate_missing": Kind(
-        NOTICE, "No frame rate is known, so that clocks are not searched for.",
-        "no frame rate is given: frame numbers are taken to be counted alike in all cameras, and no difference of their "
-        "clocks is "
-        "searched for",
+        NOTICE, "No frame rate is known, so clock offsets are not estimated.",
+        "no frame rate is given: equal frame numbers are assumed to be synchronised in all cameras, and clock offsets are "
+        "not estimated",
         "under [scene] set fps to the frame rate, or under [association] set max_offset_s = 0",
     ),
     "recordings_differ": Kind(
-        NOTICE, "By their frame rates the recordings differ in length.",
-        _spans, "check fps, unless people were there for a part of the time only",
+        NOTICE, "The recordings differ in length according to their frame rates.",
+        _spans, "check fps, unless people were present for only part of the time",
     ),
     "embeddings_missing": Kind(
-        NOTICE, "Some cameras have embeddings, and these have none.",
-        lambda v: f"{v['who']} ha{'ve' if len(v['names']) > 1 else 's'} no embeddings: people there are known by how they "
-        f"move alone",
+        NOTICE, "Some cameras have embeddings, but these have none.",
+        lambda v: f"{v['who']} ha{'ve' if len(v['names']) > 1 else 's'} no embeddings: people there are identified by their "
+        f"motion only",
     ),
     "video_cropped": Kind(
-        NOTICE, "The video's pictures are slightly smaller than the lens is for.",
-        "camera {camera}: its pictures are {video_size[0]} x {video_size[1]}, the lens's {size[0]} x {size[1]}: the last "
-        "columns or "
-        "rows are taken to be cut off, as codecs do",
+        NOTICE, "The video's frames are slightly smaller than the image size of the intrinsics.",
+        "camera {camera}: its video frames are {video_size[0]} x {video_size[1]}, the image size of its intrinsics is "
+        "{size[0]} x {size[1]}: the codec is assumed to have cut off the last columns or rows",
     ),
     "video_rate_variable": Kind(
-        NOTICE, "The video's pictures come at a variable rate; their own times are used.",
-        "camera {camera}: the pictures' own times are used, since they come at a variable rate, not fps",
+        NOTICE, "The video's frame rate is variable; the timestamps of its frames are used.",
+        "camera {camera}: the frame rate is variable, so the timestamps of the frames are used, not fps",
     ),
     "video_rate_differs": Kind(
-        NOTICE, "The video and the scene file say different frame rates.",
-        "camera {camera}: the video says {video_fps:g} frames per second, the scene file {fps:g}: the scene file is believed",
+        NOTICE, "The video and the scene file state different frame rates.",
+        "camera {camera}: the video states {video_fps:g} frames per second, the scene file {fps:g}: the value of the scene "
+        "file is used",
     ),
     "detections_unused": Kind(
         NOTICE, "The camera has tracks, so that its detections are not used.",
-        "[cameras.{camera}] detections are not used, since there are tracks",
+        "[cameras.{camera}] detections are not used, because there are tracks",
     ),
     "unused_with_identities": Kind(
-        NOTICE, "What `key` names is not used where identities are given.",
+        NOTICE, "What `key` names is not used where identities are known.",
         '[cameras.{camera}] {key} are not used in mode "given"',
     ),
     "camera_saw_nobody": Kind(
         NOTICE, "The camera saw nobody; it cannot be calibrated.",
         lambda v: f"[cameras.{v['camera']}] camera {v['camera']} saw nobody: "
-        f"{'nobody was found in its video' if v['watched'] else 'its files have no rows'}, it cannot be calibrated",
+        f"{'nobody was detected in its video' if v['watched'] else 'its files have no rows'}, so it cannot be calibrated",
     ),
     "file_empty": Kind(
         NOTICE, "A file of the camera has no rows.", "camera {camera} saw nobody: the file has no rows",
     ),
     "ids_no_tracklets": Kind(
-        NOTICE, "Most ids stand in few rows: the rows are taken as detections.",
-        "camera {camera}: {short} of {rows} rows have an id that stands in fewer than {least} rows: such ids are no "
-        "tracklets, all "
-        "rows are taken as detections",
+        NOTICE, "Most ids occur in few rows: the rows are treated as detections.",
+        "camera {camera}: {short} of {rows} rows have an id that occurs in fewer than {least} rows: such ids are not "
+        "tracklets, so all rows are treated as detections",
     ),
     "rows_without_identity": Kind(
         NOTICE, "Some rows have no identity and are not used.",
@@ -150,24 +146,21 @@ INPUT_FILES: Mapping[str, Kind] = {
     ),
     "duplicate_rows": Kind(
         NOTICE, "One identity has several rows in one frame; with `too_many` of them the file cannot be used.",
-        _doubled, lambda v: "give every person in a frame an id of their own, once" if v["too_many"] else "",
+        _doubled, lambda v: "give every person in a frame one row and an id of their own" if v["too_many"] else "",
     ),
     "principal_point_outside_image": Kind(
-        NOTICE, "The principal point lies outside the picture.",
-        "[{camera}] the principal point {point} lies outside the {size[0]} x {size[1]} picture: wrong image size? Matrix "
-        "and size "
-        "must be of one picture",
+        NOTICE, "The principal point lies outside the image.",
+        "[{camera}] the principal point {point} lies outside the {size[0]} x {size[1]} image: wrong image size? The matrix "
+        "and the size must belong to the same image",
     ),
     "people_outside_image": Kind(
-        NOTICE, "Some people lie outside the picture.",
-        "camera {camera}: {outside} of {people} people lie outside the {size[0]} x {size[1]} picture (first: frame "
-        "{frame}, from "
-        "{corners[0]} to {corners[1]})",
+        NOTICE, "Some people lie outside the image.",
+        "camera {camera}: {outside} of {people} people lie outside the {size[0]} x {size[1]} image (first: frame {frame}, "
+        "from {corners[0]} to {corners[1]})",
     ),
     "people_in_part_of_image": Kind(
-        NOTICE, "All people keep to a part of the picture: its size may be wrong.",
+        NOTICE, "All people lie in a part of the image: its size may be wrong.",
         "camera {camera}: all people lie within {across:.0%} of the width and {down:.0%} of the height: wrong image size? "
-        "perhaps "
-        "the size {size[0]} x {size[1]} in {intrinsics} is not that of the picture in which they were found",
+        "Perhaps the size {size[0]} x {size[1]} in {intrinsics} is not the size of the images in which they were detected",
     ),
 }  # fmt: skip

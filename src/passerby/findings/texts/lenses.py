@@ -1,4 +1,4 @@
-"""Findings about the cameras' lenses, of the person-model solver."""
+"""Findings about the cameras' intrinsics, of the person-model solver."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind, longer
 
-_HARDLY_KNOWN = '"{part}" may as well be left out of refine under [solver]'
+_HARDLY_KNOWN = '"{part}" can be left out of refine under [solver]'
 
 
 def _focal(v: Fields) -> str:
@@ -14,7 +14,7 @@ def _focal(v: Fields) -> str:
         f"camera {v['camera']}: focal length {v['refined_px']:.0f} px instead of {v['stated_px']:.0f} "
         f"({v['change_percent']:+.1f} %, sigma {v['sigma_percent']:.1f} %)"
     )
-    return text if v["constrained"] else f"{text}; the people hardly tell it"
+    return text if v["constrained"] else f"{text}; the people hardly constrain it"
 
 
 def _point(v: Fields) -> str:
@@ -23,41 +23,43 @@ def _point(v: Fields) -> str:
         f"camera {v['camera']}: principal point ({u:.0f}, {w:.0f}) px instead of ({x:.0f}, {y:.0f}), sigma "
         f"{v['sigma_px']:.0f} px"
     )
-    return text if v["constrained"] else f"{text}; the people hardly tell it"
+    return text if v["constrained"] else f"{text}; the people hardly constrain it"
 
 
 LENSES: Mapping[str, Kind] = {
     "focal_contradicted": Kind(
         DOUBT, "The people contradict the camera's focal length, relative `change`.",
         lambda v: f"camera {v['camera']}: people fit a focal length {longer(v['change'])} than stated",
-        'check its intrinsics, or let it be refined: under [solver] set refine = ["focal"]',
+        'check its intrinsics, or refine it: under [solver] set refine = ["focal"]',
     ),
     "all_focals_contradicted": Kind(
         DOUBT, "The people contradict the focal lengths of all cameras alike, relative `change`.",
         lambda v: f"people fit focal lengths {longer(v['change'])} than stated in all cameras",
-        "check the intrinsics and the size of the pictures that they were made for, or let them be refined: under [solver] set "
+        "check the intrinsics and the image size that they were made for, or refine them: under [solver] set "
         'refine = ["focal"]',
     ),
     "lens_part_contradicted": Kind(
-        DOUBT, "The people contradict another `part` of the camera's intrinsics.",
-        "{who}: people fit another {part} than stated", "check its intrinsics", common=True,
+        DOUBT, "The people contradict a further `part` of the camera's intrinsics.",
+        "{who}: people fit a different {part} than stated", "check its intrinsics", common=True,
     ),
     "focal_refined_far": Kind(
-        DOUBT, "The refined focal length is farther from the stated one than stated ones are off.",
-        "camera {camera}: its focal length was refined by {change_percent:+.0f} %, farther than a stated one should be off",
-        "check its intrinsics and the picture size that they were made for",
+        DOUBT, "The refined focal length is farther from the stated value than the error expected of one.",
+        "camera {camera}: its focal length was refined by {change_percent:+.0f} %, more than the error expected of a stated "
+        "value",
+        "check its intrinsics and the image size that they were made for",
     ),
     "principal_point_refined_far": Kind(
-        DOUBT, "The refined principal point is farther from the stated one than stated ones are off.",
-        "camera {camera}: its principal point was refined by {moved_px:.0f} px, farther than a stated one should be off",
-        "check its intrinsics and whether its picture was cropped",
+        DOUBT, "The refined principal point is farther from the stated value than the error expected of one.",
+        "camera {camera}: its principal point was refined by {moved_px:.0f} px, more than the error expected of a stated "
+        "value",
+        "check its intrinsics and whether its images were cropped",
     ),
     "focal_refined": Kind(
-        NOTICE, "The focal length was refined; `constrained` says whether the people tell it.",
+        NOTICE, "The focal length was refined; `constrained` says whether the people constrain it.",
         _focal, lambda v: "" if v["constrained"] else _HARDLY_KNOWN.format(part="focal"),
     ),
     "principal_point_refined": Kind(
-        NOTICE, "The principal point was refined; `constrained` says whether the people tell it.",
+        NOTICE, "The principal point was refined; `constrained` says whether the people constrain it.",
         _point, lambda v: "" if v["constrained"] else _HARDLY_KNOWN.format(part="principal_point"),
     ),
 }  # fmt: skip

@@ -6,28 +6,32 @@ from collections.abc import Mapping
 
 from passerby.findings.texts.kinds import DOUBT, REFUSAL, Fields, Kind
 
+PART_NAMES = {"vertical": "up direction"}
+"""Words for the parts of the world that can be undetermined, where they are others."""
+
 
 def _undetermined(v: Fields) -> str:
     lacks = v["lacks"]
-    what = " and ".join(filter(None, (", ".join(f"the {one}" for one in lacks[:-1]), f"the {lacks[-1]}")))
+    named = [f"the {PART_NAMES.get(one, one)}" for one in lacks]
+    what = " and ".join(filter(None, (", ".join(named[:-1]), named[-1])))
     return f"nothing fixes {what}"
 
 
 def _to_determine(v: Fields) -> str:
     if v["lacks"] == ["scale"]:
-        return "give a measured length under [scale], or boxes, or joints with heads and ankles"
-    length = "; a measured length under [scale] fixes the scale, but no vertical" if "scale" in v["lacks"] else ""
-    return f"give boxes, or joints with heads and ankles, of people seen whole by two cameras{length}"
+        return "give a measured length under [scale], or boxes, or keypoints with heads and ankles"
+    length = "; a measured length under [scale] fixes the scale, but not the up direction" if "scale" in v["lacks"] else ""
+    return f"give boxes, or keypoints with heads and ankles, of people seen whole by two cameras{length}"
 
 
 SOLVER: Mapping[str, Kind] = {
     "too_little_evidence": Kind(
         REFUSAL, "A step of the calculation lacks evidence; `why` has its words.", "{why}",
-        advice="record more people who walk where the views overlap",
+        advice="record more people walking where the views overlap",
     ),
     "no_pair_fits": Kind(
         REFUSAL, "No two cameras have observations of the same people that fit one relative pose.",
-        "no two cameras share {least} sightings of the same people that fit one motion",
+        "no two cameras share {least} observations of the same people that fit one relative pose",
         "check the identities and the intrinsics, or record more people where the views overlap",
     ),
     "no_arrangement_fits": Kind(
@@ -35,22 +39,20 @@ SOLVER: Mapping[str, Kind] = {
         "no arrangement of the cameras agrees with the people", "check their identities and the intrinsics",
     ),
     "keypoint_names_unfit": Kind(
-        DOUBT, "The joints' names do not order them from head to feet as the pictures do.",
-        "the joints' names do not fit the pictures (they order them from head to feet with a correlation of "
-        "{correlation:.2f}): "
-        "is it another layout than the file says? Joints are matched by their number, head and feet by position",
-        advice="write the joints under the names of the layout that they were found with",
+        DOUBT, "The keypoint names do not order the keypoints from head to feet as the images do.",
+        "the keypoint names do not fit the images (correlation of {correlation:.2f} with the order from head to feet): is "
+        "the layout another one than the file states? Keypoints are matched by their number, head and feet by position",
+        advice="write the keypoints under the names of the layout that they were detected with",
     ),
     "cameras_disconnected": Kind(
-        DOUBT, "Too few of the same people join a group of cameras to the largest one, `main`.",
-        lambda v: f"{v['who']} could not be joined to {', '.join(v['main'])}: too few of the same people were seen by "
-        f"both at the "
-        "same instants",
+        DOUBT, "Too few people seen by both connect a group of cameras to the largest one, `main`.",
+        lambda v: f"{v['who']} could not be connected to {', '.join(v['main'])}: too few people were seen by both at the "
+        f"same time",
         "record people who walk through both views", joint="; ", common=True,
     ),
     "reinitialisation_failed": Kind(
-        DOUBT, "With the refined focal lengths the cameras' arrangement could not be guessed anew.",
-        "with the refined focal lengths no first guess at the cameras' arrangement agrees with the people",
+        DOUBT, "With the refined focal lengths no new initial rig was found.",
+        "with the refined focal lengths no initial rig agrees with the people",
         "state focal lengths that are nearer to the true ones, or leave [solver] refine out",
     ),
     "arrangement_ambiguous": Kind(
@@ -58,51 +60,53 @@ SOLVER: Mapping[str, Kind] = {
         "two arrangements of the cameras fit the people almost equally well", "record people who walk in more directions",
     ),
     "world_undetermined": Kind(
-        DOUBT, "No evidence fixes the parts of the world in `lacks`: scale, vertical or height of the ground.",
+        DOUBT, "No evidence fixes the parts of the world in `lacks`: scale, up direction or height of the ground.",
         _undetermined, _to_determine, subjects=("scale", "vertical"),
     ),
     "camera_undetermined": Kind(
-        DOUBT, "No evidence fixes where the camera stands among the others.",
-        "nothing fixes where camera {camera} stands among the others",
-        "record more people, seen from head to feet, in the view that it shares with them",
+        DOUBT, "No evidence fixes the pose of the camera relative to the others.",
+        "nothing fixes the pose of camera {camera} relative to the others",
+        "record more people, seen from head to feet, in the area that it shares with them",
     ),
     "few_observations": Kind(
         DOUBT, "Few observations agree with the camera's pose.",
-        "camera {camera} rests on {agreeing} sightings only", "record more people in its view",
+        "camera {camera} has only {agreeing} supporting observations", "record more people in its view",
     ),
     "camera_disagrees_at_times": Kind(
         DOUBT, "In one stretch of the recording the camera contradicts the rig.",
-        "camera {camera}: {most:.0%} of its sightings agree with the rig at one time, but {least:.0%} between "
-        "{from_percent:.0f} and {to_percent:.0f} % of the recording",
-        "see whether it was moved, whether frames are missing and whether its clock keeps step",
+        "camera {camera}: {most:.0%} of its observations agree with the rig in one part of the recording, but {least:.0%} "
+        "between {from_percent:.0f} and {to_percent:.0f} % of it",
+        "check whether it was moved, whether frames are missing and whether its clock stays synchronised",
     ),
     "camera_disagrees": Kind(
-        DOUBT, "Most of what the camera saw contradicts the rig.",
-        "camera {camera}: only {agreeing} of {seen} sightings agree with the rig",
+        DOUBT, "Most of the camera's observations contradict the rig.",
+        "camera {camera}: only {agreeing} of {seen} observations agree with the rig",
         "check its intrinsics, its clock and the identities",
     ),
     "camera_uncertain": Kind(
         DOUBT, "The camera's pose is uncertain, within the rig.",
-        "camera {camera} is uncertain by {position_mm:.0f} mm and {orientation_deg:.1f} degrees",
-        "record longer, or people nearer to it and in more places",
+        "the pose of camera {camera} is uncertain by {position_mm:.0f} mm and {orientation_deg:.1f} degrees (1 sigma)",
+        "record longer, or people nearer to it and at more positions",
     ),
     "vertical_uncertain": Kind(
-        DOUBT, "The direction of up is uncertain.",
-        "the vertical is uncertain by {sigma_deg:.1f} degrees", "record people who walk about, seen from head to feet",
+        DOUBT, "The up direction is uncertain.",
+        "the up direction is uncertain by {sigma_deg:.1f} degrees (1 sigma)", "record people walking about, seen from head "
+        "to feet",
         subjects=("vertical",),
     ),
     "boxes_noisy": Kind(
         DOUBT, "The heights of the boxes scatter so much that they bias the rig.",
-        "half of the boxes are off by more than {noise_percent:.0f} % of their own height, which biases shape and scale",
-        "use a better detector, or pictures in which people are larger", subjects=("scale",),
+        "half of the boxes have an error of more than {noise_percent:.0f} % of their own height, which biases shape and scale",
+        "use a better detector, or images in which people are larger", subjects=("scale",),
     ),
     "adjustment_not_converged": Kind(
         DOUBT, "The adjustment ended before its optimum.",
         "the adjustment did not converge", "under [solver.options] set max_iterations = 200",
     ),
     "scale_cue_contradicted": Kind(
-        DOUBT, "A scale cue contradicts the rest.",
-        "the scale cue '{cue}' says {stated_m:.3f} m, but the rest makes it {measured_m:.3f} m, {sigmas:.0f} sigmas off",
+        DOUBT, "A scale constraint contradicts the rest.",
+        "the scale constraint '{cue}' states {stated_m:.3f} m, but the other evidence gives {measured_m:.3f} m, {sigmas:.0f} "
+        "sigmas away",
         "check it", subjects=("scale",),
     ),
 }  # fmt: skip

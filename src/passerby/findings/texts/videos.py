@@ -1,4 +1,4 @@
-"""Findings about videos, and about the networks that people are found with."""
+"""Findings about videos, and about the networks that detect people."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ from collections.abc import Mapping
 from passerby.findings.texts.kinds import NOTICE, Fields, Kind
 
 _INSTEAD = {
-    "detector": "people are found by background subtraction, without a network",
-    "embedder": "people are told apart by the colours of stripes, without a network",
+    "detector": "people are detected by background subtraction, without a neural network",
+    "embedder": "appearance is described by colour histograms of horizontal stripes, without a neural network",
 }
 
 
 def _to_fetch(v: Fields) -> str:
-    text = f"{v['why']}, and so does calibrating"
-    return text if v["otherwise"] is None else f"{text}; {v['otherwise']} takes its place where it cannot be had"
+    text = f"{v['why']}, and so does `passerby calibrate`"
+    return text if v["otherwise"] is None else f"{text}; {v['otherwise']} is used if it is unavailable"
 
 
 VIDEOS: Mapping[str, Kind] = {
     "camera_bumped": Kind(
-        NOTICE, "The camera moves for a while and comes back.",
-        lambda v: f"camera {v['camera']}: the camera is knocked {v['from_s']:.1f} s after the beginning, "
-        f"{'farther than can be told' if v['pixels'] is None else 'by {:.0f} pixels'.format(v['pixels'])}, and is back after "
-        f"{v['until_s']:.1f} s",
+        NOTICE, "The camera is bumped: it moves for a while and comes back.",
+        lambda v: f"camera {v['camera']}: the camera is bumped {v['from_s']:.1f} s after the start, "
+        f"{'by an unknown amount' if v['pixels'] is None else 'by {:.0f} pixels'.format(v['pixels'])}, and is back in place "
+        f"after {v['until_s']:.1f} s",
     ),
     "frames_undecodable": Kind(
-        NOTICE, "Some pictures of the video could not be decoded.",
-        "camera {camera}: {broken} pictures or packets could not be decoded, the first after {first_s:.1f} s",
+        NOTICE, "Some frames of the video could not be decoded.",
+        "camera {camera}: {broken} frames or packets could not be decoded, the first after {first_s:.1f} s",
     ),
     "network_missing": Kind(
-        NOTICE, "The network for this `role` could not be had; `why` has the words of the fault.",
+        NOTICE, "The network for this `role` is unavailable; `why` is the text of the error.",
         lambda v: f"{v['why']}: {_INSTEAD[v['role']]}",
     ),
     "network_to_fetch": Kind(
-        NOTICE, "A network would be fetched; `otherwise` is what takes its place.", _to_fetch,
+        NOTICE, "A network would be fetched; `otherwise` is used instead if that fails.", _to_fetch,
     ),
 }  # fmt: skip

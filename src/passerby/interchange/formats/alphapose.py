@@ -53,7 +53,7 @@ def _checked(place: str, person: Any) -> dict[str, Any]:
     if not isinstance(person, dict) or "keypoints" not in person:
         raise InputError(f"{place}: has no keypoints: give AlphaPose's results")
     if type(person.get("image_id")) not in (str, int):
-        raise InputError(f"{place}: image_id is {shortened(person.get('image_id'))}: the picture's name or number is needed")
+        raise InputError(f"{place}: image_id is {shortened(person.get('image_id'))}: the image's name or number is needed")
     return person
 
 
@@ -82,12 +82,12 @@ def _found(place: str, person: dict[str, Any], frame: int) -> Found:
 
 FORMAT = Format(
     name="alphapose",
-    title="Joints and boxes of people as AlphaPose writes them (JSON)",
+    title="Keypoints and boxes of people as AlphaPose writes them (JSON)",
     tools=("AlphaPose",),
     target="file",
     suffixes=(".json",),
     conventions=(
-        "Read only, one camera's file. 17 joints (COCO), 26 or 136 (Halpe) or 133 (COCO-WholeBody): COCO's 17 come first, "
+        "Read only, one camera's file. 17 keypoints (COCO), 26 or 136 (Halpe) or 133 (COCO-WholeBody): COCO's 17 come first, "
         "head, neck, hips' middle and feet are kept after them, face and hands are not. idx becomes the identity, unless "
         "everybody has the same one. The frame is the number at the end of image_id; names such as 0.jpg are AlphaPose's own "
         "count of a video from 0 and are raised by one, since Passerby counts from 1."

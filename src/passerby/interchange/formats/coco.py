@@ -73,7 +73,7 @@ def _of_list(
             found.append(_found(place, annotation, frames))
     names = {people[category] for category in used if people[category] is not None}
     if len(names) > 1:
-        raise InputError(f"{path}: several categories of people have different joints: keep one of them")
+        raise InputError(f"{path}: several categories of people have different keypoints: keep one of them")
     made = people_of(found, str(path), names=next(iter(names), None), visibilities=True)
     left = [
         f"{count} {what} left out" for count, what in ((others, "of other categories than people"), (crowds, "crowds")) if count
@@ -131,7 +131,7 @@ def _frames_of_images(path: Path, images: Any) -> Mapping[int | str, int]:
         frame = by_name[image["file_name"]] if key == "file_name" else image.get(key)
         frame = frame_in(frame, f"{path}: images[{number}]: {key}")
         if identifier in frames:
-            raise InputError(f"{path}: images[{number}]: image id {shortened(identifier)} stands twice: image ids must differ")
+            raise InputError(f"{path}: images[{number}]: image id {shortened(identifier)} occurs twice: image ids must differ")
         if frame in image_of:
             raise InputError(
                 f"{path}: images[{number}]: frame {frame} is that of image {shortened(image_of[frame])} too: give one "
@@ -158,7 +158,7 @@ def _categories(path: Path, categories: Any) -> tuple[Mapping[int, tuple[str, ..
     if people:
         return {identifier: found[identifier] for identifier in people}, ()
     if len(found) == 1:
-        return found, (f"the only category, {shortened(categories[0].get('name'))}, is taken to be people",)
+        return found, (f"the only category, {shortened(categories[0].get('name'))}, is assumed to be people",)
     raise InputError(f"{path}: none of the categories is called person: call that of people so")
 
 
@@ -167,24 +167,24 @@ def _joint_names(place: str, names: Any) -> tuple[str, ...] | None:
     if not names:
         return None
     if not isinstance(names, list) or not all(isinstance(name, str) and name for name in names):
-        raise InputError(f"{place}: keypoints must be a list of joint names")
+        raise InputError(f"{place}: keypoints must be a list of keypoint names")
     plain = tuple("_".join(name.casefold().replace("-", " ").replace("_", " ").split()) for name in names)
     if len(set(plain)) != len(plain):
-        raise InputError(f"{place}: a joint stands twice among the keypoints: joint names must differ")
+        raise InputError(f"{place}: a keypoint occurs twice among the keypoints: keypoint names must differ")
     return plain
 
 
 FORMAT = Format(
     name="coco",
-    title="Boxes and joints of people as COCO annotations or results (JSON)",
+    title="Boxes and keypoints of people as COCO annotations or results (JSON)",
     tools=("MMPose", "Detectron2", "CVAT", "Label Studio", "pycocotools"),
     target="file",
     suffixes=(".json",),
     conventions=(
-        "Read only, one camera's file. Boxes are left, top, width, height; joints x, y and a confidence or COCO's "
+        "Read only, one camera's file. Boxes are left, top, width, height; keypoints x, y and a confidence or COCO's "
         "visibility. The identity is track_id (also below attributes), never an annotation's id. An image's frame is its "
         "frame, else frame_id, else the number at the end of file_name, else its id; in a list of results it is image_id. "
-        "Other categories than person, and crowds, are left out and told."
+        "Categories other than person, and crowds, are left out with a note."
     ),
     read_people=read_people,
 )

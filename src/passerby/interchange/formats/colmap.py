@@ -119,7 +119,7 @@ def _pose(image: ColmapImage, metres_per_unit: float, folder: Path) -> Pose:
     w, x, y, z = image.quaternion
     if not LEAST_QUATERNION < max(map(abs, image.quaternion)) < MOST_QUATERNION:
         raise InputError(
-            f"{folder}: image {shortened(image.name)}: the quaternion {shortened(list(image.quaternion))} is no rotation"
+            f"{folder}: image {shortened(image.name)}: the quaternion {shortened(list(image.quaternion))} is not a rotation"
         )
     return Pose(Rotation.from_quat([x, y, z, w]).as_matrix(), metres_per_unit * np.array(image.translation))
 
@@ -127,7 +127,7 @@ def _pose(image: ColmapImage, metres_per_unit: float, folder: Path) -> Pose:
 def _lens(camera: ColmapCamera, given: Given, place: str, name: str) -> Lens | None:
     """The lens of a camera; None, which is a loss, where it has none."""
     if camera.model == "EQUIRECTANGULAR":
-        given.losses.add(f"camera {name}: COLMAP's model EQUIRECTANGULAR is no lens and is left out")
+        given.losses.add(f"camera {name}: COLMAP's model EQUIRECTANGULAR is not supported and is left out")
         return None
     if camera.model not in MODELS:
         raise InputError(f"{place}: COLMAP's model {shortened(camera.model)} is not known: there are {', '.join(MODELS)}")
@@ -144,10 +144,9 @@ def _lens(camera: ColmapCamera, given: Given, place: str, name: str) -> Lens | N
 
 _CONVENTIONS = (
     "Poses are world to camera (quaternion w, x, y, z and translation), OpenCV's axes. Written in metres; COLMAP has no unit, "
-    "so what is read counts as metres unless --units tells another. Pixels from the corner of the first one, half a pixel "
-    "more than OpenCV's. One camera and one image NAME.png each; people's places are points. Writes PINHOLE, OPENCV, "
-    "FULL_OPENCV and OPENCV_FISHEYE; reads all models but EQUIRECTANGULAR, those that OpenCV's lenses do not hold only with "
-    "--lossy."
+    "so what is read counts as metres unless --units states another. Pixels from the corner of the first one, half a pixel "
+    "more than OpenCV's. One camera and one image NAME.png each; people's positions are points. Writes PINHOLE, OPENCV, "
+    "FULL_OPENCV and OPENCV_FISHEYE; reads all models except EQUIRECTANGULAR; models beyond OpenCV's need --lossy."
 )
 
 FORMATS: Mapping[str, Format] = {

@@ -12,22 +12,17 @@ from itertools import pairwise
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Camera, Pose, Rig
 from passerby.core.colours import camera_colour, person_colour
+from passerby.core.picture_border import SIDE_SAMPLES, frustum_rim
 from passerby.core.trajectories import Trajectories
-from passerby.interchange.formats.lens_rays import bearings_of
 
 Colour = tuple[int, int, int]
 
 GROUND_COLOUR: Colour = (128, 128, 128)
-SIDE_POINTS = 8
-"""Points along a side of a distorted picture; a picture without distortion has straight sides, and needs its corners only."""
 SHARE_OF_DISTANCE, SHORTEST_M, LONGEST_M = 0.15, 0.2, 2.0
 """How deep frusta are: a share of the median distance to the nearest other camera, so that neighbours do not run into each
 other, within what can be seen in a hall and does not fill a room."""
-FLATTEST = 0.5
-"""Cosine from the axis up to which a frustum ends in a plane, and beyond which (60 degrees) at one distance: the plane of a
-fisheye lens lies at infinity."""
 MOST_LINES = 40
 """Of the grid, in each direction."""
 FARTHEST_M = 30.0
@@ -147,40 +142,15 @@ def _depth(rig: Rig) -> float:
 
 def _frustum(camera: Camera, pose: Pose, colour: Colour, depth: float) -> Frustum:
     lens = camera.lens
-    per_side = SIDE_POINTS if lens.fisheye or lens.distortions.any() else 1
-    along = np.arange(4 * per_side) / per_side
-    side, share = np.floor(along).astype(int), along % 1
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
-    border = corners[side] + share[:, None] * (corners[side + 1] - corners[side])
-    # The picture reaches half a pixel beyond the centres of its outermost pixels.
-    rim = _at_depth(_rays(lens, border * np.array(lens.size) - 0.5), depth)
+    # A picture without distortion has straight sides, and needs its corners only.
+    per_side = SIDE_SAMPLES if lens.fisheye or lens.distortions.any() else 1
+    rim = frustum_rim(lens, depth, per_side)
+    rim = np.where(np.isnan(rim), [0.0, 0.0, depth], rim)
     left, right = rim[0], rim[per_side]
     across = right - left
     middle = (left + right) / 2
     top = np.array([middle - 0.25 * across, middle + 0.25 * across, middle - [0.0, 0.35 * np.linalg.norm(across), 0.0]])
     return Frustum(camera, pose, colour, rim, top)
-
-
-def _rays(lens: Lens, pixels: Floats) -> Floats:
-    """(N, 3) unit rays; of a pixel whose ray the lens model cannot tell, that of the nearest one towards the picture's middle
-    that it can.
-    """
-    middle = (np.array(lens.size) - 1) / 2
-    rays = np.tile([0.0, 0.0, 1.0], (len(pixels), 1))
-    unknown = np.ones(len(pixels), dtype=bool)
-    for share in np.linspace(1.0, 0.05, 20):
-        rows = np.flatnonzero(unknown)
-        if len(rows) == 0:
-            break
-        found = bearings_of(lens, middle + share * (pixels[rows] - middle))
-        good = np.isfinite(found).all(axis=1)
-        rays[rows[good]] = found[good]
-        unknown[rows[good]] = False
-    return rays
-
-
-def _at_depth(rays: Floats, depth: float) -> Floats:
-    return depth * rays / np.maximum(rays[:, 2:], FLATTEST)
 
 
 def _grid(frusta: tuple[Frustum, ...], ways: tuple[Way, ...]) -> tuple[Floats, float]:

@@ -52,7 +52,7 @@ class Given:
     def size_of(self, place: str) -> tuple[int, int]:
         """The size that the user gave. Raises `InputError`, beginning with `place`, where none was given."""
         if self.size is None:
-            raise InputError(f"{place}: tells no picture size: give it with --size WIDTHxHEIGHT")
+            raise InputError(f"{place}: states no image size: give it with --size WIDTHxHEIGHT")
         return self.size
 
 

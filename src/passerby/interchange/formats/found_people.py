@@ -138,8 +138,8 @@ def _with_single_identities(found: Sequence[Found], notes: _Notes) -> list[Found
         return [_without_identity(one) for one in found]
     notes.count(
         len(doubled),
-        "one identity stands twice in a frame: the less sure person has none now",
-        "{} times an identity stands twice in a frame: the less sure person has none now",
+        "one identity occurs twice in a frame: the person with the lower score has none now",
+        "{} times an identity occurs twice in a frame: the person with the lower score has none now",
     )
     return [_without_identity(one) if row in doubled else one for row, one in enumerate(found)]
 
@@ -156,7 +156,7 @@ def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, vi
     lengths = sorted({len(row) for row in rows})
     if len(lengths) > 1:
         raise InputError(
-            f"{place}: some people have {lengths[0]} numbers of joints and others {lengths[-1]}: give one recording"
+            f"{place}: some people have {lengths[0]} numbers of keypoints and others {lengths[-1]}: give one recording"
         )
     names = _names(lengths[0], names, place)
     kept = ordered_joints(names)
@@ -169,7 +169,7 @@ def _keypoints(found: list[Found], place: str, names: tuple[str, ...] | None, vi
     order = np.lexsort((identity, frame))
     order = order[(score[order] > 0).any(axis=1)]
     empty = len(found) - len(order)
-    notes.count(empty, "one person without a joint is left out", "{} people without a joint are left out")
+    notes.count(empty, "one person without a keypoint is left out", "{} people without a keypoint are left out")
     order = _once(order, np.column_stack([frame, identity, table.reshape(len(table), -1)]), "people", notes)
     return Keypoints(frame[order], identity[order], table[order, :, :2], score[order], kept)
 
@@ -178,10 +178,10 @@ def _names(length: int, given: tuple[str, ...] | None, place: str) -> tuple[str,
     """The joints' names for so many numbers a person. Raises `InputError`."""
     names = given or known_joints(length // 3)
     if given is not None and length != 3 * len(given):
-        raise InputError(f"{place}: keypoints have {length} numbers, but the category has {len(given)} joints of 3 each")
+        raise InputError(f"{place}: keypoints have {length} numbers, but the category has {len(given)} keypoints of 3 each")
     if names is None or length % 3:
         raise InputError(
-            f"{place}: {length} numbers a person (x, y and confidence of each joint): joints are {list_joint_counts()}"
+            f"{place}: {length} numbers per person (x, y and confidence of each keypoint): keypoints are {list_joint_counts()}"
         )
     return names
 
@@ -194,8 +194,8 @@ def _confidences(third: Floats, visibilities: bool, notes: _Notes) -> Floats:
     most = float(third.max(initial=0.0))
     notes.count(
         above,
-        f"one joint has the confidence {most:.3g}: it becomes 1",
-        f"{{}} joints have confidences up to {most:.3g}: they become 1",
+        f"one keypoint has the confidence {most:.3g}: it becomes 1",
+        f"{{}} keypoints have confidences up to {most:.3g}: they become 1",
     )
     return np.minimum(third, 1.0)
 
@@ -225,7 +225,7 @@ def _once(order: Any, rows: Floats, what: str, notes: _Notes) -> Any:
     kept: dict[bytes, int] = {}
     for row in order.tolist():
         kept.setdefault(rows[row].tobytes(), row)
-    notes.count(len(order) - len(kept), f"one of the {what} stands twice", f"{{}} of the {what} stand twice")
+    notes.count(len(order) - len(kept), f"one of the {what} occurs twice", f"{{}} of the {what} occur twice")
     return np.array(list(kept.values()), dtype=np.int64)
 
 

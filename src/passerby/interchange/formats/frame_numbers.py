@@ -38,9 +38,7 @@ def frames_of_names(names: Iterable[str], place: str) -> Mapping[str, int]:
         path = PurePosixPath(name.replace("\\", "/"))
         match = _LAST_NUMBER.match(path.stem)
         if match is None or int(match[2]) > LARGEST:
-            raise InputError(
-                f"{place}: {shortened(name)} does not end with a frame number: name pictures as in cam1_000012.jpg"
-            )
+            raise InputError(f"{place}: {shortened(name)} does not end with a frame number: name images as in cam1_000012.jpg")
         before = f"{path.parent}/{match[1]}"
         if first is not None and before != first[0]:
             raise InputError(

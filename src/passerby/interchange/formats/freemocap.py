@@ -70,7 +70,9 @@ def read(path: Path, given: Given) -> Rig:
     content = read_toml(path, "a calibration of FreeMoCap (TOML)")
     tables = {key: content[key] for key in sorted(content) if key != METADATA}
     if not tables or not all(isinstance(table, dict) and "matrix" in table for table in tables.values()):
-        raise InputError(f"{path}: is no calibration of FreeMoCap: each table but [metadata] is a camera with a matrix there")
+        raise InputError(
+            f"{path}: is not a calibration of FreeMoCap: each table but [metadata] is a camera with a matrix there"
+        )
     metadata = content.get(METADATA)
     metres = given.metres_per_unit or _metres_per_unit(path, metadata if isinstance(metadata, dict) else {})
     return gathered_rig(path, ((f"[{key}]", partial(camera_of, key, table, metres)) for key, table in tables.items()))
@@ -80,7 +82,7 @@ def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:
     """Millimetres, unless the file tells another unit. Raises `InputError` where the unit is the board's square."""
     if metadata.get("charuco_square_size") == 1:
         raise InputError(
-            f"{path}: lengths are in squares of the board (charuco_square_size = 1): tell the unit, as in --units mm"
+            f"{path}: lengths are in squares of the board (charuco_square_size = 1): state the unit, as in --units mm"
         )
     units = metadata.get("units", "mm")
     if units not in METRES_PER_UNIT:

@@ -182,7 +182,7 @@ def _ground(built: _Builder, drawing: Drawing) -> int:
 
 
 def _person(built: _Builder, way: Way) -> int:
-    """The node of a person: a line strip a stretch, a point where a stretch is one place."""
+    """The node of a person: one line strip per interval, a point where a stretch is one place."""
     name = f"person {way.identity}"
     material = built.material(way.colour)
     strips = []
@@ -204,13 +204,13 @@ def _linear(value: int) -> float:
 
 
 _CONVENTIONS = (
-    "A picture of the rig, not read back. A root node turns the rig's world (z up) into glTF's (y up); below it coordinates "
-    "are the rig's, metres. Each camera is a node with its name that looks along -z with y up, with a perspective camera, a "
+    "A drawing of the rig, not read back. A root node turns the rig's world (z up) into glTF's (y up); below it coordinates "
+    "are the rig's, metres. Each camera is a node with its name that faces along -z with y up, with a perspective camera, a "
     "frustum drawn through its true lens, and that lens in its extras. A perspective camera has its axis in the middle of "
-    "the picture and no distortion: any other lens is a loss (of the camera, not of the frustum). Each person is a node with "
-    "a line strip a stretch, at the height of the body's middle; the vertex attribute _TIME_S tells when."
+    "the image and no distortion: any other lens is a loss (of the camera, not of the frustum). Each person is a node with "
+    "one line strip per interval, at the height of the body centre; the vertex attribute _TIME_S gives the time."
 )
-_TITLE = "Rig, ground and people's ways as a 3D scene with cameras"
+_TITLE = "Rig, ground and trajectories of people as a 3D scene with cameras"
 _TOOLS = ("Blender", "three.js", "Windows 3D Viewer")
 FORMATS = {
     "gltf": Format("gltf", f"{_TITLE}, as text", _TOOLS, "file", (".gltf",), _CONVENTIONS, write=write_gltf, draws_people=True),

@@ -167,7 +167,7 @@ def how_far(rays: Rays, lens: Lens) -> str:
     said = f"up to {_rounded_up(rays.narrow.largest_error(lens))} px off"
     beyond = math.ceil(100 * (1 - len(rays.narrow.pixels) / max(len(rays.pixels), 1)))
     return said + (
-        f"; {beyond} % of the picture, {WIDEST_PINHOLE_DEG:g} degrees and more off the axis, not at all" if beyond else ""
+        f"; {beyond} % of the image, {WIDEST_PINHOLE_DEG:g} degrees and more off the axis, not at all" if beyond else ""
     )
 
 

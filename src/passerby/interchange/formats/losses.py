@@ -29,6 +29,6 @@ class Losses:
         """Raise `InputError` that tells all losses where there are any."""
         if self._told:
             raise InputError(
-                f"{place}: format {format_name} cannot hold everything: {'; '.join(self._told)}: add --lossy to go on all the "
-                "same, or choose a format that can (`passerby formats`)"
+                f"{place}: format {format_name} cannot hold everything: {'; '.join(self._told)}: add --lossy to continue, or "
+                f"choose a format that can (`passerby formats`)"
             )

@@ -192,7 +192,7 @@ def _pose(path: Path, content: Mapping[str, Any], given: Given) -> Pose | None:
 def _told(path: Path, metres_per_unit: float | None) -> float:
     """The unit. Raises `InputError` where nobody told it."""
     if metres_per_unit is None:
-        raise InputError(f"{path}: does not tell the unit of its translation: give it, as in --units mm")
+        raise InputError(f"{path}: does not state the unit of its translation: give it, as in --units mm")
     return metres_per_unit
 
 
@@ -232,7 +232,7 @@ def _multiview(path: Path, content: Mapping[str, Any], given: Given) -> list[Cam
         3 * count,
         3 * count,
     ):
-        raise InputError(f"{path}: Ks, rvecs, Ts, image_sizes and is_fisheye tell of different numbers of cameras")
+        raise InputError(f"{path}: Ks, rvecs, Ts, image_sizes and is_fisheye have different numbers of cameras")
     names = str(content.get("camids") or "").split(",")
     names = names if len(names) == count else [str(number) for number in range(count)]
     metres = _told(path, given.metres_per_unit)
@@ -259,15 +259,15 @@ def _lens(path: Path, size: tuple[int, int], matrix: Any, distortions: Any, fish
 
 FORMAT = Format(
     "opencv",
-    "OpenCV's files (FileStorage), one a camera or one for all",
+    "OpenCV's files (FileStorage), one per camera or one for all",
     ("OpenCV", "programs made with OpenCV"),
     "folder",
     (".yml", ".yaml"),
     conventions=(
-        "One NAME.yml a camera, or where the target ends in .yml all cameras in it, a map each: image_width, image_height, "
-        "camera_matrix, distortion_coefficients and fisheye_model as in OpenCV's calibration sample; R and T as in its stereo "
-        "sample, world to camera, metres. Pinhole of up to 14 coefficients, fisheye; cameras without a pose are kept. Also "
-        "reads the stereo sample's pair and the multi-view sample's file; --units tells their unit."
+        "One NAME.yml per camera, or all cameras in one file if the target ends in .yml, one map each: image_width, "
+        "image_height, camera_matrix, distortion_coefficients and fisheye_model as in OpenCV's calibration sample; R and T as "
+        "in its stereo sample, world to camera, metres. Pinhole of up to 14 coefficients, fisheye; cameras without a pose are "
+        "kept. Also reads the stereo sample's pair and the multi-view sample's file; --units states their unit."
     ),
     write=_write,
     read=_read,

@@ -35,10 +35,10 @@ def read_people(path: Path, given: Given) -> People:
     """One camera's joints; a file without people is a picture without any. Raises `InputError`."""
     del given
     if not path.is_dir():
-        raise InputError(f"{path}: is a file: give the folder of --write_json, which has one file a frame")
+        raise InputError(f"{path}: is a file: give the folder of --write_json, which has one file per frame")
     files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".json" and not file.name.startswith("."))
     if not files:
-        raise InputError(f"{path}: holds no JSON file: give the folder of --write_json, which has one file a frame")
+        raise InputError(f"{path}: holds no JSON file: give the folder of --write_json, which has one file per frame")
     video = all(_OF_A_VIDEO.fullmatch(file.stem) for file in files)
     found = [one for file, frame in _frames(path, files).items() for one in _people(file, frame + video)]
     people = people_of(found, str(path), raised=video)
@@ -63,7 +63,7 @@ def _people(file: Path, frame: int) -> list[Found]:
     for number, person in enumerate(people):
         place = f"{file}: people[{number}]"
         if not isinstance(person, dict) or "pose_keypoints_2d" not in person:
-            raise InputError(f"{place}: has no pose_keypoints_2d: run OpenPose with body joints")
+            raise InputError(f"{place}: has no pose_keypoints_2d: run OpenPose with body keypoints")
         joints = numbers_in(person["pose_keypoints_2d"], f"{place}: pose_keypoints_2d")
         if not len(joints):  # only a face or a hand was found
             continue
@@ -83,13 +83,13 @@ def _check_pixels(path: Path, keypoints: Keypoints) -> None:
 
 FORMAT = Format(
     name="openpose",
-    title="Joints of people as OpenPose writes them, one JSON file a frame",
+    title="Keypoints of people as OpenPose writes them, one JSON file per frame",
     tools=("OpenPose", "RTMLib", "Pose2Sim", "Sports2D"),
     target="folder",
     conventions=(
-        "Read only, one camera's folder. BODY_25 or COCO (18 joints), also COCO's 17, Halpe's 26 and 136 and "
+        "Read only, one camera's folder. BODY_25 or COCO (18 keypoints), also COCO's 17, Halpe's 26 and 136 and "
         "COCO-WholeBody's 133: COCO's 17 come first, neck, hips' middle, head and feet are kept after them, face and hands "
-        "are not. Confidence 0 is a joint that was not found. The frame is the number at the end of a file's name; twelve "
+        "are not. Confidence 0 is a keypoint that was not found. The frame is the number at the end of a file's name; twelve "
         "digits before _keypoints are OpenPose's own count of a video from 0 and are raised by one, since Passerby counts "
         "from 1."
     ),

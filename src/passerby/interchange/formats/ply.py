@@ -133,15 +133,15 @@ def _steps(way: Way) -> NDArray[np.int64]:
 
 FORMAT = Format(
     name="ply",
-    title="Rig, ground and people's ways as coloured points, lines and faces",
+    title="Rig, ground and trajectories of people as coloured points, lines and faces",
     tools=("MeshLab", "CloudCompare", "Blender"),
     target="file",
     suffixes=(".ply",),
     conventions=(
-        "A picture of the rig, not read back. World as in the rig (right-handed, z up, ground at z = 0), metres. Cameras are "
-        "pyramids drawn through their own lens: distortion and skew are no loss. People's places are points in the person's "
-        "colour at the height of the body's middle, joined by edges; the vertex properties camera and person tell whose a "
-        "point is (-1: nobody's), time_s when."
+        "A drawing of the rig, not read back. World as in the rig (right-handed, z up, ground at z = 0), metres. Cameras are "
+        "pyramids drawn through their own lens: distortion and skew are no loss. People's positions are points in the "
+        "person's colour at the height of the body centre, joined by edges; the vertex properties camera and person name the "
+        "owner of a point (-1: none), time_s its time."
     ),
     write=write,
     draws_people=True,

@@ -75,7 +75,7 @@ def _pose(element: ElementTree.Element, metres: float) -> Pose:
     axes = _numbers(element, "transform", [f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]).reshape(3, 3)
     u, stretch, vt = np.linalg.svd(axes)
     if np.abs(stretch - 1).max() > ROTATION_TOLERANCE or np.linalg.det(axes) < 0:
-        raise InputError(f"<transform> r11 to r33 are {axes.ravel().tolist()}, which is no rotation: export the file again")
+        raise InputError(f"<transform> r11 to r33 are {axes.ravel().tolist()}, which is not a rotation: export the file again")
     centre = metres * _numbers(element, "transform", ["x", "y", "z"])
     return Pose.from_centre(QTM_TO_CV @ u @ vt, centre)
 
@@ -91,7 +91,7 @@ def _lens(name: str, element: ElementTree.Element, given: Given) -> Lens:
     )  # fmt: skip
     (skew,) = _numbers(element, "intrinsic", ["skew"], 0.0) / SUBPIXELS
     if abs(skew) > SMALLEST_SKEW_PX:
-        given.losses.add(f"camera {name}: its skew of {skew:.3g} px is left out: OpenCV's lens has none")
+        given.losses.add(f"camera {name}: its skew of {skew:.3g} px is left out: OpenCV's camera model has none")
     width, height = right - left + 1, bottom - top + 1
     across, down = _scales(element, (width, height), given.size)
     size = given.size or (round(width), round(height))
@@ -111,7 +111,7 @@ def _field(element: ElementTree.Element) -> Floats:
         ends = _numbers(element, "intrinsic", ["sensorMinU", "sensorMinV", "sensorMaxU", "sensorMaxV"])
         left, top, right, bottom = np.floor(ends / SUBPIXELS)
     if right <= left or bottom <= top:
-        raise InputError(f"<fov_video> from {left:g}, {top:g} to {right:g}, {bottom:g} is no picture: export the file again")
+        raise InputError(f"<fov_video> from {left:g}, {top:g} to {right:g}, {bottom:g} is not an image: export the file again")
     return np.array([left, top, right, bottom])
 
 
@@ -127,7 +127,7 @@ def _scales(element: ElementTree.Element, field: tuple[float, float], size: tupl
     across, down = size[0] / field[0], size[1] / field[1]
     if abs(across / down - 1) > SHAPE_TOLERANCE:
         raise InputError(
-            f"calibrates pictures of {field[0]:.0f} x {field[1]:.0f}, but --size is {size[0]} x {size[1]}, which is another "
+            f"calibrates images of {field[0]:.0f} x {field[1]:.0f}, but --size is {size[0]} x {size[1]}, which is another "
             "shape: give the size of videos as the sensor has them, not turned"
         )
     return across, down
@@ -162,8 +162,8 @@ FORMAT = Format(
     conventions=(
         "Read only. x, y, z is the camera's centre in millimetres; the rows of r are its axes in the world: x right, y up, z "
         "backward. Focal lengths and centre are in 1/64 pixel from the centre of the sensor's first pixel; distortions are "
-        "OpenCV's k1, k2, k3, p1, p2. The video shows <fov_video>; give --size where it is smaller. Cameras that are not "
-        "active or not calibrated have a lens and no pose; skew is a loss. The lens is that of the picture as the sensor has "
+        "OpenCV's k1, k2, k3, p1, p2. The video shows <fov_video>; give --size if it is smaller. Cameras that are not "
+        "active or not calibrated have a lens and no pose; skew is a loss. The lens is that of the image as the sensor has "
         "it, also where viewrotation is not 0."
     ),
     read=read,

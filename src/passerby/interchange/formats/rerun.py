@@ -178,11 +178,11 @@ FORMAT = Format(
     target="file",
     suffixes=(".rrd",),
     conventions=(
-        "A picture of the rig, not read back; needs passerby[rerun]. World right-handed, z up, metres. A camera is a "
+        "A drawing of the rig, not read back; needs passerby[rerun]. World right-handed, z up, metres. A camera is a "
         "Transform3D from its frame to the world and a Pinhole with OpenCV's axes; pixels begin at the edge of the first "
         "one, so the principal point is half a pixel more than in the rig. A pinhole has no distortion and no skew: another "
         "lens is a loss (of the camera, not of the lines of its frustum). People are points on the timelines time (seconds) "
-        "and frame, with their ways as line strips; sigmas of cameras and places are ellipsoids."
+        "and frame, with their trajectories as line strips; ellipsoids show the sigmas of cameras and positions."
     ),
     write=write,
 )

@@ -150,7 +150,7 @@ def read(path: Path, given: Given) -> Rig:
     files = [path] if path.is_file() else sorted(file for file in infos.iterdir() if file.suffix in (".yaml", ".yml"))
     files = [file for file in files if file.name != TRANSFORMS]
     if not files:
-        raise InputError(f"{infos}: holds no camera_info (.yaml): one file a camera is needed")
+        raise InputError(f"{infos}: holds no camera_info (.yaml): one file per camera is needed")
     transforms = path / TRANSFORMS
     poses = _poses(transforms, given.metres_per_unit or 1.0) if transforms.is_file() else {}
     cameras: list[Camera] = []
@@ -223,7 +223,7 @@ def _child_to_parent(place: str, values: dict[Any, Any], metres: float) -> Float
     turn = table(place, inner.get("rotation"), "rotation")
     quaternion = np.array([float(numbers(f"{place}: rotation", turn, axis, ())) for axis in "xyzw"])
     if abs(np.linalg.norm(quaternion) - 1) > 1e-3:
-        raise InputError(f"{place}: rotation {quaternion.tolist()} is no unit quaternion x y z w")
+        raise InputError(f"{place}: rotation {quaternion.tolist()} is not a unit quaternion x y z w")
     matrix = np.eye(4)
     matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
     matrix[:3, 3] = [metres * float(numbers(f"{place}: translation", where, axis, ())) for axis in "xyz"]

@@ -109,7 +109,7 @@ def _read_anipose(path: Path, given: Given) -> Rig:
     tables = {key: found[key] for key in sorted(found)}
     if metres is None and any("translation" in table for table in tables.values()):
         raise InputError(
-            f"{path}: does not tell the unit of its lengths, which is that of the calibration board: give it, as in --units mm"
+            f"{path}: does not state the unit of its lengths, which is that of the calibration board: give it, as in --units mm"
         )
     return _rig(path, tables, given, metres or 1.0)
 
@@ -147,7 +147,7 @@ def _camera_tables(content: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 def _rig(path: Path, tables: Mapping[str, dict[str, Any]], given: Given, metres_per_unit: float) -> Rig:
     """The cameras of all tables. Raises `FileFaults` with everything that cannot be one."""
     if not tables:
-        raise InputError(f"{path}: holds no camera: one table a camera with size, matrix and distortions is needed")
+        raise InputError(f"{path}: holds no camera: one table per camera with size, matrix and distortions is needed")
     return gathered_rig(
         path, ((f"[{key}]", partial(_camera, key, table, given, metres_per_unit)) for key, table in tables.items())
     )
@@ -186,7 +186,7 @@ FORMATS: Mapping[str, Format] = {
         "file",
         (".toml",),
         f"{_SHARED} Tables cam_0, cam_1, ... in the rig's order. Written in metres; a file of Anipose is in the unit of "
-        "its board, which --units tells. Pinhole of up to 14 coefficients, fisheye.",
+        "its board, which --units states. Pinhole of up to 14 coefficients, fisheye.",
         _write_anipose,
         _read_anipose,
     ),
@@ -196,8 +196,9 @@ FORMATS: Mapping[str, Format] = {
         ("Pose2Sim",),
         "file",
         (".toml",),
-        f"{_SHARED} Metres, z up. Lies in the folder `calibration`; the cameras' order is that of the folders of joints. "
-        "Pinhole of up to 14 coefficients; Pose2Sim has no fisheye, though its files have the flag.",
+        f"{_SHARED} Metres, z up. The file belongs in the folder `calibration`; the order of the cameras is that of the "
+        "folders of keypoints. Pinhole of up to 14 coefficients; Pose2Sim has no fisheye model, although its files have the "
+        "flag.",
         _write_pose2sim,
         _read_pose2sim,
     ),
@@ -207,7 +208,7 @@ FORMATS: Mapping[str, Format] = {
         ("Caliscope",),
         "file",
         (".toml",),
-        f"{_SHARED} Metres. Cameras are numbered: as in their names where all are called cam_N, else from 0. Pinhole of up "
+        f"{_SHARED} Metres. Cameras are numbered as in their names if all are named cam_N, otherwise from 0. Pinhole of up "
         "to 14 coefficients, fisheye; cameras without a pose are kept.",
         _write_caliscope,
         _read_caliscope,

@@ -44,8 +44,8 @@ FORMAT = Format(
     suffixes=(".xml",),
     conventions=(
         "Read only: one file, or a folder of them. x_c = R X + t with OpenCV's axes, R = Rz Ry Rx of angles in radians; "
-        "millimetres unless told otherwise; the first pixel's centre is (0, 0). kappa1 becomes OpenCV's radial coefficients, "
-        "fitted over the whole picture to within 0.1 px. A camera is called as its <Camera name>, else as its file."
+        "millimetres unless stated otherwise; the first pixel's centre is (0, 0). kappa1 becomes OpenCV's radial coefficients, "
+        "fitted over the whole image to within 0.1 px. A camera is named after its <Camera name>, or else after its file."
     ),
     read=read,
 )

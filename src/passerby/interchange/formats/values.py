@@ -96,7 +96,7 @@ def rotation(place: str, matrix: Floats) -> Floats:
     """The rotation nearest to a (3, 3) matrix that is one but for rounding. Raises `InputError`, beginning with `place`."""
     u, stretch, vt = np.linalg.svd(matrix)
     if np.abs(stretch - 1).max() > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0:
-        raise InputError(f"{place}: {shortened(matrix.tolist())} is no rotation: orthonormal axes, right-handed, are needed")
+        raise InputError(f"{place}: {shortened(matrix.tolist())} is not a rotation: orthonormal axes, right-handed, are needed")
     return np.asarray(u @ vt)
 
 

@@ -11,7 +11,7 @@ from passerby.common.errors import InputError
 
 
 def to_csv(header: tuple[str, ...], rows: Iterable[tuple[object, ...]]) -> str:
-    """A header and its rows, parted by commas, lines ended alike on every system."""
+    """A header and its rows, separated by commas, lines ended alike on every system."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(header)
@@ -28,5 +28,5 @@ def csv_rows(path: str | Path, text: str) -> tuple[list[str], list[tuple[int, li
     try:
         rows = [(reader.line_num, [field.strip() for field in line]) for line in reader if line]
     except csv.Error as error:
-        raise InputError(f"{path}: line {reader.line_num}: is not CSV ({error}): give fields parted by commas") from None
+        raise InputError(f"{path}: line {reader.line_num}: is not CSV ({error}): give fields separated by commas") from None
     return (rows[0][1], rows[1:]) if rows else ([], [])

@@ -18,9 +18,10 @@ FOLDER_LOCK = ".passerby.lock"
 """In a folder while a process works in it. It is the system's lock on this file that counts, not that the file is there: one
 that a killed process left behind holds nobody up."""
 POLL_S = 0.05
-GONE_FOR_S = 2.0
-"""So long it is tried to make a folder and to open the lock in it, seconds. A try fails where another process removes the
-folder between the two. A count of tries would do on a quiet machine only: on a busy one nearly all fail for a while."""
+GONE_FOR_S, GONE_TIMES = 2.0, 20
+"""So long, seconds, and so many times at the least it is tried to make a folder and to open the lock in it. A try fails where
+another process removes the folder between the two. A count of tries would do on a quiet machine only: on a busy one nearly all
+fail for a while; and a time on one that never lets this process wait: else it has gone by before the second try."""
 
 
 @contextmanager
@@ -92,7 +93,7 @@ def _taken(path: Path, place: Path, wait_s: float) -> IO[bytes]:
         who = _holder(file)
         file.close()
         if not free and time.monotonic() >= until:
-            raise InputError(f"{place}: {who} works there at this moment: wait until it has ended, or give another place")
+            raise InputError(f"{place}: {who} is running there now: wait until it has finished, or give another place")
         if not free:
             time.sleep(POLL_S)
 
@@ -103,13 +104,14 @@ def _opened(path: Path, place: Path) -> IO[bytes]:
     The folder is removed by a holder that has put nothing into it. That may happen between any two calls here, and a third
     process may have made it anew before one asks whether it is there; so nothing is asked, and all of it is tried again.
     """
-    until = time.monotonic() + GONE_FOR_S
+    until, tries = time.monotonic() + GONE_FOR_S, 0
     while True:
+        tries += 1
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             return path.open("a+b")
         except (FileNotFoundError, FileExistsError) as error:
-            if time.monotonic() >= until:
+            if tries >= GONE_TIMES and time.monotonic() >= until:
                 raise cannot_write(place, error) from error
             time.sleep(0.001)
         except OSError as error:

@@ -69,7 +69,7 @@ def check_is_file(path: Path, kind: str) -> None:
     except FileNotFoundError:
         raise InputError(f"{path}: no such file: {kind} is needed here; check the path and its spelling") from None
     except ValueError:
-        raise InputError(f"{shortened(str(path))}: is no path, since it holds a zero byte: {kind} is needed here") from None
+        raise InputError(f"{shortened(str(path))}: is not a path, since it holds a zero byte: {kind} is needed here") from None
     except OSError as error:
         raise InputError(
             f"{shortened_text(str(path), 1000)}: cannot be read ({error.strerror or error}): {kind} is needed"

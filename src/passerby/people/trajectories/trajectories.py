@@ -27,7 +27,7 @@ _Own = Sequence[tuple[Ints, Floats]]
 """One identity's frames (K,) and boxes (K, 4) in each camera."""
 
 METHODS: tuple[Method, ...] = ("smoothed", "pairwise")
-STAGE = "following people"
+STAGE = "estimating trajectories"
 BOXES_AT_ONCE = 50_000
 """Of people who are worked on together: smoothing many at once is quicker, and memory stays at some 100 MB."""
 
@@ -88,7 +88,7 @@ def trajectories(
     posed = rig.posed()
     names = [name for name in posed.names if name in observations.cameras]
     if not names:
-        raise EvidenceError("no camera with a pose has boxes: there is nothing to follow people by")
+        raise EvidenceError("no camera with a pose has boxes: there is nothing to track people by")
     sizes = {name: posed[name].lens.size for name in names}
     watched = Observations({name: observations[name] for name in names}, observations.fps)
     steps = common_time_steps(watched, clocks)
@@ -97,7 +97,7 @@ def trajectories(
     boxes = [_identified(common[name].boxes) for name in names]
     frames = np.unique(np.concatenate([seen.frame for seen in boxes]))
     if not len(frames):
-        raise EvidenceError("no box in a camera with a pose has an identity: nobody can be followed")
+        raise EvidenceError("no box in a camera with a pose has an identity: nobody can be tracked")
     cameras = [posed[name] for name in names]
     people = np.unique(np.concatenate([seen.identity for seen in boxes]))
     order = [np.lexsort((seen.frame, seen.identity)) for seen in boxes]

@@ -110,7 +110,7 @@ def _refuse_pieces(folder: Path, pieces: list[Path]) -> None:
         told = ", ".join(str(path.relative_to(folder)) for path in pieces[:2])
         raise InputError(
             f"{folder}: holds pieces of longer recordings ({told}, ..., {len(pieces)} in a row): {JOIN_PIECES}, and give the "
-            "folder with one file a camera; where each is another camera, take the times out of their names"
+            "folder with one file per camera; if each is another camera, remove the times from their names"
         )
 
 
@@ -122,7 +122,7 @@ def _refuse_deeper(folder: Path) -> None:
     pictures = files_below(folder, PICTURE_ENDINGS)
     if len(pictures) > 1 and not videos:
         raise InputError(
-            f"{folder}: holds {len(pictures)} pictures ({pictures[0].relative_to(folder)}, ...) and no video: {JOIN_PICTURES}, "
+            f"{folder}: holds {len(pictures)} images ({pictures[0].relative_to(folder)}, ...) and no video: {JOIN_PICTURES}, "
             "and give the folder of these videos"
         )
 
@@ -141,7 +141,7 @@ def _clips(folder: Path, notes: list[str], length: Length) -> list[tuple[str, Pa
             chosen, own = own + chosen, []
         notes += [f"left out: {path}: the videos are taken from {inside[0]}" for path in own]
     else:
-        notes += [f"left out: {path}: the cameras are taken to be the subfolders" for path in own]
+        notes += [f"left out: {path}: the cameras are assumed to be the subfolders" for path in own]
         for inner, (first, *more) in held.items():
             _refuse_pieces(folder, held[inner] if is_numbered_series(held[inner]) else pieces_among(held[inner], length))
             if more:
@@ -203,7 +203,7 @@ def _add_files(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> No
                     camera.files.setdefault(key, path)
     cameras.sort(key=lambda camera: natural_key(camera.name))
     if not make and any(camera.files for camera in cameras):
-        notes.append("boxes or joints were found beside the videos: their lines in the scene file are switched off")
+        notes.append("boxes or keypoints were found beside the videos: their lines in the scene file are commented out")
 
 
 def _too_few(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> str:
@@ -212,4 +212,4 @@ def _too_few(folder: Path, cameras: list[FoundCamera], notes: list[str]) -> str:
     if not cameras:
         return f"{folder}: neither it nor a folder in it holds a video that can be read ({endings}): give another{more}"
     only = cameras[0].video or next(iter(cameras[0].files.values()))
-    return f"{folder}: holds one camera only ({only}): a calibration needs two or more that saw the same people{more}"
+    return f"{folder}: holds only one camera ({only}): a calibration needs two or more that saw the same people{more}"

@@ -101,12 +101,12 @@ def _camera_lens(table: _Table, camera: FoundCamera, notes: list[str]) -> Camera
     if isinstance(table.lens, StoredLens):
         size = table.lens.size or (camera.info.size if camera.info else None)
         if size is None:
-            notes.append(f"not used: {table.source}: does not say the picture's size: add image_width and image_height")
+            notes.append(f"not used: {table.source}: does not state the image size: add image_width and image_height")
             return None
         off = max(abs(table.lens.matrix[axis, 2] / size[axis] - 0.5) for axis in (0, 1))
         if table.lens.size is None and off >= CENTRED:
             notes.append(
-                f"not used: {table.source}: does not say the picture's size, and its principal point "
+                f"not used: {table.source}: does not state the image size, and its principal point "
                 f"{table.lens.matrix[:2, 2].round(1).tolist()} is not that of the {size[0]} x {size[1]} video of "
                 f"{camera.name}: add image_width and image_height"
             )

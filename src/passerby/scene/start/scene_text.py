@@ -40,8 +40,8 @@ def scene_text(name: str, cameras: Sequence[SceneCamera], path: Path) -> str:
 
 def _head(path: Path) -> str:
     return comment(
-        "A scene: the cameras, what they saw, and what is known of lengths. Paths are relative to this file.\n"
-        "A line that begins with # and no space is a setting that is switched off: take the # away, and change its value.\n"
+        "A scene: the cameras, their observations, and known lengths. Paths are relative to this file.\n"
+        "A line that begins with # and no space is a setting that is commented out: delete the #, and change its value.\n"
         f"Then: passerby check {path.name}, and passerby calibrate {path.name} -o out"
     )
 
@@ -49,10 +49,10 @@ def _head(path: Path) -> str:
 def _scene(name: str, cameras: Sequence[SceneCamera]) -> str:
     rate = next((camera.found.info.average_fps for camera in cameras if camera.found.info is not None), None)
     if rate is None:
-        told = "fps: frames per second of the frame numbers. Without it, clocks and speeds are not used."
+        told = "fps: frames per second of the frame numbers. Without it, clock offsets and walking speeds are not used."
     else:
-        told = "fps: frames per second. Without it, those that each video tells; for videos that tell them wrongly."
-    return f"[scene]\nname = {value(name)}   # what reports call it\n{comment(told)}#fps = {value(round(rate or 25.0, 3))}\n"
+        told = "fps: frames per second. Without it, the frame rate that each video states. For videos that state a wrong one."
+    return f"[scene]\nname = {value(name)}   # name in the reports\n{comment(told)}#fps = {value(round(rate or 25.0, 3))}\n"
 
 
 def _camera(camera: SceneCamera, path: Path) -> str:
@@ -66,13 +66,15 @@ def _camera(camera: SceneCamera, path: Path) -> str:
     switched = "#" if camera.found.video is not None else ""
     files = [(source, camera.found.files[source]) for source in SOURCES if source in camera.found.files]
     if switched and files:
-        lines.append(comment("Found beside the video, and used instead of looking for people in it once the # is gone:"))
+        lines.append(comment("Found beside the video. Delete the # to use it instead of detecting people in the video:"))
     lines += [f"{switched}{source} = {value(toml_text.relative(file, path))}\n" for source, file in files]
     if camera.fps is not None:
-        lines.append(f"fps = {value(camera.fps)}   # ASSUMED, as a video's: correct it if its frame numbers count otherwise\n")
+        lines.append(
+            f"fps = {value(camera.fps)}   # ASSUMED, as of a video: correct it if the frame numbers have another rate\n"
+        )
     else:
-        lines.append(f"#fps = {value(_rate(camera))}   # of this camera alone\n")
-    lines.append("#from_s = 0.0   # what it saw earlier is left out, and what it saw after until_s\n")
+        lines.append(f"#fps = {value(_rate(camera))}   # of this camera only\n")
+    lines.append("#from_s = 0.0   # observations before from_s or after until_s are left out\n")
     return "".join(lines)
 
 
@@ -97,45 +99,47 @@ def _perception(cameras: Sequence[SceneCamera]) -> str:
     defaults = PerceptionTable()
     videos = any(camera.found.video is not None for camera in cameras)
     return (
-        comment("How people are found in the videos." if videos else "How people are found in videos; there are none so far.")
+        comment(
+            "How people are detected in the videos." if videos else "How people are detected in videos; there are none so far."
+        )
         + "[perception]\n"
         + _setting(
             "detector",
             defaults.detector,
-            'finds people. auto: a network, or "background" where none can be had; background: all that differs from\n'
-            "the empty scene, needs no network. Or a name that `passerby models list` tells, or the path of an .onnx file.",
+            'detects people. auto: a neural network, or "background" if none is available; background: a background model,\n'
+            "needs no network. Or a name that `passerby models list` prints, or the path of an .onnx file.",
         )
         + _setting(
             "embedder",
             defaults.embedder,
-            'describes how people look. auto: a network, or "stripes" where none can be had; stripes: the colours of\n'
-            "their clothes, needs no network; none. Or a name, or a path.",
+            'describes the appearance of people. auto: a neural network, or "stripes" if none is available; stripes: colour\n'
+            "histograms of horizontal stripes, needs no network; none. Or a name, or a path.",
         )
-        + _setting("keypoints", defaults.keypoints, "finds people's joints. none. Or a name, or a path.")
-        + _setting("min_score", defaults.min_score, "a network's detections of a lower score are dropped.")
-        + _setting("tiles", defaults.tiles, "overlapping tiles in which small people are looked for: auto, none, or [3, 2].")
+        + _setting("keypoints", defaults.keypoints, "detects keypoints of people. none. Or a name, or a path.")
+        + _setting("min_score", defaults.min_score, "detections with a lower score are dropped.")
+        + _setting("tiles", defaults.tiles, "overlapping tiles in which small people are detected: auto, none, or [3, 2].")
         + _setting(
-            "fps", WATCHED_FPS, "pictures looked at in a second of video. Without it, more in videos of less than a minute."
+            "fps", WATCHED_FPS, "frames processed per second of video. Without it, more in videos shorter than a minute."
         )
-        + _setting("models", "models", "a folder with networks' files, for a computer without a connection.")
+        + _setting("models", "models", "a folder with the files of networks, for a computer without a connection.")
     )
 
 
 def _association() -> str:
     """Who is who."""
     return (
-        comment("How it is found who is who in all cameras, and how much the cameras' clocks differ.")
+        comment("How identities are associated across cameras, and how clock offsets are estimated.")
         + "[association]\n"
         + _setting(
             "mode",
             AssociationTable().mode,
-            "combined: by how people move and look; trajectory: by how they move; appearance: by how they look, needs\n"
-            "clocks that agree; given: the ids in files of boxes or joints are the same people in all cameras.",
+            "combined: by trajectories and appearance; trajectory: by trajectories; appearance: by appearance, needs\n"
+            "synchronised clocks; given: known identities, equal ids in the files of all cameras are the same person.",
         )
         + _setting(
             "max_offset_s",
             SEARCHED_S,
-            "seconds, the largest difference of two cameras' clocks that is searched for. More where recordings were\n"
+            "seconds, the largest clock offset between two cameras that is searched for. More if recordings were\n"
             "started by hand at different times; 0 where the cameras are synchronised.",
         )
     )
@@ -144,20 +148,20 @@ def _association() -> str:
 def _solver(first: str) -> str:
     """How the rig is computed."""
     return (
-        comment("How the cameras' places are computed.")
+        comment("How the poses of the cameras are computed.")
         + "[solver]\n"
-        + _setting("method", SolverTable().method, "people: the more accurate; geopose: the method of Xu et al., CVPR 2021.")
+        + _setting("method", SolverTable().method, "people: more accurate; geopose: the method of Xu et al., CVPR 2021.")
         + _setting("reference", first, "the reference camera, which geopose needs.")
         + _setting(
             "refine",
             SolverTable().refine,
-            'what is computed beside the places: "focal", each camera\'s focal length; "principal_point"; "clock_rate", its\n'
-            'frames per second. As ["focal"].',
+            'what is refined besides the poses: "focal", each camera\'s focal length; "principal_point"; "clock_rate", its\n'
+            'frames per second. For example ["focal"].',
         )
         + "\n"
         + comment("Options of the method, for experiments:")
         + "#[solver.options]\n#max_iterations = 60\n\n"
-        + comment("The frame that the rig is wanted in: below this camera, x along what it looks at. Others: see the manual.")
+        + comment("The world frame: origin below this camera, x axis along its viewing direction. Others: see the manual.")
         + f"#[world]\n#camera = {value(first)}\n"
     )
 
@@ -170,15 +174,15 @@ def _scale(cameras: Sequence[SceneCamera]) -> str:
     points = ", ".join(f"{key(camera.name)} = {_example_ends(camera)}" for camera in (first, second))
     return (
         comment(
-            "What is known about lengths, in metres. People's height alone gives the rig's size to about 4 %; one length\n"
-            "measured with a tape fixes that. sd_m, people's spread or a tape's error, may be left out below."
+            "Known lengths, in metres. The height of people alone determines the scale to about 4 %; one length\n"
+            "measured with a tape improves that. sd_m is the standard deviation of the measurement and is optional below."
         )
         + "[scale]\n"
-        + _setting("person_height_m", scale.person_height_m, "the people's mean standing height, shoes on.")
-        + _setting("person_height_sd_m", scale.person_height_sd_m, "how much they differ (standard deviation).")
-        + _setting("person_height_mean_sd_m", 0.07, "how well the mean is known: 4 % of it unless given.")
+        + _setting("person_height_m", scale.person_height_m, "mean standing height of the people, with shoes.")
+        + _setting("person_height_sd_m", scale.person_height_sd_m, "standard deviation of their heights.")
+        + _setting("person_height_mean_sd_m", 0.07, "standard deviation of the mean; default: 4 % of it.")
         + "\n"
-        + comment("A distance between two cameras (delete the # of all lines of an example, and put in your own values):")
+        + comment("A distance between two cameras (delete the # of all lines of an example, and fill in your values):")
         + f"#[[scale.distances]]\n#between = {between}\n#metres = 10.0\n#sd_m = 0.05\n\n"
         + comment("A camera's height above the ground that people walk on:")
         + f"#[[scale.camera_heights]]\n#camera = {value(first.name)}\n#metres = 3.0\n#sd_m = 0.05\n\n"

@@ -99,7 +99,7 @@ def _missing(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], plac
         return []
     return [
         f"fill in FX and FY, the focal length in pixels, of {', '.join(names)} in {places[names[0]]} "
-        "(it says where to take them from)"
+        "(the file explains where to find them)"
     ]
 
 
@@ -130,7 +130,7 @@ def _called_as_in_rig(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLe
         table = lens.table
         if table is not None and table != camera.name:
             if table in names:
-                notes.append(f"not used: {lens.source}: table [{table}] fits {camera.name}, but another camera is called so")
+                notes.append(f"not used: {lens.source}: table [{table}] fits {camera.name}, but another camera has this name")
                 continue
             notes.append(f"camera {camera.name} is called {table}, as in {lens.source}")
             names = names - {camera.name} | {table}
@@ -179,18 +179,18 @@ def _free(scene: Path) -> Path:
 def _state(camera: FoundCamera, lens: CameraLens | None, place: Path) -> tuple[str, tuple[str, ...], str]:
     """A camera's lens for the table, in remarks for the scene file, and what must be done about it."""
     if lens is None:
-        return "MISSING", (f"TO DO: fill in this camera's lens in {place.name}.",), ""
+        return "MISSING", (f"TO DO: fill in the intrinsics of this camera in {place.name}.",), ""
     if lens.lens is None:
         return "INCOMPLETE", (f"TO DO: {lens.fault}",), f"camera {camera.name}: {lens.fault}"
-    remarks: tuple[str, ...] = () if lens.table is not None else (f"Its lens is from {lens.source}.",)
+    remarks: tuple[str, ...] = () if lens.table is not None else (f"Its intrinsics are from {lens.source}.",)
     if lens.assumed_size:
-        remarks += ("ASSUMED: that file does not say for which size of picture it holds; the video's is written.",)
+        remarks += ("ASSUMED: that file does not say for which image size it is valid; the size of the video is written.",)
     if camera.info is not None:
         try:
             fit = fit_of_size(camera.info.size, lens.lens.size)
         except InputError as error:
-            return "WRONG SIZE", (*remarks, f"TO DO: {error}"), f"camera {camera.name}: {error} (lens in {place})"
+            return "WRONG SIZE", (*remarks, f"TO DO: {error}"), f"camera {camera.name}: {error} (intrinsics in {place})"
         if fit == "cropped":
             size = "{} x {}".format(*lens.lens.size)
-            remarks += (f"The lens is for {size}: the video shows that picture without its last columns or rows.",)
+            remarks += (f"The intrinsics are for {size}: the video shows that image without its last columns or rows.",)
     return ("size assumed" if lens.assumed_size else "found"), remarks, ""

@@ -15,21 +15,21 @@ GUESS_SD = 15.0
 """Per cent: what a focal length from a data sheet's field of view is off by, one sigma. A field of view that is told for the
 diagonal of 16:9 makes it 13 % too small, and what cameras crop when they film 5 to 20 %."""
 
-HEAD = f"""The cameras' lenses, to be filled in: `passerby check` refuses this file until numbers stand in place of FX and FY.
+HEAD = f"""The intrinsics of the cameras, to be filled in: `passerby check` rejects this file until numbers replace FX and FY.
 
-FX, FY   focal length in pixels. Best from a calibration of the lens with a pattern (OpenCV, Caliscope, Pose2Sim, ...).
+FX, FY   focal length in pixels. Best from a calibration with a pattern (OpenCV, Caliscope, Pose2Sim, ...).
          Otherwise from the field of view along the longer side: FX = longer side / 2 / tan(field of view / 2), and FY = FX;
          or from a focal length of f mm as for 35 mm film: FX = longer side * f / 36, and FY = FX.
-         What the video shows counts: many cameras crop when they film, and zoom must stay as it was.
-CX, CY   the principal point, the third column of the matrix. The picture's middle is written: right within a few per cent.
-distortions   k1, k2, p1, p2, k3 as OpenCV has them. Zeros: straight lines are straight in the picture.
+         They must fit the video: many cameras crop when they film, and the zoom must not change.
+CX, CY   the principal point, the third column of the matrix. The image centre is written: right within a few per cent.
+distortions   k1, k2, p1, p2, k3 as OpenCV has them. Zeros: straight lines are straight in the image.
 fisheye  true for OpenCV's fisheye model, with four distortions.
 
-focal_sd_percent   how far FX and FY may be off: one sigma, in per cent of them. It is carried into every sigma of the result.
-         {GUESS_SD:g} suits a field of view from a data sheet: one told for the diagonal of 16:9 makes FX 13 % too small, what
-         video crops 5 to 20 %. For a lens that was calibrated with a pattern delete the line.
+focal_sd_percent   the uncertainty of FX and FY: 1 sigma, in per cent. Every sigma of the result includes it.
+         {GUESS_SD:g} suits a field of view from a data sheet: one stated for the diagonal of 16:9 makes FX 13 % too small,
+         and cropping by the video 5 to 20 %. Delete the line for a camera that was calibrated with a pattern.
 
-An error of 1 % in the focal length makes about as large an error in the distances between the cameras.
+An error of 1 % in the focal length causes an error of about 1 % in the distances between the cameras.
 """
 
 

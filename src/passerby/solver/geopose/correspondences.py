@@ -109,7 +109,7 @@ def joint_points(rig: Rig, observations: Observations, *, min_score: float = MIN
     counts = {name: len(people.joints) for name, people in layouts.items() if len(people)}
     if len(set(counts.values())) > 1:
         listed = ", ".join(f"{name} {count}" for name, count in counts.items())
-        raise InputError(f"the cameras' skeletons differ in the number of joints ({listed}): use one layout for all")
+        raise InputError(f"the cameras' skeletons differ in the number of keypoints ({listed}): use one layout for all")
 
     def of_camera(index: int, name: str, lens: Lens) -> ImagePoints:
         people = observations[name].keypoints
@@ -216,5 +216,5 @@ def _check_single(camera: str, what: str, people: Boxes | Keypoints) -> None:
         identity, frame = key[int(np.argmax(count > 1))]
         raise InputError(
             f"camera {camera} has two {what} of identity {identity} in frame {frame}: an identity is one person, "
-            "who can be seen once in a picture; give unknown people the identity -1"
+            "who can be seen once in an image; give unknown people the identity -1"
         )

@@ -41,7 +41,7 @@ def measured_lengths(
             if not np.isfinite(ray).all():
                 raise InputError(
                     f"a known length is marked in camera {camera.name} at {np.asarray(cue.points[camera.name]).tolist()}, "
-                    "outside what its lens can see: mark it inside the picture"
+                    "outside what its lens can see: mark it inside the image"
                 )
         ends = triangulate(
             np.repeat([k for k, _ in seen], 2), np.tile([0, 1], len(seen)), np.concatenate(rays), rotations, translations, 2

@@ -36,9 +36,9 @@ class GeoPoseOptions:
     reference: str
     """Name of the reference camera, the paper's camera 0: the one that shares people with all others."""
     person_height_m: float = 1.75
-    """The prior on scale: how tall people are on average."""
+    """The prior on scale: mean height of people."""
     points: Literal["auto", "boxes", "joints"] = "auto"
-    """What makes correspondences: box centres (the paper), all joints, or joints wherever as many cameras have them."""
+    """Which points are correspondences: box centres (the paper), all keypoints, or keypoints if as many cameras have them."""
     ransac_threshold_px: float | None = None
     """Largest epipolar error of an inlier; None: 2.5 sigmas of the pair's median correspondence, 2 % of a box's height each."""
     min_correspondences: int = 20
@@ -46,7 +46,7 @@ class GeoPoseOptions:
     max_correspondences: int = 2000
     """Most correspondences of a pair; more of the same people add time, little accuracy."""
     local_iterations: int = 30
-    """Limit of a pair's bundle adjustment; what is left to gain is left to the global one."""
+    """Limit of a pair's bundle adjustment; the global one does the rest."""
     max_iterations: int = 200
     """Limit of the global bundle adjustment."""
 

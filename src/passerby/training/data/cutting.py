@@ -117,7 +117,7 @@ def source_size(source: Path) -> tuple[int, int]:
         picture = decode_pictures(path)
         if picture is not None:
             return picture.shape[1], picture.shape[0]
-    raise InputError(f"{source}: holds no picture that can be read: the video's pictures are needed there")
+    raise InputError(f"{source}: holds no frame that can be read: the video's frames are needed there")
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,8 +161,8 @@ def _cut(job: _Job, tell: Callable[[int, int], None] | None = None) -> tuple[lis
     if missing:
         lost = np.unique(job.wanted.frame[[name not in index for name in job.names]])
         notes.append(
-            f"{job.wanted.source}: camera {job.wanted.camera}: {missing} of {len(job.names)} boxes are of pictures that it "
-            f"does not have or that cannot be decoded (frames {lost[0]} to {lost[-1]}; its first picture is number 1): left out"
+            f"{job.wanted.source}: camera {job.wanted.camera}: {missing} of {len(job.names)} boxes are of frames that it "
+            f"does not have or that cannot be decoded (frames {lost[0]} to {lost[-1]}; its first frame is number 1): left out"
         )
     return [folder / name if name in index else None for name in job.names], notes
 

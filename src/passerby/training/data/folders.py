@@ -81,11 +81,11 @@ def _people(path: Path, notes: list[str]) -> list[Listed]:
         if not files:
             empty.append(folder)
         rows += [Listed(file, folder.name, UNKNOWN_CAMERA) for file in files]
-    notes += describe_faults(empty, f"{len(empty)} folder{'s' * (len(empty) > 1)} without pictures")
+    notes += describe_faults(empty, f"{len(empty)} folder{'s' * (len(empty) > 1)} without images")
     if not rows:
-        raise InputError(f"{path}: holds no folder with pictures in it: a folder per person is needed there")
+        raise InputError(f"{path}: holds no folder with images in it: a folder per person is needed there")
     loose = picture_files(path)
-    notes += describe_faults(loose, f"{len(loose)} pictures in no person's folder, left out")
+    notes += describe_faults(loose, f"{len(loose)} images in no person's folder, left out")
     return rows
 
 
@@ -103,8 +103,8 @@ def _cameras(rows: list[Listed], notes: list[str]) -> dict[Path, str]:
         if len(seen) > 1 and any(len(people) > 1 for people in seen.values()):
             return cameras
     notes.append(
-        f"the names of the pictures do not tell their cameras (as {rows[0].path.name}): they count as of no known camera; call "
-        "them CAMERA_VIEW.png"
+        f"the names of the images do not state their cameras (as {rows[0].path.name}): the cameras are unknown; name them "
+        f"CAMERA_VIEW.png"
     )
     return {}
 

@@ -56,7 +56,7 @@ def data_set(name: str, path: Path, listing: Listing, tell: Progress) -> DataSet
     _note_overlap(parts, notes)
     train, query, gallery = (_crops(name, part) for part in _numbered(parts))
     if not len(train) and not len(query):
-        raise InputError(f"{path}: {'; '.join(notes) or 'holds no pictures of people'}: nothing is left to learn from")
+        raise InputError(f"{path}: {'; '.join(notes) or 'holds no images of people'}: nothing is left to learn from")
     if len(query):
         _check_answers(path, query, gallery)
     return DataSet(name, train, query, gallery, tuple(notes))
@@ -69,7 +69,7 @@ def _readable(parts: list[list[Listed]], notes: list[str], tell: Progress) -> li
     for fault in sorted(set(faults.values())):
         bad = [rows[number].path for number in sorted(faults) if faults[number] == fault]
         notes += describe_faults(
-            bad, f"{len(bad)} picture{'s' * (len(bad) > 1)} that {_PLURAL[fault] if len(bad) > 1 else fault}"
+            bad, f"{len(bad)} image{'s' * (len(bad) > 1)} that {_PLURAL[fault] if len(bad) > 1 else fault}"
         )
     kept, start = [], 0
     for part in parts:
@@ -87,7 +87,7 @@ def without_single(rows: list[Listed], notes: list[str]) -> list[Listed]:
     single = sorted(str(person) for person, n in count.items() if n < 2)
     if not single:
         return rows
-    notes += describe_faults(single, f"{len(single)} people with one picture each, kept out of the training")
+    notes += describe_faults(single, f"{len(single)} people with one image each, kept out of the training")
     return [row for row in rows if count[row.person] > 1]
 
 
@@ -95,7 +95,7 @@ def _note_overlap(parts: list[list[Listed]], notes: list[str]) -> None:
     """Tell of people to be searched for who are also learnt from."""
     train, query = ({row.person for row in part} for part in parts[:2])
     both = sorted(str(person) for person in train & query)
-    notes += describe_faults(both, f"{len(both)} people are in both train and query, so the figures flatter")
+    notes += describe_faults(both, f"{len(both)} people are in both train and query, so the scores are too good")
 
 
 def _numbered(parts: list[list[Listed]]) -> list[tuple[list[Listed], list[str], list[str]]]:

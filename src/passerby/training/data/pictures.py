@@ -35,7 +35,7 @@ def read_picture(path: Path) -> Picture:
     """(H, W, 3) BGR. Raises `InputError` for a file that is no whole picture."""
     picture = decode_pictures(path)
     if picture is None:
-        raise InputError(f"{path}: is not a picture that can be read: copy it again, or delete it")
+        raise InputError(f"{path}: is not an image that can be read: copy it again, or delete it")
     return picture
 
 
@@ -59,10 +59,10 @@ def faults_of_pictures(paths: Sequence[Path], tell: Progress = silent) -> dict[i
     faults: dict[int, str] = {}
     with ThreadPoolExecutor(THREADS) as pool:
         for start in range(0, len(paths), AT_ONCE):
-            tell("checking pictures", start, len(paths))
+            tell("checking images", start, len(paths))
             found = pool.map(_fault, paths[start : start + AT_ONCE])
             faults |= {start + row: fault for row, fault in enumerate(found) if fault is not None}
-    tell("checking pictures", len(paths), len(paths))
+    tell("checking images", len(paths), len(paths))
     return faults
 
 

@@ -50,14 +50,14 @@ def market(path: Path) -> Listing:
                 continue
             parts[part].append(Listed(file, _market_person(named[1]), f"c{named[2]}"))
         if not parts[part]:
-            raise InputError(f"{path / folder}: holds no picture named as 0002_c1s1_000451_03.jpg: unpack the data set again")
+            raise InputError(f"{path / folder}: holds no image named as 0002_c1s1_000451_03.jpg: unpack the data set again")
     listing.notes += describe_faults(strange, f"{len(strange)} files not named PERSON_cCAMERA..., left out")
     listing.gallery = parts["gallery"]
     for part in ("train", "query"):
         kept = [row for row in parts[part] if isinstance(row.person, str)]
         setattr(listing, part, kept)
         listing.notes += describe_faults(
-            [row.path for row in parts[part] if not isinstance(row.person, str)], f"pictures of nobody in {part}, left out"
+            [row.path for row in parts[part] if not isinstance(row.person, str)], f"images without a person in {part}, left out"
         )
     return listing
 
@@ -79,7 +79,7 @@ def msmt17(path: Path) -> Listing:
     folders = next((pair for pair in MSMT17_VERSIONS if all((path / name).is_dir() for name in pair)), None)
     if folders is None:
         choices = " or ".join(" and ".join(pair) for pair in MSMT17_VERSIONS)
-        raise InputError(f"{path}: the lists of MSMT17 lie there, but not its pictures: the folders {choices} are needed")
+        raise InputError(f"{path}: the lists of MSMT17 lie there, but not its images: the folders {choices} are needed")
     listing = Listing()
     for part, names in MSMT17_LISTS.items():
         learnt = part == "train"
@@ -93,17 +93,17 @@ def msmt17(path: Path) -> Listing:
 def _listed(file: Path, folder: Path, people: str) -> list[Listed]:
     """The pictures of a list. The people of train and test are numbered from 0 each, so `people` goes before the number."""
     rows = []
-    for number, line in enumerate(read_text(file, "a list of MSMT17's pictures").splitlines(), start=1):
+    for number, line in enumerate(read_text(file, "a list of MSMT17's images").splitlines(), start=1):
         if not line.strip():
             continue
         fields = line.rsplit(maxsplit=1)
         camera = MSMT17_CAMERA.match(Path(fields[0]).name)
         if len(fields) != 2 or not fields[1].isdecimal() or camera is None:
             raise InputError(
-                f"{file}: line {number}: '{line.strip()[:80]}' is not a picture and a person, such as "
+                f"{file}: line {number}: '{line.strip()[:80]}' is not an image and a person, such as "
                 "'0000/0000_000_01_0303morning_0015_0.jpg 0': unpack the data set again"
             )
         rows.append(Listed(folder / fields[0], f"{people}-{int(fields[1]):04d}", camera[1]))
     if not rows:
-        raise InputError(f"{file}: lists no picture: unpack the data set again")
+        raise InputError(f"{file}: lists no image: unpack the data set again")
     return rows

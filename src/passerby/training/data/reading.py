@@ -70,7 +70,7 @@ def read_data(
         return data_set(name, path, folder_per_identity(path), tell)
     inside = [inner for inner in visible_folders(path) if is_market(inner) or is_msmt17(inner) or has_identities(inner)]
     hint = f"; {inside[0]} holds one" if inside else ""
-    raise InputError(f"{path}: holds no pictures of people in a way that is known{hint}: give {UNDERSTOOD}")
+    raise InputError(f"{path}: holds no images of people in a known layout{hint}: give {UNDERSTOOD}")
 
 
 def read_all(paths: Sequence[Path], cache: Path, tell: Progress = silent, *, executor: Executor | None = None) -> list[DataSet]:

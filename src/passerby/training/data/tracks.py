@@ -97,7 +97,7 @@ def tracked_people(
     told_of = [
         *notes,
         *cut.notes,
-        *describe_faults(few, f"{len(few)} people without two clear pictures, kept out of the training"),
+        *describe_faults(few, f"{len(few)} people without two clear frames, kept out of the training"),
     ]
     if not (count >= 2).any():
         places = ", ".join(str(camera.source) for camera in cameras)
@@ -222,7 +222,7 @@ def camera_of_sequence(folder: Path) -> TrackedCamera:
         raise InputError(f"{folder / SEQUENCE}: is not a description of a sequence: {str(error).splitlines()[0]}") from None
     pictures = folder / parser.get("Sequence", "imDir", fallback="img1")
     if not pictures.is_dir():
-        raise InputError(f"{pictures}: no such folder: the pictures of the sequence are needed there")
+        raise InputError(f"{pictures}: no such folder: the frames of the sequence are needed there")
     boxes, hidden = _read_truth(folder / "gt" / "gt.txt")
     return TrackedCamera(parser.get("Sequence", "name", fallback=folder.name), pictures, boxes, hidden)
 
@@ -249,7 +249,7 @@ def _read_truth(path: Path) -> tuple[Boxes, NDArray[np.bool_]]:
     twice = np.flatnonzero((pairs[1:] == pairs[:-1]).all(axis=1))
     if len(twice):
         frame, identity = pairs[twice[0]]
-        raise InputError(f"{path}: identity {identity:.0f} is in frame {frame:.0f} twice: one box a person and frame")
+        raise InputError(f"{path}: identity {identity:.0f} is in frame {frame:.0f} twice: one box per person and frame")
     visible = rows[:, 8] if rows.shape[1] > 8 else np.full(len(rows), -1.0)
     # MOTChallenge counts the first pixel as 1.
     ltwh = rows[:, 2:6] - [1.0, 1.0, 0.0, 0.0]

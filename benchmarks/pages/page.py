@@ -14,22 +14,8 @@ from passerby.interchange.storage.atomic import write_bytes, write_text
 
 PACKAGES = ("passerby", "numpy", "scipy", "poselib")
 """Whose versions decide over the last digits."""
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """What the user asks of the parts of the benchmark."""
-
-    quick: bool = False
-    """Few seeds and few levels: to see that all works, not to judge."""
-    seeds: int | None = None
-    """Seeds of each condition; None: as many as the part takes for its claims."""
-    data: Path | None = None
-    """Folder of the real data sets; None where there is none."""
-    scenes: Path | None = None
-    """Folder that keeps rendered videos for the next time; None: they are rendered anew."""
-    kept: Path | None = None
-    """Folder in which finished conditions are kept while the command runs, so that a stopped one goes on; None: nowhere."""
+FOOT = "Written by `"
+"""Begins the last paragraph of a page."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +48,28 @@ def write_page(page: Page, folder: Path, command: str) -> Path:
     return path
 
 
+def publish(pages: Page | Iterable[Page], folder: Path | None, command: str) -> None:
+    """Write a page whenever there is more of it, and print it when it is whole.
+
+    Args:
+        pages: the page, or the same page again and again as it grows.
+        folder: where it is written; None: it is printed only.
+        command: what was typed.
+
+    Raises:
+        InputError: the folder is not writable.
+    """
+    page = None
+    for page in [pages] if isinstance(pages, Page) else pages:
+        if folder is not None:
+            path = write_page(page, folder, command)
+    if page is not None:
+        print(signed(page, command) + ("" if folder is None else f"\nwritten to {path}\n"), flush=True)
+
+
 def signed(page: Page, command: str) -> str:
     """The page's text with the command that wrote it, the machine and the versions at its foot."""
-    return f"{page.text.rstrip()}\n\nWritten by `{command}` on: {machine_note()}\n"
+    return f"{page.text.rstrip()}\n\n{FOOT}{command}` on: {machine_note()}\n"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

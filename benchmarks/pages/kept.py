@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
+from collections.abc import Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import passerby
-from paper.page import PACKAGES
+from pages.page import PACKAGES
 from passerby.interchange.storage.atomic import write_text
+
+BENCHMARKS = Path(__file__).resolve().parents[1]
+PAPER = ("paper", "baselines", "metrics")
+"""Folders of the benchmarks that an outcome of the paper's evaluation depends on, beside the package."""
 
 
 class Kept:
     """Outcomes by what they are the outcomes of. Processes may share a folder: each file is written whole or not at all."""
 
-    def __init__(self, folder: Path | None) -> None:
+    def __init__(self, folder: Path | None, code: Sequence[str] = PAPER) -> None:
+        """Keep outcomes in `folder`, or nowhere; `code` names the folders of the benchmarks that make them."""
         self._folder = folder
+        self._code = tuple(code)
 
     def get(self, what: str) -> dict[str, Any] | None:
         """The outcome of `what` as it was put; None where it was not, by other code, or where it is damaged."""
@@ -40,7 +48,7 @@ class Kept:
             write_text(self._path(self._folder, what), f"{text}\n{_digest(text)}\n")
 
     def _path(self, folder: Path, what: str) -> Path:
-        return folder / f"{hashlib.sha256(f'{code_digest()} {what}'.encode()).hexdigest()[:32]}.json"
+        return folder / f"{hashlib.sha256(f'{code_digest(*self._code)} {what}'.encode()).hexdigest()[:32]}.json"
 
 
 def _digest(text: str) -> str:
@@ -48,13 +56,18 @@ def _digest(text: str) -> str:
 
 
 @cache
-def code_digest() -> str:
-    """Stands for all code that an outcome depends on, as it was when this process first asked: with any other code, and with
-    other versions of the libraries, every outcome is unknown.
+def code_digest(*folders: str) -> str:
+    """What the code does that figures rest on, as it was when this process first asked: 64 hexadecimal digits.
+
+    One hash over the package, some folders of the benchmarks, and the versions of the libraries; comments and documentation
+    strings are left out.
     """
-    versions = " ".join(f"{name} {metadata.version(name)}" for name in PACKAGES)
-    digest = hashlib.sha256(versions.encode())
-    for root in (Path(passerby.__file__).parent, Path(__file__).parent):
+    digest = hashlib.sha256(" ".join(f"{name} {metadata.version(name)}" for name in PACKAGES).encode())
+    for root in (Path(passerby.__file__).parent, *(BENCHMARKS / folder for folder in folders)):
         for path in sorted(root.rglob("*.py")):
-            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+            tree = ast.parse(path.read_bytes())
+            for node in ast.walk(tree):
+                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                    node.value.value = None  # docstrings, and those of constants
+            digest.update(path.relative_to(root.parent).as_posix().encode() + b"\0" + ast.dump(tree).encode())
     return digest.hexdigest()
