@@ -16,7 +16,7 @@ from passerby.association.tracking.tracking import overlaps, track
 from passerby.common.arrays import Floats, Ints
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress, silent
-from passerby.core.cameras import Camera, Rig
+from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.geometry.single_view import Level
 from passerby.people.upright_rays import UprightRays, level_from_people, upright_rays
@@ -75,6 +75,21 @@ def build_camera_tracklets(
     level = level_from_people(bodies, person_height_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
     return CameraTracklets(camera.name, tracked, clock, bodies, level, tracks, continued)
+
+
+def with_lens(camera: CameraTracklets, lens: Lens, person_height_m: float, rng: np.random.Generator) -> CameraTracklets:
+    """The same people by another lens: rays, level and ground tracks are made anew, the tracklets stay.
+
+    Args:
+        camera: as built with a lens.
+        lens: the other lens.
+        person_height_m: expected standing height, metres.
+        rng: draws the people that the level is fitted to.
+    """
+    bodies = upright_rays(camera.seen, lens, camera.clock)
+    level = level_from_people(bodies, person_height_m, rng)
+    tracks = None if level is None else ground_tracks(bodies, level)
+    return replace(camera, bodies=bodies, level=level, tracks=tracks)
 
 
 def build_tracklets(

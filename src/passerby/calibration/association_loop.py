@@ -11,7 +11,7 @@ import numpy as np
 
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Tracklets, cluster_by_rig
-from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets, with_lens
 from passerby.association.cleaning import reassign_detections
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
 from passerby.association.clocks.frame_rate import estimate_frame_rate
@@ -23,6 +23,7 @@ from passerby.association.clocks.offsets import (
     synchronise,
 )
 from passerby.association.figures import association_figures
+from passerby.association.focal_search import search_focals_by_tracks
 from passerby.association.initial_association import (
     InitialAssociation,
     JointEvidence,
@@ -42,6 +43,7 @@ from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Obser
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps
+from passerby.core.unknown_focals import begin_with, needs_focal_search
 from passerby.findings.finding import Finding
 from passerby.findings.refusals import findings_of
 from passerby.geometry.relative_pose import PairHypothesis
@@ -51,11 +53,18 @@ class RigSolver(Protocol):
     """Solves a rig."""
 
     def __call__(
-        self, synchronised: Observations, guesses: Sequence[PairHypothesis], *, passing: bool, refine_time: bool
+        self,
+        synchronised: Observations,
+        guesses: Sequence[PairHypothesis],
+        *,
+        passing: bool,
+        refine_time: bool,
+        lenses: Rig | None = None,
     ) -> Solution:
         """The rig from people at common time steps, refused where the evidence does not do.
 
-        A passing one may rest on a part of the evidence; the clocks' errors are unknowns of it where they are refined.
+        A passing one may rest on a part of the evidence; the clocks' errors are unknowns of it where they are refined. `lenses`
+        are those to begin with, where they are known better than at first.
         """
 
 
@@ -98,6 +107,9 @@ def solve_with_unknown_identities(
     search_s = options.search_s if observations.clocks else 0.0
     clocks = _clocks(rig, observations, options.person_height_m, rng)
     cameras = build_tracklets(rig, observations, clocks, options.person_height_m, rng, executor, tell=tell)
+    if needs_focal_search(rig) and options.mode != "appearance":
+        rig = search_focals_by_tracks(rig, cameras, search_s, options.person_height_m, rng, tell, executor)
+        cameras = _with_lenses(cameras, rig, options.person_height_m)
     tell("appearance")
     appearance = AppearanceAffinity.of(cameras, rng) if options.mode != "trajectory" else None
     tracklets = Tracklets.of(cameras)
@@ -115,6 +127,14 @@ def solve_with_unknown_identities(
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", findings_of(error)), nobody
     return _alternate(run, initial, solve, refine=search_s > 0, tell=tell)
+
+
+def _with_lenses(cameras: Sequence[CameraTracklets], rig: Rig, person_height_m: float) -> list[CameraTracklets]:
+    """The cameras' people by the lenses of a rig."""
+    rngs = np.random.default_rng(0).spawn(len(cameras))
+    return [
+        with_lens(one, camera.lens, person_height_m, rng) for one, camera, rng in zip(cameras, rig, rngs, strict=True)
+    ]  # fmt: skip
 
 
 def _tell_pairs(tell: Progress, initial: InitialAssociation) -> None:
@@ -155,6 +175,15 @@ class _Run:
     tracklets: Tracklets
     appearance: AppearanceAffinity | None
     options: AssociationOptions
+
+    def with_lenses(self, found: Rig) -> _Run:
+        """The same people by the lenses of a solution, where these were found with it."""
+        cameras = tuple(
+            replace(old, lens=replace(new.lens, uncalibrated=True)) if old.lens.uncalibrated and new.pose else old
+            for old, new in zip(self.rig, found, strict=True)
+        )
+        rig = replace(self.rig, cameras=cameras)
+        return replace(self, rig=rig, cameras=_with_lenses(self.cameras, rig, self.options.person_height_m))
 
     def rows(self, person: Ints, offset_s: Floats, solution: Solution | None) -> list[tuple[Ints, Ints]]:
         """The person of every box and of every set of joints, camera by camera; -1 for nobody."""
@@ -261,13 +290,16 @@ def _alternate(
     person, offset_s = initial.person, initial.offset_s
     rounds: list[AssociationRound] = []
     solution: Solution | None = None
+    lenses = run.rig if any(camera.lens.uncalibrated for camera in run.rig) else None
     for number in range(MAX_ROUNDS):
         tell(f"round {number + 1}")
         instants = run.instants(run.identified(run.rows(person, offset_s, solution)), offset_s)
-        solution = solve(instants, initial.guesses, passing=True, refine_time=refine)
+        solution = solve(instants, initial.guesses, passing=True, refine_time=refine, lenses=lenses)
         if solution.verdict == "refused":
             return solution, run.association(person, offset_s, None, initial, rounds)
         offset_s = offset_s + clock_corrections(solution)[0]
+        if lenses is not None:
+            run, lenses = run.with_lenses(solution.rig), begin_with(lenses, solution.rig)
         poses = [camera.pose for camera in solution.rig]
         before = person
         if initial.graph is not None:
@@ -283,14 +315,16 @@ def _alternate(
             break
     tell("solving")
     identified = run.identified(run.rows(person, offset_s, solution))
-    solution = solve(run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=refine)
+    solution = solve(run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=refine, lenses=lenses)
     if refine and solution.verdict != "refused":
         correction_s, sigma_s = clock_corrections(solution)
         offset_s = offset_s + correction_s
         in_step = snap_to_whole_frames(offset_s, sigma_s, np.array([camera.clock.fps for camera in run.cameras]))
         if in_step is not None:
             offset_s = in_step
-            solution = solve(run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=False)
+            solution = solve(
+                run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=False, lenses=lenses
+            )
         return solution, run.association(person, offset_s, solution, initial, rounds, sigma_s)
     return solution, run.association(person, offset_s, solution, initial, rounds)
 

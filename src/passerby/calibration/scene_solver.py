@@ -41,7 +41,7 @@ class SceneSolver:
 
     def __call__(
         self, synchronised: Observations, guesses: Sequence[PairHypothesis] = (), *, passing: bool = False,
-        refine_time: bool = False,
+        refine_time: bool = False, lenses: Rig | None = None,
     ) -> Solution:  # fmt: skip
         """The rig from people at common time steps, refused where the evidence does not do.
 
@@ -50,14 +50,17 @@ class SceneSolver:
             guesses: relative poses of pairs, found before.
             passing: a part of the evidence is enough, since another solve follows.
             refine_time: the clocks' errors are unknowns.
+            lenses: names and lenses to begin with, where they are known better than those of the scene.
         """
         options = self.options
+        if isinstance(options, PeopleOptions) and any(camera.lens.uncalibrated for camera in self.rig):
+            options = replace(options, refine_lens=LENS_PARTS)
         if isinstance(options, PeopleOptions) and refine_time:
             options = replace(options, refine_time=True)
         if isinstance(options, PeopleOptions) and passing:
             sightings = min(options.max_sightings, PASSING_SIGHTINGS)
             options = replace(options, max_sightings=sightings, tolerance=max(options.tolerance, PASSING_TOLERANCE))
-        return solve_scene(self.scene, self.rig, synchronised, options, self.rng, guesses)
+        return solve_scene(self.scene, lenses or self.rig, synchronised, options, self.rng, guesses)
 
 
 def solve_scene(

@@ -26,6 +26,9 @@ FISHEYE_DISTORTION_LENGTHS = (0, 4)
 # A pixel whose undistorted ray does not come back to within this many pixels lies outside what the lens model can express.
 INVERSION_TOLERANCE_PX = 0.05
 
+DATA_SHEET_SD = 0.05
+"""What a focal length from a data sheet is off by, one standard deviation: rounding, tolerance,
+electronic stabilisation."""
 LARGEST_FOCAL_SD = 0.5
 """Of a focal length known no better than this the calibration, which follows it to first order, says nothing."""
 
@@ -88,6 +91,29 @@ class Lens:
         kind = "fisheye" if self.fisheye else "pinhole"
         bent = f"{self.distortions.size} distortions" if self.distortions.any() else "no distortion"
         return f"Lens({kind}, {self.size[0]} x {self.size[1]}, focal {self.focal:.1f} px, {bent})"
+
+    @classmethod
+    def unknown(cls, size: tuple[int, int], hfov_deg: float | None = None, focal_sd: float | None = None) -> Lens:
+        """A lens that was never calibrated, to be estimated together with the rig.
+
+        Args:
+            size: (width, height) in pixels.
+            hfov_deg: horizontal field of view, where a data sheet states it.
+            focal_sd: standard deviation of the focal length that follows from it, as a share; `DATA_SHEET_SD` when None.
+        """
+        width, height = size
+        matrix = np.array([[1.0, 0.0, width / 2], [0.0, 1.0, height / 2], [0.0, 0.0, 1.0]])
+        if hfov_deg is None:
+            matrix[0, 0] = matrix[1, 1] = max(width, height)
+            return cls(size, matrix, np.zeros(0), focal_sd=LARGEST_FOCAL_SD, uncalibrated=True)
+        matrix[0, 0] = matrix[1, 1] = 0.5 * width / np.tan(np.radians(hfov_deg) / 2)
+        return cls(size, matrix, np.zeros(0), focal_sd=focal_sd or DATA_SHEET_SD, uncalibrated=True)
+
+    def with_focal(self, factor: float, sd: float) -> Lens:
+        """The lens with both focal lengths times `factor`, known to `sd`, one standard deviation as a share."""
+        matrix = np.array(self.matrix)
+        matrix[:2, :2] *= factor
+        return replace(self, matrix=matrix, focal_sd=sd)
 
     @property
     def focal(self) -> float:

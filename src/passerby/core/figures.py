@@ -184,11 +184,20 @@ class PrincipalPointFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class DistortionFigures:
+    """The first distortion coefficient of a lens that was never calibrated."""
+
+    refined: float
+    sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class LensFigures:
     """The parts of a camera's lens that were refined."""
 
     focal: FocalFigures | None = field(default=None, metadata=ABSENT)
     principal_point: PrincipalPointFigures | None = field(default=None, metadata=ABSENT)
+    distortion: DistortionFigures | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)

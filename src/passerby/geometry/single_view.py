@@ -141,6 +141,12 @@ def level_by_heights(
     return Level(up, height, float(np.median(np.linalg.norm(fit.residual(up, height), axis=1))))
 
 
+def keep_horizon(up: Floats, longer: float) -> Floats:
+    """The up direction that keeps the horizon's line in the picture when the focal length grows by a factor."""
+    moved = up * np.array([longer, longer, 1.0])
+    return np.asarray(moved / np.linalg.norm(moved))
+
+
 class _Fit:
     """Residuals of one camera's people, as shares of their extent; `upright` leaves those across the picture out."""
 

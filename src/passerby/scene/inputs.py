@@ -144,18 +144,28 @@ def _guessed_lenses(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """Focal lengths that are stated to be guesses, those that are as good in one notice."""
     guessed: dict[float, list[str]] = {}
     for reading in readings:
-        if reading.lens is not None and reading.lens.focal_sd is not None:
+        if reading.lens is not None and reading.lens.focal_sd is not None and not reading.lens.uncalibrated:
             guessed.setdefault(reading.lens.focal_sd, []).append(reading.name)
     refined = "focal" in scene.solver.refine
+    unknown = [reading.name for reading in readings if reading.lens is not None and reading.lens.uncalibrated]
     return [
-        notice("focal_guessed", *names, place=str(scene.place), sd_percent=100 * sd, refined=refined)
-        for sd, names in guessed.items()
+        *([notice("intrinsics_unknown", *unknown)] if unknown else []),
+        *(
+            notice("focal_guessed", *names, place=str(scene.place), sd_percent=100 * sd, refined=refined)
+            for sd, names in guessed.items()
+        ),
     ]
 
 
 def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Guessed focal lengths for a method that does not know of them."""
     guessed = [reading.name for reading in readings if reading.lens is not None and reading.lens.focal_sd is not None]
+    unknown = [reading.name for reading in readings if reading.lens is not None and reading.lens.uncalibrated]
+    if scene.solver.method == "geopose" and unknown:
+        return [
+            f'{scene.place}: [cameras.{unknown[0]}] has no intrinsics, but method "geopose" assumes that they are exact: add '
+            'intrinsics, or use method "people"'
+        ]
     if scene.solver.method != "geopose" or not guessed:
         return []
     return [

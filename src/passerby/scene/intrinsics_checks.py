@@ -33,11 +33,19 @@ PRINCIPAL_SHARE = 0.25
 """A cropped picture can have its principal point outside; further out than this share of the size, matrix and size disagree."""
 
 
+def source_of_size(scene: Scene, camera: str) -> str:
+    """The file that states a camera's image size: its intrinsics, or else its video or the scene file."""
+    table = scene.cameras[camera]
+    if table.intrinsics is not None:
+        return str(scene.resolve(table.intrinsics))
+    return str(scene.place if table.image_size is not None or table.video is None else scene.resolve(table.video))
+
+
 def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> None:
     """Matrix against picture size."""
     beyond = float((np.abs(lens.matrix[:2, 2] / lens.size - 0.5) - 0.5).max())
     if beyond > 0:
-        place, point = str(scene.resolve(scene.cameras[reading.name].intrinsics)), lens.matrix[:2, 2].round(1).tolist()
+        place, point = source_of_size(scene, reading.name), lens.matrix[:2, 2].round(1).tolist()
         finding = notice("principal_point_outside_image", reading.name, place=place, point=point, size=list(lens.size))
         if beyond > PRINCIPAL_SHARE:
             reading.faults.append(text_of(finding))
@@ -47,9 +55,8 @@ def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> Non
 
 def check_extents(scene: Scene, reading: CameraInput, lens: Lens) -> None:
     """Picture size against where the people are."""
-    table = scene.cameras[reading.name]
     width, height = lens.size
-    size, intrinsics = [width, height], str(scene.resolve(table.intrinsics))
+    size, intrinsics = [width, height], source_of_size(scene, reading.name)
     for path, extent, rows in (
         (reading.boxes_path, extents_of(reading.boxes), reading.boxes),
         (reading.keypoints_path, extents_of(reading.keypoints), reading.keypoints),

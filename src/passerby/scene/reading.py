@@ -28,7 +28,7 @@ from passerby.interchange.storage.faults import faults_of
 from passerby.perception.video import VideoInfo, fit_of_size, probe
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.doubled_rows import remove_duplicates
-from passerby.scene.intrinsics_checks import check_extents, check_principal_point
+from passerby.scene.intrinsics_checks import check_extents, check_principal_point, source_of_size
 from passerby.scene.scene import Scene
 
 T = TypeVar("T")
@@ -64,6 +64,10 @@ def read_camera(scene: Scene, name: str) -> CameraInput:
     reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
     _settle_doubles(reading)
     reading.video = _attempt(lambda path: _probed(path, name), path_of(table.video), reading.faults)
+    size = table.image_size or (None if reading.video is None else reading.video.size)
+    if table.intrinsics is None and size is not None:
+        sd = None if table.focal_sd_percent is None else table.focal_sd_percent / 100
+        reading.lens = Lens.unknown(size, table.hfov_deg, sd)
     if reading.video is not None:
         _check_video(scene, reading, reading.video)
     reading.awaiting = table.watched
@@ -168,8 +172,8 @@ def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
                 sizes = {"video_size": list(video.size), "size": list(reading.lens.size)}
                 reading.findings.append(notice("video_cropped", reading.name, place=place, **sizes))
         except InputError as error:
-            intrinsics = scene.resolve(scene.cameras[reading.name].intrinsics)
-            reading.faults.append(f"{place}: camera {reading.name}: {error} (the lens is in {intrinsics}, [{reading.name}])")
+            stated = source_of_size(scene, reading.name)
+            reading.faults.append(f"{place}: camera {reading.name}: {error} (the lens is in {stated}, [{reading.name}])")
     if reading.fps is None or video.variable:
         if reading.fps is not None:
             reading.findings.append(notice("video_rate_variable", reading.name, place=place))

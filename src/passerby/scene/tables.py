@@ -64,8 +64,14 @@ class SceneTable(Table):
 class CameraTable(Table):
     """`[cameras.NAME]`: one camera and its observations."""
 
-    intrinsics: Path
-    """Rig file. The image size, matrix and distortions of its table [NAME] are read; a pose in it is ignored."""
+    intrinsics: Path | None = None
+    """Rig file. The image size, matrix and distortions of its table [NAME] are read; a pose in it is ignored. None: focal
+    length, principal point and distortion are estimated together with the rig."""
+    image_size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] | None = None
+    """[width, height] in pixels, if there are no `intrinsics` and no `video` that states it."""
+    hfov_deg: Annotated[float, Field(ge=5, le=150)] | None = None
+    """Horizontal field of view in degrees, as on a data sheet, if there are no `intrinsics`: the focal length is estimated
+    about it. Its standard deviation is `focal_sd_percent`, 5 % unless given."""
     video: Path | None = None
     """A video file. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings from it.
     Streams, devices, pieces of recordings and folders of images are not read yet."""
@@ -107,6 +113,17 @@ class CameraTable(Table):
         if self.video is None and self.detections is None and self.tracks is None and self.keypoints is None:
             raise ValueError(
                 "has no observations: add `video`, `tracks` (boxes with ids), `detections` (boxes without) or `keypoints`"
+            )
+        if self.intrinsics is not None:
+            for key in ("image_size", "hfov_deg"):
+                if getattr(self, key) is not None:
+                    raise ValueError(f"states both intrinsics and {key}: delete one of them")
+        elif self.focal_sd_percent is not None and self.hfov_deg is None:
+            raise ValueError("states focal_sd_percent, but no focal length: add hfov_deg or intrinsics")
+        elif self.video is None and self.image_size is None:
+            raise ValueError(
+                "has neither intrinsics nor a video, so its image size is unknown: add image_size = [width, height], or "
+                "intrinsics"
             )
         if self.embeddings is not None and self.detections is None and self.tracks is None:
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")

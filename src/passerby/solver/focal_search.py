@@ -9,7 +9,6 @@ together like best.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,8 +16,9 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
+from passerby.core.unknown_focals import choose_focals, focals_to_try
 from passerby.geometry.robust import cauchy_weights
-from passerby.geometry.single_view import Level, level_by_heights
+from passerby.geometry.single_view import Level, keep_horizon, level_by_heights
 from passerby.solver.evidence import Evidence
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.pairs import MIN_MATCHES, shared_rows
@@ -28,20 +28,15 @@ Complexes = NDArray[np.complex128]
 
 FOCALS = np.geomspace(0.45, 3.0, 14)
 """Focal lengths tried, in longer sides of the picture: steps of 1.16."""
-KNOWN_SD = 0.1
-"""A focal length that is stated this well needs no search."""
 FOUND_SD = 0.1
 """What the focal lengths found are off by, one sigma of their logarithm: 6.5 % over 60 cameras of 15 simulated scenes (three
 presets, seeds 900 to 904, boxes with 2 % noise), at most 19 %."""
-# Those farther from a stated one than so many of its standard deviations are not tried.
-_FARTHEST_SD = 2.5
 # People of a camera that it is levelled by, and matches of two cameras that are compared; more say the same again.
 _MOST_PEOPLE, _MOST_MATCHES, _TRIALS, _TRIED = 400, 500, 300, 200
 # What a place on the ground is off by, metres and as a share of its distance; farther places are left out, metres.
 _FLOOR_M, _SHARE, _FARTHEST_M = 0.15, 0.05, 80.0
 # What two cameras cost at focal lengths that put most people nowhere: as if all missed by 10 sigmas.
 _NOWHERE = float(np.log1p(10.0**2))
-_SWEEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +47,6 @@ class _Grounds:
     """(F,) logarithms of the factor on the stated focal length."""
     places: list[Complexes | None]
     """(M,) of the camera's sightings, x + iy, metres; NaN above the horizon. None where the camera could not be levelled."""
-
-
-def needs_search(rig: Rig) -> bool:
-    """Whether a focal length is known too little to begin with it."""
-    return any(camera.lens.uncalibrated and (camera.lens.focal_sd or 0.0) > KNOWN_SD for camera in rig)
 
 
 def search_focals(
@@ -90,9 +80,8 @@ def search_focals(
     cameras = []
     for c, (camera, ground) in enumerate(zip(stated, grounds, strict=True)):
         if len(ground.focals) > 1 and any(c in pair for pair in costs):
-            matrix = np.array(camera.lens.matrix)
-            matrix[:2, :2] *= np.exp(ground.focals[chosen[c]])
-            camera = replace(camera, lens=replace(camera.lens, matrix=matrix, focal_sd=FOUND_SD))
+            lens = camera.lens.with_focal(float(np.exp(ground.focals[chosen[c]])), FOUND_SD)
+            camera = replace(camera, lens=lens)
         cameras.append(camera)
     return replace(stated, cameras=tuple(cameras))
 
@@ -102,13 +91,7 @@ def _grounds(
 ) -> _Grounds:
     """One camera's ground at each focal length tried."""
     lens = stated.cameras[camera].lens
-    focals = np.log(FOCALS * max(lens.size) / lens.focal)
-    if lens.focal_sd is None or not lens.uncalibrated:
-        focals = np.zeros(1)
-    elif lens.focal_sd <= KNOWN_SD:
-        focals = np.zeros(1)
-    elif lens.focal_sd < WIDE_OPEN:
-        focals = focals[np.abs(focals) <= _FARTHEST_SD * lens.focal_sd]
+    focals = focals_to_try(lens, FOCALS)
     some = np.sort(rng.permutation(len(s))[:_MOST_PEOPLE])
     change = np.zeros((len(stated), unknowns.size))
     places: list[Complexes | None] = []
@@ -118,7 +101,7 @@ def _grounds(
         seen = unknowns.sightings(s, stated, change)
         u = seen.take(some)
         body, foot = person_height_m * (u.top_fraction - u.bottom_fraction), person_height_m * u.bottom_fraction
-        start = None if level is None else Level(_same_horizon(level.up, np.exp(focal - before)), level.height, 0.0)
+        start = None if level is None else Level(keep_horizon(level.up, np.exp(focal - before)), level.height, 0.0)
         level, before = level_by_heights(u.top, u.bottom, u.top_tangent, u.extent_px, body, foot, start), focal
         if level is None:
             places.append(None)
@@ -126,16 +109,6 @@ def _grounds(
         ground = level.ground_positions(seen.bottom)
         places.append(ground[:, 0] + 1j * ground[:, 1])
     return _Grounds(focals, places)
-
-
-WIDE_OPEN = 0.5
-"""A focal length stated no better than this may be any."""
-
-
-def _same_horizon(up: Floats, longer: float) -> Floats:
-    """The up direction that keeps the horizon's line in the picture when the focal length grows by a factor."""
-    moved = up * np.array([longer, longer, 1.0])
-    return np.asarray(moved / np.linalg.norm(moved))
 
 
 def pair_costs(a: _Grounds, b: _Grounds, at_a: Ints, at_b: Ints, rng: np.random.Generator) -> Floats:
@@ -184,33 +157,3 @@ def _misfit(x: Complexes, y: Complexes, first: Ints, second: Ints) -> float:
         S = middle_y - T * middle_x
     cost = np.where(good, np.log1p((np.abs(T * x + S - y) / sigma) ** 2), _NOWHERE)
     return float(cost.sum())
-
-
-def choose_focals(counts: Sequence[int], costs: Mapping[tuple[int, int], Floats]) -> list[int]:
-    """One choice for each camera that makes the sum of its pairs' costs small: one camera after the other takes its best, from
-    every common start.
-
-    Args:
-        counts: (C,) number of choices of each camera.
-        costs: (F_a, F_b) of pairs (a, b) of cameras.
-    """
-    best: tuple[float, list[int]] | None = None
-    most = max(counts, default=1)
-    for start in range(most):
-        chosen = [round(start * (count - 1) / max(most - 1, 1)) for count in counts]
-        for _ in range(_SWEEPS):
-            before = list(chosen)
-            for c in range(len(counts)):
-                cost = np.zeros(counts[c])
-                for (a, b), table in costs.items():
-                    if a == c:
-                        cost += table[:, chosen[b]]
-                    elif b == c:
-                        cost += table[chosen[a]]
-                chosen[c] = int(np.argmin(cost)) if cost.any() else chosen[c]
-            if chosen == before:
-                break
-        total = sum(float(table[chosen[a], chosen[b]]) for (a, b), table in costs.items())
-        if best is None or total < best[0] - 1e-9:
-            best = total, chosen
-    return best[1] if best is not None else []

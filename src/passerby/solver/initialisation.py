@@ -13,6 +13,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustmentRound, TreeFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
+from passerby.core.unknown_focals import needs_focal_search
 from passerby.findings.finding import Finding, doubt, refusal
 from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
@@ -23,7 +24,7 @@ from passerby.people.model import Noise, Priors
 from passerby.people.standing import standing_instants
 from passerby.solver.cues import cue_rows, expected_heights, initial_scale, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
-from passerby.solver.focal_search import needs_search, search_focals
+from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensPart, LensUnknowns
 from passerby.solver.optimizer.least_squares import Result, Stopping
@@ -132,7 +133,7 @@ class Initialisation:
         the lenses differ from the stated ones, as far as that is known; nothing when None.
         """
         unknowns = LensUnknowns(options.refine_lens)
-        searched = lens is None and "distortion" in unknowns.parts and needs_search(stated)
+        searched = lens is None and "distortion" in unknowns.parts and needs_focal_search(stated)
         lens = np.zeros((len(stated), unknowns.size)) if lens is None else lens
         rig = unknowns.rig(stated, lens)
         evidence = gather_evidence(

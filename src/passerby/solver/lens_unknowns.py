@@ -43,7 +43,8 @@ UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION = 0.007, 0.1
 """Half of lenses that were never calibrated are right within this: the principal point about the image centre, as a share of
 the width, and the first distortion coefficient about 0."""
 HELD = 1e-5
-"""The same of calibrated lenses beside lenses that were not: shares of the focal length and of the width, and the coefficient."""
+"""The same of calibrated lenses beside lenses that were not: shares of the focal length and of the width, and the
+coefficient."""
 
 # Rays are made anew until the lenses move by no more than this: what the linear columns leave over is half of its square.
 SETTLED_FOCAL, SETTLED_PX, SETTLED_DISTORTION = 1e-3, 0.5, 2e-3
@@ -99,8 +100,8 @@ class LensUnknowns:
             return out
         unknown = np.array([camera.lens.uncalibrated for camera in rig])
         free = self._shares(rig, focal, UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION)
-        held = self._shares(rig, [HELD] * len(rig), HELD, HELD)
-        return np.where(unknown[:, None], free, held)
+        known = [HELD if camera.lens.focal_sd is None else NORMAL_HALF * camera.lens.focal_sd for camera in rig]
+        return np.where(unknown[:, None], free, self._shares(rig, known, HELD, HELD))
 
     def _shares(self, rig: Rig, focal: Sequence[float], principal_point: float, distortion: float) -> Floats:
         """(C, L) a share of the focal length, as a logarithm, a share of the picture's width in pixels, and a coefficient."""
@@ -132,8 +133,8 @@ class LensUnknowns:
         return replace(rig, cameras=tuple(cameras))
 
     def by_pixel(self, lens: Lens, pixels: Floats) -> Floats:
-        """(M, 2, L) how the pixels (M, 2) of fixed rays move with the unknowns: exact for every lens with a linear matrix, but for
-        the distortion, whose derivative it is.
+        """(M, 2, L) how the pixels (M, 2) of fixed rays move with the unknowns: exact for every lens with a linear matrix,
+        but for the distortion, whose derivative it is.
         """
         out = np.zeros((len(pixels), 2, self.size))
         out[:, :, self.columns_of("focal")] = (pixels - lens.matrix[:2, 2])[:, :, None]

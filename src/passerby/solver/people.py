@@ -135,7 +135,7 @@ def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:
         focal = None if parts is None else parts.focal
         if focal is not None and camera.lens.focal_sd is not None:
             sd = float(np.clip(focal.sigma_px / focal.refined_px, 1e-6, LARGEST_FOCAL_SD))
-            camera = replace(camera, lens=replace(camera.lens, focal_sd=sd))
+            camera = replace(camera, lens=replace(camera.lens, focal_sd=sd, uncalibrated=False))
         cameras.append(camera)
     return replace(rig, cameras=tuple(cameras))
 

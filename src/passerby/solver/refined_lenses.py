@@ -9,7 +9,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Lens, Rig
-from passerby.core.figures import FocalFigures, LensFigures, PrincipalPointFigures
+from passerby.core.figures import DistortionFigures, FocalFigures, LensFigures, PrincipalPointFigures
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.solver.lens_check import size_drift
 from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
@@ -19,6 +19,8 @@ from passerby.solver.person_model import PeopleProblem
 
 # A lens that moved by more than so many standard deviations of one that was never calibrated is another one, or nobody fits it.
 _FAR_SIGMAS = 3.0
+# A focal length that nobody stated and that is known no better than this makes the rig doubtful.
+KNOWN_FOCAL = 0.04
 # People tell nothing of a lens that they know no better than this share of what one that was never calibrated is off by.
 _UNTOLD_SHARE = 0.8
 
@@ -53,7 +55,10 @@ def decide_refined_lenses(
         return None
     core = unknowns.core(stated)
     drift = np.zeros_like(core)
-    drift[:, unknowns.columns_of("focal")] = (size_drift(problem, state) * by_boxes(problem))[:, None]
+    # Where several views hold a focal length that nobody stated, people who grow with depth move it by what `lens_evidence`
+    # knows of them; beside a stated one their growth is all that boxes tell.
+    if "distortion" not in unknowns.parts:
+        drift[:, unknowns.columns_of("focal")] = (size_drift(problem, state) * by_boxes(problem))[:, None]
     seen = lens_evidence(problem, state, inflation)
     return RefinedLenses(unknowns, refined_sigmas(seen, drift, core, state.lens), np.hypot(seen.sd, drift))
 
@@ -70,9 +75,11 @@ def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dic
     if lenses is None:
         return {}
     usual = lenses.unknowns.uncalibrated_sd(stated)
+    held = "distortion" in lenses.unknowns.parts
     return {
         before.name: _parts(lenses.unknowns, before.lens, after.lens, lenses.sigma[c], lenses.by_people[c], usual[c])
         for c, (before, after) in enumerate(zip(stated, refined, strict=True))
+        if not held or before.lens.uncalibrated
     }
 
 
@@ -97,7 +104,11 @@ def _parts(unknowns: LensUnknowns, stated: Lens, refined: Lens, sigma: Floats, a
             far=bool((moved > _FAR_SIGMAS * usual[columns]).any()),
             told=bool((alone[columns] < _UNTOLD_SHARE * usual[columns]).all()),
         )  # fmt: skip
-    return LensFigures(focal=focal, principal_point=point)
+    distortion = None
+    if "distortion" in unknowns.parts:
+        (error,) = sigma[unknowns.columns_of("distortion")]
+        distortion = DistortionFigures(refined=float(refined.distortions[0]), sigma=float(error))
+    return LensFigures(focal=focal, principal_point=point, distortion=distortion)
 
 
 def _xy(values: Floats) -> tuple[float, float]:
@@ -114,6 +125,16 @@ def lens_notes(lenses: Mapping[str, LensFigures]) -> list[Finding]:
     """
     out = []
     for name, parts in lenses.items():
+        if parts.distortion and parts.focal and parts.principal_point:
+            out.append(
+                notice(
+                    "intrinsics_estimated", name, focal_px=parts.focal.refined_px,
+                    sigma_percent=100 * parts.focal.sigma_px / parts.focal.refined_px,
+                    point_px=list(parts.principal_point.refined_px), point_sigma_px=max(parts.principal_point.sigma_px),
+                    distortion=parts.distortion.refined, distortion_sigma=parts.distortion.sigma,
+                )
+            )  # fmt: skip
+            continue
         if focal := parts.focal:
             change, sigma = focal.refined_px / focal.stated_px - 1, focal.sigma_px / focal.refined_px
             out.append(
@@ -136,6 +157,8 @@ def far_lenses(lenses: Mapping[str, LensFigures]) -> list[Finding]:
     """The cameras whose lens ended farther from the stated one than stated lenses are off; `lenses` as of `lens_figures`."""
     out = []
     for name, parts in lenses.items():
+        if parts.distortion and (focal := parts.focal) and focal.sigma_px > KNOWN_FOCAL * focal.refined_px:
+            out.append(doubt("focal_undetermined", name, sigma_percent=100 * focal.sigma_px / focal.refined_px))
         if (focal := parts.focal) and focal.far:
             change = 100 * (focal.refined_px / focal.stated_px - 1)
             out.append(doubt("focal_refined_far", name, change_percent=change))

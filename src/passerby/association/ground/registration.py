@@ -129,6 +129,14 @@ def register_pair(
     return replace(found, by_chance=max((guesses[0].score for guesses in chance if guesses), default=0.0))
 
 
+def best_merit(tracks_a: GroundTracks, tracks_b: GroundTracks, max_lag_s: float) -> float:
+    """How much agrees under the best motion of two cameras (`Registration.merit`); 0 where nothing does. Arguments as of
+    `register_pair`.
+    """
+    guesses = _guesses(TrackPair(tracks_a, tracks_b, None), max_lag_s, tracks_a)
+    return max(guesses[0].merit, 0.0) if guesses else 0.0
+
+
 def _guesses(tracks: TrackPair, max_lag_s: float, tracks_a: GroundTracks) -> tuple[Registration, ...]:
     """The guesses for a pair, the best first."""
     most_instants = min(_INSTANTS, tracks.instants_of(_ENCOUNTERS))

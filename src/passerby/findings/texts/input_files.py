@@ -90,6 +90,10 @@ INPUT_FILES: Mapping[str, Kind] = {
         "refine = "
         '["focal"] under [solver]',
     ),
+    "intrinsics_unknown": Kind(
+        NOTICE, "The cameras have no intrinsics; they are estimated together with the rig.",
+        "{who}: no intrinsics: focal length, principal point and distortion are estimated together with the rig", common=True,
+    ),
     "frame_rate_missing": Kind(
         NOTICE, "No frame rate is known, so clock offsets are not estimated.",
         "no frame rate is given: equal frame numbers are assumed to be synchronised in all cameras, and clock offsets are "

@@ -26,6 +26,15 @@ def _point(v: Fields) -> str:
     return text if v["constrained"] else f"{text}; the people hardly constrain it"
 
 
+def _estimated(v: Fields) -> str:
+    x, y = v["point_px"]
+    return (
+        f"camera {v['camera']}: estimated focal length {v['focal_px']:.0f} px (sigma {v['sigma_percent']:.1f} %), principal "
+        f"point ({x:.0f}, {y:.0f}) px (sigma {v['point_sigma_px']:.0f} px), distortion k1 {v['distortion']:+.3f} (sigma "
+        f"{v['distortion_sigma']:.3f})"
+    )
+
+
 LENSES: Mapping[str, Kind] = {
     "focal_contradicted": Kind(
         DOUBT, "The people contradict the camera's focal length, relative `change`.",
@@ -53,6 +62,15 @@ LENSES: Mapping[str, Kind] = {
         "camera {camera}: its principal point was refined by {moved_px:.0f} px, more than the error expected of a stated "
         "value",
         "check its intrinsics and whether its images were cropped",
+    ),
+    "focal_undetermined": Kind(
+        DOUBT, "The people hardly determine the focal length of a camera without intrinsics.",
+        "camera {camera}: its focal length is estimated to {sigma_percent:.0f} % only",
+        "state its field of view (hfov_deg) or its intrinsics, or record more people, near and far and all over its images",
+    ),
+    "intrinsics_estimated": Kind(
+        NOTICE, "Focal length, principal point and distortion of a camera without intrinsics were estimated.",
+        _estimated,
     ),
     "focal_refined": Kind(
         NOTICE, "The focal length was refined; `constrained` says whether the people constrain it.",

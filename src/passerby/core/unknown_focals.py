@@ -1,0 +1,83 @@
+"""Focal lengths that nobody knows: which are tried, and which of them pairs of cameras together like best."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+from passerby.core.cameras import LARGEST_FOCAL_SD, Lens, Rig
+
+SEARCHED_SD = 0.1
+"""A focal length that is known this well needs no search."""
+# Those farther from a stated one than so many of its standard deviations are not tried.
+_FARTHEST_SD = 2.5
+_SWEEPS = 30
+
+
+def needs_focal_search(rig: Rig) -> bool:
+    """Whether a focal length is known too little to begin with it."""
+    return any(camera.lens.uncalibrated and (camera.lens.focal_sd or 0.0) > SEARCHED_SD for camera in rig)
+
+
+def begin_with(stated: Rig, found: Rig) -> Rig:
+    """The lenses to begin the next estimate with: unknown ones have the focal lengths found, and nothing else of them.
+
+    Args:
+        stated: lenses before any estimate.
+        found: the rig of an estimate; a camera without a pose keeps what was stated.
+    """
+    cameras = []
+    for before, after in zip(stated, found, strict=True):
+        if before.lens.uncalibrated and after.pose is not None:
+            factor = after.lens.focal / before.lens.focal
+            before = replace(before, lens=before.lens.with_focal(factor, min(before.lens.focal_sd or 1.0, SEARCHED_SD)))
+        cameras.append(before)
+    return replace(stated, cameras=tuple(cameras))
+
+
+def focals_to_try(lens: Lens, shares: Floats) -> Floats:
+    """Logarithms of factors on a lens's focal length: all that may be, or those about a stated one; 0 alone of a known one.
+
+    Args:
+        lens: the lens.
+        shares: focal lengths of the grid, as shares of the longer side of the picture.
+    """
+    if not lens.uncalibrated or lens.focal_sd is None or lens.focal_sd <= SEARCHED_SD:
+        return np.zeros(1)
+    focals = np.log(shares * max(lens.size) / lens.focal)
+    if lens.focal_sd < LARGEST_FOCAL_SD:
+        focals = focals[np.abs(focals) <= _FARTHEST_SD * lens.focal_sd]
+    return np.asarray(focals) if len(focals) else np.zeros(1)
+
+
+def choose_focals(counts: Sequence[int], costs: Mapping[tuple[int, int], Floats]) -> list[int]:
+    """One choice for each camera that makes the sum of its pairs' costs small: one camera after the other takes its best, from
+    every common start.
+
+    Args:
+        counts: (C,) number of choices of each camera.
+        costs: (F_a, F_b) of pairs (a, b) of cameras.
+    """
+    best: tuple[float, list[int]] | None = None
+    most = max(counts, default=1)
+    for start in range(most):
+        chosen = [round(start * (count - 1) / max(most - 1, 1)) for count in counts]
+        for _ in range(_SWEEPS):
+            before = list(chosen)
+            for c in range(len(counts)):
+                cost = np.zeros(counts[c])
+                for (a, b), table in costs.items():
+                    if a == c:
+                        cost += table[:, chosen[b]]
+                    elif b == c:
+                        cost += table[chosen[a]]
+                chosen[c] = int(np.argmin(cost)) if cost.any() else chosen[c]
+            if chosen == before:
+                break
+        total = sum(float(table[chosen[a], chosen[b]]) for (a, b), table in costs.items())
+        if best is None or total < best[0] - 1e-9:
+            best = total, chosen
+    return best[1] if best is not None else []
