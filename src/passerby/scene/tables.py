@@ -71,7 +71,7 @@ class CameraTable(Table):
     """[width, height] in pixels, if there are no `intrinsics` and no `video` that states it."""
     hfov_deg: Annotated[float, Field(ge=5, le=150)] | None = None
     """Horizontal field of view in degrees, as on a data sheet, if there are no `intrinsics`: the focal length is estimated
-    about it. Its standard deviation is `focal_sd_percent`, 5 % unless given."""
+    about it. Its standard deviation is `focal_sd_percent`, 15 % unless given."""
     video: Path | None = None
     """A video file. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings from it.
     Streams, devices, pieces of recordings and folders of images are not read yet."""

@@ -115,32 +115,35 @@ def test_every_switched_off_setting_is_one(folder, names):
     assert all(scene.resolve(table.video).is_file() for table in scene.cameras.values())
 
 
-def test_without_intrinsics_nothing_is_invented(folder, capsys):
+def test_without_intrinsics_they_are_estimated(folder, capsys):
     place = folder("cam1.mp4", "cam2.mp4")
     init(place)
     scene = Scene.load(place / "scene.toml")
-    for name, table in scene.cameras.items():
-        with pytest.raises(InputError, match=rf"intrinsics.toml: \[{name}\]: matrix still says FX and FY"):
-            read_lens(scene.resolve(table.intrinsics), name)
+    assert all(table.intrinsics is None and table.image_size is None for table in scene.cameras.values())
+    assert sorted(path.name for path in place.iterdir()) == ["cam1.mp4", "cam2.mp4", "scene.toml"]
     out = told(capsys)
-    assert f"1. fill in FX and FY, the focal length in pixels, of cam1, cam2 in {place}/intrinsics.toml" in out
-    template = (place / "intrinsics.toml").read_text()
-    assert f"size = [{WIDTH}, {HEIGHT}]" in template
-    assert "90: 32" in template  # half the width is seen under 45 degrees
+    assert len(re.findall(r"cam[12] .* estimated\n", out)) == 2
+    assert "no intrinsics for cam1, cam2: focal length, principal point and distortion will be estimated" in out
 
-    # Filled in for one camera, then looked at again: what was filled in stays, and the rest is still asked for.
-    filled = template.replace('"FX"', "60.0", 1).replace('"FY"', "60.0", 1)
-    (place / "intrinsics.toml").write_text(filled)
+    # Of one camera they are found later: the other one's are still estimated.
+    (place / "rig.toml").write_text(rig("cam1"))
     init(place, force=True)
-    assert (place / "intrinsics.toml").read_text() == filled
-    assert not (place / "intrinsics-2.toml").exists()
+    mixed = Scene.load(place / "scene.toml")
+    assert mixed.cameras["cam1"].intrinsics is not None
+    assert mixed.cameras["cam2"].intrinsics is None
     out = told(capsys)
     assert re.search(r"cam1 .* found\n", out)
-    assert re.search(r"cam2 .* INCOMPLETE\n", out)
-    (place / "intrinsics.toml").write_text(filled.replace('"FX"', "60.0").replace('"FY"', "60.0"))
-    init(place, force=True)
-    assert "INCOMPLETE" not in told(capsys)
-    assert {lens.focal for lens in lenses(Scene.load(place / "scene.toml")).values()} == {60}
+    assert re.search(r"cam2 .* estimated\n", out)
+
+
+def test_intrinsics_that_are_not_filled_in_are_asked_for(folder, capsys):
+    """A template with FX and FY, as earlier versions wrote it."""
+    place = folder("cam1.mp4", "cam2.mp4")
+    (place / "intrinsics.toml").write_text(rig("cam1", "cam2").replace("60.0", '"FX"', 1))
+    init(place)
+    out = told(capsys)
+    assert re.search(r"cam1 .* INCOMPLETE\n", out)
+    assert re.search(r"cam2 .* found\n", out)
 
 
 def test_cameras_are_called_as_in_the_rig_file(folder, capsys):
@@ -163,7 +166,7 @@ def test_rig_files_that_cannot_be_matched_are_told(folder, capsys):
     out = told(capsys)
     assert "rig.toml: c0, c1 cannot be matched with the cameras cam1, cam2" in out
     assert "broken.toml: is not TOML" in out
-    assert "MISSING" in out
+    assert "estimated" in out
 
 
 def test_tables_that_no_camera_can_be_called_as_are_copied(folder):
@@ -205,7 +208,7 @@ def test_a_file_of_opencv_without_the_picture_size(folder, capsys):
     init(place)
     out = told(capsys)
     assert re.search(r"cam1 .* size assumed\n", out)
-    assert re.search(r"cam2 .* MISSING\n", out)
+    assert re.search(r"cam2 .* estimated\n", out)
     assert "cam2.yml: does not state the image size, and its principal point [64.0, 48.0] is not that of the 64 x 48" in out
     scene = Scene.load(place / "scene.toml")
     assert scene.cameras["cam1"].intrinsics != scene.cameras["cam2"].intrinsics
@@ -285,14 +288,12 @@ def test_a_scene_file_elsewhere(folder, tmp_path, monkeypatch):
     assert Scene.load(place / "scene.toml").name == "shoot"
 
 
-def test_a_template_that_was_filled_in_beside_a_scene_file_elsewhere_is_found(folder, tmp_path, capsys):
+def test_intrinsics_beside_a_scene_file_elsewhere_are_found(folder, tmp_path, capsys):
     place, out = folder("a.mp4", "b.mp4"), tmp_path / "elsewhere" / "scene.toml"
+    out.parent.mkdir()
+    out.with_name("intrinsics.toml").write_text(rig("a", "b"))
     init(place, out)
-    template = out.with_name("intrinsics.toml")
-    template.write_text(re.sub('"FX"|"FY"', "60.0", template.read_text()))
-    told(capsys)
-    init(place, out, force=True)
-    assert "MISSING" not in told(capsys)
+    assert len(re.findall(r"[ab] .* found\n", told(capsys))) == 2
     assert {lens.focal for lens in lenses(Scene.load(out)).values()} == {60}
     assert sorted(path.name for path in out.parent.iterdir()) == ["intrinsics.toml", "scene.toml"]
 
@@ -397,11 +398,16 @@ def test_boxes_without_videos(tmp_path, capsys):
         for name in ("north", "gate"):
             (tmp_path / key / f"{name}.{ending}").write_text("")
     init(tmp_path)
-    scene = Scene.load(tmp_path / "scene.toml")
+    out = told(capsys)
+    assert "camera north: replace WIDTH and HEIGHT by the size of the images in which its people were detected" in out
+    path = tmp_path / "scene.toml"
+    with pytest.raises(InputError, match=r"image_size"):
+        Scene.load(path)
+    path.write_text(path.read_text().replace('["WIDTH", "HEIGHT"]', "[640, 480]"))
+    scene = Scene.load(path)
     assert scene.cameras["north"].detections.as_posix() == "detections/north.txt"
     assert scene.cameras["gate"].keypoints.as_posix() == "keypoints/gate.json"
-    with pytest.raises(InputError, match=r"size is \['WIDTH', 'HEIGHT'\]"):
-        read_lens(tmp_path / "intrinsics.toml", "gate")
+    assert scene.cameras["gate"].image_size == (640, 480)
 
 
 def test_one_video_and_boxes_of_other_cameras(folder, capsys):
@@ -410,7 +416,9 @@ def test_one_video_and_boxes_of_other_cameras(folder, capsys):
     for name in ("V1", "V2"):
         (place / "detections" / f"{name}.txt").write_text("")
     init(place)
-    scene = Scene.load(place / "scene.toml")
+    path = place / "scene.toml"
+    path.write_text(path.read_text().replace('["WIDTH", "HEIGHT"]', "[640, 480]"))
+    scene = Scene.load(path)
     assert scene.cameras["V1"].watched
     assert scene.cameras["V2"].detections is not None
     assert scene.cameras["V2"].fps == 25

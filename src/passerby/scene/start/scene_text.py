@@ -20,7 +20,8 @@ class SceneCamera:
     """One camera as it is written."""
 
     found: FoundCamera
-    intrinsics: Path
+    intrinsics: Path | None
+    """None: estimated together with the rig."""
     remarks: tuple[str, ...] = ()
     """What is to be known about its lens, one line each."""
     fps: float | None = None
@@ -58,7 +59,14 @@ def _scene(name: str, cameras: Sequence[SceneCamera]) -> str:
 def _camera(camera: SceneCamera, path: Path) -> str:
     """One camera's table."""
     lines = [f"[cameras.{key(camera.name)}]\n", *(comment(remark) for remark in camera.remarks)]
-    lines.append(f"intrinsics = {value(toml_text.relative(camera.intrinsics, path))}   # its table [{key(camera.name)}]\n")
+    if camera.intrinsics is not None:
+        source = value(toml_text.relative(camera.intrinsics, path))
+        lines.append(f"intrinsics = {source}   # its table [{key(camera.name)}]\n")
+    else:
+        lines.append(comment("No intrinsics: they are estimated together with the rig."))
+        if camera.found.info is None:
+            lines.append('image_size = ["WIDTH", "HEIGHT"]\n')
+        lines.append("#hfov_deg = 90.0   # horizontal field of view, if a data sheet states it\n")
     if camera.found.video is not None:
         info = camera.found.info
         told = f"   # {_video(camera.found)}" if info else ""

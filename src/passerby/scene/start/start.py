@@ -16,7 +16,6 @@ from passerby.perception.video_probe import fit_of_size, probe
 from passerby.scene.start.folders import FoundCamera, Probe, survey
 from passerby.scene.start.lenses import CameraLens, find_lenses
 from passerby.scene.start.scene_text import SceneCamera, scene_text
-from passerby.scene.start.template import template_text
 
 SCENE_FILE = "scene.toml"
 INTRINSICS = "intrinsics"
@@ -46,7 +45,7 @@ class Started:
 
 
 def start(folder: Path, scene: Path | None = None, force: bool = False, probe: Probe = probe) -> Started:
-    """Write a scene file for a folder of videos, and a rig file beside it where one is needed.
+    """Write a scene file for a folder of videos, and a rig file beside it where intrinsics are in another format.
 
     Args:
         folder: Where the videos are, see `passerby.scene.start.folders`; calibrations are looked for as
@@ -68,13 +67,20 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
     lenses = find_lenses(folder, found.cameras, notes, besides=path)
     lenses = _called_as_in_rig(found.cameras, lenses, notes)
     places, written = _write_intrinsics(found.cameras, lenses, path)
-    cameras, texts, to_do = [], [], _missing(found.cameras, lenses, places)
+    cameras, texts, to_do = [], [], []
     for camera in found.cameras:
         lens = lenses.get(camera.name)
-        state, remarks, must = _state(camera, lens, places[camera.name])
+        state, remarks, must = _state(camera, lens, places.get(camera.name), path)
         cameras.append(StartedCamera(camera, lens, state))
-        texts.append(SceneCamera(camera, places[camera.name], remarks, _assumed_fps(camera, found.cameras)))
+        texts.append(SceneCamera(camera, places.get(camera.name), remarks, _assumed_fps(camera, found.cameras)))
         to_do += [must] if must else []
+    unknown = [camera.name for camera in found.cameras if camera.name not in places]
+    if unknown:
+        notes.append(
+            f"no intrinsics for {', '.join(unknown)}: focal length, principal point and distortion will be estimated together "
+            f"with the rig; a field of view from a data sheet (hfov_deg in {path}) or a calibration with a pattern makes the "
+            "rig more accurate"
+        )
     assumed = [text for text in texts if text.fps is not None]
     if assumed:
         notes.append(
@@ -90,17 +96,6 @@ def _assumed_fps(camera: FoundCamera, cameras: Sequence[FoundCamera]) -> float |
     if camera.video is not None:
         return None
     return next((other.info.average_fps for other in cameras if other.info is not None), None)
-
-
-def _missing(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], places: dict[str, Path]) -> list[str]:
-    """What to do about cameras whose lens was not found, in a line; none where all were."""
-    names = [camera.name for camera in cameras if camera.name not in lenses]
-    if not names:
-        return []
-    return [
-        f"fill in FX and FY, the focal length in pixels, of {', '.join(names)} in {places[names[0]]} "
-        "(the file explains where to find them)"
-    ]
 
 
 def _check_free(path: Path, force: bool) -> None:
@@ -142,7 +137,7 @@ def _called_as_in_rig(cameras: Sequence[FoundCamera], lenses: dict[str, CameraLe
 def _write_intrinsics(
     cameras: Sequence[FoundCamera], lenses: dict[str, CameraLens], scene: Path
 ) -> tuple[dict[str, Path], list[Path]]:
-    """The rig file of each camera; and those that were written: lenses from other formats, a template for unknown ones."""
+    """The rig file of each camera with intrinsics; and the file that was written for those of other formats."""
     places = {name: lens.source for name, lens in lenses.items() if lens.table is not None}
     written: list[Path] = []
     copied = [camera for camera in cameras if camera.name not in places and _lens_of(camera, lenses) is not None]
@@ -152,11 +147,6 @@ def _write_intrinsics(
         written.append(_free(scene))
         write_rig(written[-1], Rig(rig.cameras, metadata={"source": ", ".join(sources)}))
         places |= {camera.name: written[-1] for camera in copied}
-    missing = [camera for camera in cameras if camera.name not in places]
-    if missing:
-        written.append(_free(scene))
-        write_text(written[-1], template_text(missing))
-        places |= {camera.name: written[-1] for camera in missing}
     return places, written
 
 
@@ -176,10 +166,15 @@ def _free(scene: Path) -> Path:
         number += 1
 
 
-def _state(camera: FoundCamera, lens: CameraLens | None, place: Path) -> tuple[str, tuple[str, ...], str]:
+def _state(
+    camera: FoundCamera, lens: CameraLens | None, place: Path | None, scene: Path
+) -> tuple[str, tuple[str, ...], str]:  # fmt: skip
     """A camera's lens for the table, in remarks for the scene file, and what must be done about it."""
     if lens is None:
-        return "MISSING", (f"TO DO: fill in the intrinsics of this camera in {place.name}.",), ""
+        if camera.info is not None:
+            return "estimated", (), ""
+        must = "replace WIDTH and HEIGHT by the size of the images in which its people were detected"
+        return "SIZE MISSING", (f"TO DO: {must}.",), f"camera {camera.name}: {must}, in {scene}"
     if lens.lens is None:
         return "INCOMPLETE", (f"TO DO: {lens.fault}",), f"camera {camera.name}: {lens.fault}"
     remarks: tuple[str, ...] = () if lens.table is not None else (f"Its intrinsics are from {lens.source}.",)

@@ -1,0 +1,101 @@
+"""Scenes without intrinsics: from boxes alone, identities and clocks known or not, to a rig with its lenses."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from passerby.calibration.pipeline import calibrate
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.evaluation.metrics import compare
+from passerby.interchange.rig_toml import read_rig
+from passerby.scene.scene import Scene
+
+
+def without_intrinsics(folder, more=""):
+    """A scene that `simulate` wrote, its intrinsics removed."""
+    path = folder / "scene.toml"
+    path.write_text(re.sub(r"intrinsics = .*", f"image_size = [720, 576]{more}", path.read_text()))
+    return path
+
+
+def made(folder, *options):
+    arguments = ["simulate", "--preset", "terrace", "--seed", "31", "--box-noise", "0.02", "--missing", "0.1", "-o", str(folder)]
+    assert run([*arguments, *options]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    return made(tmp_path_factory.mktemp("short") / "scene", "--seconds", "4")
+
+
+def test_check_says_that_they_are_estimated(short, tmp_path, capsys):
+    path = without_intrinsics(short)
+    assert run(["check", str(path)]) in (0, 3)
+    assert "cameras C1, C2, C3, C4: no intrinsics: focal length, principal point and distortion" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("lines", "what"),
+    [
+        ('tracks = "a.txt"', "its image size is unknown: add image_size"),
+        ('tracks = "a.txt"\nintrinsics = "rig.toml"\nhfov_deg = 90', "states both intrinsics and hfov_deg"),
+        ('tracks = "a.txt"\nintrinsics = "rig.toml"\nimage_size = [640, 480]', "states both intrinsics and image_size"),
+        ('tracks = "a.txt"\nimage_size = [640, 480]\nfocal_sd_percent = 5', "states focal_sd_percent, but no focal length"),
+        ('tracks = "a.txt"\nimage_size = [640, 0]', "image_size"),
+        ('tracks = "a.txt"\nimage_size = [640, 480]\nhfov_deg = 200', "hfov_deg"),
+    ],
+)
+def test_half_a_statement_is_an_error(tmp_path, lines, what):
+    path = tmp_path / "scene.toml"
+    path.write_text(f"[cameras.A]\n{lines}\n[cameras.B]\n{lines}\n")
+    with pytest.raises(InputError, match=re.escape(what)):
+        Scene.load(path)
+
+
+def test_the_published_method_needs_them(short, capsys):
+    path = without_intrinsics(short)
+    path.write_text(path.read_text() + '\n[solver]\nmethod = "geopose"\nreference = "C1"\n')
+    assert run(["check", str(path)]) == 2
+    assert '[cameras.C1] has no intrinsics, but method "geopose" assumes that they are exact' in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [(), ("--unrelated-ids", "--clock-offsets", "2")], ids=["identities known", "unknown"])
+def test_a_rig_and_its_lenses(tmp_path, options):
+    folder = made(tmp_path / "scene", "--seconds", "40", *options)
+    truth = read_rig(folder / "truth.toml")
+    found = calibrate(without_intrinsics(folder))
+    assert found.verdict != "refused"
+    off = [abs(np.log(camera.lens.focal / truth[camera.name].lens.focal)) for camera in found.rig]
+    assert max(off) < 0.08
+    error = compare(found.rig, truth).similarity
+    assert error.mean_position_mm < 250
+    assert error.mean_orientation_deg < 1.5
+    found.write(tmp_path / "out", report=False)
+    document = json.loads((tmp_path / "out" / "calibration.json").read_text())
+    assert {entry["code"] for entry in document["diagnostics"]} >= {"intrinsics_unknown", "intrinsics_estimated"}
+    lenses = document["figures"]["lenses"]
+    assert all(set(lenses[camera.name]) == {"focal", "principal_point", "distortion"} for camera in truth)
+    written = read_rig(tmp_path / "out" / "rig.toml")
+    assert written["C1"].lens.focal == pytest.approx(found.rig["C1"].lens.focal)
+    assert 0 < written["C1"].lens.focal_sd < 0.1
+
+
+@pytest.mark.slow
+def test_a_field_of_view_narrows_the_search(tmp_path):
+    folder = made(tmp_path / "scene", "--seconds", "30")
+    truth = read_rig(folder / "truth.toml")
+    path = folder / "scene.toml"
+    text = path.read_text()
+    for camera in truth:
+        degrees = 2 * np.degrees(np.arctan(360 / camera.lens.focal)) * 1.03
+        text = re.sub(
+            rf"(\[cameras.{camera.name}\]\n)intrinsics = .*", rf"\1image_size = [720, 576]\nhfov_deg = {degrees:.1f}", text
+        )
+    path.write_text(text)
+    found = calibrate(path)
+    assert max(abs(np.log(camera.lens.focal / truth[camera.name].lens.focal)) for camera in found.rig) < 0.05

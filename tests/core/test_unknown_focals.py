@@ -1,0 +1,69 @@
+"""Focal lengths that nobody knows: those tried, and the choice that all pairs of cameras like best."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.unknown_focals import begin_with, choose_focals, focals_to_try, needs_focal_search
+
+GRID = np.geomspace(0.5, 2.0, 5)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_choice_is_the_best_of_all(seed):
+    """Costs as grounds have them: least where both focal lengths are right, more the farther off they are."""
+    rng = np.random.default_rng(seed)
+    counts = [5, 5, 1, 5]
+    right = [int(rng.integers(count)) for count in counts]
+    costs = {}
+    for a, b in itertools.combinations(range(4), 2):
+        off_a, off_b = np.arange(counts[a]) - right[a], np.arange(counts[b]) - right[b]
+        costs[a, b] = rng.uniform(5, 20) * np.log1p(off_a[:, None] ** 2 + off_b**2) + rng.uniform(0, 2, (counts[a], counts[b]))
+
+    def total(chosen):
+        return sum(table[chosen[a], chosen[b]] for (a, b), table in costs.items())
+
+    best = min(itertools.product(*map(range, counts)), key=total)
+    assert total(choose_focals(counts, costs)) == pytest.approx(total(best))
+
+
+def test_a_camera_of_which_no_pair_tells_takes_any_and_changes_nothing():
+    table = np.array([[1.0, 5.0], [5.0, 0.0]])
+    assert choose_focals([2, 3, 2], {(0, 2): table})[0::2] == [1, 1]
+    assert choose_focals([], {}) == []
+
+
+def test_only_what_may_be_is_tried():
+    unknown, stated = Lens.unknown((1280, 720)), Lens.unknown((1280, 720), hfov_deg=90.0, focal_sd=0.2)
+    np.testing.assert_allclose(np.exp(focals_to_try(unknown, GRID)) * unknown.focal, GRID * 1280)
+    near = np.exp(focals_to_try(stated, GRID)) * stated.focal / 1280
+    assert set(near.round(6)) == {round(share, 6) for share in GRID if abs(np.log(share / 0.5)) <= 0.5}
+    for known in (Lens.unknown((1280, 720), hfov_deg=90.0, focal_sd=0.05), Lens((1280, 720), unknown.matrix, np.zeros(5))):
+        assert focals_to_try(known, GRID).tolist() == [0.0]
+
+
+def test_the_next_estimate_begins_with_the_focal_length_alone():
+    """The rest is found anew each time, about what is known beforehand."""
+    unknown, known = Lens.unknown((640, 480)), Lens((640, 480), np.diag([500.0, 500.0, 1.0]), np.zeros(5))
+    stated = Rig((Camera("A", unknown), Camera("B", known), Camera("C", unknown)))
+    assert needs_focal_search(stated)
+    matrix = np.array([[700.0, 0, 333], [0, 700, 222], [0, 0, 1]])
+    found = Lens((640, 480), matrix, np.array([-0.2, 0, 0, 0]), focal_sd=0.02)
+    pose = Pose(np.eye(3), np.zeros(3))
+    begun = begin_with(stated, Rig((Camera("A", found, pose), Camera("B", known, pose), Camera("C", unknown))))
+    assert begun["A"].lens.focal == pytest.approx(700.0)
+    assert begun["A"].lens.matrix[:2, 2].tolist() == [320.0, 240.0]
+    assert not begun["A"].lens.distortions.any()
+    assert begun["A"].lens.uncalibrated
+    assert begun["B"].lens is known
+    assert begun["C"].lens is unknown, "it has no pose"
+    assert not needs_focal_search(Rig(begun.cameras[:2]))
+
+
+def test_a_field_of_view_is_a_focal_length():
+    lens = Lens.unknown((1000, 500), hfov_deg=90.0)
+    assert lens.focal == pytest.approx(500.0)
+    assert lens.matrix[:2, 2].tolist() == [500.0, 250.0]
+    assert Lens.unknown((500, 1000)).focal == 1000.0
