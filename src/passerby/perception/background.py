@@ -2,8 +2,8 @@
 
 The recording is gone through twice: `learn_background` takes a few pictures all over it and learns the empty scene and how tall
 people appear where; `BackgroundDetector` then compares every picture with it. OpenCV's subtractors, primed with the same
-pictures and followed by the same shapes, find fewer people as they are; with a background ratio of 0.6 MOG2 finds slightly more.
-CONTRIBUTING.md has the figures.
+pictures and followed by the same shapes, find fewer people as they are; with a background ratio of 0.6 MOG2 finds slightly
+more. CONTRIBUTING.md has the figures.
 """
 
 from __future__ import annotations
