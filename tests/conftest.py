@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from support.paths import BENCHMARKS, DATA, TESTS
 
@@ -20,8 +20,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # The same examples on every machine, and no example fails because a machine is slow; tests that set no number of examples have
 # few in the quick tier, and all of them where PASSERBY_EXAMPLES=thorough says so.
-settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25)
-settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=100)
+for profile, examples in (("quick", 25), ("thorough", 100)):
+    settings.register_profile(
+        profile, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True, max_examples=examples
+    )
 settings.load_profile(os.environ.get("PASSERBY_EXAMPLES", "quick"))
 
 EVIDENCE = ("benchmarks/baselines", "benchmarks/paper", "benchmarks/peers", "benchmarks/reliability", "docs/test_examples.py",

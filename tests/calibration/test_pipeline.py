@@ -11,7 +11,7 @@ from passerby.calibration import scene_solver
 from passerby.cli.main import run
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Pose, PoseSigma
-from passerby.core.figures import AdjustedFigures
+from passerby.core.figures import AdjustedFigures, PeopleFigures
 from passerby.core.solution import Solution
 from passerby.findings.finding import doubt, refusal
 from passerby.interchange.motchallenge import read_boxes
@@ -97,6 +97,17 @@ def test_the_solver_gets_lenses_without_poses_and_known_people(tmp_path, solver)
 def test_geopose_gets_its_reference(tmp_path, solver):
     passerby.calibrate(write_scene(tmp_path, extra="[solver]\nmethod = 'geopose'\nreference = 'B'"))
     assert solver.calls[0][3].reference == "B"
+
+
+@pytest.mark.parametrize(("apart_m", "heights"), [(1.0, []), (2.0, [pytest.approx(3.4)])])
+def test_people_grow_with_the_rig_that_known_places_enlarge(tmp_path, solver, apart_m, heights):
+    """The solver has the two cameras one metre apart, and a person of 1.7 m."""
+    solver.figures = replace(FIGURES, people=PeopleFigures(identities=1, instants=20, standing=1.0, heights_m={"1": 1.7}))
+    (tmp_path / "positions.csv").write_text(f"camera,x,y,z\nA,5,5,3\nB,5,{5 + apart_m},3\n")
+    scene = write_scene(tmp_path, extra='[world]\npositions = "positions.csv"\nscale = true\n')
+    calibration = passerby.calibrate(scene)
+    assert np.linalg.norm(calibration.rig["A"].centre - calibration.rig["B"].centre) == pytest.approx(apart_m)
+    assert [found.values["metres"] for found in calibration.doubts if found.code == "people_too_tall"] == heights
 
 
 def test_the_same_input_gives_the_same_bytes(tmp_path, solver):

@@ -68,6 +68,8 @@ class Opened:
 
     def settle(self):
         """Wait until all plots are drawn; the page's own policy forbids the browser's waiting functions."""
+        # Before the next picture the page has learnt of a change of the system's theme.
+        self.told("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         self.until("document.documentElement.dataset.plots === 'drawn'")
 
     def until(self, condition):
@@ -269,8 +271,17 @@ def test_a_table_is_sorted_by_mouse_and_by_keyboard(opened, contents):
 
 
 def test_a_table_is_copied_as_csv(laptop, contents):
+    # It says so for two seconds only.
+    laptop.told(
+        """() => {
+            const button = document.querySelector("[data-copies=cameras-table]");
+            window.sayings = [];
+            new MutationObserver(() => window.sayings.push(button.textContent)).observe(button, { childList: true });
+        }"""
+    )
     laptop.page.click("[data-copies=cameras-table]")
-    laptop.until("document.querySelector('[data-copies=cameras-table]').textContent === 'Copied'")
+    laptop.until("window.sayings.length > 0")
+    assert laptop.told("window.sayings[0]") == "Copied"
     rows = list(csv.DictReader(io.StringIO(laptop.told("navigator.clipboard.readText()"))))
     assert [row["Camera"] for row in rows] == list(contents.rig.names)
     assert [float(row["x m"]) for row in rows] == [one.centre_m[0] for one in contents.document.cameras]

@@ -64,7 +64,7 @@ def _results(executor: Executor, function: Callable[[Job], Result], jobs: Sequen
     """
     futures: list[Future[Result]] = []
     try:
-        with _interrupted_later():  # Jobs are given one by one, and a process is begun for some of them.
+        with interrupted_later():  # Jobs are given one by one, and a process is begun for some of them.
             futures.extend(executor.submit(function, job) for job in jobs)
         for future in futures:
             yield future.result()
@@ -79,10 +79,11 @@ class _LocalPool(ProcessPoolExecutor):
 
 
 @contextmanager
-def _interrupted_later() -> Iterator[None]:
-    """Keep an interruption (Ctrl-C) waiting until the block has ended, in processes that it begins until they are prepared.
+def interrupted_later() -> Iterator[None]:
+    """Keep an interruption (Ctrl-C) waiting until the block has ended; in processes of a local pool, until they are prepared.
 
-    A process that is half begun would say on the terminal at which line it was interrupted.
+    For the block that gives jobs to an executor: a process that is half begun would say on the terminal at which line it was
+    interrupted.
     """
     usual = signal.getsignal(signal.SIGINT)
     if usual is None or threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):

@@ -157,7 +157,10 @@
     return Plotly.react(place, resolved(figure.data), layout, config).then(() => { place.dataset.drawn = "yes"; });
   }
 
+  let draws = 0;
+
   async function drawAll() {
+    const own = ++draws;
     root.dataset.plots = "drawing";
     for (const place of all(".plot")) {
       try { await draw(place); } catch (error) {
@@ -166,6 +169,8 @@
         console.error(error);
       }
       await new Promise((resolve) => setTimeout(resolve, 0));
+      // In other colours by now: all plots are drawn again by whoever changed them.
+      if (own !== draws) return;
     }
     root.dataset.plots = "drawn";
     choosePerson();

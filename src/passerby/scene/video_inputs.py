@@ -16,6 +16,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from passerby.common.errors import InputError
+from passerby.common.parallel import interrupted_later
 from passerby.common.progress import Forward, Progress
 from passerby.findings.finding import Finding, doubt
 from passerby.interchange.storage.faults import faults_of
@@ -163,7 +164,8 @@ def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forwa
     # Processes of a run that is interrupted may write for a moment longer.
     with tempfile.TemporaryDirectory(prefix="passerby-", ignore_cleanup_errors=True) as folder:
         counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
-        futures = [executor.submit(_result, job, own) for job, own in zip(jobs, counts, strict=True)]
+        with interrupted_later():
+            futures = [executor.submit(_result, job, own) for job, own in zip(jobs, counts, strict=True)]
         waiting: set[Future[VideoObservations | InputError]] = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)

@@ -24,7 +24,7 @@ CASES = int(os.environ.get("PASSERBY_FUZZ_CASES", "60" if os.environ.get("PASSER
 RECORDS = os.environ.get("PASSERBY_FUZZ_RECORDS")
 """Folder in which each reader's count is kept, for the page on reliability."""
 HANGS_S = 60
-"""A guard, no measure of speed: the slowest case takes a tenth of a second."""
+"""A guard, no measure of speed: the slowest case takes 0.1 s of the processor's time, which counts here."""
 LONGEST = 700
 """Characters of a message without the path."""
 
@@ -40,11 +40,11 @@ def guarded():
     def ring(*_: object) -> None:
         raise HangError
 
-    before = signal.signal(signal.SIGALRM, ring)
+    before = signal.signal(signal.SIGPROF, ring)
     logging.getLogger("libav").setLevel(logging.CRITICAL)
     yield
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.signal(signal.SIGALRM, before)
+    signal.setitimer(signal.ITIMER_PROF, 0)
+    signal.signal(signal.SIGPROF, before)
     faulthandler.cancel_dump_traceback_later()
 
 
@@ -61,7 +61,7 @@ def laid_out(reader: Reader, folder: Path) -> tuple[dict[str, bytes], Path]:
 
 def tried(reader: Reader, main: Path, told: list[str]) -> str:
     """What became of a case: read or refused. Raises `AssertionError` for a promise that is broken."""
-    signal.setitimer(signal.ITIMER_REAL, HANGS_S)
+    signal.setitimer(signal.ITIMER_PROF, HANGS_S)
     try:
         check(reader.read(main))
     except reader.refuses as error:
@@ -69,7 +69,7 @@ def tried(reader: Reader, main: Path, told: list[str]) -> str:
     else:
         return "read"
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
     place = str(next(parent for parent in main.parents if parent.name == "case"))
     assert place in told[0], f"does not name the file: {told[0]}"
     assert len(told[0].replace(place, "")) <= LONGEST, f"shows a file at length: {told[0]}"

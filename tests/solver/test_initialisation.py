@@ -1,0 +1,22 @@
+"""How many rounds the adjustment goes, by what it learns of the boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from passerby.core.scale_cues import ScaleCues
+from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
+from passerby.solver.people import PeopleOptions
+from support.scenes.people_and_rigs import part, simulated, without_poses
+
+
+@pytest.mark.parametrize(("box_noise", "more"), [(0.0, False), (0.2, True)])
+def test_rounds_go_on_while_the_noise_grows(box_noise: float, more: bool) -> None:
+    """Two rounds are two where boxes are exact, and more where noise (a fifth of the height) is underrated at first."""
+    truth = simulated("terrace", seconds=6.0, box_noise=box_noise)
+    options, rng = PeopleOptions(coarse_people=100, rounds=2), np.random.default_rng(0)
+    start = Initialisation.prepare(without_poses(truth.rig), part(truth.observations), ScaleCues(), options, rng)
+    rounds = refine_in_stages(start, select_initial_rig(start, options, rng).state, options, rng).rounds
+    assert (len(rounds) > 2) == more
+    assert len(rounds) < 8
