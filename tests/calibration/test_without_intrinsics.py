@@ -22,8 +22,8 @@ def without_intrinsics(folder, more=""):
 
 
 def made(folder, *options):
-    arguments = ["simulate", "--preset", "terrace", "--seed", "31", "--box-noise", "0.02", "--missing", "0.1", "-o", str(folder)]
-    assert run([*arguments, *options]) == 0
+    detector = ["--box-noise", "0.02", "--missing", "0.1"]
+    assert run(["simulate", "--preset", "terrace", "--seed", "31", *detector, "-o", str(folder), *options]) == 0
     return folder
 
 

@@ -151,7 +151,9 @@ class Initialisation:
         hypotheses = pair_hypotheses(evidence, levels, focal, person_height_m, rng)
         hypotheses += verify_guesses(guesses, evidence, focal, person_height_m)
         lens_core = unknowns.first_core(stated) if unknowns.parts else None
-        knowledge = PriorKnowledge(mean, sd, Priors(), cue_rows(cues, rig), lens_core)
+        knowledge = PriorKnowledge(
+            mean, sd, Priors(), cue_rows(cues, rig), lens_core, lens_normal="distortion" in unknowns.parts
+        )  # fmt: skip
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
     def with_free(self, *parts: LensPart) -> Initialisation:

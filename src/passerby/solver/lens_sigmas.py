@@ -56,12 +56,13 @@ def lens_evidence(problem: PeopleProblem, state: AdjustmentState, inflation: flo
     moved = inverse @ H_cb * np.tile(SIGMAS, len(biases))
     at = lens_places(problem.n_cameras, problem.layout.camera_size, problem.n_lens)
     variance, biased = np.diag(inverse)[at], (moved[at] ** 2).sum(axis=2)
-    prior = 1 / (problem.lens_core**2 + state.lens**2)
+    prior = 1 / (problem.lens_core**2 + (0.0 if problem.lens_normal else state.lens**2))
     # The share of what sightings say that is left beside the prior.
     share = np.clip(1 - prior * variance, 1e-3, 1.0)
     told = share / variance
     seen = state.lens * (1 + problem.lens_weight / inflation * prior / told)
-    misled = np.where(by_boxes(problem), BOXES_MISLEAD, 1.0)[:, None]
+    # Where nothing of a lens is stated, its principal point turns with the vertical, and that rests on how upright people are.
+    misled = np.where(by_boxes(problem) | problem.lens_normal, BOXES_MISLEAD, 1.0)[:, None]
     return LensEvidence(seen, misled * np.sqrt(1 / told + biased / share**2), np.sqrt(1 / told))
 
 
@@ -75,7 +76,7 @@ def lens_places(n_cameras: int, camera_size: int, n_lens: int) -> NDArray[np.int
     return np.asarray((np.arange(n_cameras)[:, None] + 1) * camera_size - n_lens + np.arange(n_lens))
 
 
-def refined_sigmas(seen: LensEvidence, drift: Floats, core: Floats, lens: Floats) -> Floats:
+def refined_sigmas(seen: LensEvidence, drift: Floats, core: Floats, lens: Floats, *, normal: bool = False) -> Floats:
     """(C, L) root mean square errors of the lenses `lens`.
 
     Args:
@@ -83,7 +84,10 @@ def refined_sigmas(seen: LensEvidence, drift: Floats, core: Floats, lens: Floats
         drift: (C, L) how far all sightings of a camera may mislead, beyond what is known of boxes.
         core: (C, L) scales of the Cauchy distributions of the stated lenses.
         lens: (C, L) the lenses found, as changes of the stated ones.
+        normal: whether `core` has standard deviations of normal distributions.
     """
+    if normal:
+        return np.asarray(1 / np.sqrt(1 / (seen.sd**2 + drift**2) + 1 / core**2))
     out = np.zeros_like(lens)
     for c, u in itertools.product(*map(range, lens.shape)):
         sd = float(np.hypot(seen.sd[c, u], drift[c, u]))

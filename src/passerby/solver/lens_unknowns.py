@@ -39,9 +39,10 @@ distribution that has as much of itself there, since who guesses a sigma may be 
 FAR_FOCAL, FAR_PRINCIPAL_POINT, FAR_DISTORTION = 0.10, 0.02, 0.15
 """What a lens that was never calibrated is off by, one sigma: the same shares, and the first distortion coefficient."""
 
-UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION = 0.007, 0.1
-"""Half of lenses that were never calibrated are right within this: the principal point about the image centre, as a share of
-the width, and the first distortion coefficient about 0."""
+UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION = 0.01, 0.15
+"""What lenses that were never calibrated are off by, one standard deviation of a normal distribution: the principal point from
+the image centre, as a share of the width, and the first distortion coefficient from 0. A Cauchy distribution would let the
+principal point of a camera go that turns instead: among joints with 2 px of noise it went by half a width."""
 HELD = 1e-5
 """The same of calibrated lenses beside lenses that were not: shares of the focal length and of the width, and the
 coefficient."""
@@ -72,8 +73,8 @@ class LensUnknowns:
         return slice(first, first + _SIZES[part])
 
     def core(self, rig: Rig, free: Sequence[LensPart] = LENS_PARTS) -> Floats:
-        """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions; parts that are not
-        `free` are held.
+        """(C, L) half of the stated values are right within so much: the scales of Cauchy distributions. Beside lenses that
+        were never calibrated they are standard deviations, and parts that are not `free` are held.
         """
         out = self._scales(rig, [_stated(camera.lens, FOCAL_CORE) for camera in rig], PRINCIPAL_POINT_CORE)
         held = self._shares(rig, [HELD] * len(rig), HELD, HELD)
@@ -94,14 +95,14 @@ class LensUnknowns:
         return self._shares(rig, focal, FAR_PRINCIPAL_POINT, FAR_DISTORTION)
 
     def _scales(self, rig: Rig, focal: Sequence[float], principal_point: float) -> Floats:
-        """(C, L) scales of stated lenses; beside lenses that were never calibrated the others are held."""
+        """(C, L) scales of stated lenses; standard deviations where some were never calibrated: the others are held then."""
         out = self._shares(rig, focal, principal_point, UNKNOWN_DISTORTION)
         if "distortion" not in self.parts:
             return out
         unknown = np.array([camera.lens.uncalibrated for camera in rig])
-        free = self._shares(rig, focal, UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION)
-        known = [HELD if camera.lens.focal_sd is None else NORMAL_HALF * camera.lens.focal_sd for camera in rig]
-        return np.where(unknown[:, None], free, self._shares(rig, known, HELD, HELD))
+        sd = [HELD if camera.lens.focal_sd is None else camera.lens.focal_sd for camera in rig]
+        free = self._shares(rig, sd, UNKNOWN_PRINCIPAL_POINT, UNKNOWN_DISTORTION)
+        return np.where(unknown[:, None], free, self._shares(rig, sd, HELD, HELD))
 
     def _shares(self, rig: Rig, focal: Sequence[float], principal_point: float, distortion: float) -> Floats:
         """(C, L) a share of the focal length, as a logarithm, a share of the picture's width in pixels, and a coefficient."""
@@ -175,6 +176,7 @@ class LensUnknowns:
             top_tangent=_where(good, top_tangent, s.top_tangent),
             bottom_tangent=_where(good, bottom_tangent, s.bottom_tangent),
             lens_at=_where(good, change[s.camera], s.lens_at), by_lens=self._by_pixels(lenses, s.camera, s.pixels),
+            distortion_slope=self._slopes(lenses, s.camera, s.pixels),
         )  # fmt: skip
 
     def points(self, o: PointObservations, rig: Rig, change: Floats) -> PointObservations:
@@ -188,12 +190,24 @@ class LensUnknowns:
         assert o.pixels is not None
         assert o.lens_at is not None
         bearing, tangent = _rays(lenses, o.camera, o.pixels)
+        slopes = self._slopes(lenses, o.camera, o.pixels[:, None])
         good = np.isfinite(bearing).all(axis=1)
         return replace(
             o, bearing=_where(good, bearing, o.bearing), tangent=_where(good, tangent, o.tangent),
             lens_at=_where(good, change[o.camera], o.lens_at),
             by_lens=self._by_pixels(lenses, o.camera, o.pixels[:, None])[:, 0],
+            distortion_slope=None if slopes is None else slopes[:, 0],
         )  # fmt: skip
+
+    def _slopes(self, lenses: Sequence[Lens], camera: Ints, pixels: Floats) -> Floats | None:
+        """(M, E, 2, 2) of E pixels a row, (M, E, 2); None where the distortion is not refined."""
+        if "distortion" not in self.parts:
+            return None
+        out = np.zeros((*pixels.shape, 2))
+        for c, lens in enumerate(lenses):
+            own = camera == c
+            out[own] = _slope(lens, pixels[own].reshape(-1, 2)).reshape(*pixels[own].shape, 2)
+        return out
 
     def _by_pixels(self, lenses: Sequence[Lens], camera: Ints, pixels: Floats) -> Floats:
         """(M, E, 2, L) derivatives of E pixels a row, (M, E, 2)."""
@@ -212,6 +226,20 @@ def by_distortion(lens: Lens, rays: Floats) -> Floats:
     step[0] = 1e-4
     ends = [replace(lens, distortions=few + sign * step).project_rays(rays) for sign in (1, -1)]
     return np.asarray((ends[0] - ends[1]) / 2e-4)[:, :, None]
+
+
+def _slope(lens: Lens, pixels: Floats) -> Floats:
+    """(M, 2, 2) how the derivative of pixels (M, 2) by the first distortion coefficient k changes with the pixel.
+
+    For square pixels and radial distortion x (1 + k r^2): 3 r^2 / (1 + 3 k r^2) along the radius, r^2 / (1 + k r^2) across.
+    """
+    rays = lens.bearings(pixels)
+    x = np.nan_to_num(rays[:, :2] / rays[:, 2:])
+    squared = (x**2).sum(axis=1)
+    k = float(lens.distortions[0]) if len(lens.distortions) else 0.0
+    along, across = 1 / np.maximum(1 + 3 * k * squared, 0.1), 1 / np.maximum(1 + k * squared, 0.1)
+    outer = x[:, :, None] * x[:, None, :]
+    return np.asarray((squared * across)[:, None, None] * np.eye(2) + (3 * along - across)[:, None, None] * outer)
 
 
 def _stated(lens: Lens, otherwise: float) -> float:

@@ -42,6 +42,8 @@ class UprightObservations(Columns):
     """(M, L) the camera's lens, as `PeopleState.lens`, that the rays were made with."""
     by_lens: Floats | None = None
     """(M, 2, 2, L) how the two points' pixels move with it."""
+    distortion_slope: Floats | None = None
+    """(M, 2, 2, 2) how that by the distortion changes with the two pixels; None where the distortion is not refined."""
 
     def __len__(self) -> int:
         return len(self.camera)

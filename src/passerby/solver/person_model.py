@@ -68,10 +68,13 @@ class PeopleProblem:
     """(M,) extent that the person of each sighting is expected to have, pixels; what was seen when None. What was seen is noisy
     itself: weighed by it, boxes that are too small by chance would count more than those that are too large."""
     lens_core: Floats | None = None
-    """(C, L) scales of the Cauchy distributions of the lenses' unknowns around 0; None where they are not refined."""
+    """(C, L) scales of the Cauchy distributions of the lenses' unknowns around 0, or standard deviations (`lens_normal`); None
+    where they are not refined."""
     lens_weight: Floats = field(default_factory=lambda: np.ones(()))
     """(C, L), or one for all: how many times more those priors count. Sightings that follow one another, and are off alike,
     tell less than as many independent ones, and would drive lenses far off against priors that are right."""
+    lens_normal: bool = False
+    """Whether those priors are normal distributions: what nobody has stated is never quite another."""
 
     @property
     def timed(self) -> bool:
@@ -142,8 +145,10 @@ class PeopleProblem:
         top_by_lens, bottom_by_lens = (None, None) if s.by_lens is None else (s.by_lens[:, 0], s.by_lens[:, 1])
         if top_by_lens is not None and bottom_by_lens is not None and s.lens_at is not None:
             change = state.lens[s.camera] - s.lens_at
-            r_top, top_by_d, top_by_lens = self._by_lens(r_top, top_by_d, top_by_lens, change)
-            r_bottom, bottom_by_d, bottom_by_lens = self._by_lens(r_bottom, bottom_by_d, bottom_by_lens, change)
+            slope = s.distortion_slope
+            at_top, at_bottom = (None, None) if slope is None else (slope[:, 0], slope[:, 1])
+            r_top, top_by_d, top_by_lens = self._by_lens(r_top, top_by_d, top_by_lens, change, at_top)
+            r_bottom, bottom_by_d, bottom_by_lens = self._by_lens(r_bottom, bottom_by_d, bottom_by_lens, change, at_bottom)
         centre_weight = 0.5 / self.centre_sigma()
         height_weight = 1.0 / self.height_sigma()
         centre = (r_top + r_bottom) * centre_weight[:, None]
@@ -198,12 +203,18 @@ class PeopleProblem:
             )  # fmt: skip
         return terms
 
-    def _by_lens(self, residual: Floats, by_d: Floats, by_lens: Floats, change: Floats) -> tuple[Floats, Floats, Floats]:
+    def _by_lens(
+        self, residual: Floats, by_d: Floats, by_lens: Floats, change: Floats, slope: Floats | None
+    ) -> tuple[Floats, Floats, Floats]:
         """Residuals (M, 2), their derivatives (M, 2, 3) by points, and by the changes (M, L) of the lenses, after them.
 
         A focal length that grows moves the predicted point away from the principal point. `by_lens` (M, 2, L) is of the
-        observed pixel, which lacks the residual: with it the noise's own square would count for a longer lens.
+        observed pixel, which lacks the residual: with it the noise's own square would count for a longer lens. So it would for
+        a distortion: `slope` (M, 2, 2) is how its derivative changes with the pixel.
         """
+        if slope is not None:
+            by_lens = by_lens.copy()
+            by_lens[:, :, -1] += (slope @ residual[:, :, None])[:, :, 0]
         moved = residual + (by_lens @ change[:, :, None])[:, :, 0]
         if self.n_lens == PRINCIPAL_POINT_SIZE:  # no focal length among the unknowns
             return moved, by_d, by_lens
@@ -248,7 +259,9 @@ class PeopleProblem:
         residual, by_d = project_near(o.bearing, o.tangent, d)
         by_lens = o.by_lens
         if by_lens is not None and o.lens_at is not None:
-            residual, by_d, by_lens = self._by_lens(residual, by_d, by_lens, state.lens[o.camera] - o.lens_at)
+            residual, by_d, by_lens = self._by_lens(
+                residual, by_d, by_lens, state.lens[o.camera] - o.lens_at, o.distortion_slope
+            )  # fmt: skip
         residual = residual / o.sigma_px[:, None]
         if o.velocity is not None:
             residual = residual + (o.velocity / o.sigma_px[:, None]) * state.time[o.camera, None]
@@ -293,7 +306,8 @@ class PeopleProblem:
             J = np.zeros((n, 1, self.layout.n_shared))
             J[of_camera, 0, (of_camera + 1) * self.camera_size - k + unknown] = by_lens
             residual = by_lens * state.lens[:, unknown]
-            terms.append(Term(residual[:, None], Cauchy(root[:, unknown]), by_shared=J))
+            loss = None if self.lens_normal else Cauchy(root[:, unknown])
+            terms.append(Term(residual[:, None], loss, by_shared=J))
         return terms
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:

@@ -60,7 +60,8 @@ def decide_refined_lenses(
     if "distortion" not in unknowns.parts:
         drift[:, unknowns.columns_of("focal")] = (size_drift(problem, state) * by_boxes(problem))[:, None]
     seen = lens_evidence(problem, state, inflation)
-    return RefinedLenses(unknowns, refined_sigmas(seen, drift, core, state.lens), np.hypot(seen.sd, drift))
+    sigma = refined_sigmas(seen, drift, core, state.lens, normal=problem.lens_normal)
+    return RefinedLenses(unknowns, sigma, np.hypot(seen.sd, drift))
 
 
 def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dict[str, LensFigures]:

@@ -94,6 +94,8 @@ class PriorKnowledge:
     """(C, L) scales of what is stated of the lenses; None where they are not refined."""
     lens_weight: Floats = field(default_factory=lambda: np.ones(()))
     """How many times more that counts (`PeopleProblem`)."""
+    lens_normal: bool = False
+    """Whether the scales are standard deviations (`PeopleProblem`)."""
 
 
 def middle_rays(s: UprightObservations) -> tuple[Floats, Floats]:
@@ -167,7 +169,7 @@ def build_problem(
         evidence.n_cameras, sightings, joint_problem, person, len(joint_used), knowledge.height_mean, knowledge.height_sd,
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, knowledge.cues,
         None if whole is None else whole[rows], expected, knowledge.lens_core,
-        knowledge.lens_weight,
+        knowledge.lens_weight, knowledge.lens_normal,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
     state = AdjustmentState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens)
