@@ -116,7 +116,7 @@ def test_two_runs_in_one_folder(scene, whole, tmp_path):
     turned_away = [ended for ended in runs if ended.status == 2]
     assert 1 <= len(turned_away) < 3
     for ended in turned_away:
-        assert re.fullmatch(rf"error: {tmp_path}: process \d+ on .+ \(passerby calibrate\) works there .+\n", ended.errors)
+        assert re.fullmatch(rf"error: {tmp_path}: process \d+ on .+ \(passerby calibrate\) is running there .+\n", ended.errors)
         assert not ended.seen, "nothing was done in vain"
     assert all(ended.status in (0, 3) for ended in runs if ended not in turned_away)
     assert calibrate(scene, tmp_path).status == 0
