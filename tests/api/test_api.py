@@ -224,7 +224,7 @@ def test_one_clear_line_each(made, calibration, out):
         (calibration.observations["C1"].boxes, r"Boxes\(\d+ in frames 1 to 60, 7 identities\)"),
         (passerby.Boxes.empty(), r"Boxes\(none\)"),
         (made.observations["C1"].keypoints, r"Keypoints\(\d+ in frames 1 to 60, 7 identities, 17 keypoints\)"),
-        (passerby.trajectories(out), r"Trajectories\(7 people, \d+ places, 11\.8 s\)"),
+        (passerby.trajectories(out), r"Trajectories\(7 people, \d+ positions, 11\.8 s\)"),
         (passerby.evaluate(out, made.rig), r"Comparison\(4 cameras, 0 missing, mean \d+\.\d mm and 0\.\d\d deg after .*\)"),
         (passerby.read_calibration(out), r"OutputFolder\('.*out': accepted, 4 of 4 cameras\)"),
         (passerby.align(out, camera="C1"), r"Aligned\(by camera C1, 4 cameras\)"),
