@@ -270,7 +270,7 @@ def view_graph(example: Example) -> None:
             )
             # Off the middle, where the diagonals cross.
             at = first + (second - first) * 0.36
-            text = f"share {pair['share']:.2f}\nrunner-up {pair['runner_up']:.2f}"
+            text = f"share {pair['share']:.2f}\nsecond-best {pair['runner_up']:.2f}"
             ax.text(
                 at[0],
                 at[1],

@@ -393,7 +393,7 @@ def test_a_network_that_cannot_be_had_is_told_at_once(place, tmp_path, monkeypat
     assert note.endswith("people are detected by background subtraction, without a neural network")
     assert heard.told[4].startswith("warning: ")
     assert "colour histograms" in heard.told[4]
-    assert heard.told[5] == "watching"
+    assert heard.told[5] == "processing videos"
     assert len([told for told in heard.told if told.startswith(("warning", "failed"))]) == 3, "each is told once"
 
 
@@ -446,11 +446,11 @@ def test_what_is_told_where_there_is_no_terminal(place, tmp_path, monkeypatch, c
     assert run(["calibrate", str(scene), "-o", str(tmp_path / "out"), *["-v"] * verbose]) in (0, 3)
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith(("doubtful", "refused"))]
     # The empty scene is learnt from 60 pictures, each as long as three of the 30 that are looked at.
-    assert (lines.count("watching C1: 210") == 1) is verbose
+    assert (lines.count("processing videos C1: 210") == 1) is verbose
     if verbose:
         assert lines[0] == "reading"
         assert lines[-2:] == ["writing", "report: 2"]
-        assert not [line for line in lines if "watching" in line and line != "watching C1: 210"]
+        assert not [line for line in lines if "processing videos" in line and line != "processing videos C1: 210"]
     else:
         assert not lines
 

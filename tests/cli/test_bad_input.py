@@ -87,7 +87,7 @@ def test_check_warns_of_odd_input(tmp_path, capsys):
     assert run(["check", str(scene)]) == 0
     out = capsys.readouterr().out
     assert "all people lie within 20% of the width and 28% of the height: wrong image size?" in out
-    assert "no camera sees identity 77" in out
+    assert "identity 77 is not seen by any camera" in out
 
 
 def test_check_tells_who_shares_nobody(tmp_path, capsys):

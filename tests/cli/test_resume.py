@@ -124,7 +124,7 @@ def test_two_runs_in_one_folder(scene, whole, tmp_path):
         assert first.result().status == 0
     for ended in turned_away:
         assert ended.status == 2
-        assert re.fullmatch(rf"error: {out}: process \d+ on .+ \(passerby calibrate\) works there .+\n", ended.errors)
+        assert re.fullmatch(rf"error: {out}: process \d+ on .+ \(passerby calibrate\) is running there .+\n", ended.errors)
         assert not ended.seen, "nothing was done in vain"
     assert content(out) == whole[1]
     assert calibrate(scene, out).status == 0

@@ -139,10 +139,10 @@ def test_bad_pictures_are_named_and_left_out(tmp_path):
     data = read_data(tmp_path / "set", tmp_path)
     assert len(data.train) == 32 - 8
     unreadable, small = data.notes
-    assert unreadable.startswith("7 pictures that cannot be read: ")
+    assert unreadable.startswith("7 images that cannot be read: ")
     assert unreadable.endswith(" and 2 more")
     assert unreadable.count(str(folder)) == 5
-    assert small == f"1 picture that is too small: {folder / '2_3.png'}"
+    assert small == f"1 image that is too small: {folder / '2_3.png'}"
 
 
 def test_people_with_one_picture_are_not_learnt_from(tmp_path):
@@ -151,7 +151,7 @@ def test_people_with_one_picture_are_not_learnt_from(tmp_path):
     (tmp_path / "set" / "empty").mkdir()
     data = read_data(tmp_path / "set", tmp_path)
     assert data.train.people == ("set/a",)
-    assert "1 folder without pictures" in data.notes[0]
+    assert "1 folder without images" in data.notes[0]
     assert data.notes[-1] == "2 people with one image each, kept out of the training: b, c"
 
 
@@ -213,7 +213,7 @@ def broken(tmp_path: Path, what: str) -> Path:
         ("line", "list_val.txt: line 1: '0000/0000_000_01_0303morning_0015_0.jpg' is not an image and a person"),
         ("images of msmt17", "train and test or mask_train_v2 and mask_test_v2 are needed"),
         ("nothing", "set: holds no images of people in a known layout: give Market-1501 .* a folder per identity"),
-        ("all bad", "2 pictures that cannot be read: .* nothing is left to learn from"),
+        ("all bad", "2 images that cannot be read: .* nothing is left to learn from"),
         ("inside", "set/Market-1501-v15.09.15 holds one"),
         ("file", "is a file, but no scene file"),
         ("missing", "set: no such folder: give Market-1501"),

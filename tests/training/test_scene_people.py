@@ -123,7 +123,7 @@ def test_the_same_calibration_gives_the_same_crops(made, tmp_path):
 def test_a_scene_that_was_moved_is_named(made, out, tmp_path):
     folder, _, _ = made
     change(out, scene_file=str(tmp_path / "gone" / "scene.toml"))
-    with pytest.raises(InputError, match=r"gone/scene\.toml: no such file.*new place"):
+    with pytest.raises(InputError, match=r"gone/scene\.toml: no such file.*new path"):
         scene_people(out, tmp_path / "cache")
     change(out, scene_file=None)
     with pytest.raises(InputError, match="does not state the path of the scene file"):

@@ -120,7 +120,7 @@ def find_model(
 def fetch_model(entry: ModelEntry, tell: Progress = silent) -> Path:
     """Fetch a model into the cache, unless it is there, and return where it lies.
 
-    Raises `UnreachableError` where it cannot be had just now, `InputError` where no address serves it or the file is wrong.
+    Raises `UnreachableError` where it is unavailable now, `InputError` where it has no download address or the file is wrong.
     """
     if entry.url is None:
         raise InputError(f"{entry.name}: has no download address: put {entry.file} into a folder that {MODELS} names")

@@ -152,7 +152,7 @@ def test_people_are_no_cameras(tmp_path, capsys):
     person = {"pose_keypoints_2d": [10.0, 20.0, 0.9] * 25}
     (folder / "a_000000000000_keypoints.json").write_text(json.dumps({"people": [person]}))
     assert run(["import", str(folder), "--format", "openpose", "-o", str(tmp_path / "C1.toml")]) == 2
-    assert "there are 1 joints, which a .json file takes" in capsys.readouterr().err
+    assert "there are 1 skeletons, which a .json file takes" in capsys.readouterr().err
     assert run(["import", str(folder), "--format", "openpose", "-o", str(tmp_path / "C1.json")]) == 0
     assert read_keypoints(tmp_path / "C1.json").frame.tolist() == [1]
 

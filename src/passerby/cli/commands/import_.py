@@ -83,7 +83,7 @@ def _write_people(people: People, out: Path) -> str:
         return f"{len(people.boxes)} boxes: written to {out}"
     held = [
         f"{len(part)} {what}, which a {wanted} file takes"
-        for part, what, wanted in ((people.keypoints, "joints", KEYPOINTS_ENDING), (people.boxes, "boxes", BOXES_ENDING))
+        for part, what, wanted in ((people.keypoints, "skeletons", KEYPOINTS_ENDING), (people.boxes, "boxes", BOXES_ENDING))
         if len(part)
     ]
     raise InputError(

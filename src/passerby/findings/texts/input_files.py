@@ -81,7 +81,7 @@ INPUT_FILES: Mapping[str, Kind] = {
     ),
     "identity_unseen": Kind(
         NOTICE, "The scene file states the height of a person that no camera sees.",
-        "[[scale.people]]: no camera sees identity {identity}; its height is not used",
+        "[[scale.people]]: identity {identity} is not seen by any camera; its height is not used",
     ),
     "focal_guessed": Kind(
         NOTICE, "The scene file says that the cameras' focal length is a guess.",
