@@ -122,7 +122,7 @@ def test_a_remedy_works_as_it_stands(started: Path, tmp_path: Path, table: str, 
     path = tmp_path / "scene.toml"
     text = BARE if bare else started.read_text(encoding="utf-8")
     if lines == ('mode = "given"',):  # goes with identities in files
-        text = text.replace("video = ", "tracks = ")
+        text = text.replace("video = ", "tracks = " if bare else "image_size = [640, 480]\ntracks = ")
     path.write_text(followed(text, table, lines), encoding="utf-8")
     scene = Scene.load(path)
     solver_options(scene)

@@ -115,7 +115,10 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[scen]\nfps = 3", "unknown table 'scen': did you mean 'scene'"),
         (CAMERAS + "[scene]\nfsp = 3", r"\[scene\]: unknown key 'fsp': did you mean 'fps'"),
         (CAMERAS + "trakcs = 'x'", r"\[cameras.B\]: unknown key 'trakcs': did you mean 'tracks'"),
-        (CAMERAS + "zzz = 'x'", r"unknown key 'zzz': there are intrinsics, video, detections, tracks, keypoints"),
+        (
+            CAMERAS + "zzz = 'x'",
+            r"unknown key 'zzz': there are intrinsics, image_size, hfov_deg, video, detections, tracks, keypoints",
+        ),
         (CAMERAS + "[scene]\nfps = 0", r"\[scene\] fps is 0: "),
         (CAMERAS + "[scene]\nfps = inf", r"\[scene\] fps: a finite number"),
         (CAMERAS + "[scene]\nfps = 'fast'", r"\[scene\] fps is 'fast': "),
@@ -147,7 +150,10 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[[scale.distances]]\nbetween = ['A', 'b']\nmetres = 3", r"between: camera 'b' is not declared"),
         (CAMERAS + "[[scale.distances]]\nbetween = ['A', 'A']\nmetres = 3", r"between names one camera twice"),
         (CAMERAS + "[[scale.camera_heights]]\ncamera = 'AA'\nmetres = 3", r"camera 'AA' is not declared: did you mean 'A'"),
-        (CAMERAS + "[cameras.C]\ntracks = 'x'", r"\[cameras.C\] intrinsics: is missing"),
+        (
+            CAMERAS + "[cameras.C]\ntracks = 'x'",
+            r"\[cameras.C\]: has neither intrinsics nor a video, so its image size is unknown",
+        ),
         (CAMERAS + "[cameras.C]\nintrinsics = 'x'", r"\[cameras.C\]: has no observations"),
         (
             CAMERAS + "[cameras.C]\nintrinsics = 'x'\nvideo = 'x.avi'\n[association]\nmode = 'given'",
