@@ -146,6 +146,12 @@ def show_comparison(comparison: Comparison) -> None:
         columns,
         rows,
     )
+    if any(error.differs for error in comparison.lenses.values()):
+        rows = [
+            [name, f"{error.focal_percent:+.2f}", number(error.principal_point_px), number(error.ray_px)]
+            for name, error in comparison.lenses.items()
+        ]
+        show_table("errors of the intrinsics", ("camera", "focal %", "principal point px", "rays px (mean)"), rows)
     print(
         f"scale ratio {number(comparison.scale_ratio, 4)}, up direction error {number(comparison.gravity_error_deg, 2)} deg, "
         f"ground height error {number(comparison.ground_error_mm)} mm; {len(comparison.names)} of "

@@ -13,8 +13,8 @@ A position error is `|C_est - C_true|`, an orientation error the angle of `R_est
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Pose, Rig
+from passerby.evaluation.lens_errors import LensError, lens_error
 from passerby.evaluation.stated import Stated, stated_errors
 from passerby.geometry.rotations import angle_between, direction_angle
 from passerby.geometry.similarity import Similarity, chordal_mean_rotation
@@ -60,6 +61,8 @@ class Comparison:
     """Height of the estimated ground over the true one, below the cameras' centroid, after the similarity."""
     stated: Stated | None = None
     """The errors that the stated sigmas are of; None where it is undefined."""
+    lenses: Mapping[str, LensError] = field(default_factory=dict)
+    """Errors of the intrinsics, of cameras whose image size is the same in both rigs."""
 
     def __repr__(self) -> str:
         mean, turn = self.similarity.mean_position_mm, self.similarity.mean_orientation_deg
@@ -90,6 +93,7 @@ class Comparison:
             "registered": len(self.names),
             "missing": list(self.missing),
             "stated": None if self.stated is None else self.stated.to_dict(),
+            "lenses": {name: error.to_dict() for name, error in self.lenses.items()},
         }
 
     def _summary(self, placement: Placement) -> dict[str, float | None]:
@@ -149,6 +153,7 @@ def compare(estimate: Rig, truth: Rig, reference: str | None = None) -> Comparis
         gravity_error_deg=gravity,
         ground_error_mm=ground,
         stated=stated_errors([estimate[name] for name in names], t),
+        lenses={name: error for name in names if (error := lens_error(estimate[name].lens, truth[name].lens)) is not None},
     )
 
 

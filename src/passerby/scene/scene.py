@@ -114,6 +114,13 @@ class Scene(Table):
         changed._path = self._path
         return changed
 
+    def without_intrinsics(self) -> Scene:
+        """The same scene with the intrinsics of all cameras left out; image sizes are those of the videos."""
+        cameras = {name: table.model_copy(update={"intrinsics": None}) for name, table in self.cameras.items()}
+        changed = self.model_copy(update={"cameras": cameras})
+        changed._path = self._path
+        return changed
+
     @property
     def size_bytes(self) -> int:
         """Size of the files of boxes and joints, together; those that do not exist count nothing."""

@@ -18,6 +18,7 @@ def demo(
         str, typer.Option(help="Detector of people: background, auto, a model's name or a path.")
     ] = "background",
     embedder: Annotated[str, typer.Option(help="Appearance embedding: stripes, none, auto, a name or a path.")] = "stripes",
+    intrinsics: Annotated[bool, typer.Option(help="Use the intrinsics; without them they are estimated too.")] = True,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more: wall times and figures of the stages.")] = False,
 ) -> None:
     """Film a simulated terrace with four cameras, calibrate them from the videos, and print the errors.
@@ -47,6 +48,7 @@ def demo(
             tell("simulating")
             path = write_scene(simulate(options), folder / "scene", video=RenderOptions(), executor=executor, tell=tell)
             scene = Scene.load(path).with_perception(PerceptionTable(detector=detector, embedder=embedder))
+            scene = scene if intrinsics else scene.without_intrinsics()
             calibration = calibrate(scene, progress=tell, executor=executor, keep=folder / "out")
             write_results(calibration, folder / "out", report=out is not None, progress=tell)
         comparison = compare(read_rig(folder / "out" / "rig.toml"), read_rig(path.parent / "truth.toml"))
