@@ -61,7 +61,7 @@ def test_the_published_method_needs_them(short, capsys):
     text = re.sub(r"(?s)\[solver\].*", "", path.read_text())
     path.write_text(text + '[solver]\nmethod = "geopose"\nreference = "C1"\n')
     assert run(["check", str(path)]) == 2
-    assert '[cameras.C1] has no intrinsics, but method "geopose" assumes that they are exact' in capsys.readouterr().out
+    assert '[cameras.C1] has no intrinsics, but method "geopose" assumes that they are exact' in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -84,7 +84,7 @@ def test_a_pool_that_breaks_reports_nothing_else(monkeypatch):
     usual, before, unhandled = Future.set_exception, set(threading.enumerate()), []
     monkeypatch.setattr(Future, "set_exception", lambda *given: (usual(*given), time.sleep(0.1)))
     monkeypatch.setattr(threading, "excepthook", unhandled.append)
-    with pytest.raises(InputError, match="killed from outside"), local_processes(0, 4) as executor:
+    with pytest.raises(InputError, match="was killed by the system"), local_processes(0, 4) as executor:
         side_by_side(os._exit, [9] * 4, executor, lambda *part: None, "jobs")
     for thread in set(threading.enumerate()) - before:
         thread.join(60)  # one that failed may leave another behind that waits for ever

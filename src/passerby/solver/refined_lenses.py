@@ -156,7 +156,8 @@ def lens_notes(lenses: Mapping[str, LensFigures]) -> list[Finding]:
 
 def far_lenses(lenses: Mapping[str, LensFigures]) -> list[Finding]:
     """The cameras whose lens ended farther from the stated one than stated lenses are off; `lenses` as of `lens_figures`."""
-    out = []
+    assumed = [name for name, parts in lenses.items() if parts.distortion]
+    out = [doubt("principal_points_assumed", *assumed)] if assumed else []
     for name, parts in lenses.items():
         if parts.distortion and (focal := parts.focal) and focal.sigma_px > KNOWN_FOCAL * focal.refined_px:
             out.append(doubt("focal_undetermined", name, sigma_percent=100 * focal.sigma_px / focal.refined_px))
