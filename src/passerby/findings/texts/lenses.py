@@ -69,9 +69,9 @@ LENSES: Mapping[str, Kind] = {
         "state its field of view (hfov_deg) or its intrinsics, or record more people, near and far and all over its images",
     ),
     "principal_points_assumed": Kind(
-        DOUBT, "The principal points of cameras without intrinsics rest on the assumption that they are near the image centres.",
-        "{who}: without intrinsics the principal point is assumed to be near the image centre, and an image that was cropped on "
-        "one side turns its camera",
+        DOUBT, "The principal points of cameras without intrinsics are assumed to be near the image centres.",
+        "{who}: without intrinsics the principal point is assumed to be near the image centre, and an image that was cropped "
+        "on one side turns its camera",
         "compare the report's images with the ground and people drawn into them, or state the intrinsics", common=True,
     ),
     "intrinsics_estimated": Kind(
