@@ -143,7 +143,7 @@ def test_a_folder_that_is_called_like_a_backbone(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["resnet-51", "resnet50", "", "small "])
 def test_a_backbone_that_does_not_exist(name):
-    with pytest.raises(InputError, match=f"backbone {name}: is none of small, resnet-18, .*no model of this name"):
+    with pytest.raises(InputError, match=f"backbone {name}: is not one of small, resnet-18, .*no model of this name"):
         open_backbone(name, SIZE, "random")
 
 
