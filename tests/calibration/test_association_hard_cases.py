@@ -239,7 +239,7 @@ def test_clocks_that_differ_by_more_than_is_searched_for(tmp_path):
     calibration = passerby.calibrate(path)
     assert calibration.verdict == "refused"
     assert calibration.exit_status == 3
-    one_sentence(calibration.reasons, "the clock of C2 is 9.0 s behind that of C1", "max_offset_s = ")
+    one_sentence(calibration.reasons, "the clock of C2 is 9.0 s behind the clock of C1", "max_offset_s = ")
     declare(path, association={"mode": "combined", "max_offset_s": 10.0})
     fixed = passerby.calibrate(path)
     assert fixed.verdict == "accepted", fixed.reasons

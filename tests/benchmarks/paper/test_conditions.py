@@ -100,7 +100,7 @@ def test_a_condition_without_enough_to_go_on_fails():
     outcome = run_conditions([Condition(SMALL, shared=5)], None, silent, "test").popitem()[1]
     assert outcome.failed
     assert outcome.verdict == "refused"
-    assert "8 sightings" in outcome.reason
+    assert "8 observations" in outcome.reason
     assert outcome.similarity_mm == outcome.metric_deg == outcome.scale_error == float("inf")
 
 
