@@ -54,6 +54,7 @@ def test_the_grounds_of_pairs_tell_first_focal_lengths(simulated):
     assert all(camera.lens.uncalibrated for camera in found), "the search is not the last word"
 
 
+@pytest.mark.slow
 def test_known_lenses_stay_in_the_search(simulated):
     stated = unknown(simulated.rig, "C1", "C3")
     rng = np.random.default_rng(0)
