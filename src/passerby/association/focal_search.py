@@ -20,7 +20,7 @@ from passerby.association.ground.registration import best_merit
 from passerby.common.arrays import Floats
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
-from passerby.core.cameras import Camera, Lens, Rig
+from passerby.core.cameras import Camera, Rig
 from passerby.core.unknown_focals import choose_focals, focals_to_try
 from passerby.geometry.single_view import Level, keep_horizon, level_by_heights
 from passerby.people.upright_rays import upright_rays
@@ -73,9 +73,8 @@ def _tracks(
     """One camera's ground tracks at each focal length."""
     out: list[GroundTracks | None] = []
     level, before = None, 0.0
-    some: Floats | None = None
     for focal in focals.tolist():
-        lens: Lens = camera.lens.with_focal(float(np.exp(focal)), FOUND_SD)
+        lens = camera.lens.with_focal(float(np.exp(focal)), FOUND_SD)
         bodies = upright_rays(tracklets.seen, lens, tracklets.clock)
         some = np.sort(rng.permutation(len(bodies))[:_MOST_PEOPLE])
         u = bodies.take(some)
