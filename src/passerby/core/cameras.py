@@ -56,6 +56,9 @@ class Lens:
     uncalibrated: bool = False
     """Whether only the image size is known, and perhaps the focal length as `focal_sd` says: the principal point is taken to be
     the image centre and the distortion to be 0 until people tell more."""
+    group: str | None = None
+    """Cameras of one model: uncalibrated lenses with the same group share one focal length and distortion. None: no other is like
+    it."""
 
     def __post_init__(self) -> None:
         if self.focal_sd is not None and not 0 < self.focal_sd <= LARGEST_FOCAL_SD:
@@ -93,21 +96,28 @@ class Lens:
         return f"Lens({kind}, {self.size[0]} x {self.size[1]}, focal {self.focal:.1f} px, {bent})"
 
     @classmethod
-    def unknown(cls, size: tuple[int, int], hfov_deg: float | None = None, focal_sd: float | None = None) -> Lens:
+    def unknown(
+        cls, size: tuple[int, int], hfov_deg: float | None = None, focal_sd: float | None = None, *, fisheye: bool = False,
+        group: str | None = None,
+    ) -> Lens:  # fmt: skip
         """A lens that was never calibrated, to be estimated together with the rig.
 
         Args:
             size: (width, height) in pixels.
             hfov_deg: horizontal field of view, where a data sheet states it.
             focal_sd: standard deviation of the focal length that follows from it, as a share; `DATA_SHEET_SD` when None.
+            fisheye: whether the lens is an equidistant fisheye, rather than a pinhole with radial distortion.
+            group: see `Lens.group`.
         """
         width, height = size
-        matrix = np.array([[1.0, 0.0, width / 2], [0.0, 1.0, height / 2], [0.0, 0.0, 1.0]])
-        if hfov_deg is None:
-            matrix[0, 0] = matrix[1, 1] = max(width, height)
-            return cls(size, matrix, np.zeros(0), focal_sd=LARGEST_FOCAL_SD, uncalibrated=True)
-        matrix[0, 0] = matrix[1, 1] = 0.5 * width / np.tan(np.radians(hfov_deg) / 2)
-        return cls(size, matrix, np.zeros(0), focal_sd=focal_sd or DATA_SHEET_SD, uncalibrated=True)
+        focal, sd = float(max(width, height)), LARGEST_FOCAL_SD
+        if fisheye:  # 180 degrees over the longer side
+            focal /= np.pi
+        if hfov_deg is not None:
+            half = np.radians(hfov_deg) / 2
+            focal, sd = 0.5 * width / float(half if fisheye else np.tan(half)), focal_sd or DATA_SHEET_SD
+        matrix = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
+        return cls(size, matrix, np.zeros(0), fisheye, focal_sd=sd, uncalibrated=True, group=group)
 
     def with_focal(self, factor: float, sd: float) -> Lens:
         """The lens with both focal lengths times `factor`, known to `sd`, one standard deviation as a share."""
