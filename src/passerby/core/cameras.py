@@ -57,8 +57,8 @@ class Lens:
     """Whether only the image size is known, and perhaps the focal length as `focal_sd` says: the principal point is taken to be
     the image centre and the distortion to be 0 until people tell more."""
     group: str | None = None
-    """Cameras of one model: uncalibrated lenses with the same group share one focal length and distortion. None: no other is like
-    it."""
+    """Cameras of one model: uncalibrated lenses with the same group share one focal length and distortion. None: no other
+    lens is like it."""
 
     def __post_init__(self) -> None:
         if self.focal_sd is not None and not 0 < self.focal_sd <= LARGEST_FOCAL_SD:
