@@ -21,7 +21,7 @@ from passerby.common.arrays import Floats
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import Progress
 from passerby.core.cameras import Camera, Rig
-from passerby.core.unknown_focals import choose_focals, focals_to_try
+from passerby.core.unknown_focals import choose_focals, focals_to_try, shared_lenses
 from passerby.geometry.single_view import Level, keep_horizon, level_by_heights
 from passerby.people.upright_rays import upright_rays
 
@@ -58,12 +58,12 @@ def search_focals_by_tracks(
     jobs = [_Job(tracks[a], tracks[b], max_lag_s) for a, b in pairs]
     tables = dict(zip(pairs, side_by_side(_costs, jobs, executor, tell, "focal lengths"), strict=True))
     told = {pair: table for pair, table in tables.items() if table.any()}
-    chosen = choose_focals([len(one) for one in focals], told)
-    out = []
-    for c, camera in enumerate(rig):
-        if len(focals[c]) > 1 and any(c in pair for pair in told):
-            camera = replace(camera, lens=camera.lens.with_focal(float(np.exp(focals[c][chosen[c]])), FOUND_SD))
-        out.append(camera)
+    shared, compared = shared_lenses(rig), {c for pair in told for c in pair}
+    chosen = choose_focals([len(one) for one in focals], told, shared)
+    out = list(rig)
+    for c in (c for members in shared if compared & set(members) for c in members):
+        if len(focals[c]) > 1:
+            out[c] = replace(out[c], lens=out[c].lens.with_focal(float(np.exp(focals[c][chosen[c]])), FOUND_SD))
     return replace(rig, cameras=tuple(out))
 
 

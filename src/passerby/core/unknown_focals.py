@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -22,19 +23,34 @@ def needs_focal_search(rig: Rig) -> bool:
     return any(camera.lens.uncalibrated and (camera.lens.focal_sd or 0.0) > SEARCHED_SD for camera in rig)
 
 
+def shared_lenses(rig: Rig) -> list[list[int]]:
+    """The cameras of each uncalibrated lens: those of one `Lens.group` together, the others, known lenses too, alone."""
+    sets: dict[str, list[int]] = {}
+    for c, camera in enumerate(rig):
+        lens = camera.lens
+        of_model = lens.uncalibrated and lens.group is not None
+        sets.setdefault(f"group {lens.group}" if of_model else f"camera {c}", []).append(c)
+    return list(sets.values())
+
+
 def begin_with(stated: Rig, found: Rig) -> Rig:
     """The lenses to begin the next estimate with: unknown ones have the focal lengths found, and nothing else of them.
 
     Args:
         stated: lenses before any estimate.
-        found: the rig of an estimate; a camera without a pose keeps what was stated.
+        found: the rig of an estimate; a camera without a pose has the focal length of others of its group, or what was stated.
     """
-    cameras = []
-    for before, after in zip(stated, found, strict=True):
-        if before.lens.uncalibrated and after.pose is not None:
-            factor = after.lens.focal / before.lens.focal
-            before = replace(before, lens=before.lens.with_focal(factor, min(before.lens.focal_sd or 1.0, SEARCHED_SD)))
-        cameras.append(before)
+    cameras = list(stated)
+    for members in shared_lenses(stated):
+        changes = [
+            math.log(found.cameras[c].lens.focal / stated.cameras[c].lens.focal)
+            for c in members if found.cameras[c].pose is not None
+        ]  # fmt: skip
+        for c in members:
+            lens = cameras[c].lens
+            if changes and lens.uncalibrated:
+                lens = lens.with_focal(math.exp(sum(changes) / len(changes)), min(lens.focal_sd or 1.0, SEARCHED_SD))
+                cameras[c] = replace(cameras[c], lens=lens)
     return replace(stated, cameras=tuple(cameras))
 
 
@@ -53,28 +69,35 @@ def focals_to_try(lens: Lens, shares: Floats) -> Floats:
     return np.asarray(focals) if len(focals) else np.zeros(1)
 
 
-def choose_focals(counts: Sequence[int], costs: Mapping[tuple[int, int], Floats]) -> list[int]:
-    """One choice for each camera that makes the sum of its pairs' costs small: one camera after the other takes its best, from
+def choose_focals(
+    counts: Sequence[int], costs: Mapping[tuple[int, int], Floats], shared: Sequence[Sequence[int]] | None = None
+) -> list[int]:
+    """One choice for each camera that makes the sum of its pairs' costs small: one lens after the other takes its best, from
     every common start.
 
     Args:
         counts: (C,) number of choices of each camera.
         costs: (F_a, F_b) of pairs (a, b) of cameras.
+        shared: cameras that choose together, each in one of the sets; each on its own when None.
     """
+    sets = [[c] for c in range(len(counts))] if shared is None else shared
     best: tuple[float, list[int]] | None = None
     most = max(counts, default=1)
     for start in range(most):
         chosen = [round(start * (count - 1) / max(most - 1, 1)) for count in counts]
         for _ in range(_SWEEPS):
             before = list(chosen)
-            for c in range(len(counts)):
-                cost = np.zeros(counts[c])
+            for members in sets:
+                cost = np.zeros(counts[members[0]])
                 for (a, b), table in costs.items():
-                    if a == c:
+                    if a in members and b in members:
+                        cost += np.diagonal(table)
+                    elif a in members:
                         cost += table[:, chosen[b]]
-                    elif b == c:
+                    elif b in members:
                         cost += table[chosen[a]]
-                chosen[c] = int(np.argmin(cost)) if cost.any() else chosen[c]
+                if cost.any():
+                    chosen = [int(np.argmin(cost)) if c in members else one for c, one in enumerate(chosen)]
             if chosen == before:
                 break
         total = sum(float(table[chosen[a], chosen[b]]) for (a, b), table in costs.items())

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.core.unknown_focals import choose_focals, focals_to_try
+from passerby.core.unknown_focals import choose_focals, focals_to_try, shared_lenses
 from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.single_view import Level, keep_horizon, level_by_heights
 from passerby.solver.evidence import Evidence
@@ -76,13 +76,13 @@ def search_focals(
             pick = np.sort(rng.permutation(len(rows_a))[:_MOST_MATCHES])
             at_a, at_b = np.searchsorted(rows[a], rows_a[pick]), np.searchsorted(rows[b], rows_b[pick])
             costs[a, b] = pair_costs(grounds[a], grounds[b], at_a, at_b, rng)
-    chosen = choose_focals([len(ground.focals) for ground in grounds], costs)
-    cameras = []
-    for c, (camera, ground) in enumerate(zip(stated, grounds, strict=True)):
-        if len(ground.focals) > 1 and any(c in pair for pair in costs):
-            lens = camera.lens.with_focal(float(np.exp(ground.focals[chosen[c]])), FOUND_SD)
-            camera = replace(camera, lens=lens)
-        cameras.append(camera)
+    shared, compared = shared_lenses(stated), {c for pair in costs for c in pair}
+    chosen = choose_focals([len(ground.focals) for ground in grounds], costs, shared)
+    cameras = list(stated)
+    for c in (c for members in shared if compared & set(members) for c in members):
+        if len(grounds[c].focals) > 1:
+            factor = float(np.exp(grounds[c].focals[chosen[c]]))
+            cameras[c] = replace(cameras[c], lens=cameras[c].lens.with_focal(factor, FOUND_SD))
     return replace(stated, cameras=tuple(cameras))
 
 

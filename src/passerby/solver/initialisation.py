@@ -13,7 +13,7 @@ from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustmentRound, TreeFigures
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
-from passerby.core.unknown_focals import needs_focal_search
+from passerby.core.unknown_focals import needs_focal_search, shared_lenses
 from passerby.findings.finding import Finding, doubt, refusal
 from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
@@ -151,9 +151,11 @@ class Initialisation:
         hypotheses = pair_hypotheses(evidence, levels, focal, person_height_m, rng)
         hypotheses += verify_guesses(guesses, evidence, focal, person_height_m)
         lens_core = unknowns.first_core(stated) if unknowns.parts else None
+        never_calibrated = "distortion" in unknowns.parts
+        groups = tuple(tuple(group) for group in shared_lenses(stated) if len(group) > 1) if never_calibrated else ()
         knowledge = PriorKnowledge(
-            mean, sd, Priors(), cue_rows(cues, rig), lens_core, lens_normal="distortion" in unknowns.parts
-        )  # fmt: skip
+            mean, sd, Priors(), cue_rows(cues, rig), lens_core, lens_normal=never_calibrated, lens_groups=groups
+        )
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
     def with_free(self, *parts: LensPart) -> Initialisation:

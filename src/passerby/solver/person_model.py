@@ -12,6 +12,7 @@ shape.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,6 +38,9 @@ FOOT_SHIFT = 0
 # The visible length of a person who is not upright, as a share of the standing height: a wide prior.
 CROUCHED, CROUCHED_SD = 0.75, 0.3
 
+
+UNIT_FOCAL, UNIT_DISTORTION = 1e-3, 2e-3
+"""Cameras of one model have the same focal length, as a share, and the same first distortion coefficient, but for this."""
 
 # Means over all cameras that no picture tells are held at 0 by these: slack (as a logarithm) and clocks (seconds).
 MEAN_SLACK_SD = 1e-4
@@ -75,6 +79,9 @@ class PeopleProblem:
     tell less than as many independent ones, and would drive lenses far off against priors that are right."""
     lens_normal: bool = False
     """Whether those priors are normal distributions: what nobody has stated is never quite another."""
+    lens_groups: tuple[tuple[int, ...], ...] = ()
+    """Cameras of one model: their focal lengths and distortions differ by `UNIT_FOCAL` and `UNIT_DISTORTION` only. Where priors
+    are normal."""
 
     @property
     def timed(self) -> bool:
@@ -302,12 +309,14 @@ class PeopleProblem:
         root = np.broadcast_to(np.sqrt(self.lens_weight), (n, k))
         of_camera, terms = np.arange(n), []
         for unknown in range(k):
-            by_lens = root[:, unknown] / self.lens_core[:, unknown]
+            weight = np.diag(root[:, unknown] / self.lens_core[:, unknown])
+            if unknown in (0, k - 1):
+                for members in self.lens_groups:
+                    weight = _of_one_model(weight, members, UNIT_FOCAL if unknown == 0 else UNIT_DISTORTION)
             J = np.zeros((n, 1, self.layout.n_shared))
-            J[of_camera, 0, (of_camera + 1) * self.camera_size - k + unknown] = by_lens
-            residual = by_lens * state.lens[:, unknown]
+            J[:, 0, (of_camera + 1) * self.camera_size - k + unknown] = weight
             loss = None if self.lens_normal else Cauchy(root[:, unknown])
-            terms.append(Term(residual[:, None], loss, by_shared=J))
+            terms.append(Term((weight @ state.lens[:, unknown])[:, None], loss, by_shared=J))
         return terms
 
     def _mean_held(self, values: Floats, unknown: int, sd: float, mean_sd: float) -> Term:
@@ -329,3 +338,16 @@ class PeopleProblem:
             state.time + by_camera[:, TIME] if self.timed else state.time,
             state.lens + by_camera[:, self.camera_size - self.n_lens :] if self.n_lens else state.lens,
         )  # fmt: skip
+
+
+def _of_one_model(weight: Floats, members: Sequence[int], unit_sd: float) -> Floats:
+    """(C, C) whitening of priors on one unknown of each camera, where `members` share it but for `unit_sd`.
+
+    The covariance among them is a common part, as large as the mean of their own priors, and a part of each unit.
+    """
+    of = np.ix_(members, members)
+    common = 1 / np.mean(np.diag(weight)[list(members)] ** 2)
+    covariance = common * np.ones((len(members), len(members))) + unit_sd**2 * np.eye(len(members))
+    out = weight.copy()
+    out[of] = np.linalg.cholesky(np.linalg.inv(covariance)).T
+    return out

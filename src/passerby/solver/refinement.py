@@ -96,6 +96,8 @@ class PriorKnowledge:
     """How many times more that counts (`PeopleProblem`)."""
     lens_normal: bool = False
     """Whether the scales are standard deviations (`PeopleProblem`)."""
+    lens_groups: tuple[tuple[int, ...], ...] = ()
+    """Cameras of one model (`PeopleProblem`)."""
 
 
 def middle_rays(s: UprightObservations) -> tuple[Floats, Floats]:
@@ -169,7 +171,7 @@ def build_problem(
         evidence.n_cameras, sightings, joint_problem, person, len(joint_used), knowledge.height_mean, knowledge.height_sd,
         np.ones(len(used)) if stance is None else stance[used], noise, knowledge.priors, knowledge.cues,
         None if whole is None else whole[rows], expected, knowledge.lens_core,
-        knowledge.lens_weight, knowledge.lens_normal,
+        knowledge.lens_weight, knowledge.lens_normal, knowledge.lens_groups,
     )  # fmt: skip
     people = np.column_stack([consensus.points[used, :2], np.zeros(len(used)), rig.heights[person]])
     state = AdjustmentState(rig.R, rig.centre, rig.slack, rig.globals, rig.heights, people, joint_points, rig.time, rig.lens)
