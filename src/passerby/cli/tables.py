@@ -181,6 +181,7 @@ def show_check(report: SceneCheck) -> None:
         video = ("video", "length") if filmed else ()
         columns = ("camera", "size", *video, "span", "frames", "boxes", "keypoints", *last, "faults")
         show_table(report.name, columns, [_check_row(camera, given, filmed) for camera in report.cameras])
+        _show_intrinsics(report.cameras)
     if report.perception:
         told = (f"{FOUND_IN_VIDEOS[role]} by {_choice(choice)}" for role, choice in report.perception.items())
         print("from the videos: " + ", ".join(told))
@@ -188,6 +189,41 @@ def show_check(report: SceneCheck) -> None:
         print(f"note: {finding}")
     if report.exit_status == 0:
         print("no problems found")
+
+
+LENS_SOURCES = {
+    "file": "intrinsics file",
+    "hfov_deg": "hfov_deg",
+    "focal_mm": "focal_mm",
+    "focal_35mm": "focal_35mm",
+    "metadata": "video metadata",
+    "people": "nothing: estimated from people",
+}
+"""Where a lens is from, in words."""
+
+
+def _show_intrinsics(cameras: Sequence[CameraCheck]) -> None:
+    """What is known of each lens, and from where; nothing where all are from files and taken as they are."""
+    known = [(camera, camera.lens, camera.lens_source) for camera in cameras]
+    if all(lens is None or (not lens.uncalibrated and lens.focal_sd is None) for _, lens, _ in known):
+        return
+    rows = []
+    for camera, lens, source in known:
+        if lens is None or source is None:
+            rows.append([camera.name, MISSING, MISSING, MISSING, MISSING, MISSING])
+            continue
+        unknown = source.source == "people"
+        rows.append(
+            [
+                camera.name,
+                LENS_SOURCES[source.source] + (f", as {source.same_as}" if source.same_as else ""),
+                "fisheye" if lens.fisheye else "pinhole",
+                MISSING if unknown else number(lens.focal, 0, " px"),
+                MISSING if unknown or lens.focal_sd is None else number(100 * lens.focal_sd, 0, " %"),
+                "estimated" if lens.uncalibrated else "held",
+            ]
+        )
+    show_table("Intrinsics", ("camera", "known from", "model", "focal length", "sigma", "use"), rows)
 
 
 FOUND_IN_VIDEOS = {"detector": "people", "embedder": "appearance", "keypoints": "keypoints"}
