@@ -200,12 +200,17 @@ LENS_SOURCES = {
     "people": "nothing: estimated from people",
 }
 """Where a lens is from, in words."""
+MOST_FILES = 3
+"""More files of intrinsics are not named on one line."""
 
 
 def _show_intrinsics(cameras: Sequence[CameraCheck]) -> None:
-    """What is known of each lens, and from where; nothing where all are from files and taken as they are."""
+    """What is known of each lens, and from where; the files alone where all are from files and taken as they are."""
     known = [(camera, camera.lens, camera.lens_source) for camera in cameras]
     if all(lens is None or (not lens.uncalibrated and lens.focal_sd is None) for _, lens, _ in known):
+        places = list(dict.fromkeys(source.place for _, _, source in known if source is not None))
+        if places:
+            print("intrinsics: " + ", ".join(places[:MOST_FILES]) + (", ..." if len(places) > MOST_FILES else ""))
         return
     rows = []
     for camera, lens, source in known:
@@ -220,7 +225,7 @@ def _show_intrinsics(cameras: Sequence[CameraCheck]) -> None:
                 "fisheye" if lens.fisheye else "pinhole",
                 MISSING if unknown else number(lens.focal, 0, " px"),
                 MISSING if unknown or lens.focal_sd is None else number(100 * lens.focal_sd, 0, " %"),
-                "estimated" if lens.uncalibrated else "held",
+                "estimated" if lens.uncalibrated else "as stated",
             ]
         )
     show_table("Intrinsics", ("camera", "known from", "model", "focal length", "sigma", "use"), rows)
