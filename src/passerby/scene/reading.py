@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
-from passerby.core.cameras import Lens
+from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
@@ -91,9 +91,10 @@ def _read_intrinsics(reading: CameraInput, path: Path | None, focal_sd_percent: 
     reading.lens = _attempt(lambda path: read_lens(path, reading.name), path, reading.faults)
     if reading.lens is None:
         return
-    reading.lens_source = KnownLens("people" if reading.lens.uncalibrated else "file", str(path))
     if focal_sd_percent is not None:
         reading.lens = replace(reading.lens, focal_sd=focal_sd_percent / 100)
+    unknown = reading.lens.uncalibrated and reading.lens.focal_sd == LARGEST_FOCAL_SD
+    reading.lens_source = KnownLens("people" if unknown else "file", str(path))
 
 
 def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
