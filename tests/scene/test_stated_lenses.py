@@ -194,7 +194,12 @@ def test_a_matrix_without_an_image_size(scene_of, tmp_path):
 
 def test_metadata_of_a_video_unless_something_is_stated(scene_of, tmp_path):
     for name in "ABC":
-        write_recorded(tmp_path / f"{name}.mov", {}, {FOCAL: (SIGNED, struct.pack(">i", 26))}, (1280, 720))
+        write_recorded(
+            tmp_path / f"{name}.mov",
+            {"com.apple.quicktime.model": "iPhone 13"},
+            {FOCAL: (SIGNED, struct.pack(">i", 26))},
+            (1280, 720),
+        )
     path = scene_of('video = "A.mov"', 'video = "B.mov"\nfocal_35mm = 30', 'video = "C.mov"\nlens = "same as A"')
     found, checked = lenses(path), check_scene(path)
     diagonal = np.hypot(1280, 720) / np.hypot(36, 24)
@@ -207,6 +212,8 @@ def test_metadata_of_a_video_unless_something_is_stated(scene_of, tmp_path):
         ("metadata", None), ("focal_35mm", None), ("metadata", "A"),
     ]  # fmt: skip
     assert sources[0]["file"] == str(tmp_path / "A.mov")
+    video = checked.cameras[0].to_dict()["video"]
+    assert (video["focal_35mm"], video["device"]) == (26.0, "iPhone 13")
 
 
 def test_check_says_what_is_known_and_from_where(scene_of, tmp_path, capsys):

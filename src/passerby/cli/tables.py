@@ -181,10 +181,10 @@ def show_check(report: SceneCheck) -> None:
         video = ("video", "length") if filmed else ()
         columns = ("camera", "size", *video, "span", "frames", "boxes", "keypoints", *last, "faults")
         show_table(report.name, columns, [_check_row(camera, given, filmed) for camera in report.cameras])
-        _show_intrinsics(report.cameras)
     if report.perception:
         told = (f"{FOUND_IN_VIDEOS[role]} by {_choice(choice)}" for role, choice in report.perception.items())
         print("from the videos: " + ", ".join(told))
+    _show_intrinsics(report.cameras)
     for finding in report.findings:
         print(f"note: {finding}")
     if report.exit_status == 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -110,11 +110,10 @@ class CameraCheck:
             "codec": video.codec,
             "fps": video.average_fps,
             "variable": video.variable,
-            "device": video.camera.device,
-            "focal_35mm": video.camera.focal_35mm,
             "pictures": video.frames,
             "seconds": video.seconds,
             "watched": self.awaiting,
+            **{key: value for key, value in asdict(video.camera).items() if value is not None},
         }
 
 

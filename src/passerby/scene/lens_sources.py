@@ -23,8 +23,8 @@ from passerby.scene.scene import Scene
 FULL_FRAME_MM = float(np.hypot(36.0, 24.0))
 """Diagonal of the picture that 35 mm equivalents are stated for."""
 UNIT_SPREAD = 0.01
-"""Focal lengths of cameras of one model differ by so much from unit to unit, one standard deviation as a share: lenses are sold
-with a tolerance of some per cent, and the focus shifts them as well."""
+"""Focal lengths of cameras of one model differ by about so much from unit to unit, one standard deviation as a share: by the
+tolerance of the lens and by its focus."""
 
 
 def find_lens(scene: Scene, reading: CameraInput, model: CameraInput | None) -> None:
