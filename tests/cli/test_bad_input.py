@@ -73,6 +73,10 @@ def test_check_of_a_sound_scene(tmp_path, capsys):
         "name": "B", "size": [1280, 720], "frames": 13, "first_frame": 1, "last_frame": 13, "boxes": 37, "identities": 3,
         "keypoints": 0, "joints": 0, "embedding_dimensions": None, "fps": None,
         "shared": {"A": {"people": 2, "sightings": 16}}, "faults": [],
+        "intrinsics": {
+            "source": "file", "file": str(tmp_path / "rig.toml"), "same_as": None, "model": "pinhole", "estimated": False,
+            "focal_px": 900.0, "focal_sd_percent": None,
+        },
     }  # fmt: skip
     assert "1 of 37 rows have no identity" in report["findings"][0]
     (told,) = report["diagnostics"]

@@ -1,5 +1,7 @@
 """Rig files: round trips, the files of other tools, and every fault."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -152,3 +154,25 @@ def test_a_lens_that_is_still_to_be_filled_in_says_so(tmp_path):
     )
     with pytest.raises(InputError, match=r"intrinsics.toml: \[A\]: matrix still says FX and FY: put the lens's numbers there"):
         read_rig(path)
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Lens.unknown((1280, 720)),
+        Lens.unknown((640, 480), hfov_deg=80.0),
+        Lens.unknown((640, 480), hfov_deg=200.0, fisheye=True),
+    ],
+)
+def test_a_lens_that_nobody_knows_comes_back_as_one(tmp_path, lens):
+    """The stand-in for it is no intrinsics: a calibration that reads the file estimates it."""
+    path = tmp_path / "rig.toml"
+    write_rig(path, Rig((Camera("A", lens), Camera("B", replace(lens, uncalibrated=False)))))
+    assert path.read_text().count("uncalibrated = true") == 1
+    back = read_lens(path, "A")
+    assert (back.size, back.fisheye, back.uncalibrated) == (lens.size, lens.fisheye, True)
+    assert (back.focal, back.focal_sd) == (pytest.approx(lens.focal), pytest.approx(lens.focal_sd))
+    assert not read_lens(path, "B").uncalibrated
+    path.write_text(path.read_text().replace("uncalibrated = true", 'uncalibrated = "yes"'))
+    with pytest.raises(InputError, match=r"\[A\]: uncalibrated is 'yes': write true or false"):
+        read_lens(path, "A")

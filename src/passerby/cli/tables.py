@@ -184,10 +184,51 @@ def show_check(report: SceneCheck) -> None:
     if report.perception:
         told = (f"{FOUND_IN_VIDEOS[role]} by {_choice(choice)}" for role, choice in report.perception.items())
         print("from the videos: " + ", ".join(told))
+    _show_intrinsics(report.cameras)
     for finding in report.findings:
         print(f"note: {finding}")
     if report.exit_status == 0:
         print("no problems found")
+
+
+LENS_SOURCES = {
+    "file": "intrinsics file",
+    "hfov_deg": "hfov_deg",
+    "focal_mm": "focal_mm",
+    "focal_35mm": "focal_35mm",
+    "metadata": "video metadata",
+    "people": "nothing: estimated from people",
+}
+"""Where a lens is from, in words."""
+MOST_FILES = 3
+"""More files of intrinsics are not named on one line."""
+
+
+def _show_intrinsics(cameras: Sequence[CameraCheck]) -> None:
+    """What is known of each lens, and from where; the files alone where all are from files and taken as they are."""
+    known = [(camera, camera.lens, camera.lens_source) for camera in cameras]
+    if all(lens is None or (not lens.uncalibrated and lens.focal_sd is None) for _, lens, _ in known):
+        places = list(dict.fromkeys(source.place for _, _, source in known if source is not None))
+        if places:
+            print("intrinsics: " + ", ".join(places[:MOST_FILES]) + (", ..." if len(places) > MOST_FILES else ""))
+        return
+    rows = []
+    for camera, lens, source in known:
+        if lens is None or source is None:
+            rows.append([camera.name, MISSING, MISSING, MISSING, MISSING, MISSING])
+            continue
+        unknown = source.source == "people"
+        rows.append(
+            [
+                camera.name,
+                LENS_SOURCES[source.source] + (f", as {source.same_as}" if source.same_as else ""),
+                "fisheye" if lens.fisheye else "pinhole",
+                MISSING if unknown else number(lens.focal, 0, " px"),
+                MISSING if unknown or lens.focal_sd is None else number(100 * lens.focal_sd, 0, " %"),
+                "estimated" if lens.uncalibrated else "as stated",
+            ]
+        )
+    show_table("Intrinsics", ("camera", "known from", "model", "focal length", "sigma", "use"), rows)
 
 
 FOUND_IN_VIDEOS = {"detector": "people", "embedder": "appearance", "keypoints": "keypoints"}

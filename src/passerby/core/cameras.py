@@ -16,6 +16,7 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.display import html_of
 from passerby.common.errors import InputError
+from passerby.core.data_sheet import DATA_SHEET_SD, check_field, focal_of_field, sd_of_field
 from passerby.core.projection import project_fisheye, unproject_fisheye, unproject_pinhole
 from passerby.geometry.triangulation import triangulate_views
 
@@ -26,9 +27,6 @@ FISHEYE_DISTORTION_LENGTHS = (0, 4)
 # A pixel whose undistorted ray does not come back to within this many pixels lies outside what the lens model can express.
 INVERSION_TOLERANCE_PX = 0.05
 
-DATA_SHEET_SD = 0.15
-"""What a focal length from the field of view of a data sheet is off by, one standard deviation. A field of view that is stated
-for the diagonal of 16:9 makes it 13 % too small, and what cameras crop when they film 5 to 20 %."""
 LARGEST_FOCAL_SD = 0.5
 """Of a focal length known no better than this the calibration, which follows it to first order, says nothing."""
 
@@ -97,27 +95,43 @@ class Lens:
 
     @classmethod
     def unknown(
-        cls, size: tuple[int, int], hfov_deg: float | None = None, focal_sd: float | None = None, *, fisheye: bool = False,
-        group: str | None = None,
+        cls, size: tuple[int, int], hfov_deg: float | None = None, focal_sd: float | None = None, *,
+        focal_px: float | None = None, fisheye: bool = False, group: str | None = None,
     ) -> Lens:  # fmt: skip
         """A lens that was never calibrated, to be estimated together with the rig.
 
         Args:
             size: (width, height) in pixels.
-            hfov_deg: horizontal field of view, where a data sheet states it.
-            focal_sd: standard deviation of the focal length that follows from it, as a share; `DATA_SHEET_SD` when None.
+            hfov_deg: field of view over the image's width, where a data sheet states it.
+            focal_sd: standard deviation of the stated focal length, as a share. None: `DATA_SHEET_SD`, and more where a wide
+                field of view is stated, see `sd_of_field`.
+            focal_px: focal length in pixels, where that is known rather than a field of view.
             fisheye: whether the lens is an equidistant fisheye, rather than a pinhole with radial distortion.
             group: see `Lens.group`.
+
+        Raises:
+            InputError: a size, field of view, focal length or sigma that no lens has; a field of view and a focal length; a
+                sigma without either.
         """
-        width, height = size
+        width, height = _image_size(size)
+        if hfov_deg is not None and focal_px is not None:
+            raise InputError("hfov_deg and focal_px state the focal length twice: give one of them")
+        if focal_sd is not None and hfov_deg is None and focal_px is None:
+            raise InputError(
+                f"focal_sd {focal_sd:g} is the sigma of a focal length that is not stated: add it, or delete focal_sd"
+            )
         focal, sd = float(max(width, height)), LARGEST_FOCAL_SD
         if fisheye:  # 180 degrees over the longer side
             focal /= np.pi
         if hfov_deg is not None:
-            half = np.radians(hfov_deg) / 2
-            focal, sd = 0.5 * width / float(half if fisheye else np.tan(half)), focal_sd or DATA_SHEET_SD
+            focal, sd = focal_of_field(hfov_deg, width, fisheye=fisheye), sd_of_field(hfov_deg, fisheye=fisheye)
+        elif focal_px is not None:
+            focal, sd = focal_px, DATA_SHEET_SD
+        if hfov_deg is not None or focal_px is not None:
+            check_field(focal, (width, height), fisheye=fisheye)
+            sd = sd if focal_sd is None else focal_sd
         matrix = np.array([[focal, 0.0, width / 2], [0.0, focal, height / 2], [0.0, 0.0, 1.0]])
-        return cls(size, matrix, np.zeros(0), fisheye, focal_sd=sd, uncalibrated=True, group=group)
+        return cls((width, height), matrix, np.zeros(0), fisheye, focal_sd=sd, uncalibrated=True, group=group)
 
     def with_focal(self, factor: float, sd: float) -> Lens:
         """The lens with both focal lengths times `factor`, known to `sd`, one standard deviation as a share."""
@@ -203,6 +217,15 @@ class Lens:
         d1 = (self.project_rays(b + step * e1) - self.project_rays(b - step * e1)) / (2 * step)
         d2 = (self.project_rays(b + step * e2) - self.project_rays(b - step * e2)) / (2 * step)
         return np.asarray(d1[:, :, None] * e1[:, None, :] + d2[:, :, None] * e2[:, None, :])
+
+
+def _image_size(size: tuple[int, int]) -> tuple[int, int]:
+    """(width, height) as whole numbers. Raises `InputError` for what is no image size."""
+    numbers = np.asarray(size)
+    whole = numbers.shape == (2,) and numbers.dtype.kind in "iuf" and bool((np.isfinite(numbers) & (numbers >= 1)).all())
+    if not whole or (numbers != np.floor(numbers)).any():
+        raise InputError(f"size {size!r} is not an image size: give [width, height] in pixels")
+    return int(numbers[0]), int(numbers[1])
 
 
 def _seen_rays(lens: Lens, pixels: Floats) -> Floats:

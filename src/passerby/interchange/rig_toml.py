@@ -3,8 +3,9 @@
 One table a camera: `name`, `size` [width, height], `matrix`, `distortions`, `rotation` (Rodrigues vector, world to camera),
 `translation` (metres), `fisheye`. `[metadata]` holds `units` and the `verdict`. Keys and tables of other tools are left alone.
 Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
-then rotation vector in radians, camera frame), and `focal_sd_percent` (one standard deviation of a focal length that is a
-guess). A sigma that is infinite, since nothing fixes the pose, is left out.
+then rotation vector in radians, camera frame), `focal_sd_percent` (one standard deviation of a focal length that is a
+guess), and `uncalibrated` (nobody knows the lens: its matrix is a stand-in, to be estimated). A sigma that is infinite, since
+nothing fixes the pose, is left out.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
 RIG = "a rig file (TOML)"
 FOCAL_SD = "focal_sd_percent"
+UNCALIBRATED = "uncalibrated"
 UNFILLED = ("FX", "FY", "CX", "CY")
 """What `passerby init` writes for numbers that it does not know."""
 
@@ -123,7 +125,13 @@ def _lens(table: dict[str, Any]) -> Lens:
     if (size != np.floor(size)).any():
         raise InputError(f"size is {size.tolist()}: whole numbers of pixels are needed")
     distortions = _numbers(table, "distortions", (-1,), "a list of OpenCV's coefficients")
-    return Lens((int(size[0]), int(size[1])), matrix, distortions, fisheye, _focal_sd(table))
+    uncalibrated = table.get(UNCALIBRATED, False)
+    if not isinstance(uncalibrated, bool):
+        raise InputError(f"{UNCALIBRATED} is {shortened(uncalibrated)}: write true or false")
+    focal_sd = _focal_sd(table)
+    if uncalibrated and focal_sd is None:
+        focal_sd = LARGEST_FOCAL_SD
+    return Lens((int(size[0]), int(size[1])), matrix, distortions, fisheye, focal_sd, uncalibrated)
 
 
 def _focal_sd(table: dict[str, Any]) -> float | None:
@@ -202,6 +210,8 @@ def table_of(camera: Camera) -> dict[str, Any]:
     table["fisheye"] = lens.fisheye
     if lens.focal_sd is not None:
         table[FOCAL_SD] = 100 * lens.focal_sd
+    if lens.uncalibrated:
+        table[UNCALIBRATED] = True
     if camera.sigma is not None:
         if np.isfinite(camera.sigma.position_m):
             table["position_sigma_mm"] = 1000 * camera.sigma.position_m

@@ -9,7 +9,7 @@ from __future__ import annotations
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Literal
@@ -25,6 +25,7 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
 from passerby.common.text import shortened_text
 from passerby.perception.pieces import JOIN_PICTURES, why_a_pattern_is_no_video, why_no_video_is_there
+from passerby.perception.video_camera import RecordingCamera, read_recording_camera
 from passerby.perception.video_error import VideoError
 
 VARIABLE_CLOCK_FPS = 100.0
@@ -90,6 +91,8 @@ class VideoInfo:
     """How long the file says it lasts."""
     rotation: int = 0
     """Degrees counter-clockwise, 0, 90, 180 or 270, by which the stored pictures are turned to stand upright."""
+    camera: RecordingCamera = field(default_factory=RecordingCamera)
+    """What the video's metadata say of the camera."""
 
 
 def probe(path: str | Path) -> VideoInfo:
@@ -102,6 +105,7 @@ def probe(path: str | Path) -> VideoInfo:
     with open_video(path) as (container, stream):
         seconds = _duration(container, stream)
         timestamps = _timestamps(container, stream)
+        camera = read_recording_camera(path, container)
     with open_video(path) as (container, stream):
         first = _first_picture(path, container, stream)
         rate, variable = _rate(stream, timestamps)
@@ -119,6 +123,7 @@ def probe(path: str | Path) -> VideoInfo:
             frames=stream.frames or (None if seconds is None else max(1, round(seconds * average))),
             seconds=seconds if seconds is not None else (stream.frames / average if stream.frames else None),
             rotation=rotation,
+            camera=camera,
         )
 
 

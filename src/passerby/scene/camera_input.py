@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,20 @@ from passerby.core.cameras import Lens
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Keypoints
 from passerby.findings.finding import Finding
 from passerby.perception.video import VideoInfo
+
+LensSource = Literal["file", "hfov_deg", "focal_mm", "focal_35mm", "metadata", "people"]
+
+
+@dataclass(frozen=True)
+class KnownLens:
+    """Where a lens is from."""
+
+    source: LensSource
+    """file: intrinsics; a key of the scene file; metadata: of the video; people: nothing but the image size is known."""
+    place: str
+    """The file that says so."""
+    same_as: str | None = None
+    """The camera of the same model whose lens it is; None: its own."""
 
 
 @dataclass(eq=False)
@@ -22,6 +37,8 @@ class CameraInput:
     given: bool = True
     """Whether the ids are global identities (mode "given"); else they are this camera's own tracklet numbers."""
     lens: Lens | None = None
+    lens_source: KnownLens | None = None
+    """Where the lens is from; None where there is none, or it came from memory."""
     boxes: Boxes = field(default_factory=Boxes.empty)
     """The boxes that are used, with their embeddings, in the order of their file."""
     boxes_path: Path | None = None

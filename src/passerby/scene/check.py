@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from passerby.association.ground.ground_tracks import MIN_TRACK_S
 from passerby.association.sampling import STEP_S
 from passerby.common.arrays import Ints
 from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Lens
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
 from passerby.core.overlap import Shared, count_shared_observations, missing_overlap
 from passerby.findings.finding import Finding, doubt
@@ -21,7 +22,7 @@ from passerby.interchange.storage.faults import faults_of
 from passerby.interchange.storage.json_text import plain
 from passerby.perception.plan import foresee
 from passerby.perception.video import VideoInfo
-from passerby.scene.camera_input import CameraInput
+from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.inputs import observations_of, read_cameras, scene_doubts, scene_faults, scene_findings
 from passerby.scene.reading import needs_embeddings, needs_keypoints
 from passerby.scene.scene import Scene
@@ -61,6 +62,10 @@ class CameraCheck:
     video: VideoInfo | None = None
     awaiting: bool = False
     """Whether people are still to be found in the video."""
+    lens: Lens | None = None
+    """The intrinsics that a calibration begins with; None where they cannot be read."""
+    lens_source: KnownLens | None = None
+    """Where these are from."""
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for JSON."""
@@ -79,6 +84,22 @@ class CameraCheck:
             "shared": {name: {"people": shared.people, "sightings": shared.sightings} for name, shared in self.shared.items()},
             "faults": list(self.faults),
             **({} if self.video is None else {"video": self._video(self.video)}),
+            "intrinsics": None
+            if self.lens is None or self.lens_source is None
+            else self._intrinsics(self.lens, self.lens_source),
+        }
+
+    def _intrinsics(self, lens: Lens, source: KnownLens) -> dict[str, Any]:
+        """What is known of the lens, and from where; no focal length where nobody states one."""
+        unknown = source.source == "people"
+        return {
+            "source": source.source,
+            "file": source.place,
+            "same_as": source.same_as,
+            "model": "fisheye" if lens.fisheye else "pinhole",
+            "estimated": lens.uncalibrated,
+            "focal_px": None if unknown else lens.focal,
+            "focal_sd_percent": None if unknown or lens.focal_sd is None else 100 * lens.focal_sd,
         }
 
     def _video(self, video: VideoInfo) -> dict[str, Any]:
@@ -92,6 +113,7 @@ class CameraCheck:
             "pictures": video.frames,
             "seconds": video.seconds,
             "watched": self.awaiting,
+            **{key: value for key, value in asdict(video.camera).items() if value is not None},
         }
 
 
@@ -255,4 +277,6 @@ def _camera_check(reading: CameraInput, shared: dict[str, Shared]) -> CameraChec
         faults=tuple(reading.faults),
         video=reading.video,
         awaiting=reading.awaiting,
+        lens=reading.lens,
+        lens_source=reading.lens_source,
     )

@@ -18,6 +18,7 @@ from passerby.core.observations import Clock, Observations
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults
 from passerby.scene.camera_input import CameraInput
+from passerby.scene.lens_sources import group_faults
 from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
@@ -86,7 +87,9 @@ def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
 
 def read_cameras(scene: Scene) -> list[CameraInput]:
     """The files of all cameras, as far as they can be read; videos are looked into, but not watched."""
-    readings = [read_camera(scene, name) for name in scene.cameras]
+    # A camera whose lens other cameras share is read before them.
+    own = {name: read_camera(scene, name) for name in scene.cameras if scene.models[name][0] == name}
+    readings = [own.get(name) or read_camera(scene, name, own[scene.models[name][0]]) for name in scene.cameras]
     if any(reading.fps is None for reading in readings):
         # Frame numbers are counted alike in all cameras: the rate of one camera's video says nothing of the others.
         for reading in readings:
@@ -117,6 +120,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     return [
         *_length_faults(scene, readings),
         *_lens_faults(scene, readings),
+        *group_faults(scene, readings),
         *_joint_faults(scene, readings),
         *_embedding_faults(scene, readings),
         *_same_video_faults(scene, readings),

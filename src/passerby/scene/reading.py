@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
-from passerby.core.cameras import Lens
+from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
 from passerby.findings.finding import notice
 from passerby.findings.texts import text_of
@@ -26,9 +26,10 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.faults import faults_of
 from passerby.perception.video import VideoInfo, fit_of_size, probe
-from passerby.scene.camera_input import CameraInput
+from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.intrinsics_checks import check_extents, check_principal_point, source_of_size
+from passerby.scene.lens_sources import find_lens
 from passerby.scene.scene import Scene
 
 T = TypeVar("T")
@@ -39,17 +40,23 @@ SHORTEST, FRAMES_TO_TRACK = 3, 6
 """Tracklets of fewer rows tell nobody's way. Where most ids are such, and there are so many frames, they were no tracklets."""
 
 
-def read_camera(scene: Scene, name: str) -> CameraInput:
-    """Read one camera's files; faults are gathered, not raised."""
+def read_camera(scene: Scene, name: str, model: CameraInput | None = None) -> CameraInput:
+    """Read one camera's files; faults are gathered, not raised.
+
+    Args:
+        scene: the scene.
+        name: the camera.
+        model: the camera whose lens is the same, where the scene names one; read here where it is not given.
+    """
+    if model is None and scene.models[name][0] != name:
+        model = read_camera(scene, scene.models[name][0])
     table, given = scene.cameras[name], scene.association.given
     reading = CameraInput(name, given, fps=scene.fps_of(name))
 
     def path_of(path: Path | None) -> Path | None:
         return None if path is None else scene.resolve(path)
 
-    reading.lens = _attempt(lambda path: read_lens(path, name), path_of(table.intrinsics), reading.faults)
-    if reading.lens is not None and table.focal_sd_percent is not None:
-        reading.lens = replace(reading.lens, focal_sd=table.focal_sd_percent / 100)
+    _read_intrinsics(reading, path_of(table.intrinsics), table.focal_sd_percent)
     rows_of, joints_of = partial(read_boxes, doubles=True), partial(read_keypoints, doubles=True)
     tracks = _attempt(rows_of, path_of(table.tracks), reading.faults)
     detections = _attempt(rows_of, path_of(table.detections), reading.faults)
@@ -64,10 +71,10 @@ def read_camera(scene: Scene, name: str) -> CameraInput:
     reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
     _settle_doubles(reading)
     reading.video = _attempt(lambda path: _probed(path, name), path_of(table.video), reading.faults)
-    size = table.image_size or (None if reading.video is None else reading.video.size)
-    if table.intrinsics is None and size is not None:
-        sd = None if table.focal_sd_percent is None else table.focal_sd_percent / 100
-        reading.lens = Lens.unknown(size, table.hfov_deg, sd)
+    if table.intrinsics is None:
+        find_lens(scene, reading, model)
+    elif reading.lens is not None and reading.lens.uncalibrated and len(scene.models[name]) > 1:
+        reading.lens = replace(reading.lens, group=name)
     if reading.video is not None:
         _check_video(scene, reading, reading.video)
     reading.awaiting = table.watched
@@ -79,9 +86,22 @@ def read_camera(scene: Scene, name: str) -> CameraInput:
     return reading
 
 
+def _read_intrinsics(reading: CameraInput, path: Path | None, focal_sd_percent: float | None) -> None:
+    """The lens in a file of intrinsics, if there is one."""
+    reading.lens = _attempt(lambda path: read_lens(path, reading.name), path, reading.faults)
+    if reading.lens is None:
+        return
+    if focal_sd_percent is not None:
+        reading.lens = replace(reading.lens, focal_sd=focal_sd_percent / 100)
+    unknown = reading.lens.uncalibrated and reading.lens.focal_sd == LARGEST_FOCAL_SD
+    reading.lens_source = KnownLens("people" if unknown else "file", str(path))
+
+
 def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoints: Keypoints) -> CameraInput:
     """What is told of a camera without any file, checked as files are; faults are gathered, not raised."""
-    reading = CameraInput(name, scene.association.given, lens, boxes, Path("boxes"), keypoints, fps=scene.fps_of(name))
+    reading = CameraInput(
+        name, scene.association.given, lens, boxes=boxes, boxes_path=Path("boxes"), keypoints=keypoints, fps=scene.fps_of(name)
+    )
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
     _settle_doubles(reading)
     _keep_used(scene, reading)

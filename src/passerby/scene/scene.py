@@ -7,6 +7,7 @@ remedy. Paths are relative to the scene file, or absolute.
 from __future__ import annotations
 
 import re
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -19,6 +20,7 @@ from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, 
 from passerby.interchange.storage.faults import FileFaults, read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
 from passerby.scene.errors import explain_fault, find_repeated_key
+from passerby.scene.lens_keys import check_models, models_of, named_camera
 from passerby.scene.tables import (
     AssociationTable,
     CameraHeightTable,
@@ -116,7 +118,11 @@ class Scene(Table):
 
     def without_intrinsics(self) -> Scene:
         """The same scene with the intrinsics of all cameras left out; image sizes are those of the videos."""
-        cameras = {name: table.model_copy(update={"intrinsics": None}) for name, table in self.cameras.items()}
+        nothing = {"intrinsics": None, "focal_sd_percent": None}
+        cameras = {
+            name: table if table.intrinsics is None else table.model_copy(update=nothing)
+            for name, table in self.cameras.items()
+        }
         changed = self.model_copy(update={"cameras": cameras})
         changed._path = self._path
         return changed
@@ -133,6 +139,11 @@ class Scene(Table):
     def n_videos(self) -> int:
         """How many cameras have a video."""
         return sum(table.video is not None for table in self.cameras.values())
+
+    @cached_property
+    def models(self) -> dict[str, tuple[str, ...]]:
+        """By camera, all cameras with the same lens, itself among them; the first is the one that the others name."""
+        return models_of(self.cameras)
 
     def fps_of(self, camera: str) -> float | None:
         """Frames per second of a camera's frame numbers as the scene file has them; None where it says nothing."""
@@ -171,6 +182,7 @@ class Scene(Table):
             if name not in self.cameras:
                 told = nearest(name[:LONGEST_NAME], list(self.cameras))
                 raise ValueError(f"{place}: camera {shortened(name)} is not declared: {told}")
+        check_models(self.cameras)
         for number, length in enumerate(self.scale.lengths, start=1):
             if len(length.points) < 2:
                 raise ValueError(f"[[scale.lengths]] {number}: points are marked in one camera: mark both ends in two or more")
@@ -203,6 +215,8 @@ class Scene(Table):
     def _mentions(self) -> list[tuple[str, str]]:
         """(place, camera) wherever another table names a camera."""
         found = [("[solver] reference", self.solver.reference)] if self.solver.reference is not None else []
+        lenses = ((name, table.lens) for name, table in self.cameras.items())
+        found += [(f"[cameras.{name}] lens", named_camera(lens)) for name, lens in lenses if lens is not None]
         for number, length in enumerate(self.scale.lengths, start=1):
             found += [(f"[[scale.lengths]] {number} points", name) for name in length.points]
         for number, distance in enumerate(self.scale.distances, start=1):

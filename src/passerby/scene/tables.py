@@ -9,12 +9,19 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from passerby.common.addresses import not_a_file, plain_without_credentials
+from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
+from passerby.scene.lens_keys import check_lens_keys, named_camera
 
 
 def _finite(value: float) -> float:
     if not math.isfinite(value):
         raise ValueError("a finite number is needed")
+    return value
+
+
+def _same_as(value: str) -> str:
+    named_camera(value)
     return value
 
 
@@ -69,9 +76,10 @@ class CameraTable(Table):
     length, principal point and distortion are estimated together with the rig."""
     image_size: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] | None = None
     """[width, height] in pixels, if there are no `intrinsics` and no `video` that states it."""
-    hfov_deg: Annotated[float, Field(ge=5, le=150)] | None = None
-    """Horizontal field of view in degrees, as on a data sheet, if there are no `intrinsics`: the focal length is estimated
-    about it. Its standard deviation is `focal_sd_percent`, 15 % unless given."""
+    hfov_deg: Annotated[float, Field(ge=NARROWEST_FIELD_DEG, le=WIDEST_FISHEYE_DEG)] | None = None
+    """Field of view in degrees over the image's width, as on a data sheet, if there are no `intrinsics`: the focal length is
+    estimated about it. Its standard deviation is `focal_sd_percent`; not given, 15 %, and more beyond 60 degrees (19 % at 90,
+    22 % at 103), since data sheets state it with the distortion. Above 150 for fisheye lenses only."""
     video: Path | None = None
     """A video file. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings from it.
     Streams, devices, pieces of recordings and folders of images are not read yet."""
@@ -91,9 +99,24 @@ class CameraTable(Table):
     until_s: Seconds | None = None
     """Later observations of the camera are not used, in the same seconds."""
     focal_sd_percent: Annotated[float, Field(gt=0, le=50)] | None = None
-    """Standard deviation of a guessed focal length, in per cent of it. Every reported uncertainty includes it, and it is
+    """Standard deviation of a stated focal length, in per cent of it. Every reported uncertainty includes it, and it is
     the prior if `refine` has "focal". None: the value of the same key in the table of `intrinsics`, or else the intrinsics
     are assumed to be exact."""
+    focal_mm: Annotated[float, Field(gt=0), AfterValidator(_finite)] | None = None
+    """Focal length in millimetres, as on a data sheet, with `sensor_width_mm`, if there are no `intrinsics`. Its standard
+    deviation is `focal_sd_percent`; not given, 15 %, since cameras crop when they film."""
+    sensor_width_mm: Annotated[float, Field(gt=0), AfterValidator(_finite)] | None = None
+    """Length in millimetres of the part of the sensor that the image's longer side shows; of the whole sensor, if nothing else
+    is known."""
+    focal_35mm: Annotated[float, Field(gt=0), AfterValidator(_finite)] | None = None
+    """35 mm equivalent focal length, over the diagonal, instead of `focal_mm`. Not given: that of the video's metadata, where
+    they have one. Standard deviation as for `focal_mm`."""
+    lens_model: Literal["pinhole", "fisheye"] | None = None
+    """Projection of a lens without `intrinsics`. pinhole: with radial distortion; fisheye: equidistant. Not given: pinhole."""
+    lens: Annotated[str, AfterValidator(_same_as)] | None = None
+    """"same as CAMERA", for a camera of the same model, at the same zoom and image size, instead of `intrinsics`: the cameras
+    share one unknown focal length and distortion. If CAMERA has intrinsics, they are the start, with `focal_sd_percent`, 1 %
+    unless given, from unit to unit."""
 
     @property
     def watched(self) -> bool:
@@ -114,17 +137,7 @@ class CameraTable(Table):
             raise ValueError(
                 "has no observations: add `video`, `tracks` (boxes with ids), `detections` (boxes without) or `keypoints`"
             )
-        if self.intrinsics is not None:
-            for key in ("image_size", "hfov_deg"):
-                if getattr(self, key) is not None:
-                    raise ValueError(f"states both intrinsics and {key}: delete one of them")
-        elif self.focal_sd_percent is not None and self.hfov_deg is None:
-            raise ValueError("states focal_sd_percent, but no focal length: add hfov_deg or intrinsics")
-        elif self.video is None and self.image_size is None:
-            raise ValueError(
-                "has neither intrinsics nor a video, so its image size is unknown: add image_size = [width, height], or "
-                "intrinsics"
-            )
+        check_lens_keys(self)
         if self.embeddings is not None and self.detections is None and self.tracks is None:
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")
         if self.from_s is not None and self.until_s is not None and self.from_s >= self.until_s:

@@ -15,6 +15,7 @@ from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.video_writer import VideoWriter
 from passerby.scene.scene import Scene
+from support.scenes.recorded_videos import FOCAL, write_recorded
 
 WIDTH, HEIGHT = 64, 48
 
@@ -390,6 +391,35 @@ def test_unreadable_videos_only(tmp_path):
     (tmp_path / "b.mp4").write_bytes(b"no video")
     with pytest.raises(InputError, match=r"neither it nor .*a.mp4: holds 0 bytes"):
         init(tmp_path)
+
+
+def test_what_the_metadata_of_the_videos_say(tmp_path, capsys):
+    """A focal length is used as it is; one device twice is a suggestion."""
+    phone = {"make": "Google", "model": "Pixel 8"}
+    for name, metadata in (("a", phone), ("b", phone), ("c", {**phone, FOCAL: "24"}), ("d", {})):
+        write_recorded(tmp_path / f"cam {name}.mkv", metadata)
+    init(tmp_path)
+    out, path = told(capsys), tmp_path / "scene.toml"
+    assert [re.search(rf"(?m)^{name} .* (\w+)$", out)[1] for name in "abcd"] == [
+        "estimated",
+        "estimated",
+        "metadata",
+        "estimated",
+    ]
+    assert "the metadata of b state the same device as those of a: cameras of one model can share" in out
+    text = path.read_text()
+    assert text.count("Google Pixel 8") == 1
+    assert all(table.lens is None and table.focal_35mm is None for table in Scene.load(path).cameras.values())
+
+    path.write_text(text.replace("#lens", "lens").replace("#focal_35mm", "focal_35mm"))
+    stated = Scene.load(path)
+    assert stated.models["b"] == ("a", "b")
+    assert stated.cameras["c"].focal_35mm == 24
+
+    # With intrinsics of one of them, the others can begin with these.
+    (tmp_path / "rig.toml").write_text(rig("b"))
+    init(tmp_path, force=True)
+    assert '#lens = "same as b"' in path.read_text()
 
 
 def test_boxes_without_videos(tmp_path, capsys):

@@ -90,6 +90,12 @@ INPUT_FILES: Mapping[str, Kind] = {
         "refine = "
         '["focal"] under [solver]',
     ),
+    "focal_from_metadata": Kind(
+        NOTICE, "The camera's focal length is estimated about the one in its video's metadata.",
+        "camera {camera}: its focal length is estimated about the {focal_35mm:g} mm (35 mm equivalent) in the video's "
+        "metadata: {focal_px:.0f} px, sigma {sd_percent:.0f} %",
+        "if the video was cropped or zoomed, state hfov_deg or focal_35mm",
+    ),
     "intrinsics_unknown": Kind(
         NOTICE, "The cameras have no intrinsics; they are estimated together with the rig.",
         "{who}: no intrinsics: focal length, principal point and distortion are estimated together with the rig", common=True,

@@ -26,6 +26,8 @@ class SceneCamera:
     """What is to be known about its lens, one line each."""
     fps: float | None = None
     """Written where it cannot be left out."""
+    same_as: str | None = None
+    """An earlier camera whose video is from the same device, by the metadata of both."""
 
     @property
     def name(self) -> str:
@@ -63,10 +65,7 @@ def _camera(camera: SceneCamera, path: Path) -> str:
         source = value(toml_text.relative(camera.intrinsics, path))
         lines.append(f"intrinsics = {source}   # its table [{key(camera.name)}]\n")
     else:
-        lines.append(comment("No intrinsics: they are estimated together with the rig."))
-        if camera.found.info is None:
-            lines.append('image_size = ["WIDTH", "HEIGHT"]\n')
-        lines.append("#hfov_deg = 90.0   # horizontal field of view, if a data sheet states it\n")
+        lines += _without_intrinsics(camera)
     if camera.found.video is not None:
         info = camera.found.info
         told = f"   # {_video(camera.found)}" if info else ""
@@ -84,6 +83,25 @@ def _camera(camera: SceneCamera, path: Path) -> str:
         lines.append(f"#fps = {value(_rate(camera))}   # of this camera only\n")
     lines.append("#from_s = 0.0   # observations before from_s or after until_s are left out\n")
     return "".join(lines)
+
+
+def _without_intrinsics(camera: SceneCamera) -> list[str]:
+    """What can be stated of a lens that is estimated, with what its video says of it."""
+    info = camera.found.info
+    lines = [comment("No intrinsics: they are estimated together with the rig.")]
+    if info is None:
+        lines.append('image_size = ["WIDTH", "HEIGHT"]\n')
+    if camera.same_as is not None and info is not None:
+        told = "the video is from the same device: share one lens if the zoom is the same too"
+        lines.append(comment(f"Recorded with: {info.camera.device}."))
+        lines.append(f"#lens = {value(f'same as {camera.same_as}')}   # {told}\n")
+    elif info is not None and info.camera.focal_35mm is not None:
+        lines.append(f"#focal_35mm = {value(info.camera.focal_35mm)}   # of the video's metadata, used as it is; or your own\n")
+    else:
+        lines.append(
+            "#hfov_deg = 90.0   # horizontal field of view, if a data sheet states it; or focal_mm and sensor_width_mm\n"
+        )
+    return lines
 
 
 def _rate(camera: SceneCamera) -> float:

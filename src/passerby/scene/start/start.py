@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,12 +67,14 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
     lenses = find_lenses(folder, found.cameras, notes, besides=path)
     lenses = _called_as_in_rig(found.cameras, lenses, notes)
     places, written = _write_intrinsics(found.cameras, lenses, path)
+    same = _same_devices(found.cameras, places)
     cameras, texts, to_do = [], [], []
     for camera in found.cameras:
         lens = lenses.get(camera.name)
         state, remarks, must = _state(camera, lens, places.get(camera.name), path)
         cameras.append(StartedCamera(camera, lens, state))
-        texts.append(SceneCamera(camera, places.get(camera.name), remarks, _assumed_fps(camera, found.cameras)))
+        fps = _assumed_fps(camera, found.cameras)
+        texts.append(SceneCamera(camera, places.get(camera.name), remarks, fps, same.get(camera.name)))
         to_do += [must] if must else []
     unknown = [camera.name for camera in found.cameras if camera.name not in places]
     if unknown:
@@ -80,6 +82,11 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
             f"no intrinsics for {', '.join(unknown)}: focal length, principal point and distortion will be estimated together "
             f"with the rig; a field of view from a data sheet (hfov_deg in {path}) or a calibration with a pattern makes the "
             "rig more accurate"
+        )
+    if same:
+        notes.append(
+            f"the metadata of {', '.join(same)} state the same device as those of {', '.join(dict.fromkeys(same.values()))}: "
+            f"cameras of one model can share their unknown lens; delete the # before lens in {path} if they do"
         )
     assumed = [text for text in texts if text.fps is not None]
     if assumed:
@@ -96,6 +103,22 @@ def _assumed_fps(camera: FoundCamera, cameras: Sequence[FoundCamera]) -> float |
     if camera.video is not None:
         return None
     return next((other.info.average_fps for other in cameras if other.info is not None), None)
+
+
+def _same_devices(cameras: Sequence[FoundCamera], places: Mapping[str, Path]) -> dict[str, str]:
+    """By camera without intrinsics, another one whose video has the same size, device and focal length: with intrinsics, or
+    else the first.
+    """
+    first: dict[tuple[object, ...], str] = {}
+    out = {}
+    for camera in sorted(cameras, key=lambda camera: camera.name not in places):
+        info = camera.info
+        if info is None or info.camera.device is None:
+            continue
+        other = first.setdefault((info.size, info.camera), camera.name)
+        if other != camera.name and camera.name not in places:
+            out[camera.name] = other
+    return out
 
 
 def _check_free(path: Path, force: bool) -> None:
@@ -172,7 +195,7 @@ def _state(
     """A camera's lens for the table, in remarks for the scene file, and what must be done about it."""
     if lens is None:
         if camera.info is not None:
-            return "estimated", (), ""
+            return "estimated" if camera.info.camera.focal_35mm is None else "metadata", (), ""
         must = "replace WIDTH and HEIGHT by the size of the images in which its people were detected"
         return "SIZE MISSING", (f"TO DO: {must}.",), f"camera {camera.name}: {must}, in {scene}"
     if lens.lens is None:

@@ -1,0 +1,175 @@
+"""What a video's metadata say of the camera that recorded it: its make and model, and the focal length of its lens.
+
+FFmpeg reads the metadata of the whole file. Phones write the focal length into the metadata of the video's track (QuickTime:
+`moov`, `trak`, `meta`, `keys` and `ilst`), which FFmpeg passes over; they are read here. Metadata may say anything: what is no
+focal length is taken as none.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from av.container import InputContainer
+
+FOCAL_KEYS = ("camera.focal_length.35mm_equivalent", "focallengthin35mmfilm", "focallengthin35mmformat")
+"""The endings of the names of a 35 mm equivalent focal length, in small letters: of QuickTime, and of Exif as tools copy it."""
+MAKE_KEYS, MODEL_KEYS = ("make", "manufacturer"), ("model",)
+_PREFIXES = ("com.apple.quicktime.", "com.android.", "")
+
+SHORTEST_MM, LONGEST_MM = 4.0, 2000.0
+"""Of 35 mm equivalents: fisheye lenses have 6 to 15, surveillance cameras with a zoom up to 1200."""
+
+QUICKTIME = ("mov", "mp4", "m4a", "3gp", "3g2", "mj2")
+_CONTAINERS = (b"moov", b"trak")
+_DEEPEST = 2
+_MOST_BOXES, _MOST_BYTES = 10_000, 1 << 16
+"""Boxes that are looked at, and bytes of metadata that are read of one track: a head of a few bytes may promise any number."""
+_TEXT, _FLOAT, _DOUBLE, _SIGNED, _UNSIGNED = 1, 23, 24, 21, 22
+_LONGEST_NAME = 80
+
+
+@dataclass(frozen=True)
+class RecordingCamera:
+    """The camera that made a recording, as far as the recording says."""
+
+    focal_35mm: float | None = None
+    """Focal length, mm, of a lens with the same field of view over the diagonal of a 36 x 24 mm picture."""
+    device: str | None = None
+    """Make and model, and of cameras with several lenses which of them."""
+
+
+def read_recording_camera(path: Path, container: InputContainer) -> RecordingCamera:
+    """What the metadata of an open video, which lies at `path`, say of its camera."""
+    found = {name.lower(): value for name, value in container.metadata.items()}
+    for stream in container.streams.video[:1]:
+        found |= {name.lower(): value for name, value in stream.metadata.items()}
+    if set(container.format.name.split(",")) & set(QUICKTIME):
+        try:
+            with path.open("rb") as file:
+                found |= {name.lower(): value for name, value in _track_metadata(file).items()}
+        except (OSError, ValueError, struct.error):
+            pass  # FFmpeg can read the video; what else is in the file need not be sound
+    return RecordingCamera(_focal(found), _device(found))
+
+
+def _focal(found: Mapping[str, str]) -> float | None:
+    """The 35 mm equivalent focal length; None where there is none, or none that a lens has."""
+    for name, text in found.items():
+        if name.endswith(FOCAL_KEYS):
+            try:
+                value = float(text.strip().lower().removesuffix("mm"))
+            except ValueError:
+                continue
+            if math.isfinite(value) and SHORTEST_MM <= value <= LONGEST_MM:
+                return value
+    return None
+
+
+def _device(found: Mapping[str, str]) -> str | None:
+    """Make, model and lens; None where no model is stated."""
+
+    def stated(names: tuple[str, ...]) -> str:
+        keys = (prefix + name for prefix in _PREFIXES for name in names)
+        return next((plain for key in keys if (plain := _plain(found.get(key, "")))), "")
+
+    make, model, lens = stated(MAKE_KEYS), stated(MODEL_KEYS), stated(("camera.lens_model",))
+    if not model:
+        return None
+    words = model if model.lower().startswith(make.lower()) else f"{make} {model}"
+    # Phones name the lens with the phone's name before it.
+    return f"{words}, {lens.removeprefix(model).strip()}" if lens.removeprefix(model).strip() else words
+
+
+def _plain(text: str) -> str:
+    """A name on one line without anything that a terminal would act on."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:_LONGEST_NAME]
+
+
+def _track_metadata(file: BinaryIO) -> dict[str, str]:
+    """Names and values in the metadata of the tracks, numbers as text; those of the first track that has them.
+
+    Raises `ValueError` or `struct.error` for boxes that are none.
+    """
+    file.seek(0, 2)
+    boxes = _Boxes(file)
+    found: dict[str, str] = {}
+    for kind, start, end in boxes.below(0, file.tell()):
+        if kind == b"meta" and end - start <= _MOST_BYTES:
+            file.seek(start)
+            content = file.read(end - start)
+            # QuickTime's box begins with its parts, that of ISO 14496-12 with four bytes of version and flags.
+            found = (_items(content) or _items(content[4:])) | found
+    return found
+
+
+@dataclass(eq=False)
+class _Boxes:
+    """The boxes of a file (ISO 14496-12, QuickTime) that lie in the heads of tracks."""
+
+    file: BinaryIO
+    count: int = 0
+
+    def below(self, start: int, end: int, depth: int = 0) -> Iterator[tuple[bytes, int, int]]:
+        """Kind, first byte of the content and end of each box between two places of the file; of containers what they hold.
+
+        Metadata of the file itself, which FFmpeg reads, are passed over.
+        """
+        while start + 8 <= end and self.count < _MOST_BOXES:
+            self.count += 1
+            self.file.seek(start)
+            size, kind = struct.unpack(">I4s", self.file.read(8))
+            head = 8
+            if size == 1:
+                (size,), head = struct.unpack(">Q", self.file.read(8)), 16
+            elif size == 0:
+                size = end - start
+            if size < head or start + size > end:
+                raise ValueError("a box that is larger than what it lies in")
+            if kind in _CONTAINERS and depth < _DEEPEST:
+                yield from self.below(start + head, start + size, depth + 1)
+            elif depth == _DEEPEST:
+                yield kind, start + head, start + size
+            start += size
+
+
+def _parts(content: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Kind and content of the boxes in some bytes; those that are cut off are left out."""
+    place = 0
+    while place + 8 <= len(content):
+        size, kind = struct.unpack(">I4s", content[place : place + 8])
+        if size < 8 or place + size > len(content):
+            return
+        yield kind, content[place + 8 : place + size]
+        place += size
+
+
+def _items(content: bytes) -> dict[str, str]:
+    """The names (`keys`) and values (`ilst`) of a `meta` box; empty where it is built otherwise."""
+    parts = dict(_parts(content))
+    names = [name.decode("utf-8", "replace") for _, name in _parts(parts.get(b"keys", b"")[8:])]
+    found = {}
+    for kind, item in _parts(parts.get(b"ilst", b"")):
+        (number,) = struct.unpack(">I", kind)
+        data = dict(_parts(item)).get(b"data", b"")
+        if 0 < number <= len(names) and len(data) > 8 and (text := _text(data)) is not None:
+            found[names[number - 1]] = text
+    return found
+
+
+def _text(data: bytes) -> str | None:
+    """A value with its well-known type before it, as text; None of a type that neither names nor numbers have."""
+    kind, value = int.from_bytes(data[1:4], "big"), data[8:]
+    if kind == _TEXT:
+        return value.decode("utf-8", "replace")
+    if kind in (_SIGNED, _UNSIGNED):
+        return str(int.from_bytes(value[:8], "big", signed=kind == _SIGNED))
+    if kind == _FLOAT and len(value) == 4:
+        return repr(struct.unpack(">f", value)[0])
+    if kind == _DOUBLE and len(value) == 8:
+        return repr(struct.unpack(">d", value)[0])
+    return None

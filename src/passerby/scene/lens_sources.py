@@ -1,0 +1,143 @@
+"""The lens that a camera begins with: what is known of it, and from where.
+
+A file of intrinsics; what the scene file states of a lens that nobody calibrated; the metadata of its video; the lens of
+another camera of the same model; or nothing but the image size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.common.errors import InputError
+from passerby.common.text import shortened
+from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
+from passerby.findings.finding import notice
+from passerby.perception.video_probe import fit_of_size
+from passerby.scene.camera_input import CameraInput, KnownLens
+from passerby.scene.lens_keys import STATEMENTS, stating_camera
+from passerby.scene.scene import Scene
+
+FULL_FRAME_MM = float(np.hypot(36.0, 24.0))
+"""Diagonal of the picture that 35 mm equivalents are stated for."""
+UNIT_SPREAD = 0.01
+"""Focal lengths of cameras of one model differ by about so much from unit to unit, one standard deviation as a share: by the
+tolerance of the lens and by its focus."""
+
+
+def find_lens(scene: Scene, reading: CameraInput, model: CameraInput | None) -> None:
+    """Give a camera without intrinsics of its own the lens that it begins with; what is wrong with it is a fault.
+
+    Args:
+        scene: the scene.
+        reading: the camera; its video has been looked into.
+        model: the camera whose lens is the same, with its lens; None: no other.
+    """
+    if model is None:
+        _find_own_lens(scene, reading)
+    elif model.lens is not None:
+        _take_lens(scene, reading, model, model.lens)
+
+
+def _find_own_lens(scene: Scene, reading: CameraInput) -> None:
+    """The lens by what the scene file, or else the video, states; stated for one camera, it holds for all of its model."""
+    size = scene.cameras[reading.name].image_size or (None if reading.video is None else reading.video.size)
+    if size is None:
+        return
+    names = scene.models[reading.name]
+    group = reading.name if len(names) > 1 else None
+    holder = stating_camera(scene.cameras, names, ("lens_model",))
+    fisheye = holder is not None and scene.cameras[holder].lens_model == "fisheye"
+    stating = stating_camera(scene.cameras, names, STATEMENTS)
+    focal_35mm = None if reading.video is None else reading.video.camera.focal_35mm
+    try:
+        if stating is not None:
+            reading.lens = replace(_stated_lens(scene, stating, size, fisheye), group=group)
+            (key,) = (key for key in STATEMENTS if getattr(scene.cameras[stating], key) is not None)
+            reading.lens_source = KnownLens(key, str(scene.place))
+        elif focal_35mm is not None and reading.video is not None:
+            reading.lens = Lens.unknown(size, focal_px=equivalent_px(focal_35mm, size), fisheye=fisheye, group=group)
+            place = str(reading.video.path)
+            reading.lens_source = KnownLens("metadata", place)
+            values = {
+                "focal_35mm": focal_35mm,
+                "focal_px": reading.lens.focal,
+                "sd_percent": 100 * (reading.lens.focal_sd or 0),
+            }
+            reading.findings.append(notice("focal_from_metadata", reading.name, place=place, **values))
+        else:
+            reading.lens = Lens.unknown(size, fisheye=fisheye, group=group)
+            reading.lens_source = KnownLens("people", str(scene.place))
+    except InputError as error:
+        reading.faults.append(f"{scene.place}: [cameras.{stating or reading.name}] {error}")
+
+
+def _stated_lens(scene: Scene, camera: str, size: tuple[int, int], fisheye: bool) -> Lens:
+    """The lens by what the scene file states of a camera. Raises `InputError` for what no lens has."""
+    table = scene.cameras[camera]
+    sd = None if table.focal_sd_percent is None else table.focal_sd_percent / 100
+    if table.hfov_deg is not None:
+        return Lens.unknown(size, table.hfov_deg, sd, fisheye=fisheye)
+    if table.focal_mm is not None and table.sensor_width_mm is not None:
+        # An upright image of a camera that was turned shows the width of the sensor as its height.
+        focal_px, key = max(size) * table.focal_mm / table.sensor_width_mm, "focal_mm and sensor_width_mm"
+    else:
+        assert table.focal_35mm is not None
+        focal_px, key = equivalent_px(table.focal_35mm, size), "focal_35mm"
+    try:
+        return Lens.unknown(size, focal_sd=sd, focal_px=focal_px, fisheye=fisheye)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def equivalent_px(focal_35mm: float, size: tuple[int, int]) -> float:
+    """Focal length, pixels, of a 35 mm equivalent, which has the same field of view over the diagonal of (width, height)."""
+    return float(focal_35mm * np.hypot(*size) / FULL_FRAME_MM)
+
+
+def _take_lens(scene: Scene, reading: CameraInput, model: CameraInput, lens: Lens) -> None:
+    """The lens of another camera of the same model: shared where nobody calibrated it, else with a unit's own deviation."""
+    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}] lens"
+    size = table.image_size or (lens.size if reading.video is None else reading.video.size)
+    try:
+        same = size == lens.size or (not lens.uncalibrated and fit_of_size(size, lens.size) == "cropped")
+    except InputError:
+        same = False
+    if not same:
+        reading.faults.append(
+            f"{place}: the images of {reading.name} are {size[0]} x {size[1]}, those of {model.name}, whose lens it shares, "
+            f"{lens.size[0]} x {lens.size[1]}: one lens holds for one image size; give both the same size, or delete lens"
+        )
+        return
+    reading.lens, source = lens, model.lens_source
+    if not lens.uncalibrated:
+        own = UNIT_SPREAD if table.focal_sd_percent is None else table.focal_sd_percent / 100
+        sd = min(float(np.hypot(own, lens.focal_sd or 0.0)), LARGEST_FOCAL_SD)
+        reading.lens = replace(lens, focal_sd=sd, uncalibrated=True)
+    if source is not None:
+        reading.lens_source = replace(source, same_as=model.name)
+
+
+def group_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
+    """Lenses of one group that are not one lens; a scene file's are, so that these are from memory."""
+    first: dict[str, tuple[str, Lens]] = {}
+    faults = []
+    for reading in readings:
+        lens = reading.lens
+        if lens is None or lens.group is None or not lens.uncalibrated:
+            continue
+        camera, other = first.setdefault(lens.group, (reading.name, lens))
+        for what, own, others in (
+            ("image size", f"{lens.size[0]} x {lens.size[1]}", f"{other.size[0]} x {other.size[1]}"),
+            ("lens model", "fisheye" if lens.fisheye else "pinhole", "fisheye" if other.fisheye else "pinhole"),
+            ("focal length", f"{lens.focal:.6g} px", f"{other.focal:.6g} px"),
+        ):
+            if own != others:
+                faults.append(
+                    f"{scene.place}: cameras {camera} and {reading.name} are of the group {shortened(lens.group)}, but their "
+                    f"{what}s differ: {others} and {own}; give lenses of one group the same, or no group"
+                )
+                break
+    return faults
