@@ -7,7 +7,7 @@ from passerby.core.figures import LensFigures
 from passerby.core.lens_parameters import LensParameter, lens_parameters
 from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
-from passerby.report.html import Html, Section, element, join
+from passerby.report.html import Section, element, join
 from passerby.report.tables import Cell, Column, data_table, number, text
 from passerby.report.values import MISSING, figure, listed
 from passerby.solver.refined_lenses import KNOWN_FOCAL
@@ -31,8 +31,8 @@ COLUMNS = (
 TERMS = (
     (
         "Focal length",
-        "how much the lens magnifies: with twice the focal length a person appears twice as tall, and the image shows about half "
-        "as much of the world.",
+        "how much the lens magnifies: with twice the focal length a person appears twice as tall, and the image shows about "
+        "half as much of the world.",
     ),
     ("Field of view", "how much of the world the image shows, as an angle. Data sheets of cameras state it."),
     (
