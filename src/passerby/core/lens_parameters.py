@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from passerby.core.figures import FocalFigures, LensFigures, LensPrior
@@ -26,7 +27,7 @@ class LensParameter:
     """None where nothing was known before people were seen."""
     prior_sigma: float | None
     people_sigma: float | None
-    """By people alone; None where they say nothing."""
+    """By people alone, beside a prior; None where they say nothing, or nothing else was known."""
     people_share: float | None
     """How much of what is known comes from people, 0 to 1."""
 
@@ -71,11 +72,21 @@ def lens_parameters(parts: LensFigures) -> tuple[LensParameter, ...]:
     return tuple(out)
 
 
+def names_in_words(parameters: Iterable[LensParameter]) -> str:
+    """`focal length, principal point, k1`; empty for none. The two of the principal point are one where both are there."""
+    names = [one.name.removeprefix("distortion ") for one in parameters]
+    x, y = "principal point x", "principal point y"
+    if {x, y} <= set(names):
+        names.remove(y)
+        names[names.index(x)] = "principal point"
+    return ", ".join(names)
+
+
 def _focal(focal: FocalFigures) -> LensParameter:
     """The focal length; a search is no prior of its own, so what the scene states stands beside people."""
     searched = focal.prior == "search"
     value, sd = (focal.scene_px, focal.scene_sigma_px) if searched else (focal.stated_px, focal.prior_sigma_px)
+    alone = None if searched and value is None else focal.people_sigma_px
     return LensParameter(
-        "focal length", "px", focal.refined_px, focal.sigma_px, focal.prior, value, sd, focal.people_sigma_px,
-        focal.people_share,
-    )  # fmt: skip
+        "focal length", "px", focal.refined_px, focal.sigma_px, focal.prior, value, sd, alone, focal.people_share
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import LensFigures
-from passerby.core.lens_parameters import LensParameter, lens_parameters
+from passerby.core.lens_parameters import LensParameter, lens_parameters, names_in_words
 from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
 from passerby.report.html import Section, element, join
@@ -57,7 +57,7 @@ DETAILS = (
     Column("Std", hint="standard deviation (1 sigma)"),
     Column("Prior", hint="what was known before anybody was seen"),
     Column("Prior std", hint="standard deviation (1 sigma)"),
-    Column("Std by people alone", hint="standard deviation if nothing but the people were known"),
+    Column("Std by people alone", hint="standard deviation without the prior"),
     Column("From people", "%", hint="share of what is known that comes from the people rather than from the prior"),
     Column("Determined by", numeric=False),
 )
@@ -92,8 +92,8 @@ def _row(contents: Contents, name: str, parts: LensFigures) -> list[Cell]:
         _estimate(by_name.get("principal point x"), float(lens.matrix[0, 2]), 0),
         _estimate(by_name.get("principal point y"), float(lens.matrix[1, 2]), 0),
         _estimate(by_name.get("distortion k1"), k1, 3),
-        text(_names_of([one for one in by_name.values() if one.people_share is not None and not one.by_prior])),
-        text(_names_of([one for one in by_name.values() if one.by_prior])),
+        text(names_in_words([one for one in by_name.values() if one.people_share is not None and not one.by_prior]) or MISSING),
+        text(names_in_words([one for one in by_name.values() if one.by_prior]) or MISSING),
     ]
 
 
@@ -113,16 +113,6 @@ def _estimate(one: LensParameter | None, otherwise: float, digits: int) -> Cell:
         return number(otherwise, digits, kind="faint")
     near = element("small", f" ± {figure(one.sigma, digits)}")
     return Cell(join(figure(one.estimate, digits), near), one.estimate, "faint" if one.by_prior else "", numeric=True)
-
-
-def _names_of(numbers: list[LensParameter]) -> str:
-    """`focal length, k1`; a dash for none. The two of the principal point are one where both are there."""
-    names = [one.name.removeprefix("distortion ") for one in numbers]
-    both = ["principal point x", "principal point y"]
-    if set(both) <= set(names):
-        names = [name for name in names if name not in both[1:]]
-        names[names.index(both[0])] = "principal point"
-    return ", ".join(names) or MISSING
 
 
 def _detail(name: str, one: LensParameter) -> list[Cell]:
@@ -155,7 +145,7 @@ def _in_words(lenses: dict[str, LensFigures]) -> list[str]:
     poor = [name for name, all_of in numbers.items() if any(_poor(one) for one in all_of)]
     if poor:
         out.append(
-            f"Bold: the focal length of {listed(poor)} is known to more than {100 * KNOWN_FOCAL:.0f} % only. State the field "
+            f"Bold: the focal length of {listed(poor)} is uncertain by more than {100 * KNOWN_FOCAL:.0f} %. State the field "
             "of view (hfov_deg), or record more people, near and far."
         )
     if any(one.by_prior for all_of in numbers.values() for one in all_of):
