@@ -51,7 +51,7 @@ def test_there_is_a_row_for_each_lens_that_was_estimated(page):
     row, keys = rows[0], ("Focal length px", "Principal point x, px", "Principal point y, px", "Distortion k1")
     assert [float(row[key]) for key in keys] == [500.0, 361.0, 287.0, -0.12]
     assert (float(row["Field of view ° across"]), float(row["Field of view ° down"])) == pytest.approx((across, down))
-    assert (row["Determined by people"], row["Assumed or stated"]) == ("focal length, k1", "principal point")
+    assert (row["From people"], row["From the prior"]) == ("focal length, k1", "principal point")
 
 
 def test_every_number_has_its_prior_and_the_share_of_people(page):

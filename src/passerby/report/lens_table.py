@@ -14,8 +14,8 @@ from passerby.solver.refined_lenses import KNOWN_FOCAL
 
 LEAD = (
     "The intrinsics of these cameras were estimated from the people, together with the rig; ± is one sigma. Compare them with "
-    "the data sheets of your cameras, and check the horizon and the verticals in the camera views: they must run along the "
-    "edges of doors, posts and buildings."
+    "the data sheets of your cameras, and check the horizon and the verticals in the camera views: the verticals must run "
+    "along the edges of doors, posts and buildings."
 )
 COLUMNS = (
     Column("Camera", numeric=False),
@@ -25,8 +25,8 @@ COLUMNS = (
     Column("Principal point", "x, px"),
     Column("Principal point", "y, px"),
     Column("Distortion", "k1"),
-    Column("Determined by people", numeric=False, hint="numbers that rest on the people more than on what was known before"),
-    Column("Assumed or stated", numeric=False, hint="numbers that rest on what was known before more than on the people"),
+    Column("From people", numeric=False, hint="numbers that rest on the people more than on what was known before"),
+    Column("From the prior", numeric=False, hint="numbers that rest on what was known before more than on the people"),
 )
 TERMS = (
     (

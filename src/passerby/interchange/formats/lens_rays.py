@@ -47,7 +47,7 @@ class Rays:
         rim, seen = _rim(lens.project_rays, lens.size)
         own = _own(lens, rim, seen)
         bearings, pixels = bearings[known], pixels[known]
-        if FEWEST_RAYS <= known.sum() < len(known):
+        if FEWEST_RAYS <= len(bearings) < len(known):
             last = _last_rays(lens)
             bearings, pixels = np.vstack([bearings, last]), np.vstack([pixels, lens.project_rays(last)])
         return cls(bearings, pixels, lens.size, (rim[own], seen[own]))
