@@ -41,13 +41,13 @@ class Rays:
     @classmethod
     def of(cls, lens: Lens) -> Rays:
         """The rays of a grid over the picture, but for pixels that the lens itself has none for."""
-        pixels = picture_grid(lens.size)
-        bearings = bearings_of(lens, pixels)
+        grid = picture_grid(lens.size)
+        bearings = bearings_of(lens, grid)
         known = np.isfinite(bearings).all(axis=1)
         rim, seen = _rim(lens.project_rays, lens.size)
         own = _own(lens, rim, seen)
-        bearings, pixels = bearings[known], pixels[known]
-        if FEWEST_RAYS <= len(bearings) < len(known):
+        bearings, pixels = bearings[known], grid[known]
+        if FEWEST_RAYS <= len(bearings) < len(grid):
             last = _last_rays(lens)
             bearings, pixels = np.vstack([bearings, last]), np.vstack([pixels, lens.project_rays(last)])
         return cls(bearings, pixels, lens.size, (rim[own], seen[own]))
