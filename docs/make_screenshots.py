@@ -1,7 +1,8 @@
 """Photographs a report for the documentation, into `docs/figures`.
 
     passerby demo -o demo
-    python docs/make_screenshots.py demo/out
+    passerby demo --no-intrinsics -o unknown
+    python docs/make_screenshots.py demo/out unknown/out
 
 Needs the extra `dev` (playwright) and a Chromium of the machine's package manager. The demonstration's people are drawn, so the
 pictures show nobody.
@@ -27,25 +28,38 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 JPEG_QUALITY = 82
 
 
-def main(out: Path) -> None:
-    """Make the pictures from the output folder of a calibration with videos."""
+def main(out: Path, without_intrinsics: Path) -> None:
+    """Make the pictures from the output folders of two calibrations with videos."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         sys.exit("no Chromium: install the package chromium")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as running:
-        path = Path(folder) / "report.html"
-        write_report(contents_from(out), path)
         page = running.chromium.launch(executable_path=browser, args=FLAGS).new_page(
             viewport={"width": 1180, "height": 900}, color_scheme="light"
         )
-        page.goto(path.as_uri())
-        page.wait_for_function("document.querySelectorAll('.js-plotly-plot').length > 3")
-        page.wait_for_timeout(3000)
+        _open(page, out, Path(folder) / "report.html")
         _keep(page, {"x": 0, "y": 0, "width": 1180, "height": 775}, "report.jpg")
-        views = page.locator("#views").bounding_box()
-        if views is None:
-            sys.exit(f"{out}: its report shows no views: a calibration of videos is needed")
-        _keep(page, {"x": 0, "y": views["y"] - 10, "width": 1180, "height": 735}, "report-view.jpg")
+        _keep(page, {"x": 0, "y": _top(page, "views", out), "width": 1180, "height": 735}, "report-view.jpg")
+        _open(page, without_intrinsics, Path(folder) / "without.html")
+        page.locator("#lenses details").evaluate("(one) => { one.open = true; }")
+        top, end = _top(page, "lenses", without_intrinsics), _top(page, "rig", without_intrinsics)
+        _keep(page, {"x": 0, "y": top, "width": 1180, "height": end - top}, "report-lenses.jpg")
+
+
+def _open(page: Page, out: Path, path: Path) -> None:
+    """Show the report of an output folder, written to `path`."""
+    write_report(contents_from(out), path)
+    page.goto(path.as_uri())
+    page.wait_for_function("document.querySelectorAll('.js-plotly-plot').length > 3")
+    page.wait_for_timeout(3000)
+
+
+def _top(page: Page, section: str, out: Path) -> float:
+    """Where a section begins on the page, pixels."""
+    box = page.locator(f"#{section}").bounding_box()
+    if box is None:
+        sys.exit(f"{out}: its report has no section {section}: a calibration of videos is needed, once without intrinsics")
+    return box["y"] - 10
 
 
 def _keep(page: Page, clip: dict[str, float], name: str) -> None:
@@ -57,4 +71,4 @@ def _keep(page: Page, clip: dict[str, float], name: str) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

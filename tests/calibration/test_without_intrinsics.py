@@ -9,6 +9,7 @@ import pytest
 from passerby.calibration.pipeline import calibrate
 from passerby.cli.main import run
 from passerby.common.errors import InputError
+from passerby.core.figures import adjusted
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.scene import Scene
@@ -81,6 +82,18 @@ def test_a_rig_and_its_lenses(tmp_path, options):
     assert {entry["code"] for entry in document["diagnostics"]} >= {"intrinsics_unknown", "intrinsics_estimated"}
     lenses = document["figures"]["lenses"]
     assert all(set(lenses[camera.name]) == {"focal", "principal_point", "distortion"} for camera in truth)
+    for parts in lenses.values():
+        focal, point, bent = parts["focal"], parts["principal_point"], parts["distortion"]
+        assert (focal["prior"], focal["people_share"]) == ("search", 1.0)
+        assert {point["prior"], bent["prior"]} == {"assumed"}
+        assert point["stated_px"] == [360, 288]
+        for sigma, prior, alone, share in (
+            (focal["sigma_px"], focal["prior_sigma_px"], focal["people_sigma_px"], None),
+            (bent["sigma"], bent["prior_sigma"], bent["people_sigma"], bent["people_share"]),
+            *zip(*(point[key] for key in ("sigma_px", "prior_sigma_px", "people_sigma_px", "people_share")), strict=True),
+        ):
+            assert sigma == pytest.approx(1 / np.hypot(1 / prior, 1 / alone), rel=0.1), "as information adds up"
+            assert share is None or share == pytest.approx((sigma / alone) ** 2)
     written = read_rig(tmp_path / "out" / "rig.toml")
     assert written["C1"].lens.focal == pytest.approx(found.rig["C1"].lens.focal)
     assert 0 < written["C1"].lens.focal_sd < 0.1
@@ -100,3 +113,8 @@ def test_a_field_of_view_narrows_the_search(tmp_path):
     path.write_text(text)
     found = calibrate(path)
     assert max(abs(np.log(camera.lens.focal / truth[camera.name].lens.focal)) for camera in found.rig) < 0.05
+    for camera in truth:
+        focal = adjusted(found.figures).lenses[camera.name].focal
+        assert focal.scene_px == pytest.approx(camera.lens.focal, rel=0.05)
+        assert focal.scene_sigma_px == pytest.approx(0.15 * focal.scene_px)
+        assert 0.8 < focal.people_share < 1

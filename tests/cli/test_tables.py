@@ -11,8 +11,18 @@ from passerby.cli.tables import show_calibration
 from passerby.cli.terminal import _Log, stages
 from passerby.common.progress import tell_note
 from passerby.core.association_figures import AssociationFigures, TiedPair
-from passerby.core.cameras import Pose, PoseSigma, Rig
-from passerby.core.figures import AdjustedFigures, CueFigures, ScaleFigures, SolvedCamera
+from passerby.core.cameras import Lens, Pose, PoseSigma, Rig
+from passerby.core.field_of_view import field_of_view_deg
+from passerby.core.figures import (
+    AdjustedFigures,
+    CueFigures,
+    DistortionFigures,
+    FocalFigures,
+    LensFigures,
+    PrincipalPointFigures,
+    ScaleFigures,
+    SolvedCamera,
+)
 from passerby.core.observations import Clock
 from passerby.findings.finding import doubt
 from passerby.findings.texts import text_of
@@ -125,6 +135,30 @@ def test_what_a_measured_length_would_mend(calibration, capsys):
         shown = capsys.readouterr().out
         assert "scale known to 4.7 %, from heights of 3 people (90 %), height of A (10 %)" in shown
         assert ("relative positions are known to 2 mm" in shown) is told
+
+
+def test_lenses_that_were_estimated_are_shown(calibration, capsys):
+    found = calibration(SEARCHED)
+    focal = FocalFigures(
+        stated_px=400.0, refined_px=500.0, sigma_px=10.0, people_sigma_px=12.0, far=False, told=True, prior="search",
+        people_share=1.0,
+    )  # fmt: skip
+    point = PrincipalPointFigures(
+        stated_px=(320.0, 240.0), refined_px=(321.0, 238.0), sigma_px=(6.0, 7.0), people_sigma_px=(50.0, 60.0), far=False,
+        told=False, prior_sigma_px=(6.4, 6.4), prior="assumed", people_share=(0.02, 0.01),
+    )  # fmt: skip
+    bent = DistortionFigures(refined=-0.12, sigma=0.03, stated=0.0, prior_sigma=0.15, people_sigma=0.031, people_share=0.95)
+    lens = Lens((640, 480), np.array([[500.0, 0, 321], [0, 500, 238], [0, 0, 1]]), np.array([-0.12, 0, 0, 0]))
+    rig = Rig(tuple(replace(camera, lens=lens) if camera.name == "B" else camera for camera in found.rig))
+    figures = AdjustedFigures(lenses={"B": LensFigures(focal=focal, principal_point=point, distortion=bent)})
+    show_calibration(replace(found, rig=rig, figures=figures), verbose=False)
+    shown = capsys.readouterr().out.splitlines()
+    row = shown[shown.index("intrinsics estimated from people") + 2].split()
+    across, down = field_of_view_deg(lens)
+    numbers = ["500.0", "2.0", f"{across:.0f}", "x", f"{down:.0f}", "321", "238", "7.0", "-0.120", "0.030"]
+    assert row == ["B", *numbers, "principal", "point"]
+    show_calibration(found, verbose=False)
+    assert "intrinsics estimated" not in capsys.readouterr().out
 
 
 def test_stages_are_lines_for_those_who_want_them_where_there_is_no_terminal(capsys):

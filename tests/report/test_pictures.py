@@ -72,6 +72,25 @@ def test_the_grid_lies_where_the_camera_projects_the_ground(preset):
     assert off[near].max() < 0.03
 
 
+def test_the_horizon_and_plumb_lines_are_drawn_and_named():
+    made = simulated()
+    for camera in made.rig:
+        root = parsed(drawn(contents(made, seen=only_boxes(made)), camera.name)[0])
+        lines = layer(root, "lines")
+        (verticals,), horizon = of_class(lines, "verticals"), of_class(lines, "horizon")
+        assert len(strokes(verticals)) >= 3
+        for stroke in strokes(verticals):
+            ray = camera.lens.bearings(stroke) @ camera.pose.R_cw
+            across = np.cross(ray[0], ray[-1])  # the plane through the camera is upright
+            assert abs(across[2]) / np.linalg.norm(across) < 2e-3
+        names = [text.text for text in lines.iter(f"{SVG}text")]
+        assert names == [*(["horizon"] if horizon else []), "vertical"]
+        for text in lines.iter(f"{SVG}text"):
+            assert 0 <= float(text.get("x")) <= camera.lens.size[0]
+            assert 0 <= float(text.get("y")) <= camera.lens.size[1]
+    assert horizon, "these cameras hang low"
+
+
 def test_boxes_and_the_models_boxes_are_drawn_where_they_are():
     made = simulated()
     told = contents(made, seen=only_boxes(made))
@@ -125,7 +144,7 @@ def test_a_camera_without_a_pose_shows_its_boxes_only():
     svg, _ = drawn(contents(made, rig=rig), name)
     root = parsed(svg)
     assert "not registered" in svg
-    for empty in ("grid", "cameras", "model"):
+    for empty in ("grid", "lines", "cameras", "model"):
         assert not list(layer(root, empty))
     assert list(layer(root, "boxes"))
 

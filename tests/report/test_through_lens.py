@@ -1,10 +1,13 @@
 """Lines of the world in a picture: where the camera projects them, and nowhere else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from passerby.core.cameras import Camera, Lens, Pose
+from passerby.report.reference_layer import MOST_LINES, plumb_lines
 from passerby.report.through_lens import View, simplify_polyline, spacing_of
 from support.report.drawings import distance_to
 
@@ -19,6 +22,9 @@ LENSES = {
         fisheye=True,
     ),
 }  # fmt: skip
+TURNING = Lens((1280, 720), np.array([[560.0, 0, 639.5], [0, 560.0, 359.5], [0, 0, 1]]), np.array([-0.3, 0.0, 0.0, 0.0]))
+"""One coefficient, as of a lens that nobody calibrated: it turns over within the picture."""
+ALL = {**LENSES, "turning over": TURNING}
 
 
 def looking(lens, height=3.0, pitch=20.0, roll=5.0):
@@ -89,6 +95,54 @@ def test_the_horizon_is_where_level_rays_go(kind):
         assert np.abs(rays[:, 2]).max() < 1e-3
     assert sum(len(stroke) for stroke in View(camera).horizon()) >= 2
     assert View(looking(LENSES["pinhole"], pitch=80.0)).horizon() == []
+
+
+@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("pitch", [-10.0, 20.0, 75.0])
+def test_vertical_edges_lie_along_the_plumb_lines(kind, pitch):
+    camera = looking(ALL[kind], pitch=pitch)
+    step = np.deg2rad(10)
+    drawn = [stroke for line in View(camera).verticals(step) for stroke in line]
+    assert len(drawn) > 4
+    headings = []
+    for stroke in drawn:
+        rays = camera.lens.bearings(np.clip(stroke, -0.5, np.array(camera.lens.size) - 0.5)) @ camera.pose.R_cw
+        off = (np.arctan2(rays[:, 1], rays[:, 0]) - np.pi / 2) / step
+        assert (np.abs(off - np.rint(off)) * step * np.hypot(rays[:, 0], rays[:, 1]) < 1e-3).all()
+        assert (np.diff(rays[:, 2]) > 0).all(), "from below upwards, without turning back"
+        headings.append(int(np.rint(off[0])))
+    # Posts on the ground, near and far, wherever they are seen.
+    seen = 0
+    for heading in range(36):
+        for metres in (2.0, 9.0):
+            x, y = -metres * np.sin(heading * step), metres * np.cos(heading * step)
+            post = np.column_stack([np.full((50, 2), (x, y)), np.linspace(0, 3, 50)])
+            pixels, inside = View(camera).points(post)
+            steep = np.abs(np.arctan2(post[:, 2] - 3.0, metres)) < np.deg2rad(88)
+            pixels = pixels[inside & steep]
+            if len(pixels):
+                seen += len(pixels)
+                assert np.min([distance_to(pixels, stroke) for stroke in drawn], axis=0).max() < 0.5
+    assert seen > 100
+
+
+def test_nothing_is_drawn_where_the_lens_turned_over():
+    camera = looking(TURNING, pitch=10.0)
+    # No ray of it leads beyond this radius.
+    rim = 560 * (2 / 3) / np.sqrt(3 * 0.3)
+    view = View(camera)
+    lines = [*view.horizon(), *(stroke for line in view.verticals(np.deg2rad(5)) for stroke in line)]
+    radius = np.linalg.norm(np.concatenate(lines) - camera.lens.matrix[:2, 2], axis=1)
+    assert rim - 5 < radius.max() < rim + 0.01
+
+
+@pytest.mark.parametrize("pitch", [-10.0, 20.0, 89.9])
+@pytest.mark.parametrize("kind", ALL)
+def test_plumb_lines_are_few(kind, pitch):
+    lens = ALL[kind]
+    assert 4 <= len(plumb_lines(View(looking(lens, pitch=pitch)))) <= MOST_LINES
+    far = replace(lens, matrix=lens.matrix * [[8, 1, 1], [1, 8, 1], [1, 1, 1]], distortions=np.zeros(0))
+    assert 3 <= len(plumb_lines(View(looking(far, pitch=pitch)))) <= MOST_LINES
 
 
 def test_straight_lines_lose_their_corners():

@@ -23,7 +23,7 @@ from passerby.solver.optimizer.least_squares import Step
 from passerby.solver.people import PeopleOptions
 from passerby.solver.people_state import AdjustmentState, UprightObservations
 from passerby.solver.person_model import CAMERA_SIZE, PeopleProblem
-from passerby.solver.refined_lenses import far_lenses, lens_notes
+from passerby.solver.refined_lenses import RefinedLenses, far_lenses, lens_figures, lens_notes
 from support.scenes.people_and_rigs import LENS, looking_at, part, simulated, solve, without_poses
 
 BOTH = LensUnknowns(("focal", "principal_point"))
@@ -214,6 +214,35 @@ def test_notes_say_what_was_refined() -> None:
     (told,) = far_lenses({"C2": LensFigures(focal=replace(focal, refined_px=1500.0, far=True))})
     assert (told.code, told.cameras) == ("focal_refined_far", ("C2",))
     assert told.values == {"change_percent": pytest.approx(50.0)}
+
+
+def test_figures_give_each_prior_and_how_much_people_count_beside_it():
+    lens = Lens.unknown((1000, 600), hfov_deg=60.0, focal_sd=0.05)
+    stated = Rig((Camera("A", lens), Camera("B", LENS)))
+    unknowns = LensUnknowns(("focal", "principal_point", "distortion"))
+    change = np.array([[0.02, 3.0, -1.0, -0.1], [0.0] * 4])
+    people, prior = np.array([0.025, 30.0, np.inf, 0.05]), np.array([0.05, 10.0, 10.0, 0.15])
+    sigma = 1 / np.sqrt(1 / people**2 + 1 / prior**2)
+    refined = RefinedLenses(unknowns, np.stack([sigma, sigma]), np.stack([people, people]))
+    figures = lens_figures(refined, stated, unknowns.rig(stated, change))
+    assert list(figures) == ["A"], "a calibrated lens beside it is held"
+    focal, point, distortion = figures["A"].focal, figures["A"].principal_point, figures["A"].distortion
+    assert (focal.stated_px, focal.prior_sigma_px) == pytest.approx((lens.focal, 0.05 * lens.focal))
+    assert focal.people_share == pytest.approx(0.8)  # twice as sure, four times as much
+    assert point.prior_sigma_px == pytest.approx((10.0, 10.0))
+    assert point.people_share == pytest.approx((0.1, 0.0))
+    assert point.people_sigma_px == (pytest.approx(30.0), None)
+    assert (distortion.refined, distortion.stated, distortion.prior_sigma) == pytest.approx((-0.1, 0.0, 0.15))
+    assert (distortion.people_sigma, distortion.people_share) == pytest.approx((0.05, 0.9))
+
+
+def test_the_prior_of_a_stated_value_is_given_as_a_sigma():
+    """A Cauchy distribution has half of itself within its scale, a normal one within 0.67 sigma."""
+    stated = Rig((Camera("A", replace(LENS, focal_sd=0.08)),))
+    refined = RefinedLenses(LensUnknowns(("focal",)), np.array([[0.03]]), np.array([[0.04]]))
+    focal = lens_figures(refined, stated, stated)["A"].focal
+    assert focal.prior_sigma_px == pytest.approx(0.08 * LENS.focal)
+    assert focal.people_share == pytest.approx(0.5625)
 
 
 def test_posteriors_of_a_stated_value() -> None:

@@ -21,11 +21,12 @@ from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
 from passerby.calibration.estimation import Estimator
+from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.repairs import Repair, Repaired, apply_repairs
 from passerby.calibration.scene_solver import solver_options
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
-from passerby.core.figures import adjusted, heights_of
+from passerby.core.figures import AdjustedFigures, adjusted, heights_of
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
@@ -136,7 +137,10 @@ def _with_figures(
     if "clock_rate" in scene.solver.refine and (inputs.observations.clocks or inputs.observations.fps is not None):
         rates = clock_rate_figures(inputs, repaired.inputs, repaired.estimate)
     moved = tuple(one.figures for one in motions)
-    return replace(solution, figures=replace(solution.figures, moved=moved, ground=ground_figures(shape), clock_rates=rates))
+    figures = replace(solution.figures, moved=moved, ground=ground_figures(shape), clock_rates=rates)
+    if isinstance(figures, AdjustedFigures):
+        figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
+    return replace(solution, figures=figures)
 
 
 def _doubts(

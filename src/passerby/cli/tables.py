@@ -12,7 +12,9 @@ from passerby.calibration.calibration import Calibration
 from passerby.cli.terminal import MISSING, is_interactive, number, show_table
 from passerby.core.association_figures import TiedPair, route_in_words
 from passerby.core.cameras import Camera, Rig
+from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import AdjustedFigures, adjusted
+from passerby.core.lens_parameters import lens_parameters, names_in_words
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.stated import Stated
 from passerby.findings.texts import text_of
@@ -34,6 +36,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     columns = ("camera", "x m", "y m", "height m", "position std mm", "rotation std deg", *clock, "boxes", "keypoints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
     show_scale(adjusted(calibration.figures), calibration.rig)
+    show_lenses(adjusted(calibration.figures), calibration.rig)
     for finding in calibration.findings if not is_interactive() else ():
         print(f"note: {finding}")
     if verbose:
@@ -104,6 +107,32 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
             f"most of the uncertainty is global scale: relative positions are known to {number(max(within), 0)} mm; one "
             f"measured length under [scale] fixes that"
         )
+
+
+def show_lenses(figures: AdjustedFigures, rig: Rig) -> None:
+    """The lenses that were estimated and what rests on what was known before; nothing where none was estimated."""
+    rows = []
+    for name, parts in figures.lenses.items():
+        lens, found = rig[name].lens, {one.name: one for one in lens_parameters(parts)}
+        focal, bent = found.get("focal length"), found.get("distortion k1")
+        points = [found.get(f"principal point {axis}") for axis in "xy"]
+        sure = max((one.sigma for one in points if one is not None), default=None)
+        rows.append(
+            [
+                name,
+                number(lens.focal),
+                MISSING if focal is None else number(100 * focal.sigma / focal.estimate),
+                " x ".join(number(angle, 0) for angle in field_of_view_deg(lens)),
+                " ".join(number(value, 0) for value in lens.matrix[:2, 2]),
+                number(sure),
+                *([MISSING] * 2 if bent is None else [number(bent.estimate, 3), number(bent.sigma, 3)]),
+                names_in_words(one for one in found.values() if one.by_prior) or MISSING,
+            ]
+        )
+    if rows:
+        point = ("principal point px", "std px")
+        columns = ("camera", "focal px", "std %", "field of view deg", *point, "k1", "std", "hardly known from people")
+        show_table("intrinsics estimated from people", columns, rows)
 
 
 def show_comparison(comparison: Comparison) -> None:

@@ -47,7 +47,7 @@ def grid_spacing(low: Floats, high: Floats) -> float:
 
 
 def ground_layer(sheet: Sheet, fit: Fitted) -> Html:
-    """The ground's grid, its axes and the horizon."""
+    """The ground's grid and its axes."""
     if sheet.camera.pose is None:
         return Html("")
     view = View(sheet.camera)
@@ -55,10 +55,6 @@ def ground_layer(sheet: Sheet, fit: Fitted) -> Html:
     spacing = grid_spacing(low, high)
     stretches = [stretch for line in view.segments(*grid_lines(low, high, spacing)) for stretch in line]
     parts = [sheet.path("".join(path_of(s) for s in stretches), 1.0, stroke_opacity=0.6, class_="grid")] if stretches else []
-    horizon = view.horizon()
-    if horizon:
-        d = "".join(path_of(stretch) for stretch in horizon)
-        parts.append(sheet.path(d, 1.2, stroke_dasharray="2 5", stroke_opacity=0.9, class_="horizon"))
     return join(*parts, _axes(sheet, view, 5 * spacing))
 
 

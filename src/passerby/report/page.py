@@ -16,6 +16,7 @@ from passerby.report.distances import distances_section
 from passerby.report.fitted import fit_people
 from passerby.report.headline import headline_section, scene_name, verdict_pill
 from passerby.report.html import Html, Section, element
+from passerby.report.lens_table import lens_section
 from passerby.report.people import heights_section, scale_section
 from passerby.report.places import pictures_section, rig_section
 from passerby.report.seen import seen_in
@@ -33,9 +34,10 @@ def report_page(contents: Contents, progress: Progress | None = None) -> str:
     """
     tell = progress or silent
     seen, fit = seen_in(contents), fit_people(contents)
-    makers: list[Callable[[], Section]] = [
+    makers: list[Callable[[], Section | None]] = [
         lambda: headline_section(contents, seen),
         lambda: camera_section(contents, seen),
+        lambda: lens_section(contents),
         lambda: rig_section(contents, fit),
         lambda: pictures_section(contents, fit, seen, tell),
         lambda: view_graph_section(contents, seen),
@@ -47,7 +49,7 @@ def report_page(contents: Contents, progress: Progress | None = None) -> str:
         lambda: settings_section(contents),
         lambda: files_section(contents),
     ]
-    return _document(contents, [maker() for maker in makers])
+    return _document(contents, [section for maker in makers if (section := maker()) is not None])
 
 
 def write_report(contents: Contents, path: Path, progress: Progress | None = None) -> None:

@@ -1,7 +1,7 @@
 """What a camera saw and what the calibration makes of it, drawn over a picture of its video: one SVG.
 
-Layers: the ground's grid, other cameras, the model's boxes, the boxes that were seen, joints. Coordinates within the inner
-group are those of the camera's pixels, whose origin is the middle of the first one.
+Layers: the ground's grid, the horizon and plumb lines, other cameras, the model's boxes, the boxes that were seen, joints.
+Coordinates within the inner group are those of the camera's pixels, whose origin is the middle of the first one.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from passerby.report.fitted import Fitted, fit_sample
 from passerby.report.ground_layer import centres_of, grid_region, grid_spacing, ground_layer, other_cameras
 from passerby.report.html import Html, element, join
 from passerby.report.people_layers import boxes_layer, joints_layer, model_layer
+from passerby.report.reference_layer import reference_layer
 from passerby.report.residuals import residual_map
 from passerby.report.sampling import clocks_of, sample_at
 from passerby.report.sheet import Sheet, clip_text, short
@@ -38,6 +39,7 @@ def camera_picture(contents: Contents, fit: Fitted, name: str) -> str:
     width, height = camera.lens.size
     layers = [
         element("g", ground_layer(sheet, fit), class_="layer-grid"),
+        element("g", reference_layer(sheet), class_="layer-lines"),
         element("g", other_cameras(sheet, contents), class_="layer-cameras"),
         element("g", model_layer(sheet, now), class_="layer-model"),
         element("g", boxes_layer(sheet, contents, now), class_="layer-boxes"),
@@ -46,7 +48,8 @@ def camera_picture(contents: Contents, fit: Fitted, name: str) -> str:
     return element(
         "svg", _canvas(sheet), element("g", layers, transform="translate(0.5 0.5)"), _notes(sheet, fit),
         viewBox=f"0 0 {width} {height}", class_="camera-picture", role="img",
-        aria_label=f"Camera {clip_text(name)}, frame {behind.frame}: ground grid, observed boxes, boxes of the model",
+        aria_label=f"Camera {clip_text(name)}, frame {behind.frame}: ground grid, horizon and verticals, observed boxes, boxes "
+        "of the model",
         xmlns="http://www.w3.org/2000/svg", data_frame=behind.frame, font_family="sans-serif",
     )  # fmt: skip
 

@@ -15,6 +15,7 @@ from passerby.report.weak_points import residuals_px
 
 LAYERS = (
     ("grid", "ground grid"),
+    ("lines", "horizon and verticals"),
     ("cameras", "other cameras"),
     ("boxes", "observed boxes"),
     ("model", "boxes of the model"),
@@ -41,7 +42,8 @@ def rig_section(contents: Contents, fit: Fitted) -> Section:
 def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress) -> Section:
     """A panel for each camera: its picture with what was seen and what the rig makes of it, and its residuals."""
     lead = (
-        "In a good calibration the grid lies flat on the ground, and the boxes of the model coincide with the observed boxes. "
+        "In a good calibration the grid lies flat on the ground, the verticals run along the edges of doors and posts, and the "
+        "boxes of the model coincide with the observed boxes. "
         "Arrows in the residual map that point in the same direction over a whole region indicate wrong intrinsics or a "
         "camera that moved."
     )
@@ -59,6 +61,7 @@ def _switches(contents: Contents) -> Html:
     with_boxes, with_joints = any(len(one.boxes) for one in seen), any(len(one.keypoints) for one in seen)
     there = {
         "grid": posed,
+        "lines": posed,
         "cameras": posed,
         "boxes": with_boxes,
         "model": posed and with_boxes,

@@ -23,6 +23,8 @@ STEP = np.deg2rad(1.0)
 """Between samples of a line, as an angle at the camera: below 0.1 pixels from the true curve for the lenses of real rigs."""
 STRAIGHT_PX = 0.1
 """Samples so near to the line between others are left out."""
+STEEPEST = np.deg2rad(88.0)
+"""Elevation at which plumb lines end: above and below the camera all of them meet."""
 HALVINGS = 14
 """Of a step, to find where a line enters and leaves the picture: to a thousandth of a pixel."""
 
@@ -97,16 +99,45 @@ class View:
 
     def horizon(self) -> list[Floats]:
         """Visible stretches (K, 2) of the line where the ground's plane ends."""
-        pose = self.camera.pose
-        assert pose is not None
-        behind = float(np.arctan2(-pose.R_cw[2, 1], -pose.R_cw[2, 0]))
+        behind = self._heading() + np.pi
         share = np.linspace(0.0, 1.0, int(np.ceil(2 * np.pi / STEP)) + 1)
 
         def at(_: Ints, where: Floats) -> Floats:
-            angle = behind + 2 * np.pi * where
-            return np.asarray(np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))]) @ pose.R_cw.T)
+            return self._directions(behind + 2 * np.pi * where, np.zeros(len(where)))
 
         return self._traced(1, share, at)[0]
+
+    def verticals(self, step: float) -> list[list[Floats]]:
+        """Plumb lines all around the camera, as far as they are in the picture: any vertical edge lies along one, near or far.
+
+        Args:
+            step: between their headings, radians, a whole share of a turn; one is straight ahead.
+
+        Returns:
+            Of each line that is visible, by heading, its visible stretches, (K, 2) pixels each, from below upwards.
+        """
+        count = round(2 * np.pi / step)
+        heading = np.asarray(self._heading() - step * (np.arange(count) - count // 2), dtype=np.float64)
+        share = np.linspace(0.0, 1.0, int(np.ceil(2 * STEEPEST / STEP)) + 1)
+
+        def at(line: Ints, where: Floats) -> Floats:
+            return self._directions(heading[line], np.asarray(STEEPEST * (2 * where - 1), dtype=np.float64))
+
+        return [stretches for stretches in self._traced(len(heading), share, at) if stretches]
+
+    def _heading(self) -> float:
+        """Where the camera looks over the ground, radians from the world's x axis towards y."""
+        pose = self.camera.pose
+        assert pose is not None
+        return float(np.arctan2(pose.R_cw[2, 1], pose.R_cw[2, 0]))
+
+    def _directions(self, heading: Floats, elevation: Floats) -> Floats:
+        """(N, 3) unit vectors in the camera frame of headings (N,) and elevations (N,) in the world, radians."""
+        pose = self.camera.pose
+        assert pose is not None
+        level = np.cos(elevation)
+        world = np.column_stack([level * np.cos(heading), level * np.sin(heading), np.sin(elevation)])
+        return np.asarray(world @ pose.R_cw.T)
 
     def _traced(self, n: int, share: Floats, at: Rays) -> list[list[Floats]]:
         """Visible stretches of `n` lines whose directions at shares of their lengths `at` tells."""

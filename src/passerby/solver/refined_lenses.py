@@ -13,7 +13,7 @@ from passerby.core.figures import DistortionFigures, FocalFigures, LensFigures, 
 from passerby.findings.finding import Finding, doubt, notice
 from passerby.solver.lens_check import size_drift
 from passerby.solver.lens_sigmas import by_boxes, lens_evidence, refined_sigmas
-from passerby.solver.lens_unknowns import LensUnknowns
+from passerby.solver.lens_unknowns import NORMAL_HALF, LensUnknowns
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.person_model import PeopleProblem
 
@@ -65,8 +65,9 @@ def decide_refined_lenses(
 
 
 def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dict[str, LensFigures]:
-    """By camera, each refined part as stated and as refined, its sigma, and the sigma that people alone would give; empty where
-    nothing is refined.
+    """By camera, each refined part as stated and as refined, with its sigma, its prior, and what people alone would give.
+
+    Empty where nothing is refined.
 
     Args:
         lenses: how sure they are.
@@ -75,41 +76,83 @@ def lens_figures(lenses: RefinedLenses | None, stated: Rig, refined: Rig) -> dic
     """
     if lenses is None:
         return {}
-    usual = lenses.unknowns.uncalibrated_sd(stated)
-    held = "distortion" in lenses.unknowns.parts
+    unknowns = lenses.unknowns
+    usual, core = unknowns.uncalibrated_sd(stated), unknowns.core(stated)
+    held = "distortion" in unknowns.parts
+    prior = core if held else core / NORMAL_HALF
     return {
-        before.name: _parts(lenses.unknowns, before.lens, after.lens, lenses.sigma[c], lenses.by_people[c], usual[c])
+        before.name: _parts(
+            unknowns, before.lens, after.lens, _LensSigmas(lenses.sigma[c], lenses.by_people[c], prior[c], usual[c])
+        )
         for c, (before, after) in enumerate(zip(stated, refined, strict=True))
         if not held or before.lens.uncalibrated
     }
 
 
-def _parts(unknowns: LensUnknowns, stated: Lens, refined: Lens, sigma: Floats, alone: Floats, usual: Floats) -> LensFigures:
-    """The parts of one camera's lens; (L,) sigmas."""
-    focal, point = None, None
-    if "focal" in unknowns.parts:
-        column = unknowns.columns_of("focal").start
-        change = float(np.log(refined.focal / stated.focal))
-        focal = FocalFigures(
-            stated_px=stated.focal, refined_px=refined.focal, sigma_px=float(sigma[column] * refined.focal),
-            people_sigma_px=float(alone[column] * refined.focal),
-            far=bool(abs(change) > _FAR_SIGMAS * usual[column]),
-            told=bool(alone[column] < _UNTOLD_SHARE * usual[column]),
-        )  # fmt: skip
+@dataclass(frozen=True, eq=False)
+class _LensSigmas:
+    """Standard deviations of one camera's unknowns, (L,) each."""
+
+    found: Floats
+    """With people and priors."""
+    people: Floats
+    """By people alone."""
+    prior: Floats
+    """By the prior alone; of a Cauchy distribution, that of a normal one with as much of itself near the stated value."""
+    usual: Floats
+    """What lenses that were never calibrated are off by."""
+
+    @property
+    def people_share(self) -> Floats:
+        """(L,) the share of people in what is known: the posterior's variance over theirs, as information adds up."""
+        return np.asarray(np.clip((self.found / self.people) ** 2, 0.0, 1.0))
+
+
+def _parts(unknowns: LensUnknowns, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> LensFigures:
+    """The parts of one camera's lens."""
+    focal = _focal(unknowns.columns_of("focal").start, stated, refined, sigmas) if "focal" in unknowns.parts else None
+    point, distortion = None, None
     if "principal_point" in unknowns.parts:
-        columns = unknowns.columns_of("principal_point")
-        moved = np.abs(refined.matrix[:2, 2] - stated.matrix[:2, 2])
-        point = PrincipalPointFigures(
-            stated_px=_xy(stated.matrix[:2, 2]), refined_px=_xy(refined.matrix[:2, 2]), sigma_px=_xy(sigma[columns]),
-            people_sigma_px=_xy(alone[columns]),
-            far=bool((moved > _FAR_SIGMAS * usual[columns]).any()),
-            told=bool((alone[columns] < _UNTOLD_SHARE * usual[columns]).all()),
-        )  # fmt: skip
-    distortion = None
+        point = _principal_point(unknowns.columns_of("principal_point"), stated, refined, sigmas)
     if "distortion" in unknowns.parts:
-        (error,) = sigma[unknowns.columns_of("distortion")]
-        distortion = DistortionFigures(refined=float(refined.distortions[0]), sigma=float(error))
+        distortion = _distortion(unknowns.columns_of("distortion").start, stated, refined, sigmas)
     return LensFigures(focal=focal, principal_point=point, distortion=distortion)
+
+
+def _focal(column: int, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> FocalFigures:
+    """The focal length; its unknown is the logarithm of the factor on it."""
+    change, alone, usual = np.log(refined.focal / stated.focal), sigmas.people[column], sigmas.usual[column]
+    return FocalFigures(
+        stated_px=stated.focal, refined_px=refined.focal, sigma_px=float(sigmas.found[column] * refined.focal),
+        people_sigma_px=_finite(alone * refined.focal), far=bool(abs(change) > _FAR_SIGMAS * usual),
+        told=bool(alone < _UNTOLD_SHARE * usual), prior_sigma_px=float(sigmas.prior[column] * stated.focal),
+        people_share=float(sigmas.people_share[column]),
+    )  # fmt: skip
+
+
+def _principal_point(columns: slice, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> PrincipalPointFigures:
+    """The principal point, pixels."""
+    moved, alone, usual = np.abs((refined.matrix - stated.matrix)[:2, 2]), sigmas.people[columns], sigmas.usual[columns]
+    return PrincipalPointFigures(
+        stated_px=_xy(stated.matrix[:2, 2]), refined_px=_xy(refined.matrix[:2, 2]), sigma_px=_xy(sigmas.found[columns]),
+        people_sigma_px=(_finite(alone[0]), _finite(alone[1])), far=bool((moved > _FAR_SIGMAS * usual).any()),
+        told=bool((alone < _UNTOLD_SHARE * usual).all()), prior_sigma_px=_xy(sigmas.prior[columns]),
+        people_share=_xy(sigmas.people_share[columns]),
+    )  # fmt: skip
+
+
+def _distortion(column: int, stated: Lens, refined: Lens, sigmas: _LensSigmas) -> DistortionFigures:
+    """The first distortion coefficient."""
+    return DistortionFigures(
+        refined=float(refined.distortions[0]), sigma=float(sigmas.found[column]),
+        stated=float(stated.distortions[0]) if len(stated.distortions) else 0.0, prior_sigma=float(sigmas.prior[column]),
+        people_sigma=_finite(sigmas.people[column]), people_share=float(sigmas.people_share[column]),
+    )  # fmt: skip
+
+
+def _finite(value: float) -> float | None:
+    """A figure; None where it is unknown."""
+    return float(value) if np.isfinite(value) else None
 
 
 def _xy(values: Floats) -> tuple[float, float]:

@@ -26,23 +26,29 @@ KINDS = {
     "tilted 14": (*RADTAN, 0.01, 0.021, -0.012, 0.004, *PRISM, 0.013, -0.021),
     "fisheye": (0.031, -0.012, 0.0021, -0.0004),
     "skewed": (),
+    "estimated": (-0.12, 0.0, 0.0, 0.0),
+    "estimated wide": (-0.3, 0.0, 0.0, 0.0),
+    "estimated fisheye": (0.03, 0.0, 0.0, 0.0),
 }
 """Distortion of the lenses."""
 
-RADTANS = {"pinhole", "radtan 4", "radtan 5"}
-ALL_BUT_SKEW = {*RADTANS, "rational 8", "prism 12", "tilted 14", "fisheye"}
+ESTIMATED = {"estimated", "estimated wide"}
+"""As people give them: one focal length, one coefficient, which turns over within the picture where the lens is wide."""
+FISHEYES = {"fisheye", "estimated fisheye"}
+RADTANS = {"pinhole", "radtan 4", "radtan 5", *ESTIMATED}
+ALL_BUT_SKEW = {*RADTANS, "rational 8", "prism 12", "tilted 14", *FISHEYES}
 HOLDS = {
-    "colmap": {*RADTANS, "rational 8", "fisheye"},
-    "colmap-bin": {*RADTANS, "rational 8", "fisheye"},
+    "colmap": {*RADTANS, "rational 8", *FISHEYES},
+    "colmap-bin": {*RADTANS, "rational 8", *FISHEYES},
     "opencv": ALL_BUT_SKEW,
     "anipose": ALL_BUT_SKEW,
-    "pose2sim": ALL_BUT_SKEW - {"fisheye"},
+    "pose2sim": ALL_BUT_SKEW - FISHEYES,
     "caliscope": ALL_BUT_SKEW,
     "freemocap": ALL_BUT_SKEW,
     "easymocap": RADTANS,
-    "kalibr": {"pinhole", "radtan 4", "fisheye"},
-    "ros": {*RADTANS, "rational 8", "fisheye"},
-    "nerfstudio": {*RADTANS, "fisheye"},
+    "kalibr": {"pinhole", "radtan 4", *ESTIMATED, *FISHEYES},
+    "ros": {*RADTANS, "rational 8", *FISHEYES},
+    "nerfstudio": {*RADTANS, *FISHEYES},
     "mv3dt": {"pinhole", "skewed"},
     "amc": {"pinhole", "skewed"},
 }
@@ -55,9 +61,11 @@ FORMATS = sorted(ROUND_TRIPS)
 
 def lens(kind, rng):
     """A lens of a kind, its numbers a little different each time."""
-    fisheye = kind == "fisheye"
+    fisheye = kind in FISHEYES
     focal = rng.uniform(420, 480) if fisheye else rng.uniform(850, 1100)
-    matrix = np.array([[focal, 0, 655.3], [0, focal * 1.004, 349.8], [0, 0, 1.0]])
+    focal *= 0.58 if kind == "estimated wide" else 1.0
+    ratio = 1.0 if kind.startswith("estimated") else 1.004
+    matrix = np.array([[focal, 0, 655.3], [0, focal * ratio, 349.8], [0, 0, 1.0]])
     matrix[:2, 2] += rng.uniform(-9, 9, 2)
     if kind == "skewed":
         matrix[0, 1] = 2.5
@@ -192,6 +200,21 @@ def test_a_camera_without_a_pose(name, tmp_path):
     assert told == ("camera later has no pose and is left out",)
     assert len(back) == 2
     assert max(largest_difference(camera, counterpart(camera, posed, back)) for camera in posed) < TOLERANCE_PX
+
+
+@pytest.mark.parametrize("name", sorted(KEEPS_UNPOSED))
+def test_a_guess_is_not_handed_over_as_intrinsics(name, tmp_path):
+    posed = rig_of("estimated")
+    later = Camera("later", Lens.unknown(SIZE))
+    with pytest.raises(InputError, match=r"camera later has neither a pose nor known intrinsics.*--lossy"):
+        export(Export(Rig((*posed, later))), name, target(name, tmp_path))
+    back, told = there_and_back(name, Rig((*posed, later)), tmp_path, lossy=True)
+    assert told == ("camera later has neither a pose nor known intrinsics and is left out",)
+    assert len(back) == len(posed)
+    with pytest.raises(InputError, match="nothing to export"):
+        export(Export(Rig((later,))), name, target(name, tmp_path))
+    stated = Rig((*posed, Camera("later", Lens.unknown(SIZE, hfov_deg=80.0))))
+    assert len(there_and_back(name, stated, tmp_path / "stated")[0]) == len(posed) + 1
 
 
 ODD_NAMES = ("true", "metadata", "cam 1", "cam_1", "Überblick", "../up", 'a"b<c>&', "#1: x", "a", "A", "it's", "7")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from passerby.common.errors import InputError
+from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
 from passerby.interchange.formats.losses import Losses
 
 if TYPE_CHECKING:
@@ -36,6 +37,25 @@ class Export:
             if camera.pose is None:
                 losses.add(f"camera {camera.name} has no pose and is left out")
         return posed
+
+    def with_lenses(self, losses: Losses) -> Rig:
+        """All cameras, for formats that need no poses. One that has neither a pose nor a lens that anybody knows is a loss.
+
+        Without a pose nobody's lens was estimated: another tool would take the guess for intrinsics.
+        Raises `InputError` where there is none.
+        """
+        known = [camera for camera in self.rig if camera.pose is not None or not _is_guess(camera.lens)]
+        if not known:
+            raise InputError(f"none of the {len(self.rig)} cameras has a pose or known intrinsics: there is nothing to export")
+        for camera in self.rig:
+            if camera not in known:
+                losses.add(f"camera {camera.name} has neither a pose nor known intrinsics and is left out")
+        return replace(self.rig, cameras=tuple(known))
+
+
+def _is_guess(lens: Lens) -> bool:
+    """Whether a focal length could be that of any camera."""
+    return lens.focal_sd is not None and lens.focal_sd >= LARGEST_FOCAL_SD
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,9 @@ just below would bend the fit for all others."""
 AROUND = 1440
 """Directions about the axis in which the picture's border is looked for: 1 pixel of a large picture apart."""
 
+FEWEST_RAYS = 10
+"""Of the grid, for a lens that turns over within its picture to be one that is worth its last rays."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rays:
@@ -38,13 +41,16 @@ class Rays:
     @classmethod
     def of(cls, lens: Lens) -> Rays:
         """The rays of a grid over the picture, but for pixels that the lens itself has none for."""
-        pixels = picture_grid(lens.size)
-        bearings = bearings_of(lens, pixels)
+        grid = picture_grid(lens.size)
+        bearings = bearings_of(lens, grid)
         known = np.isfinite(bearings).all(axis=1)
         rim, seen = _rim(lens.project_rays, lens.size)
-        with np.errstate(invalid="ignore"):  # a lens may fold what lies far outside of its picture into it
-            own = (bearings_of(lens, seen) * rim).sum(axis=1) > 1 - 1e-9
-        return cls(bearings[known], pixels[known], lens.size, (rim[own], seen[own]))
+        own = _own(lens, rim, seen)
+        bearings, pixels = bearings[known], grid[known]
+        if FEWEST_RAYS <= len(bearings) < len(grid):
+            last = _last_rays(lens)
+            bearings, pixels = np.vstack([bearings, last]), np.vstack([pixels, lens.project_rays(last)])
+        return cls(bearings, pixels, lens.size, (rim[own], seen[own]))
 
     @classmethod
     def of_projection(cls, project: Callable[[Floats], Floats], size: tuple[int, int], widest_deg: float = 100.0) -> Rays:
@@ -76,6 +82,26 @@ class Rays:
         pairs = [(self.bearings, self.pixels)] + ([] if lens.fisheye else [self.rim])
         errors = np.concatenate([np.linalg.norm(lens.project_rays(rays) - pixels, axis=1) for rays, pixels in pairs])
         return float(np.max(errors, initial=0.0)) if np.isfinite(errors).all() else math.inf
+
+
+def _own(lens: Lens, rays: Floats, pixels: Floats) -> NDArray[np.bool_]:
+    """(N,) whether rays are those of their pixels: a lens may fold what lies far outside of its picture into it."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((bearings_of(lens, pixels) * rays).sum(axis=1) > 1 - 1e-9)
+
+
+def _last_rays(lens: Lens) -> Floats:
+    """(N, 3) the last rays of a lens that turns over within its picture, in each direction: there another lens differs most."""
+    around = 2 * np.pi * np.arange(0, AROUND, 4) / AROUND
+    inner, outer = np.zeros(len(around)), np.full(len(around), math.radians(100.0))
+    for _ in range(30):
+        middle = (inner + outer) / 2
+        rays = _cone(middle, around)
+        pixels = lens.project_rays(rays)
+        within = _inside(pixels, lens.size)
+        within[within] = _own(lens, rays[within], pixels[within])
+        inner, outer = np.where(within, middle, inner), np.where(within, outer, middle)
+    return _cone(inner, around)[inner > 0]
 
 
 def _inside(pixels: Floats, size: tuple[int, int]) -> NDArray[np.bool_]:

@@ -47,9 +47,10 @@ _MULTIVIEW = ("ks", "distortions", "rvecs", "ts", "isfisheye", "imagesizes")
 
 def _write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """One file a camera."""
-    files = tame_names(export.rig.names)
+    rig = export.with_lenses(losses)
+    files = tame_names(rig.names)
     contents = {}
-    for number, camera in enumerate(export.rig, start=1):
+    for number, camera in enumerate(rig, start=1):
         with _storage() as (storage, text):
             _put(storage, camera, number, losses)
         contents[files[camera.name] + ENDING] = text[0].encode()
@@ -59,7 +60,7 @@ def _write(export: Export, losses: Losses) -> Mapping[str, bytes]:
 def _write_one(export: Export, losses: Losses) -> bytes:
     """All cameras in one file, a map each."""
     with _storage() as (storage, text):
-        for number, camera in enumerate(export.rig, start=1):
+        for number, camera in enumerate(export.with_lenses(losses), start=1):
             storage.startWriteStruct(f"camera{number}", cv2.FileNode_MAP)
             _put(storage, camera, number, losses)
             storage.endWriteStruct()

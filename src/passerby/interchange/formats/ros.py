@@ -90,7 +90,7 @@ def generate_launch_description():
 
 def write(export: Export, losses: Losses) -> Mapping[str, bytes]:
     """All files."""
-    rig = export.rig
+    rig = export.with_lenses(losses)
     names = tame_names(rig.names, FORBIDDEN, LETTER)
     files: dict[str, bytes] = {}
     places: dict[str, tuple[float, ...]] = {}

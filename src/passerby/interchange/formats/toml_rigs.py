@@ -74,17 +74,18 @@ def _write_pose2sim(export: Export, losses: Losses) -> Mapping[str, bytes]:
 
 
 def _write_caliscope(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    numbered = [_NUMBERED.fullmatch(name) for name in export.rig.names]
+    rig = export.with_lenses(losses)
+    numbered = [_NUMBERED.fullmatch(name) for name in rig.names]
     numbers = [int(found[1]) for found in numbered if found]
-    if len(numbers) < len(export.rig):
-        numbers = list(range(len(export.rig)))
+    if len(numbers) < len(rig):
+        numbers = list(range(len(rig)))
     tables = {
         str(number): {
             "cam_id": number,
             "rotation_count": 0,
             **_table(camera, OPENCV_MODELS, losses, 4 if camera.lens.fisheye else 5),
         }
-        for number, camera in zip(numbers, export.rig, strict=True)
+        for number, camera in zip(numbers, rig, strict=True)
     }
     return _toml({"cameras": tables})
 
