@@ -63,7 +63,8 @@ def focals_to_try(lens: Lens, shares: Floats) -> Floats:
     """
     if not lens.uncalibrated or lens.focal_sd is None or lens.focal_sd <= SEARCHED_SD:
         return np.zeros(1)
-    focals = np.log(shares * max(lens.size) / lens.focal)
+    # A fisheye has half the focal length of a pinhole of a like field of view, or less.
+    focals = np.log((0.5 if lens.fisheye else 1.0) * shares * max(lens.size) / lens.focal)
     if lens.focal_sd < LARGEST_FOCAL_SD:
         focals = focals[np.abs(focals) <= _FARTHEST_SD * lens.focal_sd]
     return np.asarray(focals) if len(focals) else np.zeros(1)

@@ -231,10 +231,15 @@ def by_distortion(lens: Lens, rays: Floats) -> Floats:
 def _slope(lens: Lens, pixels: Floats) -> Floats:
     """(M, 2, 2) how the derivative of pixels (M, 2) by the first distortion coefficient k changes with the pixel.
 
-    For square pixels and radial distortion x (1 + k r^2): 3 r^2 / (1 + 3 k r^2) along the radius, r^2 / (1 + k r^2) across.
+    For square pixels and radial distortion x (1 + k r^2): 3 r^2 / (1 + 3 k r^2) along the radius, r^2 / (1 + k r^2) across. The
+    radius r is the tangent of the angle with the axis, that of a fisheye the angle itself.
     """
     rays = lens.bearings(pixels)
-    x = np.nan_to_num(rays[:, :2] / rays[:, 2:])
+    if lens.fisheye:
+        sine = np.linalg.norm(rays[:, :2], axis=1, keepdims=True)
+        x = np.nan_to_num(rays[:, :2] * np.arctan2(sine, rays[:, 2:]) / np.maximum(sine, 1e-12))
+    else:
+        x = np.nan_to_num(rays[:, :2] / rays[:, 2:])
     squared = (x**2).sum(axis=1)
     k = float(lens.distortions[0]) if len(lens.distortions) else 0.0
     along, across = 1 / np.maximum(1 + 3 * k * squared, 0.1), 1 / np.maximum(1 + k * squared, 0.1)
