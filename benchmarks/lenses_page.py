@@ -20,6 +20,7 @@ from pages.sections import Found, Heading, Section, SectionedPage
 
 CODE = ("lenses",)
 """Folders of the benchmarks that the outcomes depend on, beside the package; how they are shown is not among them."""
+RECORDED = "recorded"
 SEEDS = 10
 """Of each preset."""
 KEPT = ROOT / "build" / "lenses"
@@ -27,7 +28,7 @@ KEPT = ROOT / "build" / "lenses"
 _SIMULATED = ("scenes", "finished", "registered", "verdicts", "focal, median", "95 %", "largest", "within 2 sigmas",
               "rig, true", "rig, estimated", "ratio", "ratio, 90 %", "time ratio", "accepted, over 8 %")  # fmt: skip
 _RECORDED = ("data", "registered", "verdict, true", "verdict, estimated", "focal, median", "largest", "rig, true",
-             "rig, estimated", "ratio", "time ratio", "focal errors by camera, %")  # fmt: skip
+             "rig, estimated", "ratio", "time ratio", "off centre", "focal errors by camera, %")  # fmt: skip
 
 HEADINGS: Mapping[str, Heading] = {
     "varied": Heading("A lens of its own for each camera", "Boxes only."),
@@ -41,12 +42,15 @@ HEADINGS: Mapping[str, Heading] = {
         "Half of the lenses known",
         "Boxes only. The lenses of every second camera are withheld; the focal errors are those of these cameras.",
     ),
-    "recorded": Heading(
+    RECORDED: Heading(
         "Real data",
         "The true intrinsics are those that come with the data. *unrelated*: the ids of each camera are replaced by others, "
-        "and identities are estimated. Boxes, or for shelf and pose2sim_single keypoints.",
+        "and identities are estimated. Boxes, or for shelf and pose2sim_single keypoints. *off centre*: the largest distance of a "
+        "true principal point from the image centre, in per cent of the image width.",
     ),
-    "demo": Heading("The demonstration", "`passerby demo --no-intrinsics`, from the videos. The time includes rendering them."),
+    recorded.DEMO: Heading(
+        "The demonstration", "`passerby demo --no-intrinsics`, from the videos. The time includes rendering them."
+    ),
 }
 """Of the parts, in their order on the page."""
 
@@ -96,9 +100,9 @@ def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
     store, commit = Kept(wanted.kept, CODE), _commit()
     cases: Mapping[str, Any]
     work: Callable[[Any], dict[str, Any]]
-    if part == "recorded":
+    if part == RECORDED:
         cases, work = recorded.cases(), recorded.work
-    elif part == "demo":
+    elif part == recorded.DEMO:
         cases, work = {recorded.DEMO: recorded.DEMO}, recorded.work_demo
     else:
         cases, work = simulated.cases(part, count), simulated.work
@@ -109,13 +113,13 @@ def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
 def found_in(part: str, cases: Mapping[str, Any], done: Outcomes, commit: str) -> Found:
     """A part as far as it is finished."""
     hours = Summary([*done.values()]).cpu_hours
-    note = f"{len(done)} of {len(cases)} cases; {hours:.2f} hours of processor time; code of commit {commit}."
-    if part == "recorded":
+    note = f"{len(done)} of {len(cases)} cases; {60 * hours:.1f} minutes of processor time; code of commit {commit}."
+    if part == RECORDED:
         text = f"{note}\n\n{table(_RECORDED, recorded_rows(cases, done))}"
         absent = [case.key for case in recorded.CASES if case.key not in cases]
         text += f"\n\nNot run, because the data are not here: {'; '.join(absent)}." if absent else ""
         return Found(text, {"goals": recorded_goals(done), "cost": [], "slower": time_goal(done)})
-    if part == "demo":
+    if part == recorded.DEMO:
         text = f"{note}\n\n{table(_RECORDED, recorded_rows(cases, done))}"
         return Found(text, {"goals": recorded_goals(done), "cost": cost_rows(part, done), "slower": None})
     text = f"{note}\n\n{table(_SIMULATED, simulated_rows(cases, done))}"
@@ -128,8 +132,8 @@ def head(sections: Sequence[Section]) -> str:
     cost = [row for section in sections for row in section.facts.get("cost", ())]
     goals: list[list[str]] = []
     for section in sections:
-        known = section.facts.get("goals")
-        goals += known if known is not None else [[section.title, "not run", "", "", ""]]
+        asked = section.part in PART_GOALS or section.part in (RECORDED, recorded.DEMO)
+        goals += section.facts.get("goals", [[section.title, "not run", "", "", ""]] if asked else [])
     slower = [value for section in sections if (value := section.facts.get("slower")) is not None]
     if slower:
         goals.append(_time_row(max(slower)))

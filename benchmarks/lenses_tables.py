@@ -37,7 +37,7 @@ def simulated_rows(cases: Mapping[str, Any], done: Outcomes) -> list[Row]:
 
 def recorded_rows(cases: Mapping[str, Any], done: Outcomes) -> list[Row]:
     """A row for each set, or the demonstration."""
-    return [_recorded_row(key, Summary([done[key]])) if key in done else [key, "not run", *[""] * 9] for key in cases]
+    return [_recorded_row(key, Summary([done[key]])) if key in done else [key, "not run", *[""] * 10] for key in cases]
 
 
 def cost_rows(part: str, done: Outcomes) -> list[Row]:
@@ -127,6 +127,7 @@ def _recorded_row(label: str, summary: Summary) -> Row:
     (case,) = summary.cases
     registered, cameras = summary.registered
     lenses = case["estimated"]["lenses"]
+    off_centre = case.get("off_centre_percent", {}).values()
     each = [f"{name} {lenses[name]['focal_percent']:+.1f}" if name in lenses else f"{name} -" for name in case["withheld"]]
     return [
         label,
@@ -139,6 +140,7 @@ def _recorded_row(label: str, summary: Summary) -> Row:
         errors(*summary.errors("estimated")),
         number(median(summary.ratios), 2),
         number(median(summary.time_ratios), 2),
+        f"{number(max(off_centre))} %" if off_centre else "-",
         ", ".join(each),
     ]
 
