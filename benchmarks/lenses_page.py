@@ -45,8 +45,8 @@ HEADINGS: Mapping[str, Heading] = {
     RECORDED: Heading(
         "Real data",
         "The true intrinsics are those that come with the data. *unrelated*: the ids of each camera are replaced by others, "
-        "and identities are estimated. Boxes, or for shelf and pose2sim_single keypoints. *off centre*: the largest distance of a "
-        "true principal point from the image centre, in per cent of the image width.",
+        "and identities are estimated. Boxes, or for shelf and pose2sim_single keypoints. *off centre*: the largest distance "
+        "of a true principal point from the image centre, in per cent of the image width.",
     ),
     recorded.DEMO: Heading(
         "The demonstration", "`passerby demo --no-intrinsics`, from the videos. The time includes rendering them."
@@ -137,7 +137,7 @@ def head(sections: Sequence[Section]) -> str:
     slower = [value for section in sections if (value := section.facts.get("slower")) is not None]
     if slower:
         goals.append(_time_row(max(slower)))
-    costs = table(("scenes", "focal, median", "95 %", "rig, true intrinsics", "rig, estimated", "ratio"), cost)
+    costs = table(("case", "scenes", "focal, median", "95 %", "rig, true intrinsics", "rig, estimated", "ratio"), cost)
     return f"""{_HEAD}
 
 ## What estimated intrinsics cost

@@ -149,6 +149,7 @@ def _cost_row(label: str, some: Sequence[Mapping[str, Any]]) -> Row:
     summary = Summary(some)
     return [
         label,
+        str(len(some)),
         f"{number(median(summary.focal_errors))} %",
         f"{number(within(summary.focal_errors, 0.95))} %",
         errors(*summary.errors("known")),

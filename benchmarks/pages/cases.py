@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from multiprocessing import forkserver
+from multiprocessing import forkserver, parent_process
+from multiprocessing.connection import wait
 from typing import Any
 
 from pages.kept import Kept
@@ -36,7 +38,7 @@ def run_cases(
     if not todo:
         return
     began = reported = time.monotonic()
-    pool = ProcessPoolExecutor(workers, initializer=_one_thread)
+    pool = ProcessPoolExecutor(workers, initializer=_begin_work)
     try:
         futures: dict[Future[Mapping[str, Any]], str] = {pool.submit(work, cases[key]): key for key in todo}
         for count, future in enumerate(as_completed(futures), 1):
@@ -52,11 +54,22 @@ def run_cases(
         pool.shutdown(cancel_futures=True)
 
 
-def _one_thread() -> None:
-    """Processes that share the cores do not fight for them with threads of their own, nor for their parent's fork server."""
+def _begin_work() -> None:
+    """Processes that share the cores do not fight for them with threads of their own, nor for their parent's fork server.
+
+    They end with their parent: one that was killed cannot end them, and they would keep the cores from the next run.
+    """
     from threadpoolctl import threadpool_limits
 
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     server: Any = forkserver._forkserver
     server._forkserver_address = server._forkserver_alive_fd = server._forkserver_pid = None
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     threadpool_limits(limits=1)
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
