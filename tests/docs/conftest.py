@@ -72,12 +72,6 @@ def _videos(folder: Path, folders: Folders) -> None:
     shutil.rmtree(folder / "v")
 
 
-def _alone(folder: Path, folders: Folders) -> None:
-    """`videos/` with videos and nothing else, `truth.toml`, and in `out/perception` what is seen in the videos."""
-    shutil.copytree(folders("videos"), folder, dirs_exist_ok=True)
-    (folder / "videos" / "intrinsics.toml").unlink()
-
-
 def _scene(folder: Path, _: Folders) -> None:
     """A scene of boxes whose identities are to be found, in the folder itself, with its truth."""
     options = ["--seconds", "12", "--unrelated-ids", "--cameras", "3", "--people", "5"]
@@ -101,7 +95,6 @@ MAKERS: dict[str, Callable[[Path, Folders], None]] = {
     "empty": _empty,
     "street": _street,
     "videos": _videos,
-    "videos alone": _alone,
     "scene": _scene,
     "calibrated": _calibrated,
 }
