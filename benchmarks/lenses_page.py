@@ -65,8 +65,8 @@ unknown, so are the clocks, which differ by up to 2 s.
 *focal*: how far focal lengths are off, in per cent, over all cameras whose intrinsics were withheld; a camera that is not
 registered counts as infinitely wrong. *within 2 sigmas*: share of these errors within twice the stated sigma. *rig*: error of
 positions and orientations after similarity alignment, mean over the cameras, then median over the scenes. *ratio*: the rig's
-error with estimated intrinsics over that with the true ones, of position or orientation, whichever grew more; the median over
-the scenes, and what 90 % of them do not exceed. *time ratio*: the same for processor time (median). *accepted, over 8 %*:
+error with estimated intrinsics over that with the true ones, of positions and of orientations; the median over the scenes, and
+what 90 % of them do not exceed. *time ratio*: the same for processor time (median). *accepted, over 8 %*:
 scenes that were accepted although a focal length is off by more than 8 %. A dash: undefined, or infinite."""
 
 

@@ -99,13 +99,16 @@ class Summary:
             for name in case["withheld"]
         ]
 
-    @property
-    def ratios(self) -> list[float]:
-        """Of each scene, how many times larger the rig's error is: of position or orientation, whichever grew more.
+    def ratios(self, *kinds: str) -> list[float]:
+        """Of each scene, how many times larger the rig's error is: of `mm` or `deg`, or of both, whichever grew more.
 
         Infinite where fewer cameras were registered. A scene whose rig is not found with the true lenses has none.
         """
-        return [_ratio(case["known"], case["estimated"]) for case in self.cases if "mm" in case["known"]]
+        return [
+            max(_ratio(case["known"], case["estimated"], kind) for kind in kinds)
+            for case in self.cases
+            if "mm" in case["known"]
+        ]
 
     @property
     def time_ratios(self) -> list[float]:
@@ -149,10 +152,10 @@ class Summary:
         return ", ".join(f"{of.count(verdict)} {verdict}" for verdict in ("accepted", "doubtful", "refused") if verdict in of)
 
 
-def _ratio(known: Mapping[str, Any], estimated: Mapping[str, Any]) -> float:
+def _ratio(known: Mapping[str, Any], estimated: Mapping[str, Any], kind: str) -> float:
     if "mm" not in estimated or estimated["registered"] < known["registered"]:
         return math.inf
-    return float(max(estimated["mm"] / known["mm"], estimated["deg"] / known["deg"]))
+    return float(estimated[kind] / known[kind])
 
 
 def median(values: Iterable[float]) -> float:

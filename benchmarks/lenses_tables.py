@@ -60,7 +60,7 @@ def part_goals(part: str, wanted: int, done: Outcomes) -> list[Row]:
     if goal.most is not None:
         asked.append(("focal error, 95 %", within(summary.focal_errors, 0.95), goal.most, " %"))
     asked.append((f"rig's error, times that with true intrinsics, {100 * SHARE:.0f} % of scenes",
-                  within(summary.ratios, SHARE), goal.ratio, " x"))  # fmt: skip
+                  within(summary.ratios("mm", "deg"), SHARE), goal.ratio, " x"))  # fmt: skip
     rows = [
         [f"{name}: {what}", f"{number(value, 2)}{unit} ({count})", *(f"{limit:g}{unit}" for limit in limits),
          reached([_finite(value)], [limits[0]], [limits[1]])]
@@ -90,8 +90,12 @@ def recorded_goals(done: Outcomes) -> list[Row]:
 
 
 def time_goal(done: Outcomes) -> float | None:
-    """The median ratio of processor times; None where nothing is finished."""
-    return median(Summary([*done.values()]).time_ratios) if done else None
+    """The median ratio of processor times, with identities known or unknown, whichever is larger; None where nothing is
+    finished.
+    """
+    if any("about" not in outcome for outcome in done.values()):
+        return median(Summary([*done.values()]).time_ratios)
+    return max((median(Summary(some).time_ratios) for known in IDENTITIES if (some := _of(done, known))), default=None)
 
 
 def _of(done: Outcomes, known: bool, preset: str | None = None) -> list[Mapping[str, Any]]:
@@ -116,8 +120,8 @@ def _simulated_row(label: str, wanted: int, summary: Summary) -> Row:
         f"{100 * sum(value <= 2 for value in sigmas) / len(sigmas):.0f} %" if sigmas else "-",
         errors(*summary.errors("known")),
         errors(*summary.errors("estimated")),
-        number(median(summary.ratios), 2),
-        number(within(summary.ratios, SHARE), 2),
+        _ratios(summary, 0.5),
+        _ratios(summary, SHARE),
         number(median(summary.time_ratios), 2),
         str(summary.accepted_wrong),
     ]
@@ -138,7 +142,7 @@ def _recorded_row(label: str, summary: Summary) -> Row:
         f"{number(max(summary.focal_errors))} %",
         errors(*summary.errors("known")),
         errors(*summary.errors("estimated")),
-        number(median(summary.ratios), 2),
+        _ratios(summary, 0.5),
         number(median(summary.time_ratios), 2),
         f"{number(max(off_centre))} %" if off_centre else "-",
         ", ".join(each),
@@ -154,8 +158,13 @@ def _cost_row(label: str, some: Sequence[Mapping[str, Any]]) -> Row:
         f"{number(within(summary.focal_errors, 0.95))} %",
         errors(*summary.errors("known")),
         errors(*summary.errors("estimated")),
-        number(median(summary.ratios), 1),
+        _ratios(summary, 0.5),
     ]
+
+
+def _ratios(summary: Summary, share: float) -> str:
+    """Of positions and of orientations."""
+    return ", ".join(number(within(summary.ratios(kind), share)) for kind in ("mm", "deg"))
 
 
 def _finite(value: float) -> float | None:

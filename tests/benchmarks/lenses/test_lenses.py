@@ -33,15 +33,16 @@ def case(estimated: dict[str, Any], known: dict[str, Any] | None = None, **about
 def test_a_camera_that_is_not_registered_is_infinitely_wrong(bench: Bench) -> None:
     summary = bench("lenses_summary").Summary([case(calibrated(20.0, {"C1": -3.0}, registered=1))])
     assert summary.focal_errors == [3.0, math.inf]
-    assert summary.ratios == [math.inf]
+    assert summary.ratios("mm") == [math.inf]
     assert summary.registered == (1, 2)
 
 
-def test_the_ratio_is_that_of_what_grew_more(bench: Bench) -> None:
+def test_the_ratio_of_both_is_that_of_what_grew_more(bench: Bench) -> None:
     cases = [case(calibrated(15.0, {}) | {"deg": 0.4}), case(calibrated(30.0, {})), case({**calibrated(1.0, {})})]
     refused = {"verdict": "refused", "registered": 0, "cpu_s": 1.0, "lenses": {}}
     summary = bench("lenses_summary").Summary([*cases, case(refused), case(calibrated(5.0, {}), known=refused)])
-    assert summary.ratios == pytest.approx([4.0, 3.0, 0.1, math.inf])
+    assert summary.ratios("mm", "deg") == pytest.approx([4.0, 3.0, 0.1, math.inf])
+    assert summary.ratios("mm") == pytest.approx([1.5, 3.0, 0.1, math.inf])
     assert summary.errors("estimated")[0] == 15.0
     assert summary.time_ratios == pytest.approx([1.5, 3.0, 0.1, 0.1, 5.0])
 
