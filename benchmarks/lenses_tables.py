@@ -120,6 +120,7 @@ def _simulated_row(label: str, wanted: int, summary: Summary) -> Row:
         f"{100 * sum(value <= 2 for value in sigmas) / len(sigmas):.0f} %" if sigmas else "-",
         errors(*summary.errors("known")),
         errors(*summary.errors("estimated")),
+        f"{median(case['off_centre_deg'] for case in summary.cases):.3f}°",
         _ratios(summary, 0.5),
         _ratios(summary, SHARE),
         number(median(summary.time_ratios), 2),
@@ -131,7 +132,6 @@ def _recorded_row(label: str, summary: Summary) -> Row:
     (case,) = summary.cases
     registered, cameras = summary.registered
     lenses = case["estimated"]["lenses"]
-    off_centre = case.get("off_centre_percent", {}).values()
     each = [f"{name} {lenses[name]['focal_percent']:+.1f}" if name in lenses else f"{name} -" for name in case["withheld"]]
     return [
         label,
@@ -142,9 +142,9 @@ def _recorded_row(label: str, summary: Summary) -> Row:
         f"{number(max(summary.focal_errors))} %",
         errors(*summary.errors("known")),
         errors(*summary.errors("estimated")),
+        f"{case['off_centre_deg']:.3f}°",
         _ratios(summary, 0.5),
         number(median(summary.time_ratios), 2),
-        f"{number(max(off_centre))} %" if off_centre else "-",
         ", ".join(each),
     ]
 

@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from passerby.calibration.calibration import Calibration
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
@@ -42,3 +44,13 @@ def outcome(rig: Rig, truth: Rig, withheld: Sequence[str]) -> dict[str, Any]:
     if similarity.mean_position_mm is not None and similarity.mean_orientation_deg is not None:
         figures |= {"mm": similarity.mean_position_mm, "deg": similarity.mean_orientation_deg}
     return figures
+
+
+def off_centre_deg(truth: Rig, names: Sequence[str]) -> float:
+    """Mean angle between the optical axes of some cameras and the rays of their image centres, degrees.
+
+    So much a camera is turned whose principal point is taken to be the image centre.
+    """
+    centres = np.array([truth[name].lens.size for name in names]) / 2
+    off = [np.linalg.norm(truth[name].lens.matrix[:2, 2] - centre) for name, centre in zip(names, centres, strict=True)]
+    return float(np.degrees(np.mean([np.arctan(px / truth[name].lens.focal) for px, name in zip(off, names, strict=True)])))

@@ -10,15 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 
 from association_runs import RealCase, write_real
 from command import ONE_THREAD, passerby
 from datasets import data_set, folder_of, write_scene
-from lenses.outcomes import outcome, timed_outcome
+from lenses.outcomes import off_centre_deg, outcome, timed_outcome
 from passerby.calibration.pipeline import calibrate
-from passerby.core.cameras import Lens
 from passerby.interchange.rig_toml import read_rig
 
 DEMO = "demo"
@@ -68,15 +66,10 @@ def work(case: RecordedCase) -> dict[str, Any]:
         return {
             "cameras": len(truth),
             "withheld": list(truth.names),
-            "off_centre_percent": {camera.name: off_centre_percent(camera.lens) for camera in truth},
+            "off_centre_deg": off_centre_deg(truth, truth.names),
             "known": timed_outcome(partial(calibrate, scene), truth),
             "estimated": timed_outcome(partial(calibrate, without), truth, truth.names),
         }
-
-
-def off_centre_percent(lens: Lens) -> float:
-    """How far the principal point lies from the image centre, per cent of the image width."""
-    return float(100 * np.linalg.norm(lens.matrix[:2, 2] - np.array(lens.size) / 2) / lens.size[0])
 
 
 def without_lenses(scene: Path) -> Path:
@@ -102,4 +95,5 @@ def work_demo(_: str) -> dict[str, Any]:
             found[name] = outcome(read_rig(folder / "out" / "rig.toml"), truth, truth.names if options else ()) | {
                 "verdict": result["verdict"], "codes": codes, "cpu_s": run.cpu_seconds,
             }  # fmt: skip
-    return {"cameras": len(truth), "withheld": list(truth.names), **found}
+    off_centre = off_centre_deg(truth, truth.names)
+    return {"cameras": len(truth), "withheld": list(truth.names), "off_centre_deg": off_centre, **found}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from lenses.outcomes import timed_outcome
+from lenses.outcomes import off_centre_deg, timed_outcome
 from passerby.calibration.in_memory import calibrate_observations
 from passerby.core.cameras import Lens
 from passerby.simulation import PRESETS, SimulatedScene, SimulationOptions, simulate
@@ -77,6 +77,7 @@ def work(case: SimulatedCase) -> dict[str, Any]:
         "about": {"preset": case.preset, "identities_known": case.identities_known},
         "cameras": len(scene.rig),
         "withheld": list(withheld),
+        "off_centre_deg": off_centre_deg(scene.rig, withheld),
         "known": timed_outcome(partial(_calibrate, scene, case, true), scene.rig),
         "estimated": timed_outcome(partial(_calibrate, scene, case, stated), scene.rig, withheld),
     }

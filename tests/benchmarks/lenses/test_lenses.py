@@ -27,7 +27,14 @@ def calibrated(mm: float, focal: dict[str, float], verdict: str = "doubtful", **
 def case(estimated: dict[str, Any], known: dict[str, Any] | None = None, **about: Any) -> dict[str, Any]:
     about = {"preset": "terrace", "identities_known": False} | about
     known = known or calibrated(10.0, {}, "accepted")
-    return {"about": about, "cameras": 2, "withheld": ["C1", "C2"], "known": known, "estimated": estimated}
+    return {
+        "about": about,
+        "cameras": 2,
+        "withheld": ["C1", "C2"],
+        "off_centre_deg": 0.1,
+        "known": known,
+        "estimated": estimated,
+    }
 
 
 def test_a_camera_that_is_not_registered_is_infinitely_wrong(bench: Bench) -> None:
@@ -111,13 +118,20 @@ def test_what_cannot_be_calibrated_is_refused(bench: Bench) -> None:
     assert (found["verdict"], found["codes"], found["registered"]) == ("refused", ["no people"], 0)
 
 
+def test_a_principal_point_off_the_centre_turns_the_camera(bench: Bench) -> None:
+    lens = Lens((640, 480), np.array([[300.0, 0, 320 + 300 * np.tan(0.02)], [0, 300.0, 240], [0, 0, 1]]), np.zeros(4))
+    centred = Lens((640, 480), np.array([[300.0, 0, 320], [0, 300.0, 240], [0, 0, 1]]), np.zeros(4))
+    rig = Rig((Camera("A", lens), Camera("B", centred)))
+    assert bench("lenses.outcomes").off_centre_deg(rig, "A") == pytest.approx(np.degrees(0.02))
+    assert bench("lenses.outcomes").off_centre_deg(rig, "AB") == pytest.approx(np.degrees(0.01))
+
+
 def test_a_scene_without_lenses_states_the_image_sizes(bench: Bench, tmp_path: Path) -> None:
     lens = Lens((640, 480), np.array([[500.0, 0, 352], [0, 500.0, 240], [0, 0, 1]]), np.zeros(4))
     write_rig(tmp_path / "rig.toml", Rig((Camera("A", lens, Pose(np.eye(3), np.zeros(3))),)))
     (tmp_path / "scene.toml").write_text('[cameras.A]\nintrinsics = "rig.toml"\ntracks = "a.txt"\n')
     path = bench("lenses.recorded").without_lenses(tmp_path / "scene.toml")
     assert tomllib.loads(path.read_text()) == {"cameras": {"A": {"tracks": "a.txt", "image_size": [640, 480]}}}
-    assert bench("lenses.recorded").off_centre_percent(lens) == pytest.approx(5.0)
 
 
 def test_a_stopped_run_goes_on(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
