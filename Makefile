@@ -19,7 +19,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-peers bench-formats reliability peers format clean
+.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-peers bench-formats reliability peers format clean
 
 ## help: what there is to do
 help:
@@ -102,6 +102,11 @@ reliability: $(TRAINING_INSTALLED)
 ## bench-reid: docs/results/reid.md
 bench-reid: $(TRAINING_INSTALLED)
 	$(VENV)/bin/python benchmarks/run.py --only reid --scenes build/scenes
+
+## bench-lenses: docs/results/lenses.md: what becomes of a rig without intrinsics. What is finished is kept in build/lenses
+bench-lenses: $(INSTALLED)
+	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only lenses
+	$(VENV)/bin/python benchmarks/headline.py
 
 ## clean: delete all environments
 clean:

@@ -1,6 +1,6 @@
-"""The headline tables of the README, taken from the pages in docs/results: `python benchmarks/headline.py`.
+"""Tables of the README and of docs/filming.md, taken from the pages in docs/results: `python benchmarks/headline.py`.
 
-Nothing between the two markers in the README is written by hand; a test compares both.
+Nothing between the two markers in these files is written by hand; a test compares both.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-RESULTS, README = ROOT / "docs" / "results", ROOT / "README.md"
+RESULTS, README, FILMING = ROOT / "docs" / "results", ROOT / "README.md", ROOT / "docs" / "filming.md"
 BEGIN, END = "<!-- headline: written by benchmarks/headline.py -->", "<!-- end of the headline -->"
 
 
 @dataclass(frozen=True)
 class Headline:
-    """One table of the README."""
+    """One table of another page."""
 
     page: str
     heading: str
     """Of the section whose first table is shown."""
-    says: str
+    says: str = ""
 
 
 HEADLINES = (
@@ -38,6 +38,9 @@ HEADLINES = (
         "Compared with current engines on the same observations, with known identities (Passerby's figure divided by theirs):",
     ),
 )  # fmt: skip
+PATTERN = (Headline("lenses", "## What estimated intrinsics cost"),)
+SHOWN = {README: HEADLINES, FILMING: PATTERN}
+"""The tables of each file, between its two markers."""
 
 
 def first_table(text: str, heading: str) -> str:
@@ -56,22 +59,25 @@ def command(text: str) -> str:
     return text.strip().splitlines()[-1].split("`")[1]
 
 
-def headlines(results: Path = RESULTS) -> str:
-    """The text between the markers."""
+def headlines(file: Path = README, results: Path = RESULTS) -> str:
+    """The text between the markers of a file."""
     parts = []
-    for headline in HEADLINES:
-        page = (results / f"{headline.page}.md").read_text()
-        source = f"By `{command(page)}`: [{headline.page}](docs/results/{headline.page}.md)."
-        parts.append(f"{headline.says}\n\n{first_table(page, headline.heading)}\n\n{source}")
-    return "\n\n".join(parts)
+    for headline in SHOWN[file]:
+        path = results / f"{headline.page}.md"
+        page = path.read_text()
+        link = RESULTS.relative_to(file.parent).as_posix()
+        source = f"By `{command(page)}`: [{headline.page}]({link}/{headline.page}.md)."
+        parts += [headline.says, first_table(page, headline.heading), source]
+    return "\n\n".join(part for part in parts if part)
 
 
 def main() -> None:
-    """Write the README's tables anew."""
-    text = README.read_text()
-    before, rest = text.split(BEGIN)
-    after = rest.split(END)[1]
-    README.write_text(f"{before}{BEGIN}\n\n{headlines()}\n\n{END}{after}")
+    """Write the tables anew."""
+    for file in SHOWN:
+        text = file.read_text()
+        before, rest = text.split(BEGIN)
+        after = rest.split(END)[1]
+        file.write_text(f"{before}{BEGIN}\n\n{headlines(file)}\n\n{END}{after}")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import accuracy
 import association
+import lenses_page
 import perception
 import reid
 import speed
@@ -45,6 +46,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "swaps-real": swaps.run,
     "perception": perception.run,
     "reid": reid.run,
+    "lenses": lenses_page.run,
     "peers": _peers,
     "formats": _formats,
 }
@@ -70,9 +72,23 @@ def main() -> None:
     pixels.add_argument(
         "--reid-parts", nargs="+", choices=reid.PARTS, metavar="PART", default=(), help=f"of reid: {', '.join(reid.PARTS)}; all"
     )
+    estimated = parser.add_argument_group("lenses")
+    estimated.add_argument(
+        "--lens-parts",
+        nargs="+",
+        choices=lenses_page.HEADINGS,
+        metavar="PART",
+        default=(),
+        help=f"of lenses: {', '.join(lenses_page.HEADINGS)}; all",
+    )
+    estimated.add_argument(
+        "--lens-seeds", type=int, default=lenses_page.SEEDS, help=f"seeds of each simulated scene; {lenses_page.SEEDS}"
+    )
+    estimated.add_argument("--lens-kept", type=Path, default=lenses_page.KEPT, help="folder of finished cases; build/lenses")
+    estimated.add_argument("--lens-workers", type=int, default=2, help="processes; 2")
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
-    earlier = {name: sections_on(None if out is None else out / f"{name}.md") for name in ("perception", "reid")}
+    earlier = {name: sections_on(None if out is None else out / f"{name}.md") for name in ("perception", "reid", "lenses")}
     wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier["perception"])
     sections = SECTIONS | {
         "perception": partial(perception.run, wanted=wanted),
@@ -82,6 +98,12 @@ def main() -> None:
             seeds=arguments.seeds,
             only=arguments.reid_parts,
             earlier=earlier["reid"],
+        ),
+        "lenses": partial(
+            lenses_page.run,
+            wanted=lenses_page.Wanted(
+                arguments.lens_parts, arguments.lens_seeds, arguments.lens_kept, arguments.lens_workers, earlier["lenses"]
+            ),
         ),
     }
     for name in arguments.only or SECTIONS:

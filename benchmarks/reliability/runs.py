@@ -1,23 +1,18 @@
-"""Cases that are run side by side, each kept as soon as it is finished, so that a stopped run goes on."""
+"""What the user asks of the parts, and their cases, which are kept as soon as they are finished."""
 
 from __future__ import annotations
 
-import os
-import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
+from pages.cases import Outcomes, run_cases
 from pages.kept import Kept
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = ("reliability",)
 """Folders of the benchmarks that the figures depend on, beside the package."""
-TOLD_EVERY_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -33,9 +28,7 @@ class Wanted:
     """Folder of the real data sets; None where there is none."""
 
 
-def kept(
-    wanted: Wanted, name: str, cases: Mapping[str, Any], work: Callable[[Any], Mapping[str, Any]]
-) -> dict[str, dict[str, Any]]:
+def kept(wanted: Wanted, name: str, cases: Mapping[str, Any], work: Callable[[Any], Mapping[str, Any]]) -> Outcomes:
     """The results of all cases by key, in the order of `cases`.
 
     Each is kept as soon as it is there; those of the same code are not run again.
@@ -46,32 +39,8 @@ def kept(
         cases: key -> argument of `work`; both must be picklable, `work` a function of a module.
         work: JSON-ready figures of one case. Its exceptions end the run: a case that may fail has to say so in its figures.
     """
-    store, run = Kept(wanted.kept, CODE), f"{name}{' quick' if wanted.quick else ''}"
-    known = {key: store.get(f"{run} {key}") for key in cases}
-    done = {key: result for key, result in known.items() if result is not None}
-    todo = [key for key in cases if key not in done]
-    began = told = time.monotonic()
-    with ProcessPoolExecutor(wanted.workers, initializer=_one_thread) as pool:
-        futures: dict[Future[Mapping[str, Any]], str] = {pool.submit(work, cases[key]): key for key in todo}
-        for count, future in enumerate(as_completed(futures), 1):
-            key = futures[future]
-            done[key] = dict(future.result())
-            store.put(f"{run} {key}", done[key])
-            if time.monotonic() - told > TOLD_EVERY_S or count == len(todo):
-                told = time.monotonic()
-                left = (told - began) / count * (len(todo) - count)
-                print(f"{name}: {count} of {len(todo)} cases, about {left / 60:.0f} min left", file=sys.stderr, flush=True)
-    return {key: done[key] for key in cases}
-
-
-def _one_thread() -> None:
-    """Processes that share the cores do not fight for them with threads of their own, nor for their parent's fork server."""
-    from threadpoolctl import threadpool_limits
-
-    server: Any = forkserver._forkserver
-    server._forkserver_address = server._forkserver_alive_fd = server._forkserver_pid = None
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-    threadpool_limits(limits=1)
+    *_, done = run_cases(Kept(wanted.kept, CODE), f"{name}{' quick' if wanted.quick else ''}", cases, work, wanted.workers)
+    return done
 
 
 def percent(part: float, whole: float) -> str:

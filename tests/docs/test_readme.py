@@ -1,4 +1,4 @@
-"""The README's tables are those of the pages that commands have written."""
+"""The tables of the README, and of other pages, are those of the pages that commands have written."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ def headline() -> ModuleType:
     return module
 
 
-def test_headline_tables_are_those_of_the_pages(headline: ModuleType) -> None:
-    text = headline.README.read_text()
-    shown = text.split(headline.BEGIN)[1].split(headline.END)[0].strip()
-    assert shown == headline.headlines().strip()
+@pytest.mark.parametrize("name", ["README", "FILMING"])
+def test_headline_tables_are_those_of_the_pages(headline: ModuleType, name: str) -> None:
+    file = getattr(headline, name)
+    shown = file.read_text().split(headline.BEGIN)[1].split(headline.END)[0].strip()
+    assert shown == headline.headlines(file).strip()
 
 
 def test_a_page_without_the_table_is_told(headline: ModuleType) -> None:

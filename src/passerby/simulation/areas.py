@@ -64,8 +64,9 @@ def place_groups(options: SimulationOptions, areas: Areas, rngs: Sequence[np.ran
     for area in areas:
         count, first = int((areas.of_camera == area).sum()), len(cameras) + 1
         group = place_cameras(
-            count, scene.area_m, scene.standoff_m, options.camera_height, scene.picture, rngs[area], first=first
-        )
+            count, scene.area_m, scene.standoff_m, options.camera_height, scene.picture, rngs[area], first=first,
+            lenses=options.lenses,
+        )  # fmt: skip
         cameras += [_moved(camera, areas.middle(area)) if area else camera for camera in group]
     return Rig(tuple(cameras))
 

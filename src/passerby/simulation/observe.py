@@ -12,6 +12,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera
 from passerby.core.observations import BODY_17
 from passerby.simulation.body import body_spheres
+from passerby.simulation.lenses import before_fold
 
 Mask = NDArray[np.bool_]
 
@@ -53,7 +54,7 @@ def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mas
     n_times, n_people = present.shape
     centres, radii = body_spheres(joints, heights)
     seen = _camera_frame(camera, centres)
-    in_front = present & (seen[..., 2].min(axis=-1) - 0.12 > NEAREST_M)
+    in_front = whole_in_view(camera, seen) & present
     seen = np.where(in_front[..., None, None], seen, np.array([0.0, 0.0, 1e3]))
     extents = _extents(camera, seen, np.broadcast_to(radii, seen.shape[:-1]))
     discs = camera.lens.project_rays(seen.reshape(-1, 3)).reshape((*seen.shape[:-1], 2))
@@ -83,6 +84,14 @@ def observe_camera(camera: Camera, joints: Floats, heights: Floats, present: Mas
         joints=joint_px,
         joint_visible=((joint_px > 0) & (joint_px < picture)).all(axis=-1) & ~joint_covered & in_front[..., None],
     )
+
+
+def whole_in_view(camera: Camera, seen: Floats) -> Mask:
+    """(...) which bodies (..., points, 3), camera frame, are in front, and nowhere so far aside that the lens folds.
+
+    What is beyond the fold of a lens would appear inside the picture, which no real lens does.
+    """
+    return np.asarray((seen[..., 2].min(axis=-1) - 0.12 > NEAREST_M) & before_fold(camera.lens, seen).all(axis=-1))
 
 
 def _camera_frame(camera: Camera, points: Floats) -> Floats:

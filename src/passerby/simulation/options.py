@@ -8,6 +8,7 @@ import numpy as np
 
 from passerby.common.errors import InputError
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
+from passerby.simulation.lenses import LENSES, TYPICAL
 from passerby.simulation.presets import PRESETS, Preset
 
 MAX_CLOCK_OFFSET_S = 5.0
@@ -70,6 +71,10 @@ class SimulationOptions:
     groups: tuple[int, ...] = ()
     """Numbers of cameras that stand around areas of their own, with no common ground; the people are shared out among them."""
 
+    lenses: str = TYPICAL
+    """typical (common surveillance lenses) | varied (any field of view from 28 to 90 degrees, up to strong distortion) | shared
+    (as varied, one for all)."""
+
     def __post_init__(self) -> None:
         if self.preset not in PRESETS:
             raise InputError(f"preset {self.preset!r} does not exist: choose one of {', '.join(PRESETS)}")
@@ -95,6 +100,8 @@ class SimulationOptions:
             self._check_count("clock_offsets", len(self.clock_offsets), "or a single largest offset")
             for offset in self.clock_offsets:
                 _check("clock_offsets", offset, -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S)
+        if self.lenses not in LENSES:
+            raise InputError(f"lenses {self.lenses!r} do not exist: choose one of {', '.join(LENSES)}")
         self._check_tracklets()
         object.__setattr__(self, "camera_fps", tuple(float(fps) for fps in self.camera_fps))
         if self.camera_fps:

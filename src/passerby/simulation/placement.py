@@ -1,16 +1,13 @@
-"""Cameras around an area: where they stand, where they look, and their lenses."""
+"""Cameras around an area: where they stand, and where they look."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.core.cameras import Camera, Lens, Pose, Rig
+from passerby.core.cameras import Camera, Pose, Rig
+from passerby.simulation.lenses import TYPICAL, draw_lenses
 
-FIELD_OF_VIEW_DEG = (60.0, 75.0)
-"""Horizontal, drawn per camera: the range of common surveillance lenses."""
-BARREL = (-0.15, -0.05)
-"""First radial coefficient, drawn per camera."""
 AIM_HEIGHT_M = 0.8
 """Cameras look at this height over a point near the middle of the area: hips in the picture's middle, feet in view."""
 
@@ -23,6 +20,7 @@ def place_cameras(
     picture: tuple[int, int],
     rng: np.random.Generator,
     first: int = 1,
+    lenses: str = TYPICAL,
 ) -> Rig:
     """Cameras named C1, C2, ... (from `first` on) around a rectangle centred on the origin, looking in.
 
@@ -37,11 +35,14 @@ def place_cameras(
         picture: (width, height), pixels.
         rng: each camera uses its own child of it, so that the first cameras stay when more are asked for at the same places.
         first: number of the first camera's name.
+        lenses: one of `lenses.LENSES`.
     """
     half = np.asarray(area_m) / 2 + standoff_m
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half
     cameras = []
-    for index, child in enumerate(rng.spawn(n_cameras)):
+    children = rng.spawn(n_cameras)
+    lens_of = draw_lenses(lenses, picture, rng)
+    for index, child in enumerate(children):
         along = 4.0 * index / n_cameras
         side = int(along)
         ground = corners[side] + (along - side) * (corners[side + 1] - corners[side])
@@ -50,7 +51,7 @@ def place_cameras(
         aim = np.array([*(child.uniform(-0.06, 0.06, 2) * area_m), AIM_HEIGHT_M])
         roll = np.radians(child.uniform(-2.0, 2.0))
         pose = Pose.from_centre(looking_at(centre, aim, roll), centre)
-        cameras.append(Camera(f"C{first + index}", _lens(picture, child), pose))
+        cameras.append(Camera(f"C{first + index}", lens_of(child), pose))
     return Rig(tuple(cameras))
 
 
@@ -62,14 +63,3 @@ def looking_at(centre: Floats, aim: Floats, roll: float = 0.0) -> Floats:
     level = np.stack([right, np.cross(forward, right), forward])
     c, s = np.cos(roll), np.sin(roll)
     return np.asarray(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ level)
-
-
-def _lens(picture: tuple[int, int], rng: np.random.Generator) -> Lens:
-    """A pinhole lens with mild barrel distortion that grows with the radius everywhere (no fold outside the picture)."""
-    width, height = picture
-    focal = 0.5 * width / np.tan(np.radians(rng.uniform(*FIELD_OF_VIEW_DEG)) / 2)
-    off_x, off_y = rng.uniform(-0.01, 0.01, 2) * width
-    matrix = np.array([[focal, 0.0, width / 2 + off_x], [0.0, focal, height / 2 + off_y], [0.0, 0.0, 1.0]])
-    k1 = rng.uniform(*BARREL)
-    # d/dr (r + k1 r^3 + k2 r^5) has no root when 20 k2 > 9 k1^2.
-    return Lens(picture, matrix, np.array([k1, 0.6 * k1 * k1, 0.0, 0.0]))

@@ -53,6 +53,10 @@ def simulate(
     groups: Annotated[
         str, typer.Option(help="Cameras in groups without common ground: the size of each group, separated by commas, as 6,2.")
     ] = "",
+    lenses: Annotated[
+        str,
+        typer.Option(help="typical; varied (28 to 90 degrees across, up to strong distortion); shared (one such lens)."),
+    ] = "typical",
     keypoints: Annotated[bool, typer.Option(help="Also write keypoints (COCO).")] = False,
     video: Annotated[bool, typer.Option(help="Render videos; the scene file names these instead of boxes.")] = False,
     clothes: Annotated[
@@ -95,6 +99,7 @@ def simulate(
         embeddings=embeddings,
         camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
         groups=_numbers(groups, int, "--groups", "the number of cameras of each group"),
+        lenses=lenses,
     )
     rendering = RenderOptions(clothes=clothes, shadows=shadows, noise=pixel_noise) if video else None
     processes = local_processes(0, chosen.n_cameras, chosen.n_cameras if video else 0)

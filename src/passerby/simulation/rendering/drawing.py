@@ -12,7 +12,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Camera
 from passerby.perception.pictures import Picture
 from passerby.simulation.body import body_spheres
-from passerby.simulation.observe import NEAREST_M
+from passerby.simulation.observe import whole_in_view
 from passerby.simulation.rendering.clothes import Outfit, Wardrobe, dress
 from passerby.simulation.rendering.light import Light
 from passerby.simulation.rendering.mesh import Template, pose_surface, template
@@ -65,7 +65,7 @@ class PeoplePainter:
         self._wardrobes: dict[bool, Wardrobe] = {fine: dress(template(fine), outfits) for fine in (True, False)}
 
     def surfaces(self, joints: Floats, present: NDArray[np.bool_]) -> list[Surface]:
-        """Who is drawn, from the farthest to the nearest: nobody of whom a part is nearer than `observe.NEAREST_M`.
+        """Who is drawn, from the farthest to the nearest: those whom `observe.whole_in_view` leaves.
 
         Args:
             joints: (P, J, 3) world, metres.
@@ -75,7 +75,7 @@ class PeoplePainter:
         assert pose is not None
         centres, _ = body_spheres(joints[None], self._heights)
         seen = np.einsum("psk,ik->psi", centres[0], pose.R_cw) + pose.t_cw
-        here = np.flatnonzero(present & (seen[..., 2].min(axis=-1) - 0.12 > NEAREST_M))
+        here = np.flatnonzero(present & whole_in_view(self._camera, seen))
         if not len(here):
             return []
         depth = np.linalg.norm(seen, axis=-1).mean(axis=-1)

@@ -12,6 +12,7 @@ from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera
 from passerby.perception.pictures import Picture
 from passerby.simulation.body import JOINTS
+from passerby.simulation.lenses import before_fold
 from passerby.simulation.observe import NEAREST_M
 from passerby.simulation.rendering.clothes import Outfit, dress
 from passerby.simulation.rendering.drawing import LIMIT_PX
@@ -119,6 +120,7 @@ class ShadowCaster:
         pose = self._camera.pose
         assert pose is not None
         ahead = np.einsum("...k,k->...", points, pose.R_cw[2]) + pose.t_cw[2] > NEAREST_M
+        ahead &= before_fold(self._camera.lens, points @ pose.R_cw.T + pose.t_cw)
         safe = np.where(ahead[..., None], points, self._camera.centre + pose.R_cw[2])
         pixels = (self._camera.project(safe.reshape(-1, 3)).reshape(*points.shape[:-1], 2) - (SCALE - 1) / 2) / SCALE
         return np.round(np.clip(pixels, -LIMIT_PX, LIMIT_PX) * (1 << SHIFT)).astype(np.int32), ahead
