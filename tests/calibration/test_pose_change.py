@@ -10,7 +10,8 @@ import pytest
 
 import passerby
 from passerby.calibration.calibration import Calibration
-from passerby.calibration.diagnostics.pose_change import detect_pose_change, match_people, resect_correspondences
+from passerby.calibration.diagnostics.correspondences import match_people, resect_correspondences
+from passerby.calibration.diagnostics.pose_change import detect_pose_change
 from passerby.core.cameras import Rig
 from passerby.evaluation.metrics import compare
 from passerby.people.body_centres import identified_body_centres, triangulate_people

@@ -33,10 +33,10 @@ def texture(seed: int) -> Picture:
 SCENE = texture(1)
 
 
-def seen(dx: float = 0.0, dy: float = 0.0, degrees: float = 0.0, scene: Picture = SCENE) -> Picture:
-    """The scene by a camera whose picture is shifted and turned."""
+def seen(dx: float = 0.0, dy: float = 0.0, degrees: float = 0.0, scene: Picture = SCENE, zoom: float = 1.0) -> Picture:
+    """The scene by a camera whose picture is shifted, turned and zoomed."""
     centre = (MARGIN + SIZE[0] / 2, MARGIN + SIZE[1] / 2)
-    motion = cv2.getRotationMatrix2D(centre, degrees, 1.0)
+    motion = cv2.getRotationMatrix2D(centre, degrees, zoom)
     motion[:, 2] += np.array([dx - MARGIN, dy - MARGIN])
     return np.asarray(cv2.warpAffine(scene, motion, SIZE, flags=cv2.INTER_LINEAR), dtype=np.uint8)
 
@@ -136,6 +136,28 @@ def test_a_camera_that_is_moved_for_good(dx: float, dy: float, degrees: float, c
     turn = np.deg2rad(degrees)
     shift = np.hypot(np.cos(turn) * x + np.sin(turn) * y + dx - x, np.cos(turn) * y - np.sin(turn) * x + dy - y)
     assert move.pixels == pytest.approx(float(np.median(shift)), rel=0.25, abs=0.4)
+
+
+@thinned("zoom", [1.03, 1.1, 1.3, 0.8], quick=2)
+def test_a_zoom_is_named_and_measured(zoom: float) -> None:
+    rng = np.random.default_rng(0)
+    (move,) = watched(noisy(seen(zoom=1.0 if k < 17 else zoom), rng) for k in range(COUNT)).moves
+    assert (move.seconds, move.until) == (17.0, None)
+    assert move.zoom == pytest.approx(zoom, rel=0.005)
+
+
+@thinned(("dx", "degrees"), [(3.6, 0), (60, 0), (-40, -3), (0, 2)], quick=2)
+def test_a_move_is_no_zoom(dx: float, degrees: float) -> None:
+    rng = np.random.default_rng(0)
+    (move,) = watched(noisy(seen() if k < 17 else seen(dx, 0, degrees), rng) for k in range(COUNT)).moves
+    assert move.zoom == 1.0
+
+
+def test_a_zoom_and_back_is_named() -> None:
+    rng = np.random.default_rng(0)
+    (move,) = watched(noisy(seen(zoom=1.1 if 17 <= k < 21 else 1.0), rng) for k in range(COUNT)).moves
+    assert (move.seconds, move.until) == (17.0, 21.0)
+    assert move.zoom == pytest.approx(1.1, rel=0.005)
 
 
 def test_a_small_shake_is_told_and_is_no_move() -> None:

@@ -344,6 +344,25 @@ def test_a_camera_that_is_moved_is_told_and_when(job, calls, tmp_path):
         assert (again.faults("A", info), again.findings("A", info)) == (faults, findings)
 
 
+@pytest.mark.parametrize("zoom", [1.2, 0.85])
+def test_a_camera_that_zooms_is_told_and_when(job, calls, tmp_path, zoom):
+    fine = np.random.default_rng(5).normal(128, 60, (90, 120, 3)).clip(0, 255).astype(np.uint8)
+    wide = cv2.resize(fine, (600, 450), interpolation=cv2.INTER_LINEAR)
+
+    def zoomed():
+        for number in range(200):
+            motion = cv2.getRotationMatrix2D((300.0, 225.0), 0.0, zoom if number >= 90 else 1.0)
+            motion[:, 2] -= (140.0, 105.0)
+            yield cv2.warpAffine(wide, motion, (320, 240))
+
+    info = probe(write_video(tmp_path / "zoomed.mp4", zoomed(), FPS))
+    (fault,) = watch_camera(replace(job, info=info), silent).faults("A", info)
+    kind, factor = ("in", zoom) if zoom > 1 else ("out", 1 / zoom)
+    assert fault.startswith(f"{info.path}: camera A: the camera zooms {kind} ")
+    assert f" s after the start, by a factor of {factor:.2f}, and stays so: a fixed focal length is needed: under " in fault
+    assert 9.0 <= float(fault.split(" s after the start")[0].split()[-1]) <= 10.6
+
+
 def test_the_shelf_cannot_be_made(job, calls, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"file.*: cannot be written"):

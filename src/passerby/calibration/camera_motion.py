@@ -1,4 +1,4 @@
-"""Cameras that were moved while they filmed: what they saw from elsewhere is left out of the inputs."""
+"""Cameras that were moved, or zoomed, while they filmed: what they saw from elsewhere is left out of the inputs."""
 
 from __future__ import annotations
 
@@ -10,13 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.result import Association
-from passerby.calibration.diagnostics.pose_change import (
-    Correspondences,
-    PoseChange,
-    detect_pose_change,
-    match_people,
-    resect_correspondences,
-)
+from passerby.calibration.diagnostics.correspondences import Correspondences, match_people, resect_correspondences
+from passerby.calibration.diagnostics.pose_change import PoseChange, detect_pose_change
+from passerby.calibration.diagnostics.zoom import detect_zoom, zoom_of
 from passerby.calibration.estimation import Estimate
 from passerby.calibration.repairs import Correction
 from passerby.common.arrays import Bools, Ints
@@ -37,7 +33,7 @@ ON_A_FRAME = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class DetectedMotion:
-    """A camera that stood elsewhere for a part of its recording."""
+    """A camera that stood elsewhere, or had another focal length, for a part of its recording."""
 
     camera: str
     first_frame: int
@@ -63,19 +59,23 @@ class DetectedMotion:
             seconds=None if self.fps is None else (self.seconds(self.first_frame), self.seconds(self.last_frame)),
             left_out="before" if change.at_start else "after" if change.at_end else "between",
             metres=change.metres, degrees=change.degrees, sigmas=change.sigmas, shift=change.shift,
+            zoom=None if change.zoom == 1.0 else change.zoom,
         )  # fmt: skip
 
     @property
     def finding(self) -> Finding:
-        """The doubt that a move is; its frames are those of the moves there and back, or twice that of the only one."""
+        """The doubt that a move or a zoom is; its frames are those of there and back, or twice that of the only one."""
         change = self.change
         first, last = self.first_frame, self.last_frame
         if change.at_start or change.at_end:
             first = last = self.last_frame + 1 if change.at_start else self.first_frame
         timed = self.fps is not None
+        size: dict[str, float] = {"metres": change.metres, "degrees": change.degrees}
+        if change.zoom != 1.0:
+            size = {"factor": 1 / change.zoom if change.at_start else change.zoom}
         return doubt(
-            "camera_moved", self.camera, *([self.either] if self.either else []), metres=change.metres, degrees=change.degrees,
-            left_out=self.figures.left_out, frames=[first, last],
+            "camera_moved" if change.zoom == 1.0 else "camera_zoomed", self.camera, *([self.either] if self.either else []),
+            **size, left_out=self.figures.left_out, frames=[first, last],
             seconds=[self.seconds(first), self.seconds(last)] if timed else None,
             until_s=max(0, math.floor(self.seconds(first) - MARGIN_S)) if timed else None,
             from_s=math.ceil(self.seconds(last) + MARGIN_S) if timed else None,
@@ -122,9 +122,11 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
         if camera.pose is None:
             continue
         m = _matched(c, rig, middles, inputs.observations, association, repair)
-        change = detect_pose_change(m, camera.pose, association.instants.fps or USUAL_FPS)
-        if change is not None and change.sure and (best is None or change.gain > best[0]):
-            best = change.gain, c, change
+        rate = association.instants.fps or USUAL_FPS
+        stated = camera.lens.focal_sd is None
+        for change in (detect_pose_change(m, camera.pose, rate), detect_zoom(m, camera.pose, rate, stated=stated)):
+            if change is not None and change.sure and (best is None or change.gain > best[0]):
+                best = change.gain, c, change
     if best is None:
         return None
     _, c, change = best
@@ -229,4 +231,8 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
         start.R_cw @ old.R_cw.T @ pose.R_cw, pose.centre + pose.R_cw.T @ old.R_cw @ (start.centre - old.centre)
     )
     other = resect_correspondences(part, start)
-    return replace(moved, change=replace(moved.change, main=pose, other=other))
+    zoom = zoom_of(part, pose, other, association.instants.fps or USUAL_FPS, start=moved.change.zoom)
+    change = replace(moved.change, main=pose, other=other, zoom=1.0)
+    if zoom is not None:
+        change = replace(change, other=zoom.pose, zoom=zoom.factor, sigmas=zoom.sigmas)
+    return replace(moved, change=change)

@@ -235,7 +235,7 @@ class FittedRate:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionFigures:
-    """A camera that stood elsewhere for a part of its recording."""
+    """A camera that stood elsewhere, or had another focal length, for a part of its recording."""
 
     camera: str
     frames: tuple[int, int]
@@ -248,6 +248,8 @@ class MotionFigures:
     sigmas: float
     shift: float
     """Of people in the picture, as a share of their extent."""
+    zoom: float | None = field(default=None, metadata=ABSENT)
+    """The focal length during it, in that of the rest; None for a camera that moved and did not zoom."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,6 +38,13 @@ AGREEMENT_PX = 0.7
 STANDING_COUNT, STANDING_PART = 10, 0.08
 MOTION_COUNT, MOTION_PART = 14, 0.12
 
+# A zoom changes the logarithm of the background's scale by more than this where scaling leaves no more than such a part of its
+# shift, and by more than that where the camera was turned as well: a turn by 20 degrees scales parts of a picture by 3 %.
+LEAST_ZOOM, ZOOM_LEAVES, TURNED_ZOOM = 0.01, 0.4, 0.1
+
+# A scale beyond these is no zoom and no motion: RANSAC likes to shrink all patches onto one spot.
+SCALES = 0.3, 3.5
+
 # A camera within this many thumbnail pixels of its place is measured without looking further.
 NEAR_PX = 2.0
 
@@ -62,6 +69,18 @@ class Motion:
     def shift_from(self, rest: Floats) -> float:
         """Median way of the patches between another motion and this one, thumbnail pixels."""
         return float(np.median(np.linalg.norm(_apply(self.motion, self.points) - _apply(rest, self.points), axis=1)))
+
+    def zoom_from(self, rest: Floats, centre: Floats) -> float:
+        """How many times larger the background is than by another motion, where that is a zoom; else 1.
+
+        A zoom scales it about the picture's centre (2,), thumbnail pixels; a turn scales it hardly at all.
+        """
+        scale = float(np.sqrt(np.linalg.det(self.motion[:, :2]) / np.linalg.det(rest[:, :2])))
+        zoomed = centre + scale * (_apply(rest, self.points) - centre)
+        left = float(np.median(np.linalg.norm(_apply(self.motion, self.points) - zoomed, axis=1)))
+        explained = left < ZOOM_LEAVES * self.shift_from(rest)
+        least = LEAST_ZOOM if explained else TURNED_ZOOM
+        return scale if abs(np.log(scale)) > least else 1.0
 
 
 class Reference:
@@ -177,6 +196,8 @@ def _agreed(
     if motion is None:
         return None, nobody
     similarity = np.asarray(motion, dtype=np.float64)
+    if not SCALES[0] < np.sqrt(np.linalg.det(similarity[:, :2])) < SCALES[1]:
+        return None, nobody
     if inliers.sum() < max(MOTION_COUNT, MOTION_PART * _inside(similarity, points, view)):
         return None, nobody
     agreeing = nobody.copy()

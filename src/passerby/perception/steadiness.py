@@ -1,4 +1,4 @@
-"""Whether a camera stays where it is: told from a picture every second or two.
+"""Whether a camera stays where it is, and does not zoom: seen from a picture every second or two.
 
 Each picture is compared with a reference: the first one, in which what was hidden or has changed is filled in later.
 """
@@ -36,6 +36,8 @@ class Move:
     """Of the first picture that shows the camera in its place again, after a knock; None: it stayed in the new place."""
     pixels: float | None
     """Median shift of the background, in pixels of the whole picture; None: it shows nothing now that it showed before."""
+    zoom: float = 1.0
+    """How many times larger the background is than before, where the camera zoomed; 1 where it only moved."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ class _Departure:
     seconds: float
     last_seconds: float
     shifts: tuple[float, ...]
+    zooms: tuple[float, ...]
 
 
 class SteadinessWatcher:
@@ -76,6 +79,7 @@ class SteadinessWatcher:
     def __init__(self, size: tuple[int, int]) -> None:
         self._scale = max(1, round(max(size) / THUMBNAIL_PX))
         self._moved_px = MOVED_PART * size[0]
+        self._centre = np.array(size, dtype=np.float64) / (2 * self._scale)
         self._reference: Reference | None = None
         self._rest = np.eye(2, 3)
         self._departure: _Departure | None = None
@@ -99,7 +103,9 @@ class SteadinessWatcher:
             self._lose(view, frame.seconds)
             return
         self._recognised += 1
-        self._judge(frame.seconds, found.motion, found.shift_from(self._rest) * self._scale)
+        self._judge(
+            frame.seconds, found.motion, found.shift_from(self._rest) * self._scale, found.zoom_from(self._rest, self._centre)
+        )
 
     def result(self) -> Steadiness:
         """What was seen so far."""
@@ -107,25 +113,25 @@ class SteadinessWatcher:
         away = self._departure
         if away is not None:
             stayed = len(away.shifts) > 1 or self._lost is not None
-            moves.append(Move(away.seconds, None if stayed else away.last_seconds, float(np.median(away.shifts))))
+            moves.append(Move(away.seconds, None if stayed else away.last_seconds, float(np.median(away.shifts)), _zoom(away)))
         elif self._lost is not None and self._lost[1] - self._lost[0] > LASTING_S:
             moves.append(Move(self._lost[0], None, None))
         return Steadiness(tuple(moves), self._largest_shake, self._pictures, self._recognised)
 
-    def _judge(self, seconds: float, motion: Floats, shift: float) -> None:
+    def _judge(self, seconds: float, motion: Floats, shift: float, zoom: float) -> None:
         """One more shift against the camera's place: a shake, a knock that is over, or a new place."""
         if shift <= self._moved_px:
             self._lost = self._lost_view = None
             if self._departure is not None:
-                self._moves.append(Move(self._departure.seconds, seconds, max(self._departure.shifts)))
+                self._moves.append(Move(self._departure.seconds, seconds, max(self._departure.shifts), _zoom(self._departure)))
                 self._departure = None
             self._largest_shake = max(self._largest_shake, shift)
             return
         left = seconds if self._lost is None else self._lost[0]
-        away = self._departure or _Departure(left, seconds, ())
-        self._departure = _Departure(away.seconds, seconds, (*away.shifts, shift))
+        away = self._departure or _Departure(left, seconds, (), ())
+        self._departure = _Departure(away.seconds, seconds, (*away.shifts, shift), (*away.zooms, zoom))
         if seconds - away.seconds > LASTING_S:
-            self._moves.append(Move(away.seconds, None, float(np.median(self._departure.shifts))))
+            self._moves.append(Move(away.seconds, None, float(np.median(self._departure.shifts)), _zoom(self._departure)))
             self._departure = self._lost = self._lost_view = None
             self._rest = motion
 
@@ -140,3 +146,8 @@ class SteadinessWatcher:
             self._lost = (seconds, seconds) if self._lost_view.is_rich else None
         elif self._lost is not None:
             self._lost = (self._lost[0], seconds)
+
+
+def _zoom(away: _Departure) -> float:
+    """Of a camera that is away: the median of what its pictures show."""
+    return float(np.median(away.zooms))

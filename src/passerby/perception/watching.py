@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -108,8 +108,8 @@ class VideoObservations:
                 "whole.mp4`"
             )
         found += [
-            f"{place}: the camera moves {move['seconds']:.1f} s after the start, {_how_far(move['pixels'])}, and stays "
-            f"there: static cameras are needed: under [cameras.{key(name)}] set until_s = {math.floor(move['seconds'])} for "
+            f"{place}: the camera {_what(move)} {move['seconds']:.1f} s after the start, {_how_far(move)}, and stays "
+            f"{_needed(move)}: under [cameras.{key(name)}] set until_s = {math.floor(move['seconds'])} for "
             f"the part before, or from_s = {math.ceil(move['seconds']) + 1} for the part after, or delete [cameras.{key(name)}]"
             for move in self.summary["moves"]
             if move["until"] is None and from_s < move["seconds"] < until_s
@@ -377,8 +377,22 @@ def _state(path: Path) -> tuple[int, ...]:
     return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def _how_far(pixels: float | None) -> str:
-    return "by an unknown amount" if pixels is None else f"by {pixels:.0f} pixels"
+def _zooms(move: Mapping[str, Any]) -> bool:
+    return bool(move.get("zoom", 1.0) != 1.0)  # what older versions kept has none
+
+
+def _what(move: Mapping[str, Any]) -> str:
+    return "moves" if not _zooms(move) else "zooms in" if move["zoom"] > 1 else "zooms out"
+
+
+def _how_far(move: Mapping[str, Any]) -> str:
+    if _zooms(move):
+        return f"by a factor of {max(move['zoom'], 1 / move['zoom']):.2f}"
+    return "by an unknown amount" if move["pixels"] is None else f"by {move['pixels']:.0f} pixels"
+
+
+def _needed(move: Mapping[str, Any]) -> str:
+    return "so: a fixed focal length is needed" if _zooms(move) else "there: static cameras are needed"
 
 
 def _nothing(rows: int, dimensions: int) -> Vectors:

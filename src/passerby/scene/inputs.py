@@ -22,6 +22,7 @@ from passerby.scene.lens_sources import group_faults
 from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
+from passerby.scene.seen_lenses import add_seen_lenses
 from passerby.scene.upside_down import doubt_of_upside_down
 from passerby.scene.world_files import world_faults
 
@@ -65,6 +66,7 @@ def read_inputs(scene: Scene, watch: VideoProcessor | None = None) -> SceneInput
     readings = read_cameras(scene)
     # What is wrong with a file is told before hours are spent on videos.
     _raise_faults(scene, readings)
+    add_seen_lenses(scene, readings)
     if watch is not None and any(needs_video(scene, reading) for reading in readings):
         watch(scene, readings)
         _raise_faults(scene, readings)

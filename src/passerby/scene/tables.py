@@ -165,6 +165,9 @@ class PerceptionTable(Table):
     """Columns and rows of overlapping tiles in which small people are detected. auto: chosen by the image size."""
     models: Path | None = None
     """A folder of model files that is searched first."""
+    lens_network: Path | None = None
+    """The path of an ONNX file that sees the vertical field of view in one image, for cameras with a video and without
+    intrinsics or `hfov_deg`: where their focal length is sought. None: people alone determine it."""
 
 
 class AssociationTable(Table):

@@ -1,4 +1,4 @@
-"""Scenes that are not as a calibration takes them to be: a camera that is moved half-way, a ground that is no level plane."""
+"""Scenes that are not as a calibration takes them to be: a camera that is moved or zooms, a ground that is no level plane."""
 
 from __future__ import annotations
 
@@ -41,15 +41,45 @@ class Move:
         return replace(camera, pose=Pose.from_centre(turn @ camera.pose.R_cw, camera.pose.centre + np.array(self.shift_m)))
 
 
+@dataclass(frozen=True)
+class Zoom:
+    """A camera whose focal length changes while it films, at once; `gradual_zoom` makes one that takes its time."""
+
+    camera: str
+    from_s: float
+    """Seconds of the camera's own recording."""
+    factor: float
+    """Of both focal lengths; above 1 the camera zooms in. The distortion's coefficients stay."""
+    until_s: float = np.inf
+    """When it has its first focal length again."""
+
+    def moved(self, camera: Camera) -> Camera:
+        """The camera after the zoom."""
+        assert camera.lens.focal_sd is None
+        matrix = np.array(camera.lens.matrix)
+        matrix[:2, :2] *= self.factor
+        return replace(camera, lens=replace(camera.lens, matrix=matrix))
+
+
+Disturbance = Move | Zoom
+
+
+def gradual_zoom(camera: str, from_s: float, to_s: float, factor: float, step_s: float = 0.2) -> tuple[Zoom, ...]:
+    """A zoom in equal ratios between two times, as steps of `step_s` seconds: as long as one frame, nothing of them is seen."""
+    steps = max(1, round((to_s - from_s) / step_s))
+    return tuple(Zoom(camera, from_s + k * step_s, factor ** ((k + 1) / steps)) for k in range(steps))
+
+
 def level(places: Floats) -> Floats:
     """The ground that scenes have unless told otherwise."""
     return np.zeros(places.shape[:-1])
 
 
-def film_disturbed(options: SimulationOptions, moves: Sequence[Move] = (), ground: Ground = level) -> Filmed:
-    """What `film` makes of the options, with cameras that are moved and on another ground; cameras stay where they were.
+def film_disturbed(options: SimulationOptions, moves: Sequence[Disturbance] = (), ground: Ground = level) -> Filmed:
+    """What `film` makes of the options with cameras that are moved or zoom, and on another ground; of several disturbances of
+    one camera at one time the last one counts.
 
-    The rig of the result holds the cameras where they are before they move. Raises `InputError` for a camera that is not there.
+    The rig of the result holds the cameras as they are before. Raises `InputError` for a camera that is not there.
     """
     filmed = film(options)
     for move in moves:
@@ -65,15 +95,15 @@ def film_disturbed(options: SimulationOptions, moves: Sequence[Move] = (), groun
     return replace(filmed, views=tuple(views))
 
 
-def rig_after(rig: Rig, moves: Sequence[Move]) -> Rig:
+def rig_after(rig: Rig, moves: Sequence[Disturbance]) -> Rig:
     """The rig when all moves are done."""
     for move in moves:
         rig = Rig(tuple(move.moved(camera) if camera.name == move.camera else camera for camera in rig))
     return rig
 
 
-def _disturbed_view(filmed: Filmed, index: int, moves: Sequence[Move], ground: Ground) -> View:
-    """What one camera sees, in stretches of one pose each."""
+def _disturbed_view(filmed: Filmed, index: int, moves: Sequence[Disturbance], ground: Ground) -> View:
+    """What one camera sees, in stretches of one pose and one lens each."""
     camera, options = filmed.rig.cameras[index], filmed.options
     own = np.arange(len(filmed.views[index].hidden)) / options.frame_rates[index]
     number = np.zeros(len(own), dtype=np.int64)

@@ -45,6 +45,26 @@ def _to_choose(v: Fields) -> str:
     return f"under [{v['table']}] set {one} to keep that pose, or {two} for the pose {other} the move"
 
 
+def _zoomed(v: Fields) -> str:
+    far = f"zoomed {'in' if v['factor'] > 1 else 'out'} by a factor of {max(v['factor'], 1 / v['factor']):.2f}"
+    if v["left_out"] == "between":
+        return (
+            f"camera {v['camera']} {far} {_when(v, 0)} and back {_when(v, 1)}: its observations in between were left out, for "
+            "one focal length has to hold for all of a recording"
+        )
+    kept, other = _kept(v)
+    return (
+        f"camera {v['camera']} {far} {_when(v, 0)}: its pose and its focal length are those {kept} the zoom, and its "
+        f"observations {other} the zoom were left out"
+    )
+
+
+def _to_choose_zoom(v: Fields) -> str:
+    if v["left_out"] == "between":
+        return "record with a fixed focal length, or cut the recording"
+    return f"{_to_choose(v).replace(' for the pose ', ' for the part ').replace(' the move', ' the zoom')}"
+
+
 def _uneven(v: Fields) -> str:
     where = ""
     if v["at"] is not None:
@@ -81,6 +101,10 @@ CALIBRATION: Mapping[str, Kind] = {
     "camera_moved": Kind(
         DOUBT, "The camera moved while it filmed (or the second one did); `left_out` says which part was not used.",
         _moved, _to_choose, joint="; ",
+    ),
+    "camera_zoomed": Kind(
+        DOUBT, "The focal length changed by `factor` while the camera filmed; `left_out` says which part was not used.",
+        _zoomed, _to_choose_zoom, joint="; ",
     ),
     "people_on_one_spot": Kind(
         DOUBT, "All people stay on one spot, which determines no rig.", "all people stay on one spot of {length_m:.1f} "

@@ -28,6 +28,11 @@ VIDEOS: Mapping[str, Kind] = {
         NOTICE, "Some frames of the video could not be decoded.",
         "camera {camera}: {broken} frames or packets could not be decoded, the first after {first_s:.1f} s",
     ),
+    "field_of_view_seen": Kind(
+        NOTICE, "A network sees the camera's field of view in its video; its focal length is sought about that.",
+        "camera {camera}: {network} sees a horizontal field of view of {hfov_deg:.0f} degrees in its video (1 sigma of the "
+        "focal length: {sd_percent:.0f} %)",
+    ),
     "network_missing": Kind(
         NOTICE, "The network for this `role` is unavailable; `why` is the text of the error.",
         lambda v: f"{v['why']}: {_INSTEAD[v['role']]}",

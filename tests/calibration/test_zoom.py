@@ -1,0 +1,144 @@
+"""Cameras that zoom while they film: found, dated, measured, named; and cameras that move, which do not zoom."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.calibration.calibration import Calibration
+from passerby.calibration.diagnostics.correspondences import Correspondences, match_people
+from passerby.calibration.diagnostics.pose_change import PoseChange
+from passerby.calibration.diagnostics.zoom import detect_zoom
+from passerby.core.cameras import Lens, Rig
+from passerby.evaluation.metrics import compare
+from passerby.findings.texts import remedy_of
+from passerby.people.body_centres import identified_body_centres, triangulate_people
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.simulation.disturbances import Disturbance, Move, Zoom, film_disturbed, gradual_zoom, rig_after
+
+OPTIONS = SimulationOptions(seconds=24.0, people=6, box_noise=0.02, missing=0.1, seed=3900)
+BODY_M = 1.72
+
+
+@cache
+def filmed(disturbances: tuple[Disturbance, ...], options: SimulationOptions = OPTIONS) -> SimulatedScene:
+    return simulate(options, film_disturbed(options, disturbances))
+
+
+def matched(scene: SimulatedScene, name: str, *, given: bool = True) -> Correspondences:
+    """What a camera saw with the people that the others see, by the true rig."""
+    middles, c = identified_body_centres(scene.rig, scene.observations), scene.rig.names.index(name)
+    own = middles[c]
+    assert own is not None
+    if not given:
+        own = replace(own, identity=17 - own.identity)  # tracklets that mean nothing elsewhere
+    return match_people(own, triangulate_people(scene.rig, middles, BODY_M, excluding=c), BODY_M, given=given)
+
+
+def found(scene: SimulatedScene, name: str, *, given: bool = True) -> PoseChange | None:
+    pose = scene.rig[name].pose
+    assert pose is not None
+    change = detect_zoom(matched(scene, name, given=given), pose, 5.0)
+    return change if change is not None and change.sure else None
+
+
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize("factor", [0.8, 1.1, 2.0])
+def test_a_zoom_is_dated_and_measured(factor, given):
+    change = found(filmed((Zoom("C2", 15.0, factor),)), "C2", given=given)
+    assert change is not None
+    assert change.at_end
+    assert abs((change.first - 1) / 5.0 - 15.0) < 1.0
+    assert change.zoom == pytest.approx(factor, rel=0.04)
+    assert change.metres < 0.5
+
+
+def test_the_stretch_of_a_stated_lens_is_the_part_that_it_does_not_hold_for():
+    """However long that is; of a lens that is estimated, the longer part stays."""
+    scene = filmed((Zoom("C2", 8.0, 1.3),))
+    pose = scene.rig["C2"].pose
+    assert pose is not None
+    stated, estimated = (detect_zoom(matched(scene, "C2"), pose, 5.0, stated=one) for one in (True, False))
+    assert stated is not None
+    assert estimated is not None
+    assert (stated.at_end, estimated.at_start) == (True, True)
+    assert stated.zoom == pytest.approx(1.3, rel=0.04)
+    assert estimated.zoom == pytest.approx(1 / 1.3, rel=0.04)
+
+
+@pytest.mark.parametrize(
+    "move", [Move("C2", 12.0, turn_deg=(1.0, 3.0, 0.0), shift_m=(0.2, 0.0, 0.0)), Move("C2", 12.0, shift_m=(0.7, 0.7, -0.3))]
+)
+def test_a_move_is_no_zoom(move):
+    assert found(filmed((move,)), "C2") is None
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_camera_that_does_neither_does_not_zoom(given):
+    scene = filmed(())
+    assert [name for name in scene.rig.names if found(scene, name, given=given)] == []
+
+
+def test_zoomed_correspondences_are_those_of_the_zoomed_lens():
+    """Exactly so for a lens without distortion."""
+    scene = filmed(())
+    straight = replace(scene.rig["C2"].lens, distortions=np.zeros(0))
+    rig = Rig(tuple(replace(camera, lens=straight) if camera.name == "C2" else camera for camera in scene.rig))
+    m, lens = matched(replace(scene, rig=rig), "C2"), straight
+    matrix = np.array(lens.matrix)
+    matrix[:2, :2] *= 1.3
+    there = replace(lens, matrix=matrix)
+    seen = m.zoomed(1.3).own
+    np.testing.assert_allclose(there.project_rays(seen.ray), lens.project_rays(m.own.ray), atol=1e-6)
+    step = 1e-5 * np.array([0.3, -0.8, 0.2])
+    moved = there.project_rays(seen.ray + step) - there.project_rays(seen.ray)
+    along = (seen.ray + step) / np.einsum("ni,ni->n", seen.ray, seen.ray + step)[:, None]
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", seen.tangent, along), moved, atol=1e-5)
+
+
+def test_a_gradual_zoom_takes_its_time():
+    scene = filmed(())
+    steps = gradual_zoom("C2", 4.0, 8.0, 1.5)
+    after = rig_after(scene.rig, steps[:1])["C2"].lens.focal
+    assert (steps[0].from_s, steps[-1].from_s, steps[-1].factor) == (4.0, pytest.approx(7.8), pytest.approx(1.5))
+    assert after / scene.rig["C2"].lens.focal == pytest.approx(1.5 ** (1 / 20))
+
+
+def calibrated(scene: SimulatedScene, *, known: bool = True) -> Calibration:
+    lenses = {camera.name: camera.lens if known else Lens.unknown(camera.lens.size) for camera in scene.rig}
+    mode = "combined" if scene.options.unrelated_ids else "given"
+    return passerby.calibrate_observations(
+        lenses, {name: scene.observations[name].boxes for name in scene.rig.names}, fps=scene.options.fps,
+        association={"mode": mode, "max_offset_s": 0.0},
+    )  # fmt: skip
+
+
+LONGER = replace(OPTIONS, seconds=40.0)
+UNRELATED = replace(LONGER, unrelated_ids=True, tracklet_seconds=10.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [LONGER, UNRELATED], ids=["given", "found"])
+def test_a_zoom_is_named_and_what_was_seen_with_it_left_out(options):
+    scene = filmed((Zoom("C2", 24.0, 1.3),), options)
+    calibration = calibrated(scene)
+    assert calibration.verdict == "doubtful"
+    (finding,) = [one for one in calibration.diagnostics if one.code in {"camera_zoomed", "camera_moved"}]
+    assert (finding.code, finding.cameras, finding.values["left_out"]) == ("camera_zoomed", ("C2",), "after")
+    assert finding.values["factor"] == pytest.approx(1.3, rel=0.04)
+    assert finding.values["seconds"][0] == pytest.approx(24.0, abs=1.0)
+    assert "until_s = 23" in remedy_of(finding)
+    (figures,) = calibration.figures.moved
+    assert figures.zoom == finding.values["factor"]
+    assert compare(calibration.rig, scene.rig).similarity.mean_position_mm < 40
+
+
+@pytest.mark.slow
+def test_a_zoom_of_an_unknown_lens_is_named():
+    calibration = calibrated(filmed((Zoom("C2", 24.0, 1.3),), LONGER), known=False)
+    assert calibration.verdict == "doubtful"
+    assert ("camera_zoomed", ("C2",)) in [(one.code, one.cameras) for one in calibration.diagnostics]

@@ -1,0 +1,128 @@
+"""A network that sees the field of view: its contract, what breaks it, and scenes that name one."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.core.cameras import Lens
+from passerby.perception.lens_network import FOCAL_SD, LensNetwork, lens_from_video, median_vertical_fov
+from passerby.perception.video import probe
+from passerby.scene.inputs import read_inputs
+from passerby.scene.scene import Scene
+from support.scenes.puppet_videos import write_video
+
+FACTOR = 2.0
+
+
+def network(
+    path: Path, shape: tuple[object, ...] = (1, 3, "h", "w"), *, axes: tuple[int, ...] = (0, 1, 2, 3), factor: float = FACTOR
+) -> Path:  # fmt: skip
+    """Says `factor` times the mean of a picture's values: of a grey picture of 0.5 one radian."""
+    keep = 0 if len(axes) == 4 else 1
+    nodes = [
+        helper.make_node("ReduceMean", ["picture"], ["mean"], axes=list(axes), keepdims=keep),
+        helper.make_node("Mul", ["mean", "factor"], ["fov"]),
+    ]
+    graph = helper.make_graph(
+        nodes, "g", [helper.make_tensor_value_info("picture", TensorProto.FLOAT, shape)],
+        [helper.make_tensor_value_info("fov", TensorProto.FLOAT, None)],
+        [helper.make_tensor("factor", TensorProto.FLOAT, [], [factor])],
+    )  # fmt: skip
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8), path)
+    return path
+
+
+def grey(value: float, size: tuple[int, int] = (120, 200)) -> np.ndarray:
+    return np.full((*size, 3), round(255 * value), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("shape", [(1, 3, "h", "w"), (1, 3, 64, 96), ("n", 3, 32, 32)])
+def test_values_from_0_to_1_enter_and_one_number_comes_out(tmp_path, shape):
+    opened = LensNetwork(network(tmp_path / "lens.onnx", shape))
+    assert opened.vertical_fov(grey(0.4)) == pytest.approx(FACTOR * 0.4, abs=0.005)
+
+
+def test_the_median_of_several_pictures(tmp_path):
+    opened = LensNetwork(network(tmp_path / "lens.onnx"))
+    assert median_vertical_fov(opened, [grey(0.2), grey(0.9), grey(0.3)]) == pytest.approx(FACTOR * 0.3, abs=0.01)
+
+
+def test_colours_are_red_green_blue(tmp_path):
+    path = tmp_path / "lens.onnx"
+    nodes = [
+        helper.make_node("Gather", ["picture", "first"], ["red"], axis=1),
+        helper.make_node("ReduceMean", ["red"], ["fov"], keepdims=0),
+    ]
+    graph = helper.make_graph(
+        nodes, "g", [helper.make_tensor_value_info("picture", TensorProto.FLOAT, (1, 3, 32, 32))],
+        [helper.make_tensor_value_info("fov", TensorProto.FLOAT, None)],
+        [helper.make_tensor("first", TensorProto.INT64, [], [0])],
+    )  # fmt: skip
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8), path)
+    picture = np.zeros((40, 40, 3), dtype=np.uint8)
+    picture[..., 2] = 255  # red, as OpenCV has it
+    assert LensNetwork(path).vertical_fov(picture) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("shape", [(1, 3, 64), (1, 1, 64, 64), (2, 3, 64, 64)])
+def test_another_input_is_an_error(tmp_path, shape):
+    path = network(tmp_path / "lens.onnx", shape, axes=tuple(range(len(shape))) if len(shape) == 4 else (0, 1, 2))
+    with pytest.raises(InputError, match=r"lens\.onnx: its inputs are .*takes one \[1, 3, height, width\] of float"):
+        LensNetwork(path)
+
+
+def test_another_output_is_an_error(tmp_path):
+    with pytest.raises(InputError, match=r"lens\.onnx: its first output .*one number, the vertical field of view"):
+        LensNetwork(network(tmp_path / "lens.onnx", (1, 3, 64, 64), axes=(1,))).vertical_fov(grey(0.5))
+
+
+@pytest.mark.parametrize("factor", [0.0, 100.0, math.inf])
+def test_no_field_of_view_is_an_error(tmp_path, factor):
+    opened = LensNetwork(network(tmp_path / "lens.onnx", factor=factor))
+    with pytest.raises(InputError, match=r"gives a vertical field of view of (0|50[.]\d*|inf) radians"):
+        opened.vertical_fov(grey(0.5))
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Two cameras with videos and boxes, the second with a stated field of view."""
+    rows = "".join(f"{frame},1,{50 + frame},30,20,60,1,-1,-1,-1\n" for frame in range(1, 20))
+    for name, value in (("A", 0.5), ("B", 0.3)):
+        write_video(tmp_path / f"{name}.mp4", (grey(value) for _ in range(30)), 5.0)
+        (tmp_path / f"{name}.txt").write_text(rows.replace("50", "60") if name == "B" else rows)
+    path = tmp_path / "scene.toml"
+    cameras = "".join(f'[cameras.{name}]\nvideo = "{name}.mp4"\ntracks = "{name}.txt"\n' for name in "AB")
+    path.write_text(cameras + 'hfov_deg = 80.0\n[association]\nmode = "given"\n[perception]\nlens_network = "lens.onnx"\n')
+    return path
+
+
+def test_the_focal_length_is_sought_about_what_is_seen(tmp_path):
+    info = probe(write_video(tmp_path / "A.mp4", (grey(0.5) for _ in range(30)), 5.0))
+    lens = lens_from_video(LensNetwork(network(tmp_path / "lens.onnx")), info, Lens.unknown(info.size))
+    assert lens.focal == pytest.approx(60 / math.tan(0.5), rel=0.03)
+    assert (lens.focal_sd, lens.uncalibrated) == (FOCAL_SD, True)
+
+
+def test_a_scene_that_names_one(scene):
+    network(scene.parent / "lens.onnx")
+    inputs = read_inputs(Scene.load(scene))
+    assert inputs.rig["A"].lens.focal == pytest.approx(60 / math.tan(0.5), rel=0.03)
+    assert inputs.rig["B"].lens.focal == pytest.approx(100 / math.tan(math.radians(40)))
+    assert [one.cameras for one in inputs.findings if one.code == "field_of_view_seen"] == [("A",)]
+
+
+def test_without_one_nothing_is_seen(scene):
+    scene.write_text(scene.read_text().replace('lens_network = "lens.onnx"\n', ""))
+    assert read_inputs(Scene.load(scene)).rig["A"].lens.focal == 200.0
+
+
+def test_a_network_that_is_not_there_ends_with_2(scene, capsys):
+    assert run(["calibrate", str(scene), "-o", str(scene.parent / "out")]) == 2
+    assert "[perception] lens_network: " in (error := capsys.readouterr().err)
+    assert "lens.onnx: no such file" in error
