@@ -117,6 +117,15 @@ def test_a_scene_that_names_one(scene):
     assert [one.cameras for one in inputs.findings if one.code == "field_of_view_seen"] == [("A",)]
 
 
+def test_cameras_of_one_model_share_what_is_seen(scene):
+    network(scene.parent / "lens.onnx")
+    scene.write_text(scene.read_text().replace("hfov_deg = 80.0", 'lens = "same as A"'))
+    a, b = read_inputs(Scene.load(scene)).rig
+    assert a.lens.focal == b.lens.focal
+    # the median of what the network sees in both videos, 1.0 and 0.6 radians
+    assert a.lens.focal == pytest.approx(0.5 * (60 / math.tan(0.5) + 60 / math.tan(0.3)), rel=0.03)
+
+
 def test_without_one_nothing_is_seen(scene):
     scene.write_text(scene.read_text().replace('lens_network = "lens.onnx"\n', ""))
     assert read_inputs(Scene.load(scene)).rig["A"].lens.focal == 200.0

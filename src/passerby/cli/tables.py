@@ -226,6 +226,7 @@ LENS_SOURCES = {
     "focal_mm": "focal_mm",
     "focal_35mm": "focal_35mm",
     "metadata": "video metadata",
+    "lens_network": "lens_network",
     "people": "nothing: estimated from people",
 }
 """Where a lens is from, in words."""

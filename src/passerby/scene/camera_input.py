@@ -14,7 +14,7 @@ from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Keypo
 from passerby.findings.finding import Finding
 from passerby.perception.video import VideoInfo
 
-LensSource = Literal["file", "hfov_deg", "focal_mm", "focal_35mm", "metadata", "people"]
+LensSource = Literal["file", "hfov_deg", "focal_mm", "focal_35mm", "metadata", "lens_network", "people"]
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,8 @@ class KnownLens:
     """Where a lens is from."""
 
     source: LensSource
-    """file: intrinsics; a key of the scene file; metadata: of the video; people: nothing but the image size is known."""
+    """file: intrinsics; a key of the scene file; metadata: of the video; lens_network: what a network sees in it; people: nothing
+    but the image size is known."""
     place: str
     """The file that says so."""
     same_as: str | None = None

@@ -148,6 +148,11 @@ def _perception(cameras: Sequence[SceneCamera]) -> str:
             "fps", WATCHED_FPS, "frames processed per second of video. Without it, more in videos shorter than a minute."
         )
         + _setting("models", "models", "a folder with the files of networks, for a computer without a connection.")
+        + _setting(
+            "lens_network",
+            "fov.onnx",
+            "a network of your own that sees the field of view in one image, for cameras without intrinsics.",
+        )
     )
 
 
