@@ -1,12 +1,13 @@
 """Focal lengths that nobody knows: those tried, and the choice that all pairs of cameras like best."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Lens, Pose, Rig
-from passerby.core.unknown_focals import begin_with, choose_focals, focals_to_try, needs_focal_search
+from passerby.core.unknown_focals import begin_with, choose_focals, focals_to_try, needs_focal_search, shared_lenses
 
 GRID = np.geomspace(0.5, 2.0, 5)
 
@@ -67,3 +68,42 @@ def test_a_field_of_view_is_a_focal_length():
     assert lens.focal == pytest.approx(500.0)
     assert lens.matrix[:2, 2].tolist() == [500.0, 250.0]
     assert Lens.unknown((500, 1000)).focal == 1000.0
+
+
+def test_cameras_of_one_model_choose_together():
+    """Each on its own would take another: what all pairs like best decides, with those among themselves on equal terms."""
+    among, beside = np.array([[4.0, 0.0], [9.0, 3.0]]), np.array([[0.0, 8.0], [2.0, 2.0]])
+    costs = {(0, 1): among, (0, 2): beside, (1, 2): beside}
+    chosen = choose_focals([2, 2, 2], costs, [[0, 1], [2]])
+    assert chosen[0] == chosen[1]
+
+    def total(own, other):
+        return among[own, own] + 2 * beside[own, other]
+
+    assert total(chosen[0], chosen[2]) == min(total(own, other) for own, other in itertools.product(range(2), repeat=2))
+
+
+def test_cameras_of_one_model_are_those_that_nobody_calibrated():
+    size = (640, 480)
+    own, of_model = Lens.unknown(size), Lens.unknown(size, group="dome")
+    known = replace(of_model, uncalibrated=False, focal_sd=None)
+    rig = Rig(tuple(Camera(name, lens) for name, lens in zip("ABCDE", (of_model, own, of_model, known, own), strict=True)))
+    assert shared_lenses(rig) == [[0, 2], [1], [3], [4]]
+
+
+def test_a_camera_without_a_pose_begins_with_the_lens_of_its_model():
+    size = (640, 480)
+    stated = Rig(tuple(Camera(name, Lens.unknown(size, group="dome")) for name in "ABC"))
+    pose = Pose(np.eye(3), np.zeros(3))
+    found = Rig((
+        Camera("A", stated["A"].lens.with_focal(1.2, 0.02), pose), Camera("B", stated["B"].lens.with_focal(1.25, 0.02), pose),
+        stated["C"],
+    ))  # fmt: skip
+    focals = [camera.lens.focal for camera in begin_with(stated, found)]
+    assert focals == pytest.approx([640 * np.sqrt(1.2 * 1.25)] * 3)
+
+
+def test_a_fisheye_is_sought_among_shorter_focal_lengths():
+    pinhole, fisheye = Lens.unknown((1280, 720)), Lens.unknown((1280, 720), fisheye=True)
+    tried = [np.exp(focals_to_try(lens, GRID)) * lens.focal for lens in (pinhole, fisheye)]
+    np.testing.assert_allclose(tried[1], 0.5 * tried[0])

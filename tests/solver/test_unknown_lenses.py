@@ -116,3 +116,38 @@ def test_only_free_parts_leave_what_is_stated():
     assert (focal_only[0, 1:] < 0.02).all()
     assert focal_only[0, 0] == free[0, 0]
     assert (free[1, 1:] < 0.02).all(), "a lens with intrinsics is held beside one without"
+
+
+@pytest.mark.slow
+def test_cameras_of_one_model_share_their_lens():
+    """Four views of one lens say more of it than one view of each of four."""
+    made = simulate(SimulationOptions(preset="terrace", seed=42, seconds=30.0, box_noise=0.02, missing=0.1, lenses="shared"))
+    observations, options = boxes_only(made.observations), PeopleOptions(refine_lens=LENS_PARTS)
+    sigma = {}
+    for group in (None, "dome"):
+        rig = Rig(tuple(Camera(c.name, Lens.unknown(c.lens.size, group=group)) for c in made.rig))
+        solution = solve_people(rig, observations, ScaleCues(), options, rng=np.random.default_rng(0))
+        focals = [parts.focal for parts in adjusted(solution.figures).lenses.values()]
+        sigma[group] = np.median([focal.sigma_px / focal.refined_px for focal in focals])
+    off = np.log(factors(solution.rig, made.rig))
+    assert np.abs(off).max() < 0.02
+    assert np.ptp(off) < 0.003, "but for what one unit differs from another"
+    assert np.ptp([camera.lens.distortions[0] for camera in solution.rig]) < 0.01
+    assert sigma["dome"] < 0.5 * sigma[None]
+
+
+@pytest.mark.slow
+def test_fisheye_lenses_are_found(monkeypatch):
+    def fisheye(picture, rng):
+        focal = picture[0] * rng.uniform(0.35, 0.6)
+        matrix = np.array([[focal, 0, picture[0] / 2], [0, focal, picture[1] / 2], [0, 0, 1.0]])
+        return Lens(picture, matrix, np.array([rng.uniform(-0.05, 0.05), 0, 0, 0]), fisheye=True)
+
+    monkeypatch.setattr("passerby.simulation.lenses._typical", fisheye)
+    made = simulate(SimulationOptions(preset="terrace", seed=43, seconds=30.0, box_noise=0.02, missing=0.1))
+    rig = Rig(tuple(Camera(c.name, Lens.unknown(c.lens.size, fisheye=True)) for c in made.rig))
+    options = PeopleOptions(refine_lens=LENS_PARTS)
+    solution = solve_people(rig, boxes_only(made.observations), ScaleCues(), options, rng=np.random.default_rng(0))
+    assert len(solution.rig.posed()) == 4
+    assert all(camera.lens.fisheye for camera in solution.rig)
+    assert np.abs(np.log(factors(solution.rig, made.rig))).max() < 0.04

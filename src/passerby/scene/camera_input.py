@@ -22,8 +22,10 @@ class KnownLens:
     """Where a lens is from."""
 
     source: LensSource
-    """file: intrinsics; a key of the scene file; metadata: of the video; lens_network: what a network sees in it; people: nothing
-    but the image size is known."""
+    """file: intrinsics; a key of the scene file; metadata: of the video; lens_network: what a network sees in the video.
+
+    people: only the image size is known.
+    """
     place: str
     """The file that says so."""
     same_as: str | None = None
