@@ -1,25 +1,31 @@
-"""A part of the lenses freed, all else of them held: where people put it, how surely, and how much better they fit then.
+"""A part of the stated lenses freed: where people put it, and whether they fit better with it there.
 
-A wrong lens hides well while it is held: poses, slack and learnt noise take it up, so that neither the step of a linear model
-nor its sigma is what it seems. Here the adjustment goes on with that part free, its noise learnt anew.
+The step of a score test (`lens_scores`) is that of a linear model at an optimum which the wrong lens has spoilt: poses, slack
+and learnt noise have taken it up. Here the adjustment goes on with rays of the changed lens, its noise learnt anew, and the
+next step is taken there, until the lens stays where it is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Rig
+from passerby.geometry.rotations import rotation_between
 from passerby.people.model import Noise
+from passerby.solver.evidence import Evidence
 from passerby.solver.initialisation import Fit, Initialisation
-from passerby.solver.lens_sigmas import lens_evidence
-from passerby.solver.lens_unknowns import HELD, LensPart, LensUnknowns
+from passerby.solver.lens_scores import LensHypothesis, LensScore, score_lenses
+from passerby.solver.lens_unknowns import LENS_PARTS, LensUnknowns
 from passerby.solver.optimizer.least_squares import Stopping
 from passerby.solver.refinement import (
     AGREE_SIGMAS,
     AdjustmentProblem,
+    PriorKnowledge,
     build_problem,
     learn_noise,
     minimise_problem,
@@ -28,79 +34,112 @@ from passerby.solver.refinement import (
 )
 from passerby.solver.uncertainty import design_effect
 
-# What a freed part may be off by, one standard deviation of a normal distribution: the logarithm of a focal length, and the
-# principal point as a share of the picture's width.
-FREED_FOCAL, FREED_POINT = 0.7, 0.25
-# Evidence of a refit, person-instants and joints, spread evenly over all: a lens that is worth naming shows in so many.
 PEOPLE, JOINTS = 1500, 6000
-# Rounds of agreement, descent and learnt noise; the rays follow the lens in each.
+"""Person-instants and joints of a refit, spread evenly over all: those in between are much like their neighbours."""
 ROUNDS = 4
+"""Of agreement, descent, learnt noise and one step of the lens."""
+JOINTS_OF_A_BODY = 17
 _STOPPING = Stopping(12, 1e-4)
+_UNKNOWNS = LensUnknowns(LENS_PARTS)
 
 
 @dataclass(frozen=True, eq=False)
 class FreedLens:
-    """An optimum with a part of some lenses free."""
+    """An optimum with lenses other than the stated ones."""
 
-    part: LensPart
-    cameras: tuple[int, ...]
-    """Whose part is free; nobody's in the optimum that others are compared with."""
-    change: Floats
-    """(C, L) of the unknowns: the logarithm of the focal length, or the principal point in pixels."""
-    sigma: Floats
-    """(C, L) one sigma, with what boxes mislead by."""
-    agreeing: int
-    """Observations that agree."""
-    noise: Noise
-    """What they are off by."""
-    inflation: float
-    typical_px: float = 0.0
-    joints: int = 0
+    changes: dict[LensHypothesis, tuple[float, ...]]
+    """Where the free parts are, as `LensScore.change`."""
+    scores: tuple[LensScore, ...]
+    """Of all hypotheses there, the likeliest first; a free part's own step is what is left of it."""
+    agreeing: Floats
+    """(C,) share of the observations of each camera that agree."""
+    people: Ints
+    """(C,) people who do, each instant counted."""
+
+    def score_of(self, hypothesis: LensHypothesis) -> LensScore:
+        """The score of one hypothesis."""
+        return next(score for score in self.scores if score.hypothesis == hypothesis)
 
 
-def refit_freed(start: Initialisation, fit: Fit, part: LensPart, cameras: Sequence[int]) -> FreedLens:
-    """Go on from an optimum that holds all lenses, with a part of some free.
+def refit_freed(start: Initialisation, fit: Fit, first: Sequence[LensScore]) -> FreedLens:
+    """Go on from an optimum that holds all lenses, with parts of some free.
 
     Args:
         start: what the optimum was computed from, no lens refined.
         fit: the optimum.
-        part: "focal" or "principal_point".
-        cameras: indices of the cameras whose part is free.
+        first: what is free, and where it goes first.
     """
-    unknowns = LensUnknowns((part,))
-    nothing = np.zeros((len(start.rig), unknowns.size))
-    knowledge = replace(start.knowledge, lens_core=_freedom(start, unknowns, cameras), lens_normal=True)
-    here = replace(start, unknowns=unknowns, stated=start.rig, lens=nothing, knowledge=knowledge).with_lenses(nothing)
-    evidence = here.evidence
+    evidence = start.evidence
     blocks, joints = _spread(len(evidence.person), PEOPLE), _spread(evidence.n_joints, JOINTS)
-    state, noise, whole = replace(rig_of(fit.result.state), lens=nothing), fit.noise, None
-    for _ in range(ROUNDS):
+    state, noise, whole = rig_of(fit.result.state), fit.noise, None
+    changes = {score.hypothesis: np.array(score.change) for score in first}
+    before = start.rig
+    for left in reversed(range(ROUNDS)):
+        rig, seen, knowledge = _with_lenses(start, changes)
+        state, before = replace(state, R=_turned(state.R, before, rig)), rig
         model = build_problem(
-            here.evidence, state, noise, here.knowledge, share=_tolerance(here, noise), blocks=blocks, joints=joints,
+            seen, state, noise, knowledge, share=_tolerance(seen, noise), blocks=blocks, joints=joints,
             stance=fit.stance, whole=whole, rename=True,
         )  # fmt: skip
         result = minimise_problem(model, _STOPPING)
         state = rig_of(result.state)
-        here = here.with_lenses(state.lens)
         judged = occlusion_weights(model, result.state, len(evidence.sightings))
         whole, noise = judged.weight, learn_noise(model, result, judged.broken)
-    inflation = design_effect(model, here.evidence, model.problem.terms(result.state, jacobians=True))
-    sigma = lens_evidence(model.problem, result.state, inflation).sd
-    typ = float(np.hypot(noise.box_px, noise.centre * np.median(model.problem.scale_px))) if len(model.rows) else 0.0
-    return FreedLens(part, tuple(cameras), state.lens, sigma, len(model.rows), noise, inflation, typ, len(model.joint_rows))
+        problem = replace(model.problem, noise=noise)
+        inflation = design_effect(model, seen, problem.terms(result.state, jacobians=False))
+        scores = score_lenses(rig, problem, result.state, inflation)
+        if left:
+            changes = {
+                hypothesis: change + next(score.change for score in scores if score.hypothesis == hypothesis)
+                for hypothesis, change in changes.items()
+            }
+    put = {hypothesis: tuple(change.tolist()) for hypothesis, change in changes.items()}
+    return FreedLens(put, tuple(scores), *_agreeing(model, evidence, blocks, joints))
 
 
-def _freedom(start: Initialisation, unknowns: LensUnknowns, cameras: Sequence[int]) -> Floats:
-    """(C, L) standard deviations of the unknowns: wide for some cameras."""
-    width = np.array([camera.lens.size[0] for camera in start.rig], dtype=np.float64)[:, None]
-    scale, wide = (np.ones_like(width), FREED_FOCAL) if "focal" in unknowns.parts else (width, FREED_POINT)
-    free = np.isin(np.arange(len(width)), list(cameras))[:, None]
-    return np.asarray(np.broadcast_to(np.where(free, wide, HELD) * scale, (len(width), unknowns.size)))
+def _with_lenses(start: Initialisation, changes: dict[LensHypothesis, Floats]) -> tuple[Rig, Evidence, PriorKnowledge]:
+    """The rig, what it saw and what is marked in its images, with other lenses than the stated ones."""
+    moved = np.zeros((len(start.rig), _UNKNOWNS.size))
+    for hypothesis, change in changes.items():
+        moved[list(hypothesis.cameras), _UNKNOWNS.columns_of(hypothesis.part)] += change
+    nothing = np.zeros_like(moved)
+    s, o, cues = start.evidence.sightings, start.evidence.joints, start.knowledge.cues
+    s = _UNKNOWNS.sightings(_UNKNOWNS.sightings(s, start.rig, nothing), start.rig, moved)
+    o = _UNKNOWNS.points(_UNKNOWNS.points(o, start.rig, nothing), start.rig, moved)
+    held: dict[str, Any] = {"pixels": None, "lens_at": None, "by_lens": None, "distortion_slope": None}
+    if cues is not None and cues.marks is not None:
+        marks = _UNKNOWNS.points(_UNKNOWNS.points(cues.marks, start.rig, nothing), start.rig, moved)
+        cues = replace(cues, marks=replace(marks, **held))
+    evidence = replace(start.evidence, sightings=replace(s, **held), joints=replace(o, **held))
+    return _UNKNOWNS.rig(start.rig, moved), evidence, replace(start.knowledge, cues=cues)
 
 
-def _tolerance(start: Initialisation, noise: Noise) -> float:
+def _turned(R: Floats, before: Rig, after: Rig) -> Floats:
+    """(C, 3, 3) world to camera, after lenses changed: what is seen in the middles of the images stays where it is."""
+    out = np.array(R)
+    for c, (old, new) in enumerate(zip(before, after, strict=True)):
+        middle = np.array([old.lens.size], dtype=np.float64) / 2
+        a, b = old.lens.bearings(middle)[0], new.lens.bearings(middle)[0]
+        if np.isfinite(a + b).all() and not np.array_equal(a, b):
+            out[c] = rotation_between(a, b) @ out[c]
+    return out
+
+
+def _agreeing(model: AdjustmentProblem, evidence: Evidence, blocks: Ints, joints: Ints) -> tuple[Floats, Ints]:
+    """(C,) share of each camera's observations of some person-instants and joints that agree, and whom they show: people, or
+    where there are only joints, as many bodies.
+    """
+    n, s, o = evidence.n_cameras, evidence.sightings, evidence.joints
+    upright = np.bincount(model.problem.sightings.camera, minlength=n)
+    joint = np.bincount(model.problem.joints.camera, minlength=n)
+    seen = np.bincount(s.camera[np.isin(s.block, blocks)], minlength=n)
+    seen += np.bincount(o.camera[np.isin(o.point, joints)], minlength=n)
+    return (upright + joint) / np.maximum(seen, 1), np.maximum(upright, joint // JOINTS_OF_A_BODY)
+
+
+def _tolerance(evidence: Evidence, noise: Noise) -> float:
     """Within which share of its extent an observation agrees."""
-    boxes, joints = len(start.evidence.sightings) > 0, start.evidence.n_joints > 0
+    boxes, joints = len(evidence.sightings) > 0, evidence.n_joints > 0
     return AGREE_SIGMAS * max(noise.centre if boxes else 0.0, noise.joint if joints else 0.0)
 
 

@@ -1,0 +1,149 @@
+"""Which stated lenses do people contradict? A camera is named where its lens, freed, goes far and all else fits then.
+
+Score tests of every hypothesis (`lens_scores`) say which are worth a refit (`freed_lenses`): none in a sound rig. Among the
+likely ones that is taken which leaves least for another lens to explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.core.cameras import Lens, Rig
+from passerby.findings.finding import Finding, doubt
+from passerby.solver.consistency import LEAST_AGREEING
+from passerby.solver.freed_lenses import FreedLens, refit_freed
+from passerby.solver.initialisation import Fit, Initialisation
+from passerby.solver.lens_scores import LensHypothesis, LensScore, score_lenses
+from passerby.solver.lens_sigmas import BOXES_MISLEAD
+from passerby.solver.lens_unknowns import LensPart, by_distortion
+
+LEAST_GAIN = 30.0
+"""Of twice the log likelihood, for a lens to be worth a refit."""
+RIVAL_SHARE, MOST_RIVALS = 0.75, 3
+"""Hypotheses with this share of the largest gain may be the right one: so many are tried."""
+LEAST_SIGMAS = 2.0
+"""How far a freed lens is from the stated one, in sigmas that hold what boxes mislead by (`BOXES_MISLEAD`)."""
+LEAST_CHANGE = {"focal": 0.03, "principal_point": 0.02, "distortion": 0.01}
+"""How far it is at least: a share of the focal length; what the change moves, as a share of the width."""
+MOST_CHANGE = {"focal": 1.7, "principal_point": 0.4, "distortion": 0.5}
+"""The same at most: where a step goes farther, the rig is in pieces, or nobody knows."""
+SETTLED_GAIN = 6.0
+"""A freed lens has settled where another step would gain less."""
+MIN_INSTANTS = 100
+"""People, each instant counted, that agree in a camera that is named: fewer see too little of its image."""
+MOST_LENSES = 3
+"""Lenses named at most: where more are wrong, the rig is."""
+_CROPPED = 0.03
+"""A principal point that is off by this share of the width comes from a cropped image."""
+
+
+@dataclass(frozen=True)
+class ContradictedLens:
+    """A part of a lens, and where people put it."""
+
+    hypothesis: LensHypothesis
+    change: tuple[float, ...]
+    """As `LensScore.change`."""
+    sigma: tuple[float, ...]
+    """One sigma of it."""
+
+
+def contradicted_lenses(start: Initialisation, fit: Fit, inflation: float) -> list[ContradictedLens]:
+    """The parts of stated lenses that people contradict; none where lenses are refined, which go where people put them.
+
+    Args:
+        start: what the optimum was computed from.
+        fit: the optimum.
+        inflation: how many times less the observations say than as many independent ones would.
+    """
+    if start.unknowns.parts:
+        return []
+    scores: Sequence[LensScore] = score_lenses(start.rig, fit.model.problem, fit.result.state, inflation)
+    known: list[LensScore] = []
+    best: FreedLens | None = None
+    while len(known) < MOST_LENSES:
+        tried = [(score, refit_freed(start, fit, [*known, score])) for score in _likely(start.rig, scores, known)]
+        sound = [(score, freed) for score, freed in tried if _explains(start.rig, freed, scores[0].gain)]
+        if not sound:
+            break
+        chosen, best = min(sound, key=lambda item: item[1].scores[0].gain)
+        known.append(chosen)
+        scores = best.scores
+    return [] if best is None else [_contradicted(best, hypothesis) for hypothesis in best.changes]
+
+
+def contradictions_of(rig: Rig, found: Sequence[ContradictedLens]) -> list[Finding]:
+    """The findings about lenses that people contradict."""
+    return [_finding(rig, lens) for lens in found]
+
+
+def _likely(rig: Rig, scores: Sequence[LensScore], known: Sequence[LensScore]) -> list[LensScore]:
+    """The hypotheses that may be right, beside those that are known to be."""
+    least = max(LEAST_GAIN, RIVAL_SHARE * scores[0].gain)
+    taken = {score.hypothesis for score in known}
+    likely = [score for score in scores if score.gain >= least and score.hypothesis not in taken]
+    return [score for score in likely if _farthest(rig, score.hypothesis, score.change) < MOST_CHANGE[score.hypothesis.part]][
+        :MOST_RIVALS
+    ]
+
+
+def _explains(rig: Rig, freed: FreedLens, gain: float) -> bool:
+    """Whether people put the freed lenses far from the stated ones, and fit then."""
+    if freed.scores[0].gain > RIVAL_SHARE * gain:
+        return False
+    for hypothesis in freed.changes:
+        cameras = list(hypothesis.cameras)
+        lens = _contradicted(freed, hypothesis)
+        far = max(abs(change) / sigma for change, sigma in zip(lens.change, lens.sigma, strict=True)) > LEAST_SIGMAS
+        moved = _farthest(rig, hypothesis, lens.change)
+        agree = (freed.agreeing[cameras] >= LEAST_AGREEING).all() and (freed.people[cameras] >= MIN_INSTANTS).all()
+        settled = freed.score_of(hypothesis).gain < SETTLED_GAIN
+        if not (far and LEAST_CHANGE[hypothesis.part] < moved < MOST_CHANGE[hypothesis.part] and agree and settled):
+            return False
+    return True
+
+
+def _contradicted(freed: FreedLens, hypothesis: LensHypothesis) -> ContradictedLens:
+    """Where people put a freed part, and how surely."""
+    sigma = BOXES_MISLEAD * np.array(freed.score_of(hypothesis).sd)
+    return ContradictedLens(hypothesis, freed.changes[hypothesis], tuple(sigma.tolist()))
+
+
+def _farthest(rig: Rig, hypothesis: LensHypothesis, change: Sequence[float]) -> float:
+    """How far a change goes in the camera where it goes farthest, as `_moved`."""
+    return max(_moved(rig.cameras[c].lens, hypothesis.part, change) for c in hypothesis.cameras)
+
+
+def _moved(lens: Lens, part: LensPart, change: Sequence[float]) -> float:
+    """How far a change goes: a share of the focal length, or of the width that it moves points of the image by."""
+    width = lens.size[0]
+    if part == "focal":
+        return abs(float(np.expm1(change[0])))
+    if part == "principal_point":
+        return float(np.linalg.norm(change)) / width
+    edge = lens.bearings(np.array([[0.0, lens.size[1] / 2], [width - 1.0, lens.size[1] / 2]]))
+    return float(abs(change[0]) * np.nanmax(np.abs(by_distortion(lens, edge)), initial=0.0)) / width
+
+
+def _finding(rig: Rig, found: ContradictedLens) -> Finding:
+    """What is said of one lens, or of all."""
+    part, cameras = found.hypothesis.part, found.hypothesis.cameras
+    if part == "focal":
+        change = float(np.expm1(found.change[0]))
+        if len(cameras) > 1:
+            return doubt("all_focals_contradicted", change=change)
+        return doubt("focal_contradicted", rig.names[cameras[0]], change=change)
+    camera = rig.cameras[cameras[0]]
+    if part == "principal_point":
+        # The direction that people know best: by boxes, the other one turns with the vertical.
+        axis = int(np.argmax(np.abs(found.change) / np.array(found.sigma)))
+        if abs(found.change[axis]) > _CROPPED * camera.lens.size[0]:
+            side = ("left", "right") if axis == 0 else ("top", "bottom")
+            return doubt(
+                "image_seems_cropped", camera.name, side=side[int(found.change[axis] > 0)], moved_px=abs(found.change[axis])
+            )
+        return doubt("lens_part_contradicted", camera.name, part="principal point")
+    return doubt("lens_part_contradicted", camera.name, part="distortion")
