@@ -14,7 +14,7 @@ import numpy as np
 from passerby.core.cameras import Lens, Rig
 from passerby.findings.finding import Finding, doubt
 from passerby.solver.consistency import LEAST_AGREEING
-from passerby.solver.freed_lenses import FreedLens, refit_freed
+from passerby.solver.freed_lenses import SETTLED_GAIN, FreedLens, refit_freed
 from passerby.solver.initialisation import Fit, Initialisation
 from passerby.solver.lens_scores import LensHypothesis, LensScore, score_lenses
 from passerby.solver.lens_sigmas import BOXES_MISLEAD
@@ -30,8 +30,6 @@ LEAST_CHANGE = {"focal": 0.03, "principal_point": 0.02, "distortion": 0.01}
 """How far it is at least: a share of the focal length; what the change moves, as a share of the width."""
 MOST_CHANGE = {"focal": 1.7, "principal_point": 0.4, "distortion": 0.5}
 """The same at most: where a step goes farther, the rig is in pieces, or nobody knows."""
-SETTLED_GAIN = 6.0
-"""A freed lens has settled where another step would gain less."""
 MIN_INSTANTS = 100
 """People, each instant counted, that agree in a camera that is named: fewer see too little of its image."""
 MOST_LENSES = 3

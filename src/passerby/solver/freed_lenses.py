@@ -36,8 +36,10 @@ from passerby.solver.uncertainty import design_effect
 
 PEOPLE, JOINTS = 1500, 6000
 """Person-instants and joints of a refit, spread evenly over all: those in between are much like their neighbours."""
-ROUNDS = 4
+LEAST_ROUNDS, MOST_ROUNDS = 3, 7
 """Of agreement, descent, learnt noise and one step of the lens."""
+SETTLED_GAIN = 2.0
+"""A freed lens has settled where another step would gain less, of twice the log likelihood."""
 JOINTS_OF_A_BODY = 17
 _STOPPING = Stopping(12, 1e-4)
 _UNKNOWNS = LensUnknowns(LENS_PARTS)
@@ -74,7 +76,7 @@ def refit_freed(start: Initialisation, fit: Fit, first: Sequence[LensScore]) -> 
     state, noise, whole = rig_of(fit.result.state), fit.noise, None
     changes = {score.hypothesis: np.array(score.change) for score in first}
     before = start.rig
-    for left in reversed(range(ROUNDS)):
+    for number in range(1, MOST_ROUNDS + 1):
         rig, seen, knowledge = _with_lenses(start, changes)
         state, before = replace(state, R=_turned(state.R, before, rig)), rig
         model = build_problem(
@@ -88,11 +90,11 @@ def refit_freed(start: Initialisation, fit: Fit, first: Sequence[LensScore]) -> 
         problem = replace(model.problem, noise=noise)
         inflation = design_effect(model, seen, problem.terms(result.state, jacobians=False))
         scores = score_lenses(rig, problem, result.state, inflation)
-        if left:
-            changes = {
-                hypothesis: change + next(score.change for score in scores if score.hypothesis == hypothesis)
-                for hypothesis, change in changes.items()
-            }
+        steps = {score.hypothesis: score for score in scores if score.hypothesis in changes}
+        settled = all(step.gain < SETTLED_GAIN for step in steps.values())
+        if number == MOST_ROUNDS or (settled and number >= LEAST_ROUNDS):
+            break
+        changes = {hypothesis: change + steps[hypothesis].change for hypothesis, change in changes.items()}
     put = {hypothesis: tuple(change.tolist()) for hypothesis, change in changes.items()}
     return FreedLens(put, tuple(scores), *_agreeing(model, evidence, blocks, joints))
 
