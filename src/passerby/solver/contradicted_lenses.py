@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.core.cameras import Lens, Rig
+from passerby.core.cameras import Rig
 from passerby.findings.finding import Finding, doubt
 from passerby.solver.consistency import LEAST_AGREEING
-from passerby.solver.freed_lenses import SETTLED_GAIN, FreedLens, refit_freed
+from passerby.solver.freed_lenses import FreedLens, refit_freed
 from passerby.solver.initialisation import Fit, Initialisation
-from passerby.solver.lens_scores import LensHypothesis, LensScore, score_lenses
+from passerby.solver.lens_scores import LensHypothesis, LensScore, farthest, plausible, score_lenses
 from passerby.solver.lens_sigmas import BOXES_MISLEAD
-from passerby.solver.lens_unknowns import LensPart, by_distortion
 
 LEAST_GAIN = 30.0
 """Of twice the log likelihood, for a lens to be worth a refit."""
@@ -28,8 +27,8 @@ LEAST_SIGMAS = 2.0
 """How far a freed lens is from the stated one, in sigmas that hold what boxes mislead by (`BOXES_MISLEAD`)."""
 LEAST_CHANGE = {"focal": 0.03, "principal_point": 0.02, "distortion": 0.01}
 """How far it is at least: a share of the focal length; what the change moves, as a share of the width."""
-MOST_CHANGE = {"focal": 1.7, "principal_point": 0.4, "distortion": 0.5}
-"""The same at most: where a step goes farther, the rig is in pieces, or nobody knows."""
+MOST_LEFT = BOXES_MISLEAD**2
+"""A freed lens is where people put it if another step would gain less than one of one sigma."""
 MIN_INSTANTS = 100
 """People, each instant counted, that agree in a camera that is named: fewer see too little of its image."""
 MOST_LENSES = 3
@@ -83,9 +82,7 @@ def _likely(rig: Rig, scores: Sequence[LensScore], known: Sequence[LensScore]) -
     least = max(LEAST_GAIN, RIVAL_SHARE * scores[0].gain)
     taken = {score.hypothesis for score in known}
     likely = [score for score in scores if score.gain >= least and score.hypothesis not in taken]
-    return [score for score in likely if _farthest(rig, score.hypothesis, score.change) < MOST_CHANGE[score.hypothesis.part]][
-        :MOST_RIVALS
-    ]
+    return [score for score in likely if plausible(rig, score.hypothesis, score.change)][:MOST_RIVALS]
 
 
 def _explains(rig: Rig, freed: FreedLens, gain: float) -> bool:
@@ -96,10 +93,12 @@ def _explains(rig: Rig, freed: FreedLens, gain: float) -> bool:
         cameras = list(hypothesis.cameras)
         lens = _contradicted(freed, hypothesis)
         far = max(abs(change) / sigma for change, sigma in zip(lens.change, lens.sigma, strict=True)) > LEAST_SIGMAS
-        moved = _farthest(rig, hypothesis, lens.change)
+        moved = farthest(rig, hypothesis, lens.change)
         agree = (freed.agreeing[cameras] >= LEAST_AGREEING).all() and (freed.people[cameras] >= MIN_INSTANTS).all()
-        settled = freed.score_of(hypothesis).gain < SETTLED_GAIN
-        if not (far and LEAST_CHANGE[hypothesis.part] < moved < MOST_CHANGE[hypothesis.part] and agree and settled):
+        settled = freed.score_of(hypothesis).gain < MOST_LEFT
+        if not (
+            far and moved > LEAST_CHANGE[hypothesis.part] and plausible(rig, hypothesis, lens.change) and agree and settled
+        ):
             return False
     return True
 
@@ -108,22 +107,6 @@ def _contradicted(freed: FreedLens, hypothesis: LensHypothesis) -> ContradictedL
     """Where people put a freed part, and how surely."""
     sigma = BOXES_MISLEAD * np.array(freed.score_of(hypothesis).sd)
     return ContradictedLens(hypothesis, freed.changes[hypothesis], tuple(sigma.tolist()))
-
-
-def _farthest(rig: Rig, hypothesis: LensHypothesis, change: Sequence[float]) -> float:
-    """How far a change goes in the camera where it goes farthest, as `_moved`."""
-    return max(_moved(rig.cameras[c].lens, hypothesis.part, change) for c in hypothesis.cameras)
-
-
-def _moved(lens: Lens, part: LensPart, change: Sequence[float]) -> float:
-    """How far a change goes: a share of the focal length, or of the width that it moves points of the image by."""
-    width = lens.size[0]
-    if part == "focal":
-        return abs(float(np.expm1(change[0])))
-    if part == "principal_point":
-        return float(np.linalg.norm(change)) / width
-    edge = lens.bearings(np.array([[0.0, lens.size[1] / 2], [width - 1.0, lens.size[1] / 2]]))
-    return float(abs(change[0]) * np.nanmax(np.abs(by_distortion(lens, edge)), initial=0.0)) / width
 
 
 def _finding(rig: Rig, found: ContradictedLens) -> Finding:

@@ -19,7 +19,7 @@ from passerby.geometry.rotations import rotation_between
 from passerby.people.model import Noise
 from passerby.solver.evidence import Evidence
 from passerby.solver.initialisation import Fit, Initialisation
-from passerby.solver.lens_scores import LensHypothesis, LensScore, score_lenses
+from passerby.solver.lens_scores import LensHypothesis, LensScore, plausible, score_lenses
 from passerby.solver.lens_unknowns import LENS_PARTS, LensUnknowns
 from passerby.solver.optimizer.least_squares import Stopping
 from passerby.solver.refinement import (
@@ -94,7 +94,10 @@ def refit_freed(start: Initialisation, fit: Fit, first: Sequence[LensScore]) -> 
         settled = all(step.gain < SETTLED_GAIN for step in steps.values())
         if number == MOST_ROUNDS or (settled and number >= LEAST_ROUNDS):
             break
-        changes = {hypothesis: change + steps[hypothesis].change for hypothesis, change in changes.items()}
+        moved = {hypothesis: change + steps[hypothesis].change for hypothesis, change in changes.items()}
+        if not all(plausible(start.rig, hypothesis, change) for hypothesis, change in moved.items()):
+            break
+        changes = moved
     put = {hypothesis: tuple(change.tolist()) for hypothesis, change in changes.items()}
     return FreedLens(put, tuple(scores), *_agreeing(model, evidence, blocks, joints))
 

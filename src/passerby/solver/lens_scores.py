@@ -8,13 +8,14 @@ instead spreads one wrong lens over all cameras, with sigmas several times as la
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
-from passerby.core.cameras import Rig
+from passerby.core.cameras import Lens, Rig
 from passerby.solver.lens_columns import (
     by_focal,
     by_principal_point,
@@ -29,6 +30,10 @@ from passerby.solver.person_model import PeopleProblem
 from passerby.solver.uncertainty import downweight
 
 _DERIVATIVES = {"focal": by_focal, "principal_point": by_principal_point, "distortion": by_distortion}
+
+MOST_CHANGE: Mapping[LensPart, float] = MappingProxyType({"focal": 1.0, "principal_point": 0.4, "distortion": 0.5})
+"""What a stated lens is off by at most: the logarithm of the focal length, or what it moves points of the image by as a share
+of the width. Where a step goes farther, the rig is in pieces, or its people say nothing of the lens."""
 
 
 @dataclass(frozen=True)
@@ -112,3 +117,24 @@ def inverse_of(H: Floats) -> Floats:
     """The inverse of a normal matrix whose unknowns have different units; 0 along what is free (the datum)."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
     return np.asarray(np.linalg.pinv(H * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale)
+
+
+def plausible(rig: Rig, hypothesis: LensHypothesis, change: Sequence[float] | Floats) -> bool:
+    """Whether a change of the lens goes no farther than lenses are stated wrongly."""
+    return bool(np.isfinite(change).all()) and farthest(rig, hypothesis, change) < MOST_CHANGE[hypothesis.part]
+
+
+def farthest(rig: Rig, hypothesis: LensHypothesis, change: Sequence[float] | Floats) -> float:
+    """How far a change goes in the camera where it goes farthest: a share of the focal length, or of the image's width."""
+    return max(_moved(rig.cameras[c].lens, hypothesis.part, change) for c in hypothesis.cameras)
+
+
+def _moved(lens: Lens, part: LensPart, change: Sequence[float] | Floats) -> float:
+    """The same in one camera; a distortion moves the middles of the left and the right edge."""
+    width = lens.size[0]
+    if part == "focal":
+        return abs(float(change[0]))
+    if part == "principal_point":
+        return float(np.linalg.norm(change)) / width
+    edge = lens.bearings(np.array([[0.0, lens.size[1] / 2], [width - 1.0, lens.size[1] / 2]]))
+    return float(abs(change[0]) * np.nanmax(np.abs(by_distortion(lens, edge)), initial=0.0)) / width
