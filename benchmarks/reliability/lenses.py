@@ -199,7 +199,7 @@ def _mirrored(boxes: Boxes, lens: Lens) -> Boxes:
 
 def _upside_down(boxes: Boxes, lens: Lens) -> Boxes:
     """The picture turned by half a turn."""
-    ltwh = _mirrored(boxes, lens).ltwh
+    ltwh = _mirrored(boxes, lens).ltwh.copy()
     ltwh[:, 1] = lens.size[1] - ltwh[:, 1] - ltwh[:, 3]
     return replace(boxes, ltwh=ltwh)
 

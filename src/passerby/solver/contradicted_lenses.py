@@ -6,7 +6,7 @@ likely ones that is taken which leaves least for another lens to explain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,16 +58,19 @@ def contradicted_lenses(start: Initialisation, fit: Fit, inflation: float) -> li
     """
     if start.unknowns.parts:
         return []
-    scores: Sequence[LensScore] = score_lenses(start.rig, fit.model.problem, fit.result.state, inflation)
-    known: list[LensScore] = []
-    best: FreedLens | None = None
-    while len(known) < MOST_LENSES:
-        tried = [(score, refit_freed(start, fit, [*known, score])) for score in _likely(start.rig, scores, known)]
-        sound = [(score, freed) for score, freed in tried if _explains(start.rig, freed, scores[0].gain)]
+    first: Sequence[LensScore] = score_lenses(start.rig, fit.model.problem, fit.result.state, inflation)
+    scores, best = first, None
+    while best is None or len(best.changes) < MOST_LENSES:
+        known = {} if best is None else best.changes
+        likely = _likely(start.rig, scores, known)
+        if best is not None and likely:  # what was likely at first and is not explained yet, beside what is likely now
+            rivals = [best.score_of(score.hypothesis) for score in _likely(start.rig, first, known)]
+            likely += [score for score in rivals if score not in likely and score.gain > LEAST_GAIN]
+        tried = [refit_freed(start, fit, score, known) for score in likely]
+        sound = [freed for freed in tried if _explains(start.rig, freed, scores[0].gain)]
         if not sound:
             break
-        chosen, best = min(sound, key=lambda item: item[1].scores[0].gain)
-        known.append(chosen)
+        best = min(sound, key=lambda freed: freed.scores[0].gain)
         scores = best.scores
     return [] if best is None else [_contradicted(best, hypothesis) for hypothesis in best.changes]
 
@@ -77,11 +80,10 @@ def contradictions_of(rig: Rig, found: Sequence[ContradictedLens]) -> list[Findi
     return [_finding(rig, lens) for lens in found]
 
 
-def _likely(rig: Rig, scores: Sequence[LensScore], known: Sequence[LensScore]) -> list[LensScore]:
+def _likely(rig: Rig, scores: Sequence[LensScore], known: Mapping[LensHypothesis, object]) -> list[LensScore]:
     """The hypotheses that may be right, beside those that are known to be."""
     least = max(LEAST_GAIN, RIVAL_SHARE * scores[0].gain)
-    taken = {score.hypothesis for score in known}
-    likely = [score for score in scores if score.gain >= least and score.hypothesis not in taken]
+    likely = [score for score in scores if score.gain >= least and score.hypothesis not in known]
     return [score for score in likely if plausible(rig, score.hypothesis, score.change)][:MOST_RIVALS]
 
 

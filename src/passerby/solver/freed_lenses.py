@@ -7,8 +7,9 @@ next step is taken there, until the lens stays where it is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,8 @@ from passerby.geometry.rotations import rotation_between
 from passerby.people.model import Noise
 from passerby.solver.evidence import Evidence
 from passerby.solver.initialisation import Fit, Initialisation
-from passerby.solver.lens_scores import LensHypothesis, LensScore, plausible, score_lenses
-from passerby.solver.lens_unknowns import LENS_PARTS, LensUnknowns
+from passerby.solver.lens_scores import LensHypothesis, LensScore, farthest, plausible, score_lenses
+from passerby.solver.lens_unknowns import LENS_PARTS, LensPart, LensUnknowns
 from passerby.solver.optimizer.least_squares import Stopping
 from passerby.solver.refinement import (
     AGREE_SIGMAS,
@@ -34,10 +35,15 @@ from passerby.solver.refinement import (
 )
 from passerby.solver.uncertainty import design_effect
 
+LONGEST_STEP: Mapping[LensPart, float] = MappingProxyType({"focal": 0.25, "principal_point": 0.12, "distortion": 0.1})
+"""As of `farthest`: after a longer step the observations of a camera agree with nobody until its pose has followed, which they
+have to drag. A lens of twice the focal length, freed at once, kept a third of them."""
+FAR_SHARE = 0.15
+"""Within which share of its extent an observation agrees while steps are that long, as in the first round of a fit."""
 PEOPLE, JOINTS = 1500, 6000
 """Person-instants and joints of a refit, spread evenly over all: those in between are much like their neighbours."""
-LEAST_ROUNDS, MOST_ROUNDS = 3, 7
-"""Of agreement, descent, learnt noise and one step of the lens."""
+LEAST_ROUNDS, MOST_ROUNDS = 2, 9
+"""Of agreement, descent, learnt noise and one step of the lens; at least so many after the last that was too long."""
 SETTLED_GAIN = 2.0
 """A freed lens has settled where another step would gain less, of twice the log likelihood."""
 JOINTS_OF_A_BODY = 17
@@ -63,25 +69,33 @@ class FreedLens:
         return next(score for score in self.scores if score.hypothesis == hypothesis)
 
 
-def refit_freed(start: Initialisation, fit: Fit, first: Sequence[LensScore]) -> FreedLens:
+def refit_freed(
+    start: Initialisation, fit: Fit, first: LensScore, known: Mapping[LensHypothesis, Sequence[float]] | None = None
+) -> FreedLens:
     """Go on from an optimum that holds all lenses, with parts of some free.
 
     Args:
         start: what the optimum was computed from, no lens refined.
         fit: the optimum.
         first: what is free, and where it goes first.
+        known: what is free besides, and where it is.
     """
     evidence = start.evidence
     blocks, joints = _spread(len(evidence.person), PEOPLE), _spread(evidence.n_joints, JOINTS)
-    state, noise, whole = rig_of(fit.result.state), fit.noise, None
-    changes = {score.hypothesis: np.array(score.change) for score in first}
-    before = start.rig
-    for number in range(1, MOST_ROUNDS + 1):
+    state, noise, whole, before = rig_of(fit.result.state), fit.noise, None, start.rig
+    changes = {hypothesis: np.array(change) for hypothesis, change in (known or {}).items()}
+    changes[first.hypothesis] = np.zeros(len(first.change))
+    steps, far, near = {first.hypothesis: first}, True, 0
+    for _ in range(MOST_ROUNDS):
+        moved = {h: change + _shortened(start.rig, steps[h]) if h in steps else change for h, change in changes.items()}
+        if not all(plausible(start.rig, hypothesis, change) for hypothesis, change in moved.items()):
+            break
+        changes = moved
         rig, seen, knowledge = _with_lenses(start, changes)
         state, before = replace(state, R=_turned(state.R, before, rig)), rig
         model = build_problem(
-            seen, state, noise, knowledge, share=_tolerance(seen, noise), blocks=blocks, joints=joints,
-            stance=fit.stance, whole=whole, rename=True,
+            seen, state, noise, knowledge, share=max(_tolerance(seen, noise), FAR_SHARE if far else 0.0), blocks=blocks,
+            joints=joints, stance=fit.stance, whole=whole, rename=True,
         )  # fmt: skip
         result = minimise_problem(model, _STOPPING)
         state = rig_of(result.state)
@@ -91,15 +105,22 @@ def refit_freed(start: Initialisation, fit: Fit, first: Sequence[LensScore]) -> 
         inflation = design_effect(model, seen, problem.terms(result.state, jacobians=False))
         scores = score_lenses(rig, problem, result.state, inflation)
         steps = {score.hypothesis: score for score in scores if score.hypothesis in changes}
-        settled = all(step.gain < SETTLED_GAIN for step in steps.values())
-        if number == MOST_ROUNDS or (settled and number >= LEAST_ROUNDS):
+        near = 0 if far else near + 1
+        if near >= LEAST_ROUNDS and all(step.gain < SETTLED_GAIN for step in steps.values()):
             break
-        moved = {hypothesis: change + steps[hypothesis].change for hypothesis, change in changes.items()}
-        if not all(plausible(start.rig, hypothesis, change) for hypothesis, change in moved.items()):
-            break
-        changes = moved
+        far = any(_shortening(start.rig, step) < 1 for step in steps.values())
     put = {hypothesis: tuple(change.tolist()) for hypothesis, change in changes.items()}
     return FreedLens(put, tuple(scores), *_agreeing(model, evidence, blocks, joints))
+
+
+def _shortened(rig: Rig, step: LensScore) -> Floats:
+    """The step, no longer than poses can follow."""
+    return _shortening(rig, step) * np.array(step.change)
+
+
+def _shortening(rig: Rig, step: LensScore) -> float:
+    """Factor on a step that poses cannot follow; 1 where they can."""
+    return min(1.0, LONGEST_STEP[step.hypothesis.part] / max(farthest(rig, step.hypothesis, step.change), 1e-12))
 
 
 def _with_lenses(start: Initialisation, changes: dict[LensHypothesis, Floats]) -> tuple[Rig, Evidence, PriorKnowledge]:
