@@ -38,12 +38,15 @@ from passerby.solver.uncertainty import design_effect
 LONGEST_STEP: Mapping[LensPart, float] = MappingProxyType({"focal": 0.25, "principal_point": 0.12, "distortion": 0.1})
 """As of `farthest`: after a longer step the observations of a camera agree with nobody until its pose has followed, which they
 have to drag. A lens of twice the focal length, freed at once, kept a third of them."""
-FAR_SHARE = 0.15
-"""Within which share of its extent an observation agrees while steps are that long, as in the first round of a fit."""
+FAR_SHARE, FAR_GAIN = 0.15, 12.0
+"""Within which share of its extent an observation agrees while steps are that long or gain so much, as in the first round of a
+fit: noise that is learnt from what agrees within a narrow tolerance keeps it narrow."""
 PEOPLE, JOINTS = 1500, 6000
 """Person-instants and joints of a refit, spread evenly over all: those in between are much like their neighbours."""
-LEAST_ROUNDS, MOST_ROUNDS = 2, 9
+LEAST_ROUNDS, MOST_ROUNDS = 2, 10
 """Of agreement, descent, learnt noise and one step of the lens; at least so many after the last that was too long."""
+GROWTH = 1.01
+"""Rounds go on while more than this factor more observations agree in each: those of a camera that was far off come back."""
 SETTLED_GAIN = 2.0
 """A freed lens has settled where another step would gain less, of twice the log likelihood."""
 JOINTS_OF_A_BODY = 17
@@ -85,7 +88,7 @@ def refit_freed(
     state, noise, whole, before = rig_of(fit.result.state), fit.noise, None, start.rig
     changes = {hypothesis: np.array(change) for hypothesis, change in (known or {}).items()}
     changes[first.hypothesis] = np.zeros(len(first.change))
-    steps, far, near = {first.hypothesis: first}, True, 0
+    steps, far, near, agreed = {first.hypothesis: first}, True, 0, 0
     for _ in range(MOST_ROUNDS):
         moved = {h: change + _shortened(start.rig, steps[h]) if h in steps else change for h, change in changes.items()}
         if not all(plausible(start.rig, hypothesis, change) for hypothesis, change in moved.items()):
@@ -105,10 +108,11 @@ def refit_freed(
         inflation = design_effect(model, seen, problem.terms(result.state, jacobians=False))
         scores = score_lenses(rig, problem, result.state, inflation)
         steps = {score.hypothesis: score for score in scores if score.hypothesis in changes}
+        agreed, growing = len(model.rows) + len(model.joint_rows), len(model.rows) + len(model.joint_rows) > GROWTH * agreed
         near = 0 if far else near + 1
-        if near >= LEAST_ROUNDS and all(step.gain < SETTLED_GAIN for step in steps.values()):
+        if near >= LEAST_ROUNDS and not growing and all(step.gain < SETTLED_GAIN for step in steps.values()):
             break
-        far = any(_shortening(start.rig, step) < 1 for step in steps.values())
+        far = any(_shortening(start.rig, step) < 1 or step.gain > FAR_GAIN for step in steps.values())
     put = {hypothesis: tuple(change.tolist()) for hypothesis, change in changes.items()}
     return FreedLens(put, tuple(scores), *_agreeing(model, evidence, blocks, joints))
 
