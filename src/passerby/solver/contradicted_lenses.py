@@ -59,9 +59,10 @@ def contradicted_lenses(start: Initialisation, fit: Fit, inflation: float) -> li
     if start.unknowns.parts:
         return []
     first: Sequence[LensScore] = score_lenses(start.rig, fit.model.problem, fit.result.state, inflation)
-    scores, best = first, None
+    scores = first
+    best: FreedLens | None = None
     while best is None or len(best.changes) < MOST_LENSES:
-        known = {} if best is None else best.changes
+        known: Mapping[LensHypothesis, tuple[float, ...]] = {} if best is None else best.changes
         likely = _likely(start.rig, scores, known)
         if best is not None and likely:  # what was likely at first and is not explained yet, beside what is likely now
             rivals = [best.score_of(score.hypothesis) for score in _likely(start.rig, first, known)]

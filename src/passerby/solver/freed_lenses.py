@@ -108,9 +108,9 @@ def refit_freed(
         inflation = design_effect(model, seen, problem.terms(result.state, jacobians=False))
         scores = score_lenses(rig, problem, result.state, inflation)
         steps = {score.hypothesis: score for score in scores if score.hypothesis in changes}
-        agreed, growing = len(model.rows) + len(model.joint_rows), len(model.rows) + len(model.joint_rows) > GROWTH * agreed
+        before_it, agreed = agreed, len(model.rows) + len(model.joint_rows)
         near = 0 if far else near + 1
-        if near >= LEAST_ROUNDS and not growing and all(step.gain < SETTLED_GAIN for step in steps.values()):
+        if near >= LEAST_ROUNDS and agreed <= GROWTH * before_it and all(step.gain < SETTLED_GAIN for step in steps.values()):
             break
         far = any(_shortening(start.rig, step) < 1 or step.gain > FAR_GAIN for step in steps.values())
     put = {hypothesis: tuple(change.tolist()) for hypothesis, change in changes.items()}
