@@ -68,12 +68,15 @@ def contradicted_lenses(start: Initialisation, fit: Fit, inflation: float) -> li
             rivals = [best.score_of(score.hypothesis) for score in _likely(start.rig, first, known)]
             likely += [score for score in rivals if score not in likely and score.gain > LEAST_GAIN]
         tried = [refit_freed(start, fit, score, known) for score in likely]
-        sound = [freed for freed in tried if _explains(start.rig, freed, scores[0].gain)]
+        sound = [freed for freed in tried if _holds(start.rig, freed)]
         if not sound:
             break
         best = min(sound, key=lambda freed: freed.scores[0].gain)
         scores = best.scores
-    return [] if best is None else [_contradicted(best, hypothesis) for hypothesis in best.changes]
+    # Where one of two wrong lenses is freed, the other shows the more; in the end little must be left.
+    if best is None or best.scores[0].gain > RIVAL_SHARE * first[0].gain:
+        return []
+    return [_contradicted(best, hypothesis) for hypothesis in best.changes]
 
 
 def contradictions_of(rig: Rig, found: Sequence[ContradictedLens]) -> list[Finding]:
@@ -88,10 +91,8 @@ def _likely(rig: Rig, scores: Sequence[LensScore], known: Mapping[LensHypothesis
     return [score for score in likely if plausible(rig, score.hypothesis, score.change)][:MOST_RIVALS]
 
 
-def _explains(rig: Rig, freed: FreedLens, gain: float) -> bool:
-    """Whether people put the freed lenses far from the stated ones, and fit then."""
-    if freed.scores[0].gain > RIVAL_SHARE * gain:
-        return False
+def _holds(rig: Rig, freed: FreedLens) -> bool:
+    """Whether people put the freed lenses far from the stated ones, and agree with them there."""
     for hypothesis in freed.changes:
         cameras = list(hypothesis.cameras)
         lens = _contradicted(freed, hypothesis)
