@@ -27,7 +27,7 @@ from passerby.solver.consistency import STRETCHES, JointConsistency, joint_consi
 from passerby.solver.evidence import Evidence
 from passerby.solver.gauge import Free
 from passerby.solver.initialisation import Fit, Initialisation, InitialRig
-from passerby.solver.lens_check import FocalCheck, ShapeCheck, common_change
+from passerby.solver.lens_check import FocalCheck
 from passerby.solver.pose_graph import cycle_consistency
 from passerby.solver.uncertainty import RigCovariance
 
@@ -124,18 +124,6 @@ def height_noise(fit: Fit, evidence: Evidence) -> float:
     # The lower quartile, since where identities are swapped half of the changes are from one person to another.
     flicker = float(np.quantile(change, 0.25)) / (_NORMAL_QUARTILE * np.sqrt(2))
     return float(max(np.median(sigma), flicker))
-
-
-def wrong_lenses(focals: Sequence[FocalCheck], shapes: Sequence[ShapeCheck] = ()) -> list[Finding]:
-    """The cameras whose lens contradicts the people."""
-    out = [doubt("focal_contradicted", check.camera, change=float(np.expm1(check.change))) for check in focals if check.wrong]
-    common = common_change(focals)
-    if common is not None and not out:
-        out.append(doubt("all_focals_contradicted", change=float(np.expm1(common))))
-    # A focal length that is wrong bends the other parts as well: one cause is named, the likelier.
-    if not out:
-        out = [doubt("lens_part_contradicted", check.camera, part=check.part) for check in shapes if check.wrong]
-    return out
 
 
 def contradictions(cues: Sequence[CueFigures]) -> list[Finding]:

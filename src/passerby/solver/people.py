@@ -20,10 +20,11 @@ from passerby.core.solution import Solution, Verdict
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
+from passerby.solver.contradicted_lenses import contradicted_lenses, contradictions_of
 from passerby.solver.cues import scale_cue_weights
-from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise, wrong_lenses
+from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise
 from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages, select_initial_rig
-from passerby.solver.lens_check import check_focals, check_shapes
+from passerby.solver.lens_check import check_focals
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import connected_components, heading_rotation
@@ -84,12 +85,11 @@ def solve_people(
         fit = refine_in_stages(start, choice.state, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues)
-    seen = start.rig, fit.model.problem, fit.result.state, covariance.inflation
-    focals, shapes = check_focals(*seen), check_shapes(*seen)
+    focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
     if "focal" in start.unknowns.parts:  # where they would go, they went
-        focals = [replace(check, change=0.0, against_others=0.0) for check in focals]
-    if "distortion" in start.unknowns.parts:
-        shapes = []
+        focals = [replace(check, change=0.0) for check in focals]
+    # Where the rig itself is not determined, anything moves it.
+    wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
     posed = _placed(start.rig, fit.result.state, covariance)
     posed = _with_refined_sigmas(posed, lenses)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
@@ -99,7 +99,7 @@ def solve_people(
         *choice.doubts,
         *doubts_about(start, fit, covariance),
         *contradictions(cues_said),
-        *wrong_lenses(focals, shapes),
+        *contradictions_of(start.rig, wrong),
         *far_lenses(lenses),
     ]
     verdict: Verdict = "doubtful" if findings else "accepted"

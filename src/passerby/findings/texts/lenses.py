@@ -47,6 +47,12 @@ LENSES: Mapping[str, Kind] = {
         "check the intrinsics and the image size that they were made for, or refine them: under [solver] set "
         'refine = ["focal"]',
     ),
+    "image_seems_cropped": Kind(
+        DOUBT, "The people put the camera's principal point `moved_px` nearer to one `side` of the image than stated.",
+        "camera {camera}: people fit a principal point {moved_px:.0f} px nearer to the {side} of the image than stated: it "
+        "seems cropped there",
+        "check whether its images were cropped after it was calibrated, and state the intrinsics of the cropped images",
+    ),
     "lens_part_contradicted": Kind(
         DOUBT, "The people contradict a further `part` of the camera's intrinsics.",
         "{who}: people fit a different {part} than stated", "check its intrinsics", common=True,

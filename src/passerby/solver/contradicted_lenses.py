@@ -1,0 +1,134 @@
+"""Which stated lenses do people contradict? A camera is named where its lens, freed, goes far and all else fits then.
+
+Score tests of every hypothesis (`lens_scores`) say which are worth a refit (`freed_lenses`): none in a sound rig. Among the
+likely ones that is taken which leaves least for another lens to explain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.core.cameras import Rig
+from passerby.findings.finding import Finding, doubt
+from passerby.solver.consistency import LEAST_AGREEING
+from passerby.solver.freed_lenses import FreedLens, refit_freed
+from passerby.solver.initialisation import Fit, Initialisation
+from passerby.solver.lens_scores import LensHypothesis, LensScore, farthest, plausible, score_lenses
+from passerby.solver.lens_sigmas import BOXES_MISLEAD
+
+LEAST_GAIN = 30.0
+"""Of twice the log likelihood, for a lens to be worth a refit."""
+RIVAL_SHARE, MOST_RIVALS = 0.75, 3
+"""Hypotheses with this share of the largest gain may be the right one: so many are tried."""
+LEAST_SIGMAS = 2.0
+"""How far a freed lens is from the stated one, in sigmas that hold what boxes mislead by (`BOXES_MISLEAD`)."""
+LEAST_CHANGE = {"focal": 0.03, "principal_point": 0.02, "distortion": 0.01}
+"""How far it is at least: a share of the focal length; what the change moves, as a share of the width."""
+MOST_LEFT = BOXES_MISLEAD**2
+"""A freed lens is where people put it if another step would gain less than one of one sigma."""
+MIN_INSTANTS = 100
+"""People, each instant counted, that agree in a camera that is named: fewer see too little of its image."""
+MOST_LENSES = 3
+"""Lenses named at most: where more are wrong, the rig is."""
+_CROPPED = 0.03
+"""A principal point that is off by this share of the width comes from a cropped image."""
+
+
+@dataclass(frozen=True)
+class ContradictedLens:
+    """A part of a lens, and where people put it."""
+
+    hypothesis: LensHypothesis
+    change: tuple[float, ...]
+    """As `LensScore.change`."""
+    sigma: tuple[float, ...]
+    """One sigma of it."""
+
+
+def contradicted_lenses(start: Initialisation, fit: Fit, inflation: float) -> list[ContradictedLens]:
+    """The parts of stated lenses that people contradict; none where lenses are refined, which go where people put them.
+
+    Args:
+        start: what the optimum was computed from.
+        fit: the optimum.
+        inflation: how many times less the observations say than as many independent ones would.
+    """
+    if start.unknowns.parts:
+        return []
+    first: Sequence[LensScore] = score_lenses(start.rig, fit.model.problem, fit.result.state, inflation)
+    scores = first
+    best: FreedLens | None = None
+    while best is None or len(best.changes) < MOST_LENSES:
+        known: Mapping[LensHypothesis, tuple[float, ...]] = {} if best is None else best.changes
+        likely = _likely(start.rig, scores, known)
+        if best is not None and likely:  # what was likely at first and is not explained yet, beside what is likely now
+            rivals = [best.score_of(score.hypothesis) for score in _likely(start.rig, first, known)]
+            likely += [score for score in rivals if score not in likely and score.gain > LEAST_GAIN]
+        tried = [refit_freed(start, fit, score, known) for score in likely]
+        sound = [freed for freed in tried if _holds(start.rig, freed)]
+        if not sound:
+            break
+        best = min(sound, key=lambda freed: freed.scores[0].gain)
+        scores = best.scores
+    # Where one of two wrong lenses is freed, the other shows the more; in the end little must be left.
+    if best is None or best.scores[0].gain > RIVAL_SHARE * first[0].gain:
+        return []
+    return [_contradicted(best, hypothesis) for hypothesis in best.changes]
+
+
+def contradictions_of(rig: Rig, found: Sequence[ContradictedLens]) -> list[Finding]:
+    """The findings about lenses that people contradict."""
+    return [_finding(rig, lens) for lens in found]
+
+
+def _likely(rig: Rig, scores: Sequence[LensScore], known: Mapping[LensHypothesis, object]) -> list[LensScore]:
+    """The hypotheses that may be right, beside those that are known to be."""
+    least = max(LEAST_GAIN, RIVAL_SHARE * scores[0].gain)
+    likely = [score for score in scores if score.gain >= least and score.hypothesis not in known]
+    return [score for score in likely if plausible(rig, score.hypothesis, score.change)][:MOST_RIVALS]
+
+
+def _holds(rig: Rig, freed: FreedLens) -> bool:
+    """Whether people put the freed lenses far from the stated ones, and agree with them there."""
+    for hypothesis in freed.changes:
+        cameras = list(hypothesis.cameras)
+        lens = _contradicted(freed, hypothesis)
+        far = max(abs(change) / sigma for change, sigma in zip(lens.change, lens.sigma, strict=True)) > LEAST_SIGMAS
+        moved = farthest(rig, hypothesis, lens.change)
+        agree = (freed.agreeing[cameras] >= LEAST_AGREEING).all() and (freed.people[cameras] >= MIN_INSTANTS).all()
+        settled = freed.score_of(hypothesis).gain < MOST_LEFT
+        if not (
+            far and moved > LEAST_CHANGE[hypothesis.part] and plausible(rig, hypothesis, lens.change) and agree and settled
+        ):
+            return False
+    return True
+
+
+def _contradicted(freed: FreedLens, hypothesis: LensHypothesis) -> ContradictedLens:
+    """Where people put a freed part, and how surely."""
+    sigma = BOXES_MISLEAD * np.array(freed.score_of(hypothesis).sd)
+    return ContradictedLens(hypothesis, freed.changes[hypothesis], tuple(sigma.tolist()))
+
+
+def _finding(rig: Rig, found: ContradictedLens) -> Finding:
+    """What is said of one lens, or of all."""
+    part, cameras = found.hypothesis.part, found.hypothesis.cameras
+    if part == "focal":
+        change = float(np.expm1(found.change[0]))
+        if len(cameras) > 1:
+            return doubt("all_focals_contradicted", change=change)
+        return doubt("focal_contradicted", rig.names[cameras[0]], change=change)
+    camera = rig.cameras[cameras[0]]
+    if part == "principal_point":
+        # The direction that people know best: by boxes, the other one turns with the vertical.
+        axis = int(np.argmax(np.abs(found.change) / np.array(found.sigma)))
+        if abs(found.change[axis]) > _CROPPED * camera.lens.size[0]:
+            side = ("left", "right") if axis == 0 else ("top", "bottom")
+            return doubt(
+                "image_seems_cropped", camera.name, side=side[int(found.change[axis] > 0)], moved_px=abs(found.change[axis])
+            )
+        return doubt("lens_part_contradicted", camera.name, part="principal point")
+    return doubt("lens_part_contradicted", camera.name, part="distortion")

@@ -1,0 +1,140 @@
+"""How much better people would fit if a part of the stated lenses were free: score tests at an optimum that holds them.
+
+One Gauss-Newton step of the reduced system, widened by columns for the lenses, says for every hypothesis "this part of this
+camera's lens is wrong, and nothing else" where it would go and by how much the cost would fall (Rao 1948). That is a fall of
+the log likelihood, so that hypotheses can be compared, and it costs as much as one iteration. A step with all lenses free
+instead spreads one wrong lens over all cameras, with sigmas several times as large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Lens, Rig
+from passerby.solver.lens_columns import (
+    by_focal,
+    by_principal_point,
+    lens_columns,
+    widen_terms,
+    widened_layout,
+)
+from passerby.solver.lens_unknowns import LensPart, by_distortion
+from passerby.solver.optimizer.least_squares import NormalEquations
+from passerby.solver.people_state import AdjustmentState
+from passerby.solver.person_model import PeopleProblem
+from passerby.solver.uncertainty import downweight
+
+_DERIVATIVES = {"focal": by_focal, "principal_point": by_principal_point, "distortion": by_distortion}
+
+MOST_CHANGE: Mapping[LensPart, float] = MappingProxyType({"focal": 1.0, "principal_point": 0.4, "distortion": 0.5})
+"""What a stated lens is off by at most: the logarithm of the focal length, or what it moves points of the image by as a share
+of the width. Where a step goes farther, the rig is in pieces, or its people say nothing of the lens."""
+
+
+@dataclass(frozen=True)
+class LensHypothesis:
+    """That a part of some cameras' lenses is stated wrongly: of one camera, or of all alike."""
+
+    part: LensPart
+    cameras: tuple[int, ...]
+    """Indices."""
+
+
+@dataclass(frozen=True)
+class LensScore:
+    """What the score test says of a hypothesis."""
+
+    hypothesis: LensHypothesis
+    change: tuple[float, ...]
+    """Where the part would go: the logarithm of the focal length, pixels in x and y, or the first distortion coefficient."""
+    sd: tuple[float, ...]
+    """One standard deviation of each, by the observations' random noise alone."""
+    gain: float
+    """By how much twice the log likelihood would grow."""
+
+
+@dataclass(frozen=True, eq=False)
+class _FreeLenses:
+    """The reduced system of u numbers of every lens, all else eliminated."""
+
+    H: Floats
+    """(C u, C u) its normal matrix."""
+    step: Floats
+    """(C u,) where all of them would go together."""
+
+    def along(self, hypothesis: LensHypothesis, columns: Floats) -> LensScore:
+        """The step along some directions alone, (C u, k)."""
+        gradient = columns.T @ self.H @ self.step
+        covariance = np.linalg.pinv(columns.T @ self.H @ columns, hermitian=True)
+        change, sd = covariance @ gradient, np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        return LensScore(hypothesis, tuple(change.tolist()), tuple(sd.tolist()), float(gradient @ change))
+
+
+def score_lenses(
+    rig: Rig, problem: PeopleProblem, state: AdjustmentState, inflation: float,
+    parts: Iterable[LensPart] = ("focal", "principal_point", "distortion"),
+) -> list[LensScore]:  # fmt: skip
+    """The scores of all hypotheses, the likeliest first.
+
+    Args:
+        rig: the lenses, in the order of the problem's cameras.
+        problem: the person model, in which no lens is free.
+        state: its optimum.
+        inflation: how many times less the observations say than as many independent ones would.
+        parts: of lenses, of which one may be wrong in one camera; the focal lengths also in all cameras alike.
+    """
+    n, scores = problem.n_cameras, []
+    for part in parts:
+        columns = lens_columns(rig, problem, state, _DERIVATIVES[part])
+        lenses = _free_lenses(problem, state, inflation, columns)
+        own = np.eye(len(lenses.H)).reshape(n, -1, len(lenses.H))
+        scores += [lenses.along(LensHypothesis(part, (c,)), own[c].T) for c in range(n)]
+        if part == "focal":
+            scores.append(lenses.along(LensHypothesis(part, tuple(range(n))), np.ones((n, 1))))
+    return sorted(scores, key=lambda score: -score.gain)
+
+
+def _free_lenses(
+    problem: PeopleProblem, state: AdjustmentState, inflation: float, columns: Mapping[str, Floats]
+) -> _FreeLenses:
+    """The system of u numbers of every lens; `columns` as of `lens_columns`."""
+    own = dict(columns)
+    layout, places = widened_layout(problem, next(iter(own.values())).shape[2])
+    terms = [downweight(widen_terms(term, problem, own), inflation) for term in problem.terms(state, jacobians=True)]
+    reduced = NormalEquations(layout, terms).reduce()
+    inverse = inverse_of(reduced.H)
+    at: Ints = places.ravel()
+    H = np.asarray(np.linalg.pinv(inverse[np.ix_(at, at)], hermitian=True), dtype=np.float64)
+    return _FreeLenses(H, -(inverse @ reduced.gradient)[at])
+
+
+def inverse_of(H: Floats) -> Floats:
+    """The inverse of a normal matrix whose unknowns have different units; 0 along what is free (the datum)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-12))
+    return np.asarray(np.linalg.pinv(H * scale[:, None] * scale, rcond=1e-12, hermitian=True) * scale[:, None] * scale)
+
+
+def plausible(rig: Rig, hypothesis: LensHypothesis, change: Sequence[float] | Floats) -> bool:
+    """Whether a change of the lens goes no farther than lenses are stated wrongly."""
+    return bool(np.isfinite(change).all()) and farthest(rig, hypothesis, change) < MOST_CHANGE[hypothesis.part]
+
+
+def farthest(rig: Rig, hypothesis: LensHypothesis, change: Sequence[float] | Floats) -> float:
+    """How far a change goes in the camera where it goes farthest: a share of the focal length, or of the image's width."""
+    return max(_moved(rig.cameras[c].lens, hypothesis.part, change) for c in hypothesis.cameras)
+
+
+def _moved(lens: Lens, part: LensPart, change: Sequence[float] | Floats) -> float:
+    """The same in one camera; a distortion moves the middles of the left and the right edge."""
+    width = lens.size[0]
+    if part == "focal":
+        return abs(float(change[0]))
+    if part == "principal_point":
+        return float(np.linalg.norm(change)) / width
+    edge = lens.bearings(np.array([[0.0, lens.size[1] / 2], [width - 1.0, lens.size[1] / 2]]))
+    return float(abs(change[0]) * np.nanmax(np.abs(by_distortion(lens, edge)), initial=0.0)) / width
