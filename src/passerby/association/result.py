@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from passerby.association.clocks.drift import Drift
 from passerby.core.association_figures import AssociationFigures
 from passerby.core.observations import Clock, Observations
+from passerby.core.scale_cues import PersonHeight
 from passerby.findings.finding import Finding
 
 
@@ -33,3 +34,7 @@ class Association:
     """What is odd."""
     drifts: Mapping[str, Drift] = field(default_factory=dict)
     """By camera, how its clock drifts against the others'; empty where too few people walk to tell."""
+    known_heights: tuple[PersonHeight, ...] = ()
+    """Of the people at whom the user pointed, by the identities found."""
+    height_findings: tuple[Finding, ...] = ()
+    """What is wrong or odd about them."""

@@ -34,12 +34,15 @@ from passerby.association.joints.joint_graph import joined_by_joints
 from passerby.association.joints.joint_tracks import swap_left_and_right
 from passerby.association.registration_failures import nobody_walks, unregistered_cameras
 from passerby.association.result import Association
+from passerby.calibration.pointed_heights import PointedHeights, identity_at, pointed_heights
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.association_figures import AssociationRound
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations, once_in_frame
+from passerby.core.pointing import PointedPerson
+from passerby.core.scale_cues import PersonHeight
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps
@@ -60,11 +63,12 @@ class RigSolver(Protocol):
         passing: bool,
         refine_time: bool,
         lenses: Rig | None = None,
+        known: Sequence[PersonHeight] = (),
     ) -> Solution:
         """The rig from people at common time steps, refused where the evidence does not do.
 
         A passing one may rest on a part of the evidence; the clocks' errors are unknowns of it where they are refined. `lenses`
-        are those to begin with, where they are known better than at first.
+        are those to begin with, where they are known better than at first. `known` are heights of these identities.
         """
 
 
@@ -83,6 +87,8 @@ class AssociationOptions:
     """Largest difference of two cameras' clocks that is searched for, seconds; 0 takes them as in step."""
     person_height_m: float = PERSON_HEIGHT_M
     """Mean standing height, metres."""
+    pointed: tuple[PointedPerson, ...] = ()
+    """People of known height, each named by a pixel."""
 
 
 def solve_with_unknown_identities(
@@ -219,6 +225,19 @@ class _Run:
             for camera, (boxes, joints) in zip(self.cameras, out, strict=True)
         ]
 
+    def known(self, rows: Sequence[tuple[Ints, Ints]]) -> PointedHeights:
+        """The heights of the people at whom the user pointed, by the identities that `identified` gives them."""
+        number = {camera.name: c for c, camera in enumerate(self.cameras)}
+
+        def identify(one: PointedPerson) -> int | None:
+            if one.camera not in number:
+                return None
+            c = number[one.camera]
+            person = identity_at(one, self.cameras[c].seen, *rows[c])
+            return None if person is None else person + 1
+
+        return pointed_heights(self.options.pointed, identify)
+
     def identified(self, rows: Sequence[tuple[Ints, Ints]]) -> Observations:
         """The people who are somebody, in each camera's own frames."""
         cameras = {}
@@ -237,7 +256,8 @@ class _Run:
     ) -> Association:  # fmt: skip
         """The result; the first registered camera's clock is the rig's."""
         offset_s = relative_to_reference(offset_s, solution.rig if solution else None)
-        identified = self.identified(self.rows(person, offset_s, solution))
+        rows = self.rows(person, offset_s, solution)
+        identified, heights = self.identified(rows), self.known(rows)
         known = {} if sigma_s is None else dict(zip(self.rig.names, sigma_s.tolist(), strict=True))
         figures = association_figures(self.cameras, self.tracklets, self.appearance, initial, person, offset_s)
         graph = initial.graph if initial is not None else None
@@ -247,6 +267,7 @@ class _Run:
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
             {} if graph is None else unregistered_cameras(self.cameras, graph, self.options.search_s),
             *self._told(solution, initial, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
+            heights.people, heights.findings,
         )  # fmt: skip
 
     def _drifts(self, person: Ints, offset_s: Floats, solution: Solution) -> dict[int, Drift]:
@@ -293,8 +314,9 @@ def _alternate(
     lenses = run.rig if any(camera.lens.uncalibrated for camera in run.rig) else None
     for number in range(MAX_ROUNDS):
         tell(f"round {number + 1}")
-        instants = run.instants(run.identified(run.rows(person, offset_s, solution)), offset_s)
-        solution = solve(instants, initial.guesses, passing=True, refine_time=refine, lenses=lenses)
+        rows = run.rows(person, offset_s, solution)
+        instants, known = run.instants(run.identified(rows), offset_s), run.known(rows).people
+        solution = solve(instants, initial.guesses, passing=True, refine_time=refine, lenses=lenses, known=known)
         if solution.verdict == "refused":
             return solution, run.association(person, offset_s, None, initial, rounds)
         offset_s = offset_s + clock_corrections(solution)[0]
@@ -314,8 +336,11 @@ def _alternate(
         if same > SETTLED:
             break
     tell("solving")
-    identified = run.identified(run.rows(person, offset_s, solution))
-    solution = solve(run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=refine, lenses=lenses)
+    rows = run.rows(person, offset_s, solution)
+    identified, known = run.identified(rows), run.known(rows).people
+    solution = solve(
+        run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=refine, lenses=lenses, known=known
+    )
     if refine and solution.verdict != "refused":
         correction_s, sigma_s = clock_corrections(solution)
         offset_s = offset_s + correction_s
@@ -323,8 +348,9 @@ def _alternate(
         if in_step is not None:
             offset_s = in_step
             solution = solve(
-                run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=False, lenses=lenses
-            )
+                run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=False, lenses=lenses,
+                known=known,
+            )  # fmt: skip
         return solution, run.association(person, offset_s, solution, initial, rounds, sigma_s)
     return solution, run.association(person, offset_s, solution, initial, rounds)
 

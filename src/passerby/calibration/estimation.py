@@ -9,6 +9,7 @@ import numpy as np
 
 from passerby.association.result import Association
 from passerby.calibration.association_loop import AssociationOptions, solve_with_unknown_identities
+from passerby.calibration.pointed_heights import identity_in, pointed_heights
 from passerby.calibration.scene_solver import SceneSolver, SolverOptions
 from passerby.calibration.temporal_calibration import associate_synchronised, solve_with_unknown_offsets
 from passerby.common.progress import Progress
@@ -46,20 +47,22 @@ class Estimator:
         search_s = scene.association.search_s if seen.clocks else 0.0
         height_m = scene.scale.person_height_m
         if not scene.association.given:
-            wanted = AssociationOptions(scene.association.mode, search_s, height_m)
+            wanted = AssociationOptions(scene.association.mode, search_s, height_m, inputs.pointed)
             return Estimate(
                 *solve_with_unknown_identities(rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor)
             )
+        heights = pointed_heights(inputs.pointed, identity_in(seen))
+        solver = replace(solver, known=heights.people)
         if search_s > 0:
-            return Estimate(
-                *solve_with_unknown_offsets(
-                    rig, seen, search_s, height_m, solver, rng, tell=self.progress, executor=self.executor
-                )
+            solution, association = solve_with_unknown_offsets(
+                rig, seen, search_s, height_m, solver, rng, tell=self.progress, executor=self.executor
             )
-        synchronised = _synchronised(rig, seen)
-        self.progress("solving")
-        solution = solver(synchronised)
-        return Estimate(solution, associate_synchronised(rig, seen, synchronised, solution))
+        else:
+            synchronised = _synchronised(rig, seen)
+            self.progress("solving")
+            solution = solver(synchronised)
+            association = associate_synchronised(rig, seen, synchronised, solution)
+        return Estimate(solution, replace(association, known_heights=heights.people, height_findings=heights.findings))
 
     def solver(self, rig: Rig) -> SceneSolver:
         """The scene's solver for cameras with these lenses, at the beginning of its random numbers."""

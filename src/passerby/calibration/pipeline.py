@@ -107,8 +107,9 @@ def calibrate_inputs(
     solved = time.perf_counter()
     lenses, rates = adjusted(solution.figures).lenses, solution.figures.clock_rates or {}
     refined = (*lens_notes(lenses), *clock_skew_findings(rates), *ground)
+    unused = tuple(finding for finding in association.height_findings if finding.severity == "notice")
     for note in (
-        *texts_of((*refined, *association.notices, *placed.findings)),
+        *texts_of((*refined, *association.notices, *unused, *placed.findings)),
         f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
     ):
         tell_note(tell, note)
@@ -116,7 +117,7 @@ def calibrate_inputs(
         scene=scene,
         rig=replace(placed.rig, verdict=solution.verdict),
         verdict=solution.verdict,
-        diagnostics=(*solution.findings, *inputs.findings, *association.notices, *refined, *placed.findings),
+        diagnostics=(*solution.findings, *inputs.findings, *association.notices, *unused, *refined, *placed.findings),
         observations=association.observations,
         seed=seed,
         options=asdict(estimator.options),
@@ -151,11 +152,15 @@ def _doubts(
     tilt_known = scene.world is not None and scene.world.tilt
     uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
     sizes = doubts_of_smaller_pictures(
-        inputs.rig, inputs.observations, solution, lambda rig: estimator.solver(rig)(association.instants)
+        inputs.rig,
+        inputs.observations,
+        solution,
+        lambda rig: estimator.solver(rig)(association.instants, known=association.known_heights),
     )
     places = doubts_of_same_place(solution.rig, inputs.observations)
     moved = (one.finding for one in motions)
-    return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *uneven), ground
+    heights = (finding for finding in association.height_findings if finding.severity != "notice")
+    return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven), ground
 
 
 def _decided(scene: Scene, solution: Solution, association: Association, doubts: Sequence[Finding], placed: Rig) -> Solution:

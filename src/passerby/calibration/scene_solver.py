@@ -13,6 +13,7 @@ from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.overlap import connected_groups, count_shared_observations, missing_overlap
+from passerby.core.scale_cues import PersonHeight, combine_heights
 from passerby.core.solution import Solution
 from passerby.findings.refusals import RefusalError, findings_of
 from passerby.geometry.relative_pose import PairHypothesis
@@ -38,10 +39,12 @@ class SceneSolver:
     """Names and lenses."""
     options: SolverOptions
     rng: np.random.Generator
+    known: tuple[PersonHeight, ...] = ()
+    """Heights of people by identity, beside those that the scene states."""
 
     def __call__(
         self, synchronised: Observations, guesses: Sequence[PairHypothesis] = (), *, passing: bool = False,
-        refine_time: bool = False, lenses: Rig | None = None,
+        refine_time: bool = False, lenses: Rig | None = None, known: Sequence[PersonHeight] = (),
     ) -> Solution:  # fmt: skip
         """The rig from people at common time steps, refused where the evidence does not do.
 
@@ -51,6 +54,7 @@ class SceneSolver:
             passing: a part of the evidence is enough, since another solve follows.
             refine_time: the clocks' errors are unknowns.
             lenses: names and lenses to begin with, where they are known better than those of the scene.
+            known: heights of people by these identities, beside those that the scene states and `known` of the solver.
         """
         options = self.options
         if isinstance(options, PeopleOptions) and any(camera.lens.uncalibrated for camera in self.rig):
@@ -60,21 +64,23 @@ class SceneSolver:
         if isinstance(options, PeopleOptions) and passing:
             sightings = min(options.max_sightings, PASSING_SIGHTINGS)
             options = replace(options, max_sightings=sightings, tolerance=max(options.tolerance, PASSING_TOLERANCE))
-        return solve_scene(self.scene, lenses or self.rig, synchronised, options, self.rng, guesses)
+        return solve_scene(self.scene, lenses or self.rig, synchronised, options, self.rng, guesses, (*self.known, *known))
 
 
 def solve_scene(
     scene: Scene, rig: Rig, synchronised: Observations, options: SolverOptions, rng: np.random.Generator,
-    guesses: Sequence[PairHypothesis] = (),
+    guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (),
 ) -> Solution:  # fmt: skip
-    """Run the scene's solver; a want of evidence is a refused solution without poses."""
+    """Run the scene's solver; a want of evidence is a refused solution without poses. `known` adds to the scene's cues."""
+    cues = scene.scale_cues()
+    cues = replace(cues, people=combine_heights((*cues.people, *known)))
     shared = count_shared_observations(synchronised)
     try:
         if len(connected_groups(shared)[0]) == 1:
             raise RefusalError(missing_overlap(shared, given=scene.association.given))
         if isinstance(options, GeoPoseOptions):
-            return solve_geopose(rig, synchronised, scene.scale_cues(), options, rng=rng)
-        return solve_people(rig, synchronised, scene.scale_cues(), options, rng=rng, guesses=guesses)
+            return solve_geopose(rig, synchronised, cues, options, rng=rng)
+        return solve_people(rig, synchronised, cues, options, rng=rng, guesses=guesses)
     except EvidenceError as error:
         return Solution(scene.solver.method, rig, "refused", findings_of(error))
 

@@ -5,7 +5,7 @@ All cues enter one adjustment as priors, so that they combine by their weights a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,6 +31,8 @@ class PersonHeight:
     identity: int
     metres: float
     sd_m: float = 0.01
+    place: str = ""
+    """The table of the scene file that states it, for people named by a pixel: their identities were found, and say nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,3 +72,22 @@ class ScaleCues:
     lengths: tuple[KnownLength, ...] = ()
     distances: tuple[CameraDistance, ...] = ()
     camera_heights: tuple[CameraHeight, ...] = ()
+
+
+def combine_heights(people: Sequence[PersonHeight]) -> tuple[PersonHeight, ...]:
+    """One height for each person. Heights of one person are weighted by their precision.
+
+    One measurement stated twice is no better than once, and two that differ are no better than their difference: the standard
+    deviation is the smallest one with half the difference added.
+    """
+    by_identity: dict[int, list[PersonHeight]] = {}
+    for one in people:
+        by_identity.setdefault(one.identity, []).append(one)
+    return tuple(own[0] if len(own) == 1 else _combined(own) for own in by_identity.values())
+
+
+def _combined(own: Sequence[PersonHeight]) -> PersonHeight:
+    metres, sd_m = (np.array([getattr(one, key) for one in own]) for key in ("metres", "sd_m"))
+    mean = float(np.average(metres, weights=sd_m**-2.0))
+    spread = float(np.hypot(sd_m.min(), np.ptp(metres) / 2))
+    return PersonHeight(own[0].identity, mean, spread, " and ".join(dict.fromkeys(one.place for one in own if one.place)))

@@ -15,10 +15,12 @@ import numpy as np
 
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
+from passerby.core.pointing import PointedPerson
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.lens_sources import group_faults
+from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults
 from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
@@ -49,6 +51,8 @@ class SceneInputs:
     """What is odd: notices."""
     doubts: tuple[Finding, ...] = ()
     """What speaks against any rig from this input."""
+    pointed: tuple[PointedPerson, ...] = ()
+    """People of known height at whom the scene file points."""
 
 
 class VideoProcessor(Protocol):
@@ -78,7 +82,10 @@ def assemble_inputs(scene: Scene, readings: list[CameraInput]) -> SceneInputs:
     _raise_faults(scene, readings)
     rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
-    return SceneInputs(rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)))
+    return SceneInputs(
+        rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)),
+        pointed_people(scene, readings),
+    )  # fmt: skip
 
 
 def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
@@ -121,6 +128,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Faults between cameras, and of what the scene file says about them."""
     return [
         *_length_faults(scene, readings),
+        *pointing_faults(scene, readings),
         *_lens_faults(scene, readings),
         *group_faults(scene, readings),
         *_joint_faults(scene, readings),
@@ -141,8 +149,9 @@ def scene_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     found = [
         notice("identity_unseen", place=str(scene.place), identity=cue.identity)
         for cue in scene.scale.people
-        if cue.identity not in known
+        if cue.identity is not None and cue.identity not in known
     ]
+    found += overlapped_people(scene, readings)
     return found + _guessed_lenses(scene, readings) + _clock_findings(scene, readings) + _embedding_findings(scene, readings)
 
 

@@ -154,7 +154,9 @@ class Scene(Table):
         scale = self.scale
         return ScaleCues(
             population=PopulationHeight(scale.person_height_m, scale.person_height_sd_m, scale.person_height_mean_sd_m),
-            people=tuple(PersonHeight(cue.identity, cue.height_m, cue.sd_m) for cue in scale.people),
+            people=tuple(
+                PersonHeight(cue.identity, cue.height_m, cue.sd_m) for cue in scale.people if cue.identity is not None
+            ),
             lengths=tuple(
                 KnownLength(cue.metres, cue.sd_m, {name: np.array(ends) for name, ends in cue.points.items()})
                 for cue in scale.lengths
@@ -205,10 +207,11 @@ class Scene(Table):
                     f'[cameras.{name}]: has only a video, which has no identities: mode "given" needs `tracks` or '
                     '`keypoints` with identities; to estimate them, under [association] set mode = "combined"'
                 )
-        if self.scale.people and not self.association.given:
+        if any(cue.identity is not None for cue in self.scale.people) and not self.association.given:
             raise ValueError(
-                f"[[scale.people]]: names identities, but mode '{self.association.mode}' does not know them in advance: delete "
-                'the table, or give global identities and under [association] set mode = "given"'
+                f"[[scale.people]]: names identities, but mode '{self.association.mode}' does not know them in advance: point "
+                "at the person by camera, at = [u, v] and time_s or frame, or give global identities and under [association] "
+                'set mode = "given"'
             )
         return self
 
@@ -217,6 +220,8 @@ class Scene(Table):
         found = [("[solver] reference", self.solver.reference)] if self.solver.reference is not None else []
         lenses = ((name, table.lens) for name, table in self.cameras.items())
         found += [(f"[cameras.{name}] lens", named_camera(lens)) for name, lens in lenses if lens is not None]
+        for number, person in enumerate(self.scale.people, start=1):
+            found += [] if person.camera is None else [(f"[[scale.people]] {number} camera", person.camera)]
         for number, length in enumerate(self.scale.lengths, start=1):
             found += [(f"[[scale.lengths]] {number} points", name) for name in length.points]
         for number, distance in enumerate(self.scale.distances, start=1):

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validat
 
 from passerby.common.addresses import not_a_file, plain_without_credentials
 from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
-from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
+from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M, POPULATIONS
 from passerby.scene.lens_keys import check_lens_keys, named_camera
 
 
@@ -32,6 +32,7 @@ def _standing(value: float) -> float:
 
 
 Mode = Literal["combined", "trajectory", "appearance", "given"]
+Population = Literal["adults", "children", "mixed"]
 
 WATCHED_FPS = 5.0
 """People walk a third of a step in a fifth of a second: neighbouring frames add little independent evidence."""
@@ -218,14 +219,40 @@ class SolverTable(Table):
 
 
 class PersonTable(Table):
-    """`[[scale.people]]`: the standing height of one person."""
+    """`[[scale.people]]`: the standing height of one person, named by an id or by a pixel."""
 
-    identity: int = Field(ge=0)
-    """The person's id in the files, which in mode "given" is the same in all cameras."""
+    identity: int | None = Field(default=None, ge=0)
+    """The person's id in the files, which in mode "given" is the same in all cameras. In all modes: `camera`, `at` and
+    `time_s` or `frame` instead."""
+    camera: str | None = None
+    """A camera that sees the person."""
+    time_s: Seconds | None = None
+    """When: seconds from the beginning of this camera's own recording, which frame 1 is."""
+    frame: int | None = Field(default=None, ge=0)
+    """When, as a frame number of this camera, in place of `time_s`."""
+    at: tuple[Pixel, Pixel] | None = None
+    """[u, v], a pixel on the person then. Of people who overlap there it is the nearest, whose box reaches lowest."""
     height_m: Height
     """Standing height, with shoes."""
     sd_m: Metres = 0.01
     """Standard deviation. A measured height is accurate to about a centimetre (shoes)."""
+
+    @model_validator(mode="after")
+    def _named_once(self) -> Self:
+        keys = ("camera", "time_s", "frame", "at")
+        stated = [key for key in keys if getattr(self, key) is not None]
+        if self.identity is not None and stated:
+            raise ValueError(f"has identity and {stated[0]}: name the person by one of them, and delete the other")
+        if self.identity is None and not stated:
+            raise ValueError("does not say whose height it is: add identity, or camera, at = [u, v] and time_s or frame")
+        if self.identity is None:
+            if self.time_s is not None and self.frame is not None:
+                raise ValueError("has time_s and frame: delete one of them")
+            missing = [key for key in ("camera", "at") if getattr(self, key) is None]
+            missing += ["time_s or frame"] if self.time_s is None and self.frame is None else []
+            if missing:
+                raise ValueError(f"points at a person, but has no {' and no '.join(missing)}: add it")
+        return self
 
 
 class LengthTable(Table):
@@ -264,8 +291,11 @@ class CameraHeightTable(Table):
 class ScaleTable(Table):
     """`[scale]`: known lengths. All are combined, weighted by their standard deviations."""
 
+    population: Population = "adults"
+    """Who the people are, where no `person_height_m` is stated. adults: mean 1.72 m, sd 0.09. children: 6 to 11 years old, 1.32 m,
+    sd 0.11, the mean known to 0.10 m. mixed: as many adults as such children, 1.52 m, sd 0.22, the mean known to 0.11 m."""
     person_height_m: Height = PERSON_HEIGHT_M
-    """Mean standing height of the people, with shoes. Default: adults of both sexes, worldwide."""
+    """Mean standing height of the people, with shoes. Default: that of `population`; it overrides `population`."""
     person_height_sd_m: Metres = PERSON_HEIGHT_SD_M
     """Standard deviation of the heights of people around the mean."""
     person_height_mean_sd_m: Metres | None = None
@@ -279,6 +309,22 @@ class ScaleTable(Table):
     """Distances between two cameras: `[[scale.distances]]`."""
     camera_heights: tuple[CameraHeightTable, ...] = ()
     """Heights of cameras above the ground: `[[scale.camera_heights]]`."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _heights_of_population(cls, values: Any) -> Any:
+        """A stated population states its heights, as far as nothing else does."""
+        if not isinstance(values, dict) or "person_height_m" in values:
+            return values
+        prior = POPULATIONS.get(values["population"]) if isinstance(values.get("population"), str) else None
+        if prior is None:
+            return values
+        stated = {
+            "person_height_m": prior.mean_m,
+            "person_height_sd_m": prior.sd_m,
+            "person_height_mean_sd_m": prior.mean_sd_m,
+        }
+        return {**stated, **values}
 
 
 class WorldTable(Table):

@@ -131,7 +131,7 @@ def scale_cue_weights(
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
     population count as one cue. The sigma is infinite where there is no cue.
     """
-    known = {cue.identity for cue in cues.people}
+    known = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
     named = np.array([identity in known for identity in seen], dtype=bool)
     found: list[tuple[str, float, float, float]] = []
     kinds: list[dict[str, Any]] = []
@@ -142,7 +142,7 @@ def scale_cue_weights(
         found.append((f"population of {count}", float(np.mean(heights[~named])), float(np.mean(mean[~named])), spread))
     for i in np.flatnonzero(named):
         kinds.append({"kind": "person", "identity": int(seen[i])})
-        found.append((f"height of person {seen[i]}", float(heights[i]), float(mean[i]), float(sd[i])))
+        found.append((f"height of person {seen[i]}{known[int(seen[i])]}", float(heights[i]), float(mean[i]), float(sd[i])))
     found += scale_cue_lengths(rows, centre, marks)
     if rows is not None:
         kinds += [{"kind": kind} for kind in rows.kinds]

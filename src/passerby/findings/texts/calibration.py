@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from passerby.findings.finding import Severity
-from passerby.findings.texts.kinds import DOUBT, Fields, Kind
+from passerby.findings.texts.kinds import DOUBT, NOTICE, Fields, Kind
 
 _ALL_OVER = "record people walking all over the area that the cameras share"
 _MORE_OR_LESS: tuple[Severity, ...] = ("notice", "doubt")
@@ -121,9 +121,27 @@ CALIBRATION: Mapping[str, Kind] = {
         "check whether one of the two films a screen, a mirror or another place, whether its intrinsics are right, and "
         "whether the ground is flat",
     ),
+    "pointed_person_unmatched": Kind(
+        NOTICE, "A person at whom the scene file points was not identified in any other camera.",
+        "[[scale.people]] {number}: the person at [{at[0]:g}, {at[1]:g}] in camera {camera} in frame {frame} was not "
+        "identified in any other camera; its height is not used",
+        "point at a time, or in a camera, at which the person is clearly seen by others too", subjects=("scale",),
+    ),
+    "pointed_heights_differ": Kind(
+        DOUBT, "Two heights that the scene file states belong to one person.",
+        "[[scale.people]] {numbers[0]} and {numbers[1]} point at the same person by the identities found, but state "
+        "{heights_m[0]:.2f} and {heights_m[1]:.2f} m",
+        "check both pixels and heights", subjects=("scale",),
+    ),
     "people_walk_fast": Kind(
         DOUBT, "At the rig's scale people walk faster than people do; `heights` says what the scale comes from.",
         _fast, _to_slow, joint=lambda v: ": " if v["heights"] == "stated" else " ", subjects=("scale",),
+    ),
+    "nobody_walks_slowly": Kind(
+        DOUBT, "At the rig's scale even the slowest of the moving people are fast; `heights` says what the scale comes from.",
+        "nine of ten moving people go at {speed:.1f} m/s or more at the scale of the rig, faster than people walk",
+        "check that the boxes reach from head to feet, check person_height_m under [scale] and the frame rate, and give a measured "
+        "length (for example under [[scale.distances]])", subjects=("scale",),
     ),
     "people_run_fast": Kind(
         DOUBT, "At the rig's scale people move faster than people run.",

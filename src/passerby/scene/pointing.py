@@ -1,0 +1,137 @@
+"""People at whom the scene file points, `[[scale.people]]` with a camera, a time and a pixel: found in what that camera saw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from passerby.core.pointing import PeopleInFrame, PointedPerson, nearest_frame, people_in_frame
+from passerby.findings.finding import Finding, notice
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.scene import Scene
+from passerby.scene.tables import PersonTable
+
+
+def pointed_people(scene: Scene, readings: Sequence[CameraInput]) -> tuple[PointedPerson, ...]:
+    """The people at whom the scene points, each with the frame in which it is looked for; without faults in them."""
+    found = []
+    for number, cue, reading in _pointings(scene, readings):
+        frame = nearest_frame(reading.seen, _frame(cue, reading), reading.fps)
+        if frame is not None and cue.at is not None:
+            found.append(PointedPerson(number, reading.name, frame, cue.at, cue.height_m, cue.sd_m))
+    return tuple(found)
+
+
+def pointing_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
+    """Pixels outside the image, times outside the recording, and pixels where nobody is."""
+    faults = [
+        (number, _place_fault(cue, reading) or (None if reading.awaiting else _person_fault(cue, reading)))
+        for number, cue, reading in _pointings(scene, readings)
+        if not reading.faults
+    ]
+    return [f"{scene.place}: [[scale.people]] {number} {fault}" for number, fault in faults if fault is not None]
+
+
+def overlapped_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
+    """A notice wherever somebody points at several people at once."""
+    findings = []
+    for pointed in pointed_people(scene, [reading for reading in readings if not reading.awaiting]):
+        seen = next(reading.seen for reading in readings if reading.name == pointed.camera)
+        people = people_in_frame(seen, pointed.frame)
+        holding = people.holding(pointed.at)
+        if len(holding) > 1:
+            values = {"frame": pointed.frame, "at": list(pointed.at), "count": len(holding), "box": _box(people, holding[0])}
+            place = f"{scene.place}: [[scale.people]] {pointed.number}"
+            findings.append(notice("pointed_people_overlap", pointed.camera, place=place, **values))
+    return findings
+
+
+def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[int, PersonTable, CameraInput]]:
+    """The number of each such table, the table, and its camera."""
+    by_name = {reading.name: reading for reading in readings}
+    for number, cue in enumerate(scene.scale.people, start=1):
+        if cue.camera is not None and cue.camera in by_name:
+            yield number, cue, by_name[cue.camera]
+
+
+def _frame(cue: PersonTable, reading: CameraInput) -> float:
+    """The frame number, fractional where a time is stated; NaN for a time without a frame rate."""
+    if cue.frame is not None:
+        return float(cue.frame)
+    if reading.fps is None or cue.time_s is None:
+        return float("nan")
+    return 1.0 + cue.time_s * reading.fps
+
+
+def _place_fault(cue: PersonTable, reading: CameraInput) -> str | None:
+    """What is wrong with the pixel or the time, whoever is there."""
+    if cue.at is None:
+        return None
+    (u, v), size = cue.at, None if reading.lens is None else reading.lens.size
+    if size is not None and not (0 <= u <= size[0] and 0 <= v <= size[1]):
+        return (
+            f"at: [{u:g}, {v:g}] lies outside the {size[0]} x {size[1]} image of camera {reading.name}: give a pixel of that "
+            "image"
+        )
+    if cue.time_s is not None and reading.fps is None:
+        return f"time_s: no frame rate of camera {reading.name} is known: use frame, or under [scene] set fps"
+    video = reading.video
+    if video is not None and video.seconds is not None and reading.fps is not None:
+        length = video.seconds * video.clock_fps / reading.fps
+        at_s = (_frame(cue, reading) - 1) / reading.fps
+        if at_s > length:
+            return (
+                f"{_key(cue)}: {_when(cue)} is after the end of camera {reading.name}'s recording of {length:.1f} s: give a "
+                "time within it"
+            )
+    return None
+
+
+def _person_fault(cue: PersonTable, reading: CameraInput) -> str | None:
+    """That the recording is over then, or that nobody is at the pixel."""
+    frames = reading.frames
+    if cue.at is None or not len(frames):
+        return None
+    frame = _frame(cue, reading)
+    found = nearest_frame(reading.seen, frame, reading.fps)
+    if found is None:
+        span = f"frames {frames[0]} to {frames[-1]}"
+        if reading.fps is not None:
+            span += f" ({(frames[0] - 1) / reading.fps:.1f} to {(frames[-1] - 1) / reading.fps:.1f} s)"
+        if frames[0] <= frame <= frames[-1]:
+            near = int(frames[np.argmin(np.abs(frames - frame))])
+            return (
+                f"{_key(cue)}: camera {reading.name} sees nobody at {_when(cue)}; the nearest frame with people is {near}: "
+                "give a time at which it sees the person"
+            )
+        return f"{_key(cue)}: camera {reading.name} sees people in {span}, not at {_when(cue)}: give a time within it"
+    people = people_in_frame(reading.seen, found)
+    distance = people.distance_px(cue.at)
+    if not len(distance) or distance.min() > 0:
+        nearest = ""
+        if len(distance):
+            left, top, width, height = _box(people, int(np.argmin(distance)))
+            nearest = (
+                f"; the nearest box, {distance.min():.0f} px away, is {width:.0f} x {height:.0f} px at left {left:.0f}, top "
+                f"{top:.0f}"
+            )
+        u, v = cue.at
+        return (
+            f"at: nobody is at [{u:g}, {v:g}] in camera {reading.name} at {_when(cue)} (frame {found}){nearest}: give a pixel "
+            "inside the person's box"
+        )
+    return None
+
+
+def _box(people: PeopleInFrame, row: int) -> list[float]:
+    """Left, top, width and height of a person, pixels."""
+    return [round(float(value), 1) for value in people.ltwh[row]]
+
+
+def _key(cue: PersonTable) -> str:
+    return "time_s" if cue.frame is None else "frame"
+
+
+def _when(cue: PersonTable) -> str:
+    return f"{cue.time_s:g} s" if cue.frame is None else f"frame {cue.frame}"
