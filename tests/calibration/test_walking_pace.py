@@ -74,6 +74,46 @@ def test_nobody_runs_so_fast(basis: str) -> None:
     assert told.values["speed"] == pytest.approx(5.9, abs=0.05)
 
 
+def test_a_few_who_are_far_too_fast_show_in_the_upper_quarter() -> None:
+    """Most stroll or carry something, so that the median is still one of walkers."""
+    speeds = [0.75, 0.8, 0.85, 0.87, 0.88, 1.05, 1.1, 1.15]
+    assert doubts_of_pace(*ways(speeds), FPS) == []
+    (told,) = doubts_of_pace(*ways(speeds, scale=1.5), FPS, "stated")
+    assert told.code == "people_walk_fast"
+    assert told.values["speed"] == pytest.approx(1.6, abs=0.1)
+    assert doubts_of_pace(*ways(speeds, scale=1.5), FPS, "measured") == []
+
+
+@pytest.mark.parametrize("basis", ["taken", "stated"])
+def test_where_people_run_somebody_walks(basis: str) -> None:
+    court = [0.9, 1.0, 1.2, 2.4, 2.7, 2.8]
+    assert doubts_of_pace(*ways(court), FPS, basis) == []
+    (told,) = doubts_of_pace(*ways(court, scale=1.45), FPS, basis)
+    assert (told.code, told.values["heights"]) == ("nobody_walks_slowly", basis)
+    assert told.values["speed"] == pytest.approx(1.3, abs=0.1)
+    assert doubts_of_pace(*ways(court, scale=1.45), FPS, "measured") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["terrace", "basketball", "construction"])
+def test_a_stated_mean_height_is_no_reason_to_believe_half_hidden_people(preset: str) -> None:
+    """A counter hides the lower third of everybody from all cameras: the rig is too large by half, and all angles fit."""
+    simulated = simulate(SimulationOptions(preset=preset, seed=4000, seconds=20.0, box_noise=0.02, missing=0.1))
+
+    def calibrated(shown: float) -> passerby.Calibration:
+        boxes = {}
+        for name in simulated.rig.names:
+            own = simulated.observations[name].boxes
+            boxes[name] = replace(own, ltwh=own.ltwh * np.array([1.0, 1.0, 1.0, shown]))
+        scale = {"person_height_m": 1.72, "person_height_mean_sd_m": 0.03}
+        return passerby.calibrate_observations(simulated.rig, boxes, fps=5.0, association={"mode": "given"}, scale=scale)
+
+    assert calibrated(1.0).verdict == "accepted"
+    hidden = calibrated(0.65)
+    assert hidden.verdict == "doubtful"
+    assert {one.code for one in hidden.doubts} & {"people_walk_fast", "people_run_fast", "nobody_walks_slowly"}
+
+
 def test_places_that_another_person_has_spoilt_make_nobody_run() -> None:
     keys, places = ways([0.9, 1.0, 1.1, 1.2] * 3)
     rng = np.random.default_rng(1)

@@ -17,6 +17,7 @@ from passerby.calibration.calibration import Calibration
 from passerby.calibration.camera_motion import DetectedMotion, MotionRepair
 from passerby.calibration.clock_skew import MOST_CORRECTIONS, clock_rate_figures, clock_skew_findings, find_clock_skew
 from passerby.calibration.diagnostics.ground_planarity import ground_figures, shape_of, told_of_ground
+from passerby.calibration.diagnostics.known_heights import contradicted_heights
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
@@ -27,6 +28,7 @@ from passerby.calibration.scene_solver import solver_options
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, adjusted, heights_of
+from passerby.core.scale_cues import combine_heights
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
 from passerby.findings.texts import texts_of
@@ -159,7 +161,11 @@ def _doubts(
     )
     places = doubts_of_same_place(solution.rig, inputs.observations)
     moved = (one.finding for one in motions)
-    heights = (finding for finding in association.height_findings if finding.severity != "notice")
+    heights = [finding for finding in association.height_findings if finding.severity != "notice"]
+    known = combine_heights((*scene.scale_cues().people, *association.known_heights))
+    said = {finding.values["cue"] for finding in solution.findings if finding.code == "scale_cue_contradicted"}
+    contradicted = contradicted_heights(solution.rig, association.instants, known)
+    heights += [finding for finding in contradicted if finding.values["cue"] not in said]
     return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven), ground
 
 

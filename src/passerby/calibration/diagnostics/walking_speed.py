@@ -5,9 +5,9 @@ sigmas are small. What betrays it is how fast they seem to go. Adults walk at 1.
 *Comfortable and maximum walking speed of adults aged 20 to 79 years*; Weidmann 1993 gives 1.34 m/s, standard deviation 0.26).
 Where people run as well, paces differ widely, and only what nobody runs at is told.
 
-The same holds where heights were stated, of a population or of a person: boxes that show half of each person make the rig twice as
-large all the same. Only a measured length is evidence of another kind: then people may walk as fast as they like, and the check is whether anybody could
-run so fast.
+The same holds where heights were stated, of a population or of a person: boxes that show half of each person make the rig
+twice as large all the same. Only a measured length is evidence of another kind: then people may walk as fast as they like, and
+the check is whether anybody could run so fast.
 """
 
 from __future__ import annotations
@@ -29,17 +29,19 @@ OVER_S = 1.0
 MOVES = 0.5
 """Metres per second: slower people stand about."""
 MIN_STEPS = 100
-EVEN = 1.75
-"""Upper quartile of the pace over the lower one: people who walk have 1.3 to 1.6 in ordinary scenes and in the real sets; where
-they run, jump and stand as well it is 1.9 to 2.5."""
+EVEN = 1.8
+"""Upper quartile of the pace over the lower one: people who walk have 1.3 to 1.6 in ordinary scenes and in the real sets, up to
+1.76 with boxes that lack the lower 35 % of each person; where they run, jump and stand as well it is 1.9 to 2.5."""
 TOO_FAST = 1.38
 """Metres per second, median: 0.93 to 1.30 in ordinary scenes and in the real sets; 1.44 and more where children of 1.1 m are
 taken for adults."""
 TOO_FAST_QUARTER = 1.55
-"""Metres per second, upper quartile of the steady paces where people walk: XXEVEN. It shows what the median does not where many
+"""Metres per second, upper quartile of the steady paces where people walk: 1.05 to 1.47 in 128 simulated scenes
+of walkers, 1.57 and more in 28 whose boxes lack the lower 35 % of each person. It shows what the median does not where many
 carry things or stroll."""
 SLOWEST = 1.25
-"""Metres per second, lowest tenth of the steady paces: where people run, some walk between the runs. XXSLOW"""
+"""Metres per second, lowest tenth of the steady paces: where people run, some walk between the runs. 0.84 to 1.19 on
+64 simulated courts, 1.30 and more on 14 whose boxes lack the lower 35 %."""
 STEADY = 0.5
 """Two successive displacements that differ by less than this share of the longer one are somebody's way. With 20 % of the
 identities exchanged the upper quartile of all paces grows from 1.2 to 6.2 m/s, that of the steady ones to 1.9 m/s at most."""

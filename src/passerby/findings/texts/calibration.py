@@ -140,8 +140,8 @@ CALIBRATION: Mapping[str, Kind] = {
     "nobody_walks_slowly": Kind(
         DOUBT, "At the rig's scale even the slowest of the moving people are fast; `heights` says what the scale comes from.",
         "nine of ten moving people go at {speed:.1f} m/s or more at the scale of the rig, faster than people walk",
-        "check that the boxes reach from head to feet, check person_height_m under [scale] and the frame rate, and give a measured "
-        "length (for example under [[scale.distances]])", subjects=("scale",),
+        "check that the boxes reach from head to feet, check person_height_m under [scale] and the frame rate, and give a "
+        "measured length (for example under [[scale.distances]])", subjects=("scale",),
     ),
     "people_run_fast": Kind(
         DOUBT, "At the rig's scale people move faster than people run.",
