@@ -66,7 +66,7 @@ def calibrated(rig, rng, shown, exchanged=()):
         25.0,
     )
 
-    def solve(instants, guesses, *, passing, refine_time, lenses=None):
+    def solve(instants, guesses, *, passing, refine_time, lenses=None, known=()):
         return solve_people(bare, instants, ScaleCues(), rng=np.random.default_rng(0), guesses=guesses)
 
     bare = Rig(tuple(Camera(camera.name, camera.lens) for camera in rig))

@@ -293,7 +293,8 @@ class ScaleTable(Table):
 
     population: Population = "adults"
     """Who the people are, where no `person_height_m` is stated. adults: mean 1.72 m, sd 0.09. children: 6 to 11 years old,
-    1.32 m, sd 0.11, the mean known to 0.10 m. mixed: as many adults as such children, 1.52 m, sd 0.22, the mean known to 0.11 m."""
+    1.32 m, sd 0.11, the mean known to 0.10 m. mixed: as many adults as such children, 1.52 m, sd 0.22, the mean known to
+    0.11 m."""
     person_height_m: Height = PERSON_HEIGHT_M
     """Mean standing height of the people, with shoes. Default: that of `population`; it overrides `population`."""
     person_height_sd_m: Metres = PERSON_HEIGHT_SD_M

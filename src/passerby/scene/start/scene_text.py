@@ -209,6 +209,7 @@ def _scale(cameras: Sequence[SceneCamera]) -> str:
             "measured with a tape improves that. sd_m is the standard deviation of the measurement and is optional below."
         )
         + "[scale]\n"
+        + _setting("population", scale.population, '"adults", "children" or "mixed", where no mean height is stated.')
         + _setting("person_height_m", scale.person_height_m, "mean standing height of the people, with shoes.")
         + _setting("person_height_sd_m", scale.person_height_sd_m, "standard deviation of their heights.")
         + _setting("person_height_mean_sd_m", 0.07, "standard deviation of the mean; default: 4 % of it.")
@@ -217,6 +218,8 @@ def _scale(cameras: Sequence[SceneCamera]) -> str:
         + f"#[[scale.distances]]\n#between = {between}\n#metres = 10.0\n#sd_m = 0.05\n\n"
         + comment("A camera's height above the ground that people walk on:")
         + f"#[[scale.camera_heights]]\n#camera = {value(first.name)}\n#metres = 3.0\n#sd_m = 0.05\n\n"
+        + comment("The height of one person, whom a pixel of one camera names at one time of its recording:")
+        + f"#[[scale.people]]\n#camera = {value(first.name)}\n#time_s = 10.0\n#at = [320, 240]\n#height_m = 1.75\n\n"
         + comment("A length between two points that two or more cameras see: the pixels of its two ends, in the same order:")
         + f"#[[scale.lengths]]\n#metres = 2.0\n#sd_m = 0.02\n#points = {{ {points} }}\n"
     )
