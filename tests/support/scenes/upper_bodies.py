@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.core.observations import Boxes, CameraObservations, Observations
+from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 
 LEGS = ("knee", "ankle")
 
@@ -29,3 +29,9 @@ def in_turns(observations: Observations, turns: Mapping[str, Sequence[int]]) -> 
         keypoints = observations.cameras[name].keypoints
         seen[name] = CameraObservations(Boxes.empty(), keypoints.take(np.isin(keypoints.frame % 2, wanted)))
     return Observations(seen, observations.fps)
+
+
+def office_joints(keypoints: Keypoints, joints: Sequence[str]) -> Keypoints:
+    """The joints of these names alone, as of a detector that knows no others."""
+    at = [keypoints.joints.index(joint) for joint in joints]
+    return Keypoints(keypoints.frame, keypoints.identity, keypoints.xy[:, at], keypoints.score[:, at], tuple(joints))
