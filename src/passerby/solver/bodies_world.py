@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.geometry.rotations import rotation_between
@@ -23,7 +24,7 @@ from passerby.solver.body_segments import (
 )
 from passerby.solver.cue_terms import CueRows, WorldRows
 from passerby.solver.cues import expected_heights
-from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, Z, similarity_freedoms
+from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, Z, held_system, similarity_freedoms
 from passerby.solver.initialisation import Fit, PeopleOptions
 from passerby.solver.optimizer.least_squares import Stopping
 from passerby.solver.people_state import AdjustmentState
@@ -48,7 +49,12 @@ def placed_by_bodies(
     state, problem, rows = fit.result.state, fit.model.problem, fit.start.knowledge.cues
     if len(problem.sightings) or any(finding.code == "keypoint_names_unfit" for finding in fit.start.evidence.findings):
         return fit
-    bodies = bodies_in_space(fit.start.rig, state.R, state.centre, observations, rng)
+    _, free = held_system(fit.result.normal.reduce().H, state, problem.layout.camera_size)
+    tied = np.setdiff1d(np.arange(len(state.R)), free.cameras)
+    if len(tied) < 2:
+        return fit
+    rig = Rig(tuple(fit.start.rig.cameras[c] for c in tied))
+    bodies = bodies_in_space(rig, state.R[tied], state.centre[tied], observations, rng)
     if bodies is None:
         return fit
     people = np.unique(bodies.identity)
@@ -56,7 +62,7 @@ def placed_by_bodies(
     scale, vertical = body_scale(bodies, mean, sd, people), body_vertical(bodies)
     if scale is None and vertical is None:
         return fit
-    placed, world = _placed(state, rows, bodies, scale, vertical, people, mean)
+    placed, world = _placed(state, tied, rows, bodies, scale, vertical, people, mean)
     known = replace(rows or CueRows(), world=world)
     knowledge = replace(fit.start.knowledge, cues=known)
     model = replace(fit.model, problem=replace(problem, cues=known), state=placed)
@@ -65,10 +71,10 @@ def placed_by_bodies(
 
 
 def _placed(
-    state: AdjustmentState, rows: CueRows | None, bodies: Bodies, scale: BodyScale | None, vertical: BodyVertical | None,
-    people: Ints, height_mean: Floats,
+    state: AdjustmentState, tied: Ints, rows: CueRows | None, bodies: Bodies, scale: BodyScale | None,
+    vertical: BodyVertical | None, people: Ints, height_mean: Floats,
 ) -> tuple[AdjustmentState, WorldRows]:  # fmt: skip
-    """The state in the world of the bodies, and rows that hold it there as surely as bodies do."""
+    """The state in the world of the bodies, and rows that hold the cameras `tied` there as surely as bodies do."""
     measured = rows is not None and len(rows.lengths) + len(rows.distances) > 0
     log_factor = 0.0 if scale is None else scale.log_factor
     factor = 1.0 if measured else float(np.exp(log_factor))
@@ -82,7 +88,7 @@ def _placed(
     if rows is not None and stated:
         low = placed.centre[rows.height_of, 2] - rows.heights[:, 0]
         placed = _moved(placed, 1.0, np.eye(3), float(np.average(low, weights=1 / rows.heights[:, 1] ** 2)))
-    along = similarity_freedoms(placed).along
+    along = similarity_freedoms(placed, tied).along
     held = []
     if scale is not None:
         held.append(along[SCALE : SCALE + 1] / scale.sd)

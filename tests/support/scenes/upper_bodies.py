@@ -1,4 +1,4 @@
-"""People whose legs no detector found: joints that fix how cameras stand to each other, but neither scale, up nor ground."""
+"""People of whom no detector found the legs, or two ends of any segment."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ import numpy as np
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 
 LEGS = ("knee", "ankle")
+SEGMENT_ENDS = ("shoulder", "elbow", *LEGS)
+"""Without these no segment of the body is left that tells scale or up direction."""
 
 
 def without_joints(observations: Observations, parts: Sequence[str] = LEGS) -> Observations:
