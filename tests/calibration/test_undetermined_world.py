@@ -68,7 +68,9 @@ def loose(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scene file of heads, wrists and hips; boxes are not named in it."""
     truth = simulated("terrace", seconds=12.0)
     folder = tmp_path_factory.mktemp("loose")
-    scene = write_scene(replace(truth, observations=without_joints(truth.observations, SEGMENT_ENDS)), folder / "scene", keypoints=True)
+    scene = write_scene(
+        replace(truth, observations=without_joints(truth.observations, SEGMENT_ENDS)), folder / "scene", keypoints=True
+    )
     scene.write_text("\n".join(line for line in scene.read_text().splitlines() if not line.startswith("tracks")))
     return scene
 

@@ -119,9 +119,7 @@ class BodyVertical:
     """(2, 3)"""
 
 
-def bodies_in_space(
-    rig: Rig, R: Floats, centre: Floats, observations: Observations, rng: np.random.Generator
-) -> Bodies | None:
+def bodies_in_space(rig: Rig, R: Floats, centre: Floats, observations: Observations, rng: np.random.Generator) -> Bodies | None:
     """All bodies whose joints two cameras or more share; None where none
     are, or where cameras name joints differently.
 
@@ -294,4 +292,3 @@ def ground_below_hips(bodies: Bodies, up: Floats, factor: float, people: Ints, h
 def _unit(vectors: Floats) -> Floats:
     """The vectors at length 1; NaN stays."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))
-

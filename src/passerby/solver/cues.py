@@ -130,8 +130,8 @@ def scale_cue_weights(
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
-    population count as one cue, and so do the segments of bodies, which came out `segments` times as long as expected. The sigma
-    is infinite where there is no cue.
+    population count as one cue, and so do segments of bodies, which came out `segments` times as long as expected. The sigma is
+    infinite where there is no cue.
     """
     known = {cue.identity for cue in cues.people}
     named = np.array([identity in known for identity in seen], dtype=bool)

@@ -65,8 +65,8 @@ SOLVER: Mapping[str, Kind] = {
     ),
     "ground_by_hips": Kind(
         DOUBT, "Nobody is seen from head to feet: the height of the ground is a guess from the height of hips.",
-        "nobody is seen from head to feet: trunks and arms give the scale and the up direction, but the height of the ground is "
-        "a guess from the height of hips ({sigma_m:.2f} m, 1 sigma)",
+        "nobody is seen from head to feet: trunks and arms give the scale and the up direction, but the height of the ground "
+        "is a guess from the height of hips ({sigma_m:.2f} m, 1 sigma)",
         "state the height of a camera under [[scale.camera_heights]], or turn a camera so that it sees feet",
         subjects=("vertical",),
     ),
