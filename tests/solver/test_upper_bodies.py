@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -131,3 +132,14 @@ def test_segments_that_contradict_each_other_tell_no_scale() -> None:
     assert found is not None
     assert abs(found.log_factor) < 0.05
     assert body_scale(bodies(odd[None].repeat(20, axis=0), person), mean, sd, np.array([0])) is None
+
+
+def test_joints_under_wrong_names_place_no_rig() -> None:
+    """Hips as elbows and elbows as hips: neither trunks nor arms are what they are called."""
+    truth, seen = room("terrace", 1)
+    wrong = tuple(name.replace("hip", "?").replace("elbow", "hip").replace("?", "elbow") for name in UPPER)
+    renamed = {
+        name: CameraObservations(keypoints=replace(one.keypoints, joints=wrong)) for name, one in seen.cameras.items()
+    }  # fmt: skip
+    solution = solve(truth.rig, Observations(renamed, seen.fps))
+    assert solution.figures.undetermined == ("scale", "vertical", "height of the ground")

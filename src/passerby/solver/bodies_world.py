@@ -21,6 +21,7 @@ from passerby.solver.body_segments import (
     body_scale,
     body_vertical,
     ground_below_hips,
+    segments_agree,
 )
 from passerby.solver.cue_terms import CueRows, WorldRows
 from passerby.solver.cues import expected_heights
@@ -37,7 +38,7 @@ def placed_by_bodies(
     """The fit in a world whose scale, up direction and ground are those of bodies, as far as nothing else tells them.
 
     Joints leave a similarity free, so that it is found after the shape, and enters the problem as rows on all cameras. The fit
-    stays as it is where somebody is seen whole, and where no trunk or arm is seen.
+    stays as it is where somebody is seen whole, where no trunk or arm is seen, and where segments contradict each other.
 
     Args:
         fit: the optimum.
@@ -59,6 +60,8 @@ def placed_by_bodies(
         return fit
     people = np.unique(bodies.identity)
     mean, sd = expected_heights(cues, people)
+    if not segments_agree(bodies, mean, people):
+        return fit
     scale, vertical = body_scale(bodies, mean, sd, people), body_vertical(bodies)
     if scale is None and vertical is None:
         return fit

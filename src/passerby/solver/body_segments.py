@@ -181,6 +181,30 @@ def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: I
         height_sd: (P,) its standard deviation, with what all people have in common (`expected_heights`).
         people: (P,) their identities.
     """
+    logs = _factors(bodies, height_mean, people)
+    who = np.isfinite(logs).any(axis=1)
+    if not who.any() or not segments_agree(bodies, height_mean, people):
+        return None
+    weight = np.where(np.isfinite(logs), 1 / np.array([segment.sd for segment in SEGMENTS]) ** 2, 0.0)[who]
+    own = (weight * np.nan_to_num(logs[who])).sum(axis=1) / weight.sum(axis=1)
+    information = 1 / ((height_sd[who] / height_mean[who]) ** 2 + PROPORTION_SD**2)
+    of_segments = 1 / np.sqrt(np.average(weight.sum(axis=1), weights=information))
+    sd = float(np.sqrt(1 / information.sum() + COMMON_SD**2 + of_segments**2))
+    return BodyScale(float(np.average(own, weights=information)), sd, int(np.count_nonzero(who)))
+
+
+def segments_agree(bodies: Bodies, height_mean: Floats, people: Ints) -> bool:
+    """Whether no two segments give quite different scales, as they do where joints stand under the names of others.
+
+    Arguments as of `body_scale`.
+    """
+    logs = _factors(bodies, height_mean, people)
+    found = [float(np.nanmedian(column)) for column in logs.T if np.isfinite(column).any()]
+    return not found or max(found) - min(found) <= DISAGREE
+
+
+def _factors(bodies: Bodies, height_mean: Floats, people: Ints) -> Floats:
+    """(P, S) logarithms of the scale by each person's segments; NaN where too few were measured."""
     logs = np.full((len(people), len(SEGMENTS)), np.nan)
     for k, segment in enumerate(SEGMENTS):
         lengths = [np.linalg.norm(bodies.at(a) - bodies.at(b), axis=1) for a, b in segment.ends]
@@ -189,16 +213,7 @@ def body_scale(bodies: Bodies, height_mean: Floats, height_sd: Floats, people: I
             own = own[np.isfinite(own) & (own > 0)]
             if len(own) >= MIN_BODIES:
                 logs[p, k] = np.log(segment.share * height_mean[p] / np.median(own))
-    kinds = np.isfinite(logs).any(axis=0)
-    who = np.isfinite(logs).any(axis=1)
-    if not kinds.any() or np.ptp([np.nanmedian(logs[:, k]) for k in np.flatnonzero(kinds)]) > DISAGREE:
-        return None
-    weight = np.where(np.isfinite(logs), 1 / np.array([segment.sd for segment in SEGMENTS]) ** 2, 0.0)[who]
-    own = (weight * np.nan_to_num(logs[who])).sum(axis=1) / weight.sum(axis=1)
-    information = 1 / ((height_sd[who] / height_mean[who]) ** 2 + PROPORTION_SD**2)
-    of_segments = 1 / np.sqrt(np.average(weight.sum(axis=1), weights=information))
-    sd = float(np.sqrt(1 / information.sum() + COMMON_SD**2 + of_segments**2))
-    return BodyScale(float(np.average(own, weights=information)), sd, int(np.count_nonzero(who)))
+    return logs
 
 
 def body_vertical(bodies: Bodies) -> BodyVertical | None:
