@@ -25,7 +25,7 @@ from passerby.report.contents import contents_from
 from passerby.report.page import report_page
 from passerby.simulation import write_scene
 from support.scenes.people_and_rigs import ring, simulated
-from support.scenes.upper_bodies import without_joints
+from support.scenes.upper_bodies import SEGMENT_ENDS, without_joints
 
 pytestmark = pytest.mark.system
 
@@ -64,28 +64,30 @@ def strict(text: str) -> dict[str, object]:
 
 
 @pytest.fixture(scope="module")
-def upper(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scene file of joints without legs; boxes are not named in it."""
+def loose(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene file of heads, wrists and hips; boxes are not named in it."""
     truth = simulated("terrace", seconds=12.0)
-    folder = tmp_path_factory.mktemp("upper")
-    scene = write_scene(replace(truth, observations=without_joints(truth.observations)), folder / "scene", keypoints=True)
+    folder = tmp_path_factory.mktemp("loose")
+    scene = write_scene(
+        replace(truth, observations=without_joints(truth.observations, SEGMENT_ENDS)), folder / "scene", keypoints=True
+    )
     scene.write_text("\n".join(line for line in scene.read_text().splitlines() if not line.startswith("tracks")))
     return scene
 
 
 @pytest.fixture(scope="module")
-def written(upper: Path) -> tuple[Path, Calibration]:
-    calibration = passerby.calibrate(upper)
-    calibration.write(upper.parent.parent / "out")
-    return upper.parent.parent / "out", calibration
+def written(loose: Path) -> tuple[Path, Calibration]:
+    calibration = passerby.calibrate(loose)
+    calibration.write(loose.parent.parent / "out")
+    return loose.parent.parent / "out", calibration
 
 
 @pytest.mark.smoke
-def test_the_command_says_it_in_words_and_ends_with_3(upper: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_it_in_words_and_ends_with_3(loose: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     distance = '\n[[scale.distances]]\nbetween = ["C1", "C2"]\nmetres = 9.8\nsd_m = 0.01\n'
-    measured = upper.with_name("measured.toml")
-    measured.write_text(upper.read_text() + distance)
-    for scene, scale in ((upper, "scale unknown: no observation"), (measured, "scale known to 0.1 %, from distance C1 to C2")):
+    measured = loose.with_name("measured.toml")
+    measured.write_text(loose.read_text() + distance)
+    for scene, scale in ((loose, "scale unknown: no observation"), (measured, "scale known to 0.1 %, from distance C1 to C2")):
         assert run(["calibrate", str(scene), "-o", str(tmp_path / "out"), "--no-report"]) == WANT_OF_EVIDENCE
         shown = capsys.readouterr()
         assert scale in shown.out
@@ -94,9 +96,9 @@ def test_the_command_says_it_in_words_and_ends_with_3(upper: Path, tmp_path: Pat
         assert not NOT_A_NUMBER.search(shown.out + shown.err)
 
 
-def test_json_has_null_for_what_is_unknown(upper: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_has_null_for_what_is_unknown(loose: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    assert run(["calibrate", str(upper), "-o", str(out), "--no-report", "--json"]) == WANT_OF_EVIDENCE
+    assert run(["calibrate", str(loose), "-o", str(out), "--no-report", "--json"]) == WANT_OF_EVIDENCE
     for text in (capsys.readouterr().out, (out / "calibration.json").read_text()):
         told = strict(text)
         figures, cameras = told["figures"], told["cameras"]

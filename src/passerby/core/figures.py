@@ -112,11 +112,11 @@ class CueFigures:
     """What one cue says of the scale."""
 
     cue: str
-    """`population of N`, `height of person IDENTITY`, or the name of a measured length."""
+    """`population of N`, `height of person IDENTITY`, `body segments of N people`, or the name of a measured length."""
     kind: str | None = field(default=None, metadata=ABSENT)
-    """population, person, length, distance or camera_height; None in files of an older Passerby."""
+    """population, person, length, distance, camera_height or segments; None in files of an older Passerby."""
     count: int | None = field(default=None, metadata=ABSENT)
-    """Of the population's people."""
+    """Of the population's people, or of those whose segments tell the scale."""
     identity: int | None = field(default=None, metadata=ABSENT)
     """Of the person."""
     stated_m: float

@@ -8,8 +8,52 @@ import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_jacobian, project_near
+from passerby.geometry.rotations import log_rotation
 from passerby.solver.optimizer.least_squares import Cauchy, Layout, Term
 from passerby.solver.people_state import AdjustmentState
+
+
+@dataclass(frozen=True, eq=False)
+class WorldRows:
+    """What is known of the world of a rig as a whole, as rows on how its cameras moved since they were placed in it."""
+
+    R: Floats
+    """(C, 3, 3) world to camera, as placed."""
+    centre: Floats
+    """(C, 3) as placed, metres."""
+    rows: Floats
+    """(K, 6 C) by centre, then rotation vector in the camera's frame; each over its standard deviation. The first is of
+    the scale, where `trunk_m` is known."""
+    along_scale: Floats
+    """(6 C,) how the logarithm of the scale changes."""
+    trunk_m: tuple[float, float] | None = None
+    """A usual trunk and one sigma of it, where segments of bodies tell the scale, metres."""
+    people: int = 0
+    """Whose segments do."""
+    scale_off: float = 0.0
+    """By how much the logarithm of the scale, as placed, is below that of segments; not 0 where a measured length placed it."""
+    ground_sd_m: float | None = None
+    """One sigma of the ground, where hips alone tell it, metres."""
+
+    def moved(self, state: AdjustmentState) -> Floats:
+        """(6 C,) of the cameras since then."""
+        turned = log_rotation(state.R @ self.R.transpose(0, 2, 1))
+        return np.concatenate([state.centre - self.centre, turned], axis=1).ravel()
+
+    def factor(self, state: AdjustmentState) -> float:
+        """How long segments of bodies came out, over what is expected of them."""
+        return float(np.exp(self.along_scale @ self.moved(state) - self.scale_off))
+
+    def term(self, state: AdjustmentState, layout: Layout) -> Term:
+        """The rows as residuals on the shared unknowns."""
+        n = len(self.R)
+        J = np.zeros((len(self.rows), 1, layout.n_shared))
+        columns = (np.arange(n)[:, None] * layout.camera_size + np.array([3, 4, 5, 0, 1, 2])).ravel()
+        J[:, 0, columns] = self.rows
+        off = self.rows @ self.moved(state)
+        if self.trunk_m is not None:
+            off[0] -= self.scale_off * self.trunk_m[0] / self.trunk_m[1]
+        return Term(off[:, None], by_shared=J)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +72,8 @@ class CueRows:
     heights: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     names: tuple[str, ...] = ()
     """What each cue is called in reports: lengths, then distances, then heights."""
+    world: WorldRows | None = None
+    """What bodies tell of the world that nobody is seen whole in."""
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -54,6 +100,8 @@ class CueRows:
             J[np.arange(len(self.heights)), 0, self.height_of * layout.camera_size + 5] = 1 / self.heights[:, 1]
             residual = (state.centre[self.height_of, 2] - self.heights[:, 0]) / self.heights[:, 1]
             out.append(Term(residual[:, None], by_shared=J))
+        if self.world is not None and len(self.world.rows):
+            out.append(self.world.term(state, layout))
         if self.marks is not None and self.n_points:
             out += self._length_terms(state, layout, first)
         return out

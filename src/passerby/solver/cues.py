@@ -124,12 +124,14 @@ def initial_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people:
 
 
 def scale_cue_weights(
-    cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints
-) -> tuple[list[CueFigures], float]:
+    cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints,
+    segments: float = 1.0,
+) -> tuple[list[CueFigures], float]:  # fmt: skip
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
-    population count as one cue. The sigma is infinite where there is no cue.
+    population count as one cue, and so do segments of bodies, which came out `segments` times as long as expected. The sigma is
+    infinite where there is no cue.
     """
     known = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
     named = np.array([identity in known for identity in seen], dtype=bool)
@@ -146,12 +148,18 @@ def scale_cue_weights(
     found += scale_cue_lengths(rows, centre, marks)
     if rows is not None:
         kinds += [{"kind": kind} for kind in rows.kinds]
+    if rows is not None and rows.world is not None and rows.world.trunk_m is not None:
+        usual, spread = rows.world.trunk_m
+        kinds.append({"kind": "segments", "count": rows.world.people})
+        found.append((f"body segments of {rows.world.people} people", usual * segments, usual, spread))
     information = np.array([(stated / spread) ** 2 for _, _, stated, spread in found])
+    if not len(seen):  # the ground may lie anywhere below a camera if nobody stands on it
+        information[[kind["kind"] == "camera_height" for kind in kinds]] = 0.0
     total = float(information.sum())
     return [
         CueFigures(
             cue=name, **kind, stated_m=stated, measured_m=value, sd_m=spread, residual_sigmas=(value - stated) / spread,
-            share=float(weight / total),
+            share=float(weight / max(total, 1e-300)),
         )
         for (name, value, stated, spread), kind, weight in zip(found, kinds, information, strict=True)
     ], float(1 / np.sqrt(total)) if total > 0 else float("inf")  # fmt: skip

@@ -70,6 +70,9 @@ def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> 
             out.append(doubt("camera_uncertain", camera.name, position_mm=position_mm, orientation_deg=orientation_deg))
     if covariance.vertical_deg > _MAX_VERTICAL_DEG and not covariance.free.vertical:
         out.append(doubt("vertical_uncertain", sigma_deg=float(covariance.vertical_deg)))
+    cues = fit.model.problem.cues
+    if cues is not None and cues.world is not None and cues.world.ground_sd_m is not None:
+        out.append(doubt("ground_by_hips", sigma_m=cues.world.ground_sd_m))
     noise = height_noise(fit, start.evidence)
     if noise > _MAX_HEIGHT_NOISE:
         out.append(doubt("boxes_noisy", noise_percent=100 * noise))

@@ -15,6 +15,7 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError
 from passerby.geometry.relative_pose import PairHypothesis
+from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.similarity import fit_plane_similarity
 from passerby.geometry.single_view import Level
@@ -28,6 +29,9 @@ MAX_MATCHES = 600
 _GROUND_TRIALS = 400
 # A ground position is known to about this share of its distance: box noise, stance, and what is left of the level's tilt.
 _GROUND_SHARE, _GROUND_FLOOR_M = 0.06, 0.15
+SHOWN_SHARE = 0.4
+"""Of a body's height, about what joints show of people of whom nobody is seen whole: from the hips to the head. All pairs have
+to agree on one length; which one it is hardly matters."""
 
 
 def pair_hypotheses(
@@ -107,6 +111,8 @@ def _pair(
             joint_a, joint_b = joint_a[pick], joint_b[pick]
         angle = float(np.median(j.sigma_px[joint_a]) / focal[a] + np.median(j.sigma_px[joint_b]) / focal[b]) * 0.02
         found = _by_epipolar(j.bearing[joint_a], j.bearing[joint_b], angle, at_a, at_b, person_height_m, rng)
+        if found is not None and not len(at_a):
+            found = _by_extents(found, j.take(joint_a), j.take(joint_b), focal[[a, b]], person_height_m)
         if found is not None:
             out.append(PairHypothesis(a, b, *found, "joints", 0, len(joint_a)))
     return [_judged(h, at_a, at_b, focal, person_height_m) for h in out]
@@ -170,6 +176,25 @@ def _by_epipolar(
     if bodies is None:
         return view.R_ba, view.t_ba
     return view.R_ba, view.t_ba * person_height_m / bodies
+
+
+def _by_extents(
+    found: tuple[Floats, Floats], at_a: PointObservations, at_b: PointObservations, focal: Floats, person_height_m: float
+) -> tuple[Floats, Floats]:
+    """The relative pose, its baseline scaled by how large joints show people where nobody is seen whole.
+
+    Without it each pair's baseline would have the length 1, and a third camera would go where no descent finds it again: in a
+    room of joints of heads, trunks, arms or legs alone (terrace, seed 3, three cameras) one of the three was lost.
+    """
+    R_ba, t_ba = found
+    point = triangulate_two_views(at_a.bearing, at_b.bearing, R_ba, t_ba)
+    reach_a, reach_b = np.linalg.norm(point, axis=1), np.linalg.norm(point @ R_ba.T + t_ba, axis=1)
+    # `sigma_px` of the evidence holds the person's extent in the image.
+    length = 0.5 * (reach_a * at_a.sigma_px / focal[0] + reach_b * at_b.sigma_px / focal[1])
+    front = np.isfinite(length) & (np.einsum("ni,ni->n", point, at_a.bearing) > 0)
+    if not front.any():
+        return found
+    return R_ba, t_ba * SHOWN_SHARE * person_height_m / max(float(np.median(length[front])), 1e-9)
 
 
 def body_lengths(at_a: UprightObservations, at_b: UprightObservations, R_ba: Floats, t_ba: Floats) -> float | None:

@@ -20,6 +20,7 @@ from passerby.core.solution import Solution, Verdict
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
+from passerby.solver.bodies_world import placed_by_bodies
 from passerby.solver.contradicted_lenses import contradicted_lenses, contradictions_of
 from passerby.solver.cues import scale_cue_weights
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise
@@ -83,6 +84,7 @@ def solve_people(
             findings.append(doubt("reinitialisation_failed"))
             break
         fit = refine_in_stages(start, choice.state, options, rng)
+    fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
     covariance, cues_said, lenses = _sure(start, fit, cues)
     focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
@@ -114,6 +116,7 @@ def _sure(start: Initialisation, fit: Fit, cues: ScaleCues) -> tuple[RigCovarian
     report, sigma = scale_cue_weights(
         cues, knowledge.cues, state.centre, state.globals[1:].reshape(-1, 3), state.heights[seen], knowledge.height_mean[seen],
         knowledge.height_sd[seen], start.evidence.identities[seen],
+        1.0 if knowledge.cues is None or knowledge.cues.world is None else knowledge.cues.world.factor(state),
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))

@@ -106,7 +106,7 @@ def rig_covariance(
     freedoms = similarity_freedoms(state, system.fixed)
     along = freedoms.along
     of_freedoms = along @ cameras @ along.T
-    free = _with_vague(free, of_freedoms)
+    free = _with_vague(_with_unfixed(free, problem, scale_sigma), of_freedoms)
     # The adjustment knows the spread of single heights, but not what all people and boxes have in common.
     beyond = 0.0 if free.scale else max(scale_sigma**2 - of_freedoms[SCALE, SCALE], 0.0)
     if focals is not None:
@@ -126,6 +126,17 @@ def rig_covariance(
         np.inf if free.vertical else float(np.degrees(np.sqrt(tilt))),
         np.inf if free.scale else float(np.sqrt(max(of_freedoms[SCALE, SCALE] + beyond, 0.0))), inflation, distances,
         _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None, lens_sigma, free,
+    )  # fmt: skip
+
+
+def _with_unfixed(free: Free, problem: PeopleProblem, scale_sigma: float) -> Free:
+    """What is free, with what nothing at all can fix: where rays hardly meet, the rounding of an elimination can hide a null
+    vector, and an infinite sigma of the scale times a variance of 0 is no number.
+    """
+    nothing = problem.cues is None and not len(problem.sightings)
+    return replace(
+        free, scale=free.scale or nothing or not np.isfinite(scale_sigma), vertical=free.vertical or nothing,
+        ground=free.ground or nothing,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""People whose legs no detector found: joints that fix how cameras stand to each other, but neither scale, up nor ground."""
+"""People of whom no detector found the legs, or two ends of any segment."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from passerby.core.observations import Boxes, CameraObservations, Observations
+from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 
 LEGS = ("knee", "ankle")
+SEGMENT_ENDS = ("shoulder", "elbow", *LEGS)
+"""Without these no segment of the body is left that tells scale or up direction."""
 
 
 def without_joints(observations: Observations, parts: Sequence[str] = LEGS) -> Observations:
@@ -29,3 +31,9 @@ def in_turns(observations: Observations, turns: Mapping[str, Sequence[int]]) -> 
         keypoints = observations.cameras[name].keypoints
         seen[name] = CameraObservations(Boxes.empty(), keypoints.take(np.isin(keypoints.frame % 2, wanted)))
     return Observations(seen, observations.fps)
+
+
+def office_joints(keypoints: Keypoints, joints: Sequence[str]) -> Keypoints:
+    """The joints of these names alone, as of a detector that knows no others."""
+    at = [keypoints.joints.index(joint) for joint in joints]
+    return Keypoints(keypoints.frame, keypoints.identity, keypoints.xy[:, at], keypoints.score[:, at], tuple(joints))

@@ -61,7 +61,7 @@ def scale_basis(cues: Sequence[CueFigures], *, said: bool) -> ScaleBasis:
         cues: the solver's figures of its scale cues, each with its name and its share of the weight.
         said: whether the user has said how tall the people are.
     """
-    measured = sum(cue.share for cue in cues if cue.kind not in ("population", "person"))
+    measured = sum(cue.share for cue in cues if cue.kind not in ("population", "person", "segments"))
     return "measured" if measured > 0.5 else "stated" if said else "taken"
 
 

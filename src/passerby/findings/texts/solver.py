@@ -63,6 +63,13 @@ SOLVER: Mapping[str, Kind] = {
         DOUBT, "No evidence fixes the parts of the world in `lacks`: scale, up direction or height of the ground.",
         _undetermined, _to_determine, subjects=("scale", "vertical"),
     ),
+    "ground_by_hips": Kind(
+        DOUBT, "Nobody is seen from head to feet: the height of the ground is a guess from the height of hips.",
+        "nobody is seen from head to feet: trunks and arms give the scale and the up direction, but the height of the ground "
+        "is a guess from the height of hips ({sigma_m:.2f} m, 1 sigma)",
+        "state the height of a camera under [[scale.camera_heights]], or turn a camera so that it sees feet",
+        subjects=("vertical",),
+    ),
     "camera_undetermined": Kind(
         DOUBT, "No evidence fixes the pose of the camera relative to the others.",
         "nothing fixes the pose of camera {camera} relative to the others",

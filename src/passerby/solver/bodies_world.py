@@ -1,0 +1,131 @@
+"""A rig of joints alone, placed in a world by the bodies it sees: the last step where nobody is seen from head to feet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
+from passerby.core.scale_cues import ScaleCues
+from passerby.geometry.rotations import rotation_between
+from passerby.solver.body_segments import (
+    GROUND_SD_M,
+    SEGMENTS,
+    Bodies,
+    BodyScale,
+    BodyVertical,
+    bodies_in_space,
+    body_scale,
+    body_vertical,
+    ground_below_hips,
+    segments_agree,
+)
+from passerby.solver.cue_terms import CueRows, WorldRows
+from passerby.solver.cues import expected_heights
+from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, Z, held_system, similarity_freedoms
+from passerby.solver.initialisation import Fit, PeopleOptions
+from passerby.solver.optimizer.least_squares import Stopping
+from passerby.solver.people_state import AdjustmentState
+from passerby.solver.refinement import minimise_problem
+
+
+def placed_by_bodies(
+    fit: Fit, observations: Observations, cues: ScaleCues, options: PeopleOptions, rng: np.random.Generator
+) -> Fit:
+    """The fit in a world whose scale, up direction and ground are those of bodies, as far as nothing else tells them.
+
+    Joints leave a similarity free, so that it is found after the shape, and enters the problem as rows on all cameras. The fit
+    stays as it is where somebody is seen whole, where no trunk or arm is seen, and where segments contradict each other.
+
+    Args:
+        fit: the optimum.
+        observations: what it was computed from.
+        cues: what is known about the scale.
+        options: of the last descent.
+        rng: draws bodies where there are many.
+    """
+    state, problem, rows = fit.result.state, fit.model.problem, fit.start.knowledge.cues
+    if len(problem.sightings) or any(finding.code == "keypoint_names_unfit" for finding in fit.start.evidence.findings):
+        return fit
+    _, free = held_system(fit.result.normal.reduce().H, state, problem.layout.camera_size)
+    tied = np.setdiff1d(np.arange(len(state.R)), free.cameras)
+    if len(tied) < 2:
+        return fit
+    rig = Rig(tuple(fit.start.rig.cameras[c] for c in tied))
+    bodies = bodies_in_space(rig, state.R[tied], state.centre[tied], observations, rng)
+    if bodies is None:
+        return fit
+    people = np.unique(bodies.identity)
+    mean, sd = expected_heights(cues, people)
+    if not segments_agree(bodies, mean, people):
+        return fit
+    scale, vertical = body_scale(bodies, mean, sd, people), body_vertical(bodies)
+    if scale is None and vertical is None:
+        return fit
+    placed, world = _placed(state, tied, rows, bodies, scale, vertical, people, mean)
+    known = replace(rows or CueRows(), world=world)
+    knowledge = replace(fit.start.knowledge, cues=known)
+    model = replace(fit.model, problem=replace(problem, cues=known), state=placed)
+    result = minimise_problem(model, Stopping(options.max_iterations, options.tolerance))
+    return replace(fit, model=model, result=result, start=replace(fit.start, knowledge=knowledge))
+
+
+def _placed(
+    state: AdjustmentState, tied: Ints, rows: CueRows | None, bodies: Bodies, scale: BodyScale | None,
+    vertical: BodyVertical | None, people: Ints, height_mean: Floats,
+) -> tuple[AdjustmentState, WorldRows]:  # fmt: skip
+    """The state in the world of the bodies, and rows that hold the cameras `tied` there as surely as bodies do."""
+    measured = rows is not None and len(rows.lengths) + len(rows.distances) > 0
+    log_factor = 0.0 if scale is None else scale.log_factor
+    factor = 1.0 if measured else float(np.exp(log_factor))
+    up = np.array([0.0, 0.0, 1.0])
+    turn = np.eye(3) if vertical is None else rotation_between(vertical.up, up)
+    ground = None
+    if vertical is not None and (measured or scale is not None):
+        ground = ground_below_hips(bodies, vertical.up, factor, people, height_mean)
+    placed = _moved(state, factor, turn, 0.0 if ground is None else ground)
+    stated = rows is not None and len(rows.heights) > 0
+    if rows is not None and stated:
+        low = placed.centre[rows.height_of, 2] - rows.heights[:, 0]
+        placed = _moved(placed, 1.0, np.eye(3), float(np.average(low, weights=1 / rows.heights[:, 1] ** 2)))
+    along = similarity_freedoms(placed, tied).along
+    held = []
+    if scale is not None:
+        held.append(along[SCALE : SCALE + 1] / scale.sd)
+    if vertical is not None:
+        held.append(np.linalg.cholesky(np.linalg.inv(_tilts(vertical, turn))).T @ along[[TILT_X, TILT_Y]])
+    by_hips = ground is not None and not stated
+    if by_hips:
+        held.append(along[Z : Z + 1] / GROUND_SD_M)
+    trunk = None
+    if scale is not None:
+        usual = SEGMENTS[0].share * float(np.mean(height_mean))
+        trunk = (usual, usual * scale.sd)
+    world = WorldRows(
+        placed.R, placed.centre, np.concatenate(held), along[SCALE], trunk, 0 if scale is None else scale.people,
+        log_factor if measured else 0.0, GROUND_SD_M if by_hips else None,
+    )  # fmt: skip
+    return placed, world
+
+
+def _moved(state: AdjustmentState, factor: float, turn: Floats, ground: float) -> AdjustmentState:
+    """The state scaled, turned by a rotation (3, 3), and lowered by `ground` metres."""
+
+    def moved(points: Floats) -> Floats:
+        return np.asarray(factor * points @ turn.T - np.array([0.0, 0.0, ground]))
+
+    marks = moved(state.globals[1:].reshape(-1, 3)).ravel()
+    return replace(
+        state, R=state.R @ turn.T, centre=moved(state.centre), joints=moved(state.joints),
+        globals=np.concatenate([state.globals[:1], marks]),
+    )  # fmt: skip
+
+
+def _tilts(vertical: BodyVertical, turn: Floats) -> Floats:
+    """(2, 2) covariance of turns about the world's x and y: a tilt of up by d is a turn by z x d."""
+    flat = (vertical.basis @ turn.T)[:, :2]
+    about = flat @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    return np.asarray(about.T @ vertical.covariance @ about)

@@ -1,0 +1,145 @@
+"""Nobody is seen from head to feet: segments tell the scale, trunks the up direction, and the ground is a guess or stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.scale_cues import CameraDistance, CameraHeight, ScaleCues
+from passerby.core.solution import Solution
+from passerby.evaluation.metrics import compare
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+from passerby.solver.body_segments import Bodies, body_scale, body_vertical
+from support.scenes.people_and_rigs import solve
+from support.scenes.upper_bodies import office_joints
+
+UPPER = (
+    "nose", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip",
+    "right_hip",
+)  # fmt: skip
+STANDING = np.array([[0.0, 0.2, 1.45], [0.0, -0.2, 1.45], [0.0, 0.1, 0.95], [0.0, -0.1, 0.95]])
+JOINTS = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
+
+
+@cache
+def room(preset: str, seed: int) -> tuple[SimulatedScene, Observations]:
+    options = SimulationOptions(preset, seed=seed, cameras=3, people=5, seconds=20.0, joint_noise_px=1.5)
+    truth = simulate(options)
+    seen = {
+        name: CameraObservations(keypoints=office_joints(one.keypoints, UPPER))
+        for name, one in truth.observations.cameras.items()
+    }
+    return truth, Observations(seen, truth.observations.fps)
+
+
+@cache
+def solved(preset: str, seed: int) -> tuple[SimulatedScene, Solution]:
+    truth, seen = room(preset, seed)
+    return truth, solve(truth.rig, seen)
+
+
+def tilt_deg(truth: SimulatedScene, solution: Solution) -> float:
+    """The mean angle between the up direction of the cameras and the true one."""
+    found, true = (
+        np.array([camera.pose.R_cw[:, 2] for camera in rig if camera.pose is not None]) for rig in (solution.rig, truth.rig)
+    )
+    return float(np.degrees(np.arccos(np.clip((found * true).sum(axis=1), -1, 1))).mean())
+
+
+def scale_of(truth: SimulatedScene, solution: Solution) -> float:
+    return float(np.linalg.norm(solution.rig["C1"].centre - solution.rig["C2"].centre) / np.linalg.norm(
+        truth.rig["C1"].centre - truth.rig["C2"].centre))  # fmt: skip
+
+
+@pytest.mark.parametrize(("preset", "seed"), [("terrace", 1), ("terrace", 2), ("construction", 3)])
+def test_scale_and_up_are_as_sure_as_stated(preset: str, seed: int) -> None:
+    truth, solution = solved(preset, seed)
+    scale, up = solution.figures.scale.relative_sigma, solution.figures.vertical_sigma_deg
+    assert 0.06 < scale < 0.12
+    assert abs(np.log(scale_of(truth, solution))) < scale
+    assert 0.5 < up < 6
+    assert tilt_deg(truth, solution) < 2 * up
+    assert [cue.kind for cue in solution.figures.scale.cues] == ["segments"]
+    similar = compare(solution.rig, truth.rig).similarity
+    assert similar.mean_position_mm < 60
+    assert similar.mean_orientation_deg < 1.5
+    assert solution.verdict == "doubtful"
+    assert "ground_by_hips" in [finding.code for finding in solution.findings]
+    assert all(camera.sigma.position_m > 0.25 for camera in solution.rig)
+
+
+def test_a_camera_height_replaces_the_guess_at_the_ground() -> None:
+    truth, seen = room("terrace", 1)
+    height = CameraHeight("C2", float(truth.rig["C2"].centre[2]), 0.01)
+    solution = solve(truth.rig, seen, ScaleCues(camera_heights=(height,)))
+    assert solution.verdict == "accepted"
+    assert solution.rig["C2"].centre[2] == pytest.approx(height.metres, abs=0.02)
+    assert 0.06 < solution.figures.scale.relative_sigma < 0.12  # a height over a ground that nobody is seen on is no scale
+
+
+def test_a_measured_length_is_believed_and_a_wrong_one_is_named() -> None:
+    truth, seen = room("terrace", 1)
+    metres = float(np.linalg.norm(truth.rig["C1"].centre - truth.rig["C2"].centre))
+    right, wrong = (
+        solve(truth.rig, seen, ScaleCues(distances=(CameraDistance(("C1", "C2"), factor * metres, 0.01),))) for factor in (1, 2)
+    )
+    assert scale_of(truth, right) == pytest.approx(1, abs=0.005)
+    assert right.figures.scale.relative_sigma < 0.01
+    assert "scale_cue_contradicted" not in [finding.code for finding in right.findings]
+    assert "scale_cue_contradicted" in [finding.code for finding in wrong.findings]
+
+
+def test_a_camera_that_shares_nothing_has_no_part_in_it() -> None:
+    truth, seen = room("terrace", 1)
+    alone = Observations({**seen.cameras, "C3": CameraObservations()}, seen.fps)
+    solution = solve(truth.rig, alone)
+    assert solution.rig["C3"].pose is None
+    assert abs(np.log(scale_of(truth, solution))) < 0.1
+
+
+def bodies(trunks: np.ndarray, identity: np.ndarray) -> Bodies:
+    return Bodies(identity, np.arange(len(identity)), trunks, JOINTS)
+
+
+def test_somebody_who_leans_and_turns_shows_up_all_the_same() -> None:
+    """All lean forwards by 0.3; those who face one way only are the less sure the way that they lean."""
+    lean = np.array([[np.cos(0.3), 0, np.sin(0.3)], [0, 1, 0], [-np.sin(0.3), 0, np.cos(0.3)]])
+    turns = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    spin = np.array([[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in turns])
+    person = np.zeros(60, dtype=np.int64)
+    turning = body_vertical(bodies(np.einsum("nij,jk,lk->nli", spin, lean, STANDING), person))
+    facing = body_vertical(bodies(np.einsum("jk,lk->lj", lean, STANDING)[None].repeat(60, axis=0), person))
+    assert turning is not None
+    assert facing is not None
+    assert np.degrees(np.arccos(turning.up[2])) < 0.5
+    assert np.degrees(np.arccos(facing.up[2])) > 5
+    by_way = np.einsum("ij,jk,kl->il", facing.basis.T, facing.covariance, facing.basis)
+    assert by_way[0, 0] > 4 * by_way[1, 1]
+    assert np.trace(turning.covariance) < 0.5 * np.trace(facing.covariance)
+
+
+def test_segments_that_contradict_each_other_tell_no_scale() -> None:
+    """Shoulders as wide as the trunk is long: the names are of other joints."""
+    person, mean, sd = np.zeros(20, dtype=np.int64), np.array([1.72]), np.array([0.1])
+    usual, odd = STANDING.copy(), STANDING.copy()
+    usual[:2, 1] *= 0.9
+    odd[:2, 1] *= 2.5
+    found = body_scale(bodies(usual[None].repeat(20, axis=0), person), mean, sd, np.array([0]))
+    assert found is not None
+    assert abs(found.log_factor) < 0.05
+    assert body_scale(bodies(odd[None].repeat(20, axis=0), person), mean, sd, np.array([0])) is None
+
+
+def test_joints_under_wrong_names_place_no_rig() -> None:
+    """Hips as elbows and elbows as hips: neither trunks nor arms are what they are called."""
+    truth, seen = room("terrace", 1)
+    wrong = tuple(name.replace("hip", "?").replace("elbow", "hip").replace("?", "elbow") for name in UPPER)
+    renamed = {
+        name: CameraObservations(keypoints=replace(one.keypoints, joints=wrong)) for name, one in seen.cameras.items()
+    }  # fmt: skip
+    solution = solve(truth.rig, Observations(renamed, seen.fps))
+    assert solution.figures.undetermined == ("scale", "vertical", "height of the ground")
