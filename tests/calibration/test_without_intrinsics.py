@@ -9,6 +9,7 @@ import pytest
 from passerby.calibration.pipeline import calibrate
 from passerby.cli.main import run
 from passerby.common.errors import InputError
+from passerby.core.data_sheet import sd_of_field
 from passerby.core.figures import adjusted
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
@@ -104,9 +105,9 @@ def test_a_field_of_view_narrows_the_search(tmp_path):
     folder = made(tmp_path / "scene", "--seconds", "30")
     truth = read_rig(folder / "truth.toml")
     path = folder / "scene.toml"
-    text = path.read_text()
+    text, stated = path.read_text(), {}
     for camera in truth:
-        degrees = 2 * np.degrees(np.arctan(360 / camera.lens.focal)) * 1.03
+        stated[camera.name] = degrees = round(2 * np.degrees(np.arctan(360 / camera.lens.focal)) * 1.03, 1)
         text = re.sub(
             rf"(\[cameras.{camera.name}\]\n)intrinsics = .*", rf"\1image_size = [720, 576]\nhfov_deg = {degrees:.1f}", text
         )
@@ -116,5 +117,5 @@ def test_a_field_of_view_narrows_the_search(tmp_path):
     for camera in truth:
         focal = adjusted(found.figures).lenses[camera.name].focal
         assert focal.scene_px == pytest.approx(camera.lens.focal, rel=0.05)
-        assert focal.scene_sigma_px == pytest.approx(0.15 * focal.scene_px)
+        assert focal.scene_sigma_px == pytest.approx(sd_of_field(stated[camera.name]) * focal.scene_px)
         assert 0.8 < focal.people_share < 1

@@ -16,7 +16,7 @@ from passerby.core.solution import Solution
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.solver.contradicted_lenses import LEAST_GAIN, MIN_INSTANTS
 from passerby.solver.initialisation import Initialisation, refine_in_stages, select_initial_rig
-from passerby.solver.lens_scores import LensHypothesis, LensScore, score_lenses
+from passerby.solver.lens_scores import LensHypothesis, LensScore, _FreeLenses, score_lenses
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.people import PeopleOptions
 from passerby.solver.uncertainty import design_effect
@@ -224,3 +224,13 @@ def test_the_score_of_the_right_hypothesis_is_the_largest_and_its_step_leads_the
 def test_the_score_of_right_lenses_is_small() -> None:
     _, scores = scored("basketball", 2, 1.0)
     assert scores[0].gain < LEAST_GAIN
+
+
+@pytest.mark.parametrize("rank", [0, 1, 2])
+def test_what_nobody_tells_of_a_lens_has_no_finite_sigma(rank):
+    """Where a principal point is known in one direction only, neither is: an inverse of the rest would call it sure."""
+    H = np.zeros((4, 4))
+    H[:rank, :rank] = np.diag([4.0, 9.0])[:rank, :rank]
+    score = _FreeLenses(H, np.ones(4)).along(LensHypothesis("principal_point", (0,)), np.eye(4)[:, :2])
+    assert np.isfinite(score.change).all()
+    assert score.sd == pytest.approx((1 / 2, 1 / 3) if rank == 2 else (np.inf, np.inf))

@@ -68,10 +68,12 @@ class _FreeLenses:
     """(C u,) where all of them would go together."""
 
     def along(self, hypothesis: LensHypothesis, columns: Floats) -> LensScore:
-        """The step along some directions alone, (C u, k)."""
-        gradient = columns.T @ self.H @ self.step
-        covariance = np.linalg.pinv(columns.T @ self.H @ columns, hermitian=True)
-        change, sd = covariance @ gradient, np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        """The step along some directions alone, (C u, k); no sigma is finite where one of them is unknown."""
+        gradient, information = columns.T @ self.H @ self.step, columns.T @ self.H @ columns
+        covariance = np.linalg.pinv(information, hermitian=True)
+        known = np.linalg.matrix_rank(information, hermitian=True) == len(information) and (np.diag(covariance) > 0).all()
+        change = covariance @ gradient
+        sd = np.sqrt(np.diag(covariance)) if known else np.full(len(change), np.inf)
         return LensScore(hypothesis, tuple(change.tolist()), tuple(sd.tolist()), float(gradient @ change))
 
 
