@@ -168,9 +168,9 @@ def kept_files(out):
     return sum(name.endswith((".npz", ".txt")) for _, _, names in os.walk(out) for name in names)
 
 
-def run_program(scene, out, files=None, sign=0, group=False):
+def run_program(scene, out, files=None, sign=0, group=False, first=""):
     """Run the program with its processes to its end, or stop it when it has kept so many files; all of it has ended then."""
-    program = QUIET if files is None else ENDLESS + QUIET
+    program = first + (QUIET if files is None else ENDLESS + QUIET)
     arguments = [sys.executable, "-c", program, "calibrate", str(scene), "-o", str(out)]
     with subprocess.Popen(
         arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -214,6 +214,20 @@ def test_no_process_is_left_behind(scene, whole, tmp_path, files, sign, group):
     status, errors = run_program(scene, out)
     assert (status, errors) == (0, "")
     assert content(out) == whole[1]
+
+
+STUCK = """
+import multiprocessing, threading
+lock = multiprocessing.get_context("spawn").Lock()
+threading.Thread(target=threading.Event().wait).start()
+"""
+"""Before that: a thread that never ends and a semaphore, as of a pool that was left in the middle of its work."""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are found in /proc")
+def test_an_interrupted_program_waits_for_no_thread_and_leaks_nothing(scene, tmp_path):
+    status, errors = run_program(scene, tmp_path / "out", 5, signal.SIGINT, True, STUCK)
+    assert (status, errors) == (130, "error: interrupted\n")
 
 
 EVENTS = ("picture", "detection", "embedding", "file", "name", "tracking in each camera", "appearance",

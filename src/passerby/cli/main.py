@@ -59,7 +59,11 @@ def main(program: typer.Typer = app, name: str = "passerby") -> None:
     status = run(sys.argv[1:], program, name)
     if status == INTERRUPTED and not _threads_end():
         # The interpreter would wait for the threads of a pool that was left in the middle of its work. Every file is written
-        # whole or not at all.
+        # whole or not at all. The pool's semaphores are given back first: Python tells on the terminal of those that are not.
+        # What Python itself calls at the end; there is no public name.
+        from multiprocessing.util import _run_finalizers  # type: ignore[attr-defined]
+
+        _run_finalizers(0)
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status)
