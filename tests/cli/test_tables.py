@@ -1,5 +1,6 @@
 """What the command line shows of a calibration, and of the way to it."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 from passerby.association.result import Association
 from passerby.calibration.calibration import Calibration
 from passerby.cli.tables import show_calibration
-from passerby.cli.terminal import _Log, stages
-from passerby.common.progress import tell_note
+from passerby.cli.terminal import _Events, _Log, stages
+from passerby.common.progress import ProgressForm, tell_failure, tell_note, tell_warning
 from passerby.core.association_figures import AssociationFigures, TiedPair
 from passerby.core.cameras import Lens, Pose, PoseSigma, Rig
 from passerby.core.field_of_view import field_of_view_deg
@@ -203,6 +204,41 @@ def test_a_long_run_tells_now_and_then_how_far_it_is_where_there_is_no_terminal(
         "watching: 181 of 240 (75 %), about 30 s left",
         "solving",
     ]
+
+
+def test_a_program_reads_how_far_a_run_is(capsys):
+    now = [0.0]
+    tell = _Events(lambda: now[0])
+    tell("reading")
+    for done, second in ((0, 0.0), (1, 0.1), (2, 0.3), (1, 1.0), (3, 1.1), (5, 1.1), (5, 1.2)):
+        now[0] = second
+        tell("watching", done, 5, part="Nord\u00fc")
+    tell_note(tell, "camera C1\nsaw nobody")
+    tell_warning(tell, "no network")
+    tell_failure(tell, "watching")
+    tell("solving")
+    events = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert [event.pop("event") for event in events] == [
+        "begin", "end", "begin", *["progress"] * 4, "note", "warning", "failed", "begin",
+    ]  # fmt: skip
+    assert [event["done"] for event in events if "done" in event] == [0, 2, 3, 5]
+    assert events[4] == {"stage": "watching", "part": "Nord\u00fc", "done": 2, "total": 5, "seconds": 0.3}
+    assert [event["text"] for event in events if "text" in event] == ["camera C1 saw nobody", "no network"]
+
+
+def test_only_a_stage_that_is_done_ends(capsys):
+    def interrupted():
+        with stages(form=ProgressForm.json) as tell:
+            tell("reading")
+            tell("solving")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    events = [json.loads(line) for line in capsys.readouterr().err.splitlines()]
+    assert [(event["event"], event["stage"]) for event in events] == [
+        ("begin", "reading"), ("end", "reading"), ("begin", "solving"),
+    ]  # fmt: skip
 
 
 def test_what_is_found_on_the_way_stays_on_the_terminal(monkeypatch, capsys):

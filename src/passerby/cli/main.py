@@ -33,6 +33,7 @@ from passerby.cli.commands.simulate import simulate
 from passerby.cli.commands.track import track
 from passerby.common.addresses import without_credentials
 from passerby.common.errors import InputError, PasserbyError
+from passerby.common.progress import ProgressForm
 
 INTERRUPTED = 130
 BUG = 1
@@ -51,6 +52,9 @@ app = typer.Typer(
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print more: wall times and figures of the stages.")]
+Form = Annotated[
+    ProgressForm, typer.Option("--progress", help="How progress is written on standard error; json: a JSON object a line.")
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
 
@@ -162,6 +166,7 @@ def calibrate(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files.")] = 0,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")] = True,
     json: AsJson = False,
+    progress: Form = ProgressForm.auto,
     verbose: Verbose = False,
 ) -> None:
     """Calibrate the cameras of a scene.
@@ -183,7 +188,7 @@ def calibrate(
     verbose = verbose or bool(context.obj)
     loaded = Scene.load(scene)
     processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
-    with stages(verbose) as tell, folder_lock(out, WORK), processes as executor:
+    with stages(verbose, progress) as tell, folder_lock(out, WORK), processes as executor:
         calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
         tell("writing")
         write_results(calibration, out, report=report, progress=tell)

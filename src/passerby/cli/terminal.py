@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 import time
@@ -16,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from passerby.common.progress import Progress as Told
+from passerby.common.progress import ProgressForm
 
 MISSING, UNKNOWN = "-", "unknown"
 
@@ -49,17 +51,25 @@ def show_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
 LOG_AFTER_S, LOG_EVERY_S = 30.0, 30.0
 """Where there is no terminal: runs that are over sooner tell nothing on their way, longer ones a line so often."""
 
+EVENT_EVERY_S = 0.25
+"""Of each part of a stage, in events for programs; its first and its last are always among them."""
+
 PACE_SHARE = 0.02
 """Of a stage, to be done before its pace says how long the rest will take."""
 
 
 @contextmanager
-def stages(verbose: bool = False) -> Iterator[Told]:
+def stages(verbose: bool = False, form: ProgressForm = ProgressForm.auto) -> Iterator[Told]:
     """On standard error: the stage at work with a bar, its parts and the time that is left, and what is found on the way.
 
     Where standard error is no terminal: a plain log. With `verbose` it tells each stage as it begins, and every note; else a
-    run that takes long tells now and then how far it is.
+    run that takes long tells now and then how far it is. For a program: the events of docs/output.md.
     """
+    if form == ProgressForm.json:
+        events = _Events()
+        yield events
+        events.end_stage()
+        return
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _Lines() if verbose else _Log()
@@ -100,6 +110,55 @@ class _Lines:
     def failed(self, stage: str) -> None:
         """A line: the stage is over, but not done."""
         print(f"{stage}: failed", file=sys.stderr)
+
+
+class _Events:
+    """Writes each stage's begin, progress and end as a JSON object a line. No count of a part ever falls within a stage."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._stage, self._began = "", 0.0
+        self._written: dict[str, tuple[float, int, int]] = {}
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:
+        now = self._clock()
+        if stage != self._stage:
+            self.end_stage()
+            self._stage, self._began, self._written = stage, now, {}
+            self._write("begin", stage=stage)
+        if not total:
+            return
+        at, before, known = self._written.get(part, (-math.inf, -1, 0))
+        ended = done >= total and (before, known) != (done, total)
+        if done > before and (ended or now - at >= EVENT_EVERY_S):
+            self._written[part] = now, done, total
+            self._write("progress", stage=stage, part=part, done=done, total=total, seconds=round(now - self._began, 3))
+
+    def end_stage(self) -> None:
+        """The stage at work is done."""
+        self._leave("end")
+
+    def failed(self, stage: str) -> None:
+        """The stage is over, but not done."""
+        if stage != self._stage:
+            self(stage)
+        self._leave("failed")
+
+    def note(self, text: str) -> None:
+        """Something odd about an input."""
+        self._write("note", text=" ".join(text.split()))
+
+    def warning(self, text: str) -> None:
+        """Something to act on before the run ends."""
+        self._write("warning", text=" ".join(text.split()))
+
+    def _leave(self, event: str) -> None:
+        if self._stage:
+            self._write(event, stage=self._stage, seconds=round(self._clock() - self._began, 3))
+            self._stage = ""
+
+    def _write(self, event: str, **values: object) -> None:
+        print(json.dumps({"event": event, **values}, ensure_ascii=False), file=sys.stderr, flush=True)
 
 
 class _Log:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Protocol
 
 
@@ -14,6 +15,15 @@ class Progress(Protocol):
 
         A stage that works on several things at once, such as cameras, tells of each by its name, `part`.
         """
+
+
+class ProgressForm(StrEnum):
+    """For whom the command line writes progress."""
+
+    auto = "auto"
+    """A person: bars on a terminal, a plain log elsewhere."""
+    json = "json"
+    """A program: one JSON object a line."""
 
 
 def silent(stage: str, done: int = 0, total: int = 0, *, part: str = "") -> None:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from passerby.common.progress import ProgressForm
+
 SECONDS, FPS = 60.0, 10.0
 """A minute, as the documentation asks of a user: half the time leaves twice the error."""
 
@@ -19,6 +21,10 @@ def demo(
     ] = "background",
     embedder: Annotated[str, typer.Option(help="Appearance embedding: stripes, none, auto, a name or a path.")] = "stripes",
     intrinsics: Annotated[bool, typer.Option(help="Use the intrinsics; without them they are estimated too.")] = True,
+    progress: Annotated[
+        ProgressForm,
+        typer.Option("--progress", help="How progress is written on standard error; json: a JSON object a line."),
+    ] = ProgressForm.auto,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more: wall times and figures of the stages.")] = False,
 ) -> None:
     """Film a simulated terrace with four cameras, calibrate them from the videos, and print the errors.
@@ -41,7 +47,7 @@ def demo(
     from passerby.simulation.rendering import RenderOptions
 
     options = SimulationOptions(preset="terrace", seconds=SECONDS, fps=FPS, unrelated_ids=True)
-    with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages() as tell:
+    with tempfile.TemporaryDirectory(prefix="passerby-demo-") as temporary, stages(form=progress) as tell:
         folder = out or Path(temporary)
         processes = local_processes(0, options.n_cameras, options.n_cameras)
         with folder_lock(folder / "out", "passerby demo"), processes as executor:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from passerby.common.errors import InputError
+from passerby.common.progress import ProgressForm
 
 if TYPE_CHECKING:
     from passerby.monitoring.result import MonitoringResult
@@ -27,6 +28,10 @@ def monitor(
         typer.Option("--in-step", help="The clocks of the footage are synchronised, whatever they were in the calibration."),
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    progress: Annotated[
+        ProgressForm,
+        typer.Option("--progress", help="How progress is written on standard error; json: a JSON object a line."),
+    ] = ProgressForm.auto,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more: each window, and the stages.")] = False,
 ) -> None:
     """Detect whether a camera has moved: which one, when, and by how much. Only that camera gets a new pose.
@@ -51,7 +56,7 @@ def monitor(
         raise InputError(f"{out}: holds a calibration, which would no longer fit its rig: give another folder")
     given, loaded = read_given(rig), Scene.load(scene)
     processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
-    with stages(verbose) as tell, processes as executor:
+    with stages(verbose, progress) as tell, processes as executor:
         found = run_monitor(
             given, loaded, WatchOptions(every_s=every), in_step=in_step, keep=out, progress=tell, executor=executor
         )

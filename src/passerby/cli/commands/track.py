@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from passerby.common.errors import InputError
+from passerby.common.progress import ProgressForm
 
 if TYPE_CHECKING:
     from passerby.common.progress import Progress
@@ -49,6 +50,10 @@ def track(
         str | None, typer.Option(help="Camera at which the rigs are aligned with the scale kept; default: the first.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    progress: Annotated[
+        ProgressForm,
+        typer.Option("--progress", help="How progress is written on standard error; json: a JSON object a line."),
+    ] = ProgressForm.auto,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Print more: each person, and the stages.")] = False,
 ) -> None:
     """Estimate the trajectory of every person on the ground: the position at each time step, with its uncertainty.
@@ -69,7 +74,7 @@ def track(
     if truth is not None and true_rig is None:
         raise InputError("--truth needs --true-rig: the true cameras align the estimated world frame with the true one")
     verbose = verbose or bool(context.obj)
-    with stages(verbose) as tell:
+    with stages(verbose, progress) as tell:
         tell("reading")
         folder = read_output(calibrated)
         options, clocks = track_options(folder, method, max_gap), folder_clocks(folder, fps)
