@@ -1,6 +1,7 @@
 import json
 import re
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -47,6 +48,28 @@ def test_camera_files_of_mv3dt(tmp_path):
     np.testing.assert_allclose(seen[:, :2] / seen[:, 2:], PIXELS, atol=1e-9)
     assert 1.5 < stored["modelInfo"]["height"] < 2
     assert 0.1 < stored["modelInfo"]["radius"] < 0.5
+
+
+def test_the_map_of_mv3dt_has_the_cameras_where_they_stand(tmp_path):
+    """As load_map_and_transforms and draw_objects_on_map of NVIDIA's kafka_bev_visualizer.py use it."""
+    rig = Rig((facing("north"), facing("south", centre=(-6.0, 8.0, 2.5))))
+    written("mv3dt", rig, tmp_path)
+    to_map = np.array(yaml.safe_load((tmp_path / "transforms.yml").read_text())["T_ov2px"]).reshape(3, 3)
+    picture = cv2.imread(str(tmp_path / "map.png"))
+    places = [to_map @ (*camera.centre[:2], 1.0) for camera in rig]
+    for x, y, one in places:
+        assert one == 1
+        assert 0 <= x < picture.shape[1]
+        assert 0 <= y < picture.shape[0]
+        assert picture[round(y), round(x)].min() < 200
+    assert places[1][0] < places[0][0]
+    assert places[1][1] < places[0][1]
+    (tmp_path / "other.yml").write_text("")
+    (tmp_path / "photo.png").write_bytes(b"")
+    written("mv3dt", rig, tmp_path)
+    (tmp_path / "camInfo" / "other.yml").write_text("")
+    with pytest.raises(InputError, match=r"other\.yml: would be taken for a part of the rig"):
+        written("mv3dt", rig, tmp_path)
 
 
 def test_small_numbers_are_numbers_to_pyyaml(tmp_path):

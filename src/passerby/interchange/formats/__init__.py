@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from importlib import import_module
 from pathlib import Path
 
@@ -41,6 +41,8 @@ MODULES: Mapping[str, str] = {
     "nerfstudio": "nerfstudio",
     "mv3dt": "nvidia",
     "amc": "nvidia",
+    "frigate": "frigate",
+    "homography": "homography",
     "ply": "ply",
     "gltf": "gltf",
     "glb": "gltf",
@@ -96,7 +98,7 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
     if not lossy:
         losses.forbid(str(path), name)
     if form.target == "folder" and one is None:
-        _refuse_others(path, files, name)
+        _refuse_others(path, files.keys() - form.companions, name)
         with folder_lock(path, "passerby export"), transaction(path) as new:
             for below, content in files.items():
                 write_bytes(new / below, content)
@@ -106,7 +108,7 @@ def export(rig: Export, name: str, target: str | Path, *, lossy: bool = False) -
     return losses.told
 
 
-def _refuse_others(folder: Path, files: Mapping[str, bytes], name: str) -> None:
+def _refuse_others(folder: Path, files: Set[str], name: str) -> None:
     """Raise `InputError` where files of another rig would be taken for a part of this one."""
     places = {((folder / below).parent, Path(below).suffix) for below in files if Path(below).suffix}
     for parent, suffix in sorted(places):

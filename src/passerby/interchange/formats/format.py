@@ -108,6 +108,8 @@ class Format:
     """Cameras; a lens without a pose is a camera without a pose. Raises `InputError` (file, place, value, remedy)."""
     read_people: Callable[[Path, Given], People] | None = None
     """One camera's boxes or joints. Raises `InputError`."""
+    companions: frozenset[str] = frozenset()
+    """Of a folder: files below it that no reader takes for a camera, so that others of their kind may lie beside them."""
     draws_people: bool = False
     """Whether it is a picture of the rig that people's trajectories belong to: an output folder's go along without being asked
     for."""

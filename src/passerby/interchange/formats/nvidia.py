@@ -3,8 +3,9 @@
 `mv3dt` is a folder with `camInfo/NAME.yml` for each camera, as the data set folder of DeepStream's multi-view 3D tracking has
 it. `projectionMatrix_3x4_w2p` has 12 numbers, row by row: world to pixels, `K [R | t]`, the world's z up from the ground at
 0, metres, pixels from the upper left corner. `modelInfo` has `height` and `radius` of a person's cylinder in the world's
-unit. The older `projectionMatrix_3x4`, to which DeepStream adds half the picture's size, and the K, R and t that
-AutoMagicCalib writes besides, are read too.
+unit. Beside it are `map.png` and `transforms.yml` for the viewer of the data set (`mv3dt_map`). The older
+`projectionMatrix_3x4`, to which DeepStream adds half the picture's size, and the K, R and t that AutoMagicCalib writes
+besides, are read too.
 
 `amc` is one JSON file: `calibrationType` cartesian and `sensors`, each with `id`, `coordinates` (its place, metres),
 `intrinsicMatrix` (3 x 3), `extrinsicMatrix` (3 x 4, world to camera, OpenCV's axes), `cameraMatrix` (their product) and
@@ -45,9 +46,11 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.stature import PERSON_HEIGHT_M
+from passerby.interchange.formats.drawing import draw
 from passerby.interchange.formats.format import Export, Format, Given
 from passerby.interchange.formats.lens_models import PINHOLE, express_lens
 from passerby.interchange.formats.losses import Losses
+from passerby.interchange.formats.mv3dt_map import MAP, TRANSFORMS, map_files
 from passerby.interchange.formats.names import tame_names
 from passerby.interchange.formats.values import (
     load_json,
@@ -77,7 +80,7 @@ _COMMENT = re.compile(r"^# passerby: (\{.*\})$", re.MULTILINE)
 
 
 def _write_mv3dt(export: Export, losses: Losses) -> Mapping[str, bytes]:
-    """A file a camera, without the line %YAML:1.0, which NVIDIA's own Python readers do not take."""
+    """A file a camera, without the line %YAML:1.0, which NVIDIA's own Python readers do not take; and the map."""
     rig = export.posed(losses)
     names = tame_names(rig.names, FORBIDDEN, FIRST)
     files = {}
@@ -90,7 +93,7 @@ def _write_mv3dt(export: Export, losses: Losses) -> Mapping[str, bytes]:
         }
         text = f"# passerby: {told}\n{yaml.safe_dump(content, sort_keys=False, default_flow_style=False)}"
         files[f"{CAMERAS}/{names[camera.name]}.yml"] = text.encode("utf-8")
-    return files
+    return files | map_files(draw(rig), names)
 
 
 def _write_amc(export: Export, losses: Losses) -> Mapping[str, bytes]:
@@ -285,11 +288,13 @@ def _rig(place: Path, cameras: list[Camera]) -> Rig:
 FORMATS: Mapping[str, Format] = {
     "mv3dt": Format(
         name="mv3dt",
-        title="DeepStream MV3DT camera files",
+        title="DeepStream MV3DT camera files, and the map of their viewer",
         tools=("NVIDIA DeepStream",),
         target="folder",
-        conventions="Projection matrices from the world to pixels (3 x 4), metres; pinhole without distortion, so rectify "
-        "videos first.",
+        conventions="camInfo: projection matrices from the world to pixels (3 x 4), metres; pinhole without distortion, so "
+        "rectify videos first. map.png and transforms.yml: a plan of the ground with the cameras, and the matrix from metres "
+        "to its pixels.",
+        companions=frozenset({MAP, TRANSFORMS}),
         write=_write_mv3dt,
         read=_read_mv3dt,
     ),
