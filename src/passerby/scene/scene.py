@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
@@ -64,6 +64,11 @@ class Scene(Table):
             content = parse_toml(text)
         except NotParsed as error:
             raise InputError(f"{path}: {find_repeated_key(text) or f'is not TOML: {error}'}") from None
+        return cls.of_content(content, path)
+
+    @classmethod
+    def of_content(cls, content: dict[str, Any], path: Path) -> Scene:
+        """The scene of what a file holds, or will hold. Raises `FileFaults` as `load` does."""
         try:
             scene = cls.model_validate(content)
         except ValidationError as error:

@@ -1,0 +1,109 @@
+"""`passerby record`: streams of cameras into files, all at once."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from passerby.common.progress import ProgressForm
+
+if TYPE_CHECKING:
+    from passerby.recording.capture import Recording
+
+INTERRUPTED = 130
+RECORDING_FILE = "recording.json"
+_ENDED = {
+    "stopped": "stopped before its time; what was recorded is kept",
+    "space": "stopped: it is as large as --max-gb allows",
+    "disk": "stopped: the disk is nearly full",
+}
+
+
+def record(
+    cameras: Annotated[Path, typer.Argument(metavar="CAMERAS", help="File (TOML) with the stream of each camera.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the recordings and their scene file.")],
+    seconds: Annotated[float, typer.Option(help="Length of the recording.")] = 600.0,
+    piece: Annotated[float, typer.Option(help="Length of each file, in seconds.")] = 10.0,
+    timeout: Annotated[float, typer.Option(help="A camera that sends nothing for so many seconds counts as gone.")] = 10.0,
+    max_gb: Annotated[
+        float | None, typer.Option("--max-gb", help="Most gigabytes of all files; default: until the disk is nearly full.")
+    ] = None,
+    without_missing: Annotated[
+        bool, typer.Option("--without-missing", help="Record the others if a camera cannot be reached.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    progress: Annotated[
+        ProgressForm, typer.Option("--progress", help="How progress is written on standard error; json: a JSON object a line.")
+    ] = ProgressForm.auto,
+) -> None:
+    """Record the streams of all cameras at once: RTSP, HTTP (MJPEG, HLS) or a video device.
+
+    Nothing is decoded or encoded. A connection that breaks is made anew. Ctrl-C ends the recording and keeps it.
+    `passerby calibrate OUT/scene.toml` calibrates what was recorded.
+    """
+    from passerby.cli.terminal import stages
+    from passerby.interchange.storage.atomic import write_text
+    from passerby.interchange.storage.json_text import to_json
+    from passerby.interchange.storage.transaction import folder_lock
+    from passerby.recording.capture import CaptureOptions
+    from passerby.recording.capture import record as capture
+    from passerby.recording.scene_file import write_scene_file
+    from passerby.recording.settings import read_plan
+
+    plan = read_plan(cameras)
+    options = CaptureOptions(seconds, piece, timeout, float("inf") if max_gb is None else max_gb * 1e9, without_missing)
+    stop = threading.Event()
+    with folder_lock(out, "passerby record"):
+        scene = write_scene_file(plan, out)
+        with stages(form=progress) as tell, _stopping(stop):
+            found = capture(plan.streams, out, options, tell, stop)
+        write_text(out / RECORDING_FILE, to_json(found.to_dict()))
+    if json:
+        print(to_json({**found.to_dict(), "scene": str(scene)}), end="")
+    else:
+        _show(found)
+        print(f"written to {out}; calibrate with: passerby calibrate {scene}")
+    if found.ended == "stopped":
+        raise typer.Exit(INTERRUPTED)
+
+
+def _show(found: Recording) -> None:
+    """A row for each camera, and what was lost."""
+    from passerby.cli.terminal import number, show_table
+
+    rows = []
+    for camera in found.cameras:
+        lost = sum(gap.until_s - gap.from_s for gap in camera.gaps)
+        megabytes = sum(piece.size_bytes for piece in camera.pieces) / 1e6
+        rows.append([
+            camera.camera, str(len(camera.pieces)), number(camera.seconds, 1, " s"), number(megabytes, 1, " MB"),
+            str(len(camera.gaps)), number(lost, 1, " s"), camera.clock or "-",
+        ])  # fmt: skip
+    show_table("recorded", ("camera", "files", "length", "size", "gaps", "lost", "clock"), rows)
+    for camera in found.cameras:
+        if camera.unset_s is not None:
+            print(f"note: camera {camera.camera}: its clock is off by {camera.unset_s:.0f} s: the time of arrival is used")
+        if camera.fault is not None:
+            print(f"note: camera {camera.camera}: {camera.fault}")
+    if found.ended in _ENDED:
+        print(f"note: {_ENDED[found.ended]}")
+
+
+@contextmanager
+def _stopping(stop: threading.Event) -> Iterator[None]:
+    """Ctrl-C, and a request to end (SIGTERM), set `stop` in place of breaking off."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    usual = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)

@@ -1,0 +1,309 @@
+"""All cameras recorded at once, one thread each: connections that break are made anew, and what was lost is counted."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import av
+from av.audio.stream import AudioStream
+from av.container import InputContainer
+from av.error import FFmpegError
+from av.video.stream import VideoStream
+
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent, tell_warning
+from passerby.recording.pieces import Piece, PieceWriter, make_folder
+from passerby.recording.settings import DEVICE, Stream
+from passerby.recording.wall_clock import Source, WallClock
+
+STAGE = "recording"
+LOOK_EVERY_S = 0.25
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.5, 8.0
+"""Before a connection is tried anew; twice as long each time, until pictures come again."""
+RESERVE_BYTES = 500_000_000
+"""Of the disk, left to others."""
+SHORTEST_GAP_S = 0.5
+"""Cameras leave out single pictures."""
+
+Ended = Literal["time", "stopped", "space", "disk"]
+
+
+@dataclass(frozen=True)
+class CaptureOptions:
+    """How cameras are recorded. Raises `InputError` for a value that cannot be."""
+
+    seconds: float
+    piece_s: float = 10.0
+    timeout_s: float = 10.0
+    """A host that sends nothing for so long is taken to be gone."""
+    most_bytes: float = float("inf")
+    """Of all files of this recording."""
+    without_missing: bool = False
+    """Whether the other cameras go on where one cannot be reached at the beginning."""
+
+    def __post_init__(self) -> None:
+        limits = {"--seconds": (self.seconds, 7 * 86400), "--piece": (self.piece_s, 3600), "--timeout": (self.timeout_s, 600)}
+        for name, (value, most) in limits.items():
+            if not 1 <= value <= most:
+                raise InputError(f"{name} {value:g}: give 1 to {most} seconds")
+        if not self.most_bytes > 0:
+            raise InputError("--max-gb: give a number above 0")
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A time of which nothing was recorded."""
+
+    from_s: float
+    until_s: float
+    """Seconds since 1970."""
+
+
+@dataclass(frozen=True)
+class CameraRecording:
+    """What was recorded of one camera."""
+
+    camera: str
+    pieces: tuple[Piece, ...]
+    clock: Source | None
+    """What the pieces' times are from; None without any."""
+    unset_s: float | None
+    """How far the camera's own clock is off, where it is too far to be used."""
+    fault: str | None
+    """Why the last connection failed, where one did."""
+
+    @property
+    def seconds(self) -> float:
+        """Length of all pieces."""
+        return sum(piece.seconds for piece in self.pieces)
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """Between one piece and the next."""
+        found = []
+        for one, other in zip(self.pieces, self.pieces[1:], strict=False):
+            if other.begin_s - (one.begin_s + one.seconds) > SHORTEST_GAP_S:
+                found.append(Gap(one.begin_s + one.seconds, other.begin_s))
+        return tuple(found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for JSON."""
+        return {
+            "name": self.camera,
+            "seconds": self.seconds,
+            "clock": self.clock,
+            "clock_off_s": self.unset_s,
+            "pieces": [
+                {"file": f"{p.path.parent.name}/{p.path.name}", "begin": p.begin_s, "seconds": p.seconds} for p in self.pieces
+            ],
+            "gaps": [{"from": gap.from_s, "until": gap.until_s} for gap in self.gaps],
+            "fault": self.fault,
+        }
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was recorded of all cameras."""
+
+    cameras: tuple[CameraRecording, ...]
+    ended: Ended
+    """Why it ended: the time was over, somebody stopped it, it was as large as allowed, or the disk was nearly full."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values for JSON."""
+        return {"ended": self.ended, "cameras": [camera.to_dict() for camera in self.cameras]}
+
+
+def record(
+    streams: tuple[Stream, ...],
+    folder: Path,
+    options: CaptureOptions,
+    tell: Progress = silent,
+    stop: threading.Event | None = None,
+) -> Recording:
+    """Record all streams into folders of their cameras' names.
+
+    Args:
+        streams: at least one.
+        folder: where the cameras' folders are made; what is in them stays.
+        options: how long, and how.
+        tell: told how many seconds each camera has.
+        stop: ends the recording as soon as it is set; pieces that are being written are finished.
+
+    Raises:
+        InputError: a camera cannot be reached at the beginning (unless the others are to go on), none has sent anything, or the
+            folder cannot be written.
+    """
+    stop = stop or threading.Event()
+    until = time.monotonic() + options.seconds
+    for stream in streams:
+        make_folder(folder / stream.camera)
+    recorders = [_Recorder(stream, folder / stream.camera, options, until, stop) for stream in streams]
+    ended: Ended = "time"
+    with _at_work(recorders, stop):
+        ended = _supervised(recorders, folder, options, tell, stop)
+    for recorder in recorders:
+        if recorder.failure is not None:
+            raise recorder.failure
+    result = Recording(tuple(recorder.result() for recorder in recorders), ended)
+    if not any(camera.pieces for camera in result.cameras) and ended == "time":
+        first = recorders[0]
+        raise InputError(f"camera {first.stream.camera} ({first.stream.shown}): {first.explained()}")
+    return result
+
+
+@contextmanager
+def _at_work(recorders: list[_Recorder], stop: threading.Event) -> Iterator[None]:
+    """Recorders in threads of their own, which have ended when the block has."""
+    threads = [threading.Thread(target=recorder.run, name=f"recording {recorder.stream.camera}") for recorder in recorders]
+    for thread in threads:
+        thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+
+
+def _supervised(
+    recorders: list[_Recorder], folder: Path, options: CaptureOptions, tell: Progress, stop: threading.Event
+) -> Ended:
+    """Wait for the end, and see to it that it comes in time."""
+    began = time.monotonic()
+    warned: set[str] = set()
+    while not all(recorder.done for recorder in recorders):
+        if stop.wait(LOOK_EVERY_S):
+            return "stopped"
+        now = time.monotonic() - began
+        for recorder in recorders:
+            name = recorder.stream.camera
+            tell(STAGE, min(int(now), int(options.seconds)), int(options.seconds), part=name)
+            if recorder.failure is not None:
+                return "stopped"
+            if recorder.connected or name in warned or not recorder.fault or now < options.timeout_s:
+                continue
+            told = f"camera {name} ({recorder.stream.shown}): {recorder.explained()}"
+            if not options.without_missing:
+                raise InputError(f"{told}; with --without-missing the other cameras go on")
+            warned.add(name)
+            tell_warning(tell, f"{told}; the other cameras go on")
+        if sum(recorder.size_bytes for recorder in recorders) >= options.most_bytes:
+            return "space"
+        if shutil.disk_usage(folder).free < RESERVE_BYTES:
+            return "disk"
+    return "time"
+
+
+@dataclass(eq=False)
+class _Recorder:
+    """One camera."""
+
+    stream: Stream
+    folder: Path
+    options: CaptureOptions
+    until: float
+    """When the recording ends, by the monotonic clock."""
+    stop: threading.Event
+    connected: bool = False
+    """Whether anything has come so far."""
+    done: bool = False
+    fault: str | None = None
+    failure: InputError | None = None
+    """What makes it senseless to go on: the folder cannot be written."""
+    size_bytes: int = 0
+    pieces: list[Piece] = field(default_factory=list)
+    clock: WallClock = field(default_factory=WallClock)
+    source: Source | None = None
+
+    @property
+    def over(self) -> bool:
+        """Whether the recording has ended."""
+        return self.stop.is_set() or time.monotonic() >= self.until
+
+    def run(self) -> None:
+        """Connect again and again until the end."""
+        wait = FIRST_WAIT_S
+        try:
+            while not self.over:
+                before = len(self.pieces)
+                try:
+                    self._connection()
+                    self.fault = None if self.over else "the stream ended"
+                except FFmpegError as error:
+                    self.fault = self.stream.hidden(error.strerror or type(error).__name__)
+                except (IndexError, ValueError) as error:
+                    self.fault = self.stream.hidden(str(error))
+                wait = FIRST_WAIT_S if len(self.pieces) > before else min(2 * wait, LONGEST_WAIT_S)
+                if not self.over:
+                    self.stop.wait(min(wait, max(0.0, self.until - time.monotonic())))
+        except InputError as error:
+            self.failure = error
+        finally:
+            self.done = True
+
+    def _connection(self) -> None:
+        """Record until the connection breaks or the end comes."""
+        self.clock = WallClock()
+        with _opened(self.stream, self.options.timeout_s) as container:
+            if not container.streams.video:
+                raise ValueError("has no pictures, only sound")
+            streams: list[VideoStream | AudioStream] = [container.streams.video[0], *container.streams.audio[:1]]
+            writer = PieceWriter(self.folder, streams, self.options.piece_s, self.clock.settled, self._ended)
+            try:
+                self._packets(container, streams, writer)
+            finally:
+                writer.end()
+
+    def _packets(self, container: InputContainer, streams: list[VideoStream | AudioStream], writer: PieceWriter) -> None:
+        packet: Any
+        for packet in container.demux(*streams):
+            if packet.stream is streams[0] and packet.pts is not None and packet.time_base is not None:
+                zero = container.start_time_realtime
+                sender = None if zero is None or zero <= 0 else zero / 1e6
+                self.clock.arrived(float(packet.pts * packet.time_base), time.time(), sender)
+                self.connected = True
+            writer.write(packet)
+            if self.over:
+                return
+
+    def _ended(self, piece: Piece) -> None:
+        self.pieces.append(piece)
+        self.size_bytes += piece.size_bytes
+        settled = self.clock.settled()
+        self.source = None if settled is None else settled.source
+
+    def explained(self) -> str:
+        """Why nothing comes, and what to do."""
+        return f"{self.fault or 'sends no pictures'}: check the address, the user name and password, and that the camera is on"
+
+    def result(self) -> CameraRecording:
+        """What was recorded."""
+        pieces = tuple(sorted(self.pieces, key=lambda piece: piece.begin_s))
+        return CameraRecording(self.stream.camera, pieces, self.source, self.clock.unset_s, self.fault)
+
+
+PROTOCOLS = "rtsp,rtsps,rtp,srtp,udp,tcp,tls,http,https,httpproxy,crypto"
+"""That a stream may lead to: never files of this computer."""
+
+
+def _opened(stream: Stream, timeout_s: float) -> InputContainer:
+    """The connection to a stream."""
+    if DEVICE.fullmatch(stream.address):
+        return av.open(stream.address, format="v4l2", options={"input_format": "mjpeg"}, timeout=timeout_s)
+    options: Mapping[str, str] = {"protocol_whitelist": PROTOCOLS}
+    if stream.address.startswith("rtsp"):
+        options = {**options, "rtsp_transport": stream.transport}
+    container = av.open(stream.address, options=dict(options), timeout=timeout_s)
+    if container.format.name == "mpjpeg":
+        # Its pictures carry no times: those of their arrival are taken.
+        container.close()
+        container = av.open(stream.address, options={**options, "use_wallclock_as_timestamps": "1"}, timeout=timeout_s)
+    return container

@@ -1,0 +1,126 @@
+import pytest
+
+from passerby.common.errors import InputError
+from passerby.recording.capture import CaptureOptions
+from passerby.recording.scene_file import write_scene_file
+from passerby.recording.settings import Stream, read_plan
+from passerby.recording.wall_clock import MOST_APART_S, WallClock
+from passerby.scene.scene import Scene
+
+SECRET = "s3cr&t@pw"
+
+
+def written(tmp_path, text):
+    path = tmp_path / "cameras.toml"
+    path.write_text(text)
+    return path
+
+
+def test_user_names_and_passwords_come_from_the_environment_or_a_file(tmp_path):
+    (tmp_path / "secrets.env").write_text(f"# of the cameras\nPASSWORD='{SECRET}'\n\n")
+    path = written(
+        tmp_path,
+        '[recording]\nsecrets = "secrets.env"\n[cameras.north]\nstream = "rtsp://${USER_NAME}:${PASSWORD}@host:554/a?b=1"\n'
+        'hfov_deg = 90\n[cameras.gate]\nstream = "/dev/video0"\n[scene]\nname = "yard"\n',
+    )
+    plan = read_plan(path, {"USER_NAME": "admin"})
+    north, gate = plan.streams
+    assert north.address == f"rtsp://admin:{SECRET}@host:554/a?b=1"
+    assert (north.shown, gate.shown) == ("rtsp://host:554", "/dev/video0")
+    for text in (repr(north), str(north), repr(plan), north.hidden(f"cannot open {north.address} for admin:{SECRET}")):
+        assert SECRET not in text
+        assert "admin" not in text
+    assert plan.cameras["north"] == {"hfov_deg": 90}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "names no cameras"),
+        ("[cameras.a]\nstrem = 'rtsp://h/a'\n", "has no stream"),
+        ("[cameras.a]\nstream = 'rtsp://u:hidden@'\n", "names no host"),
+        ("[cameras.a]\nstream = 'ftp://u:hidden@h/a'\n", "is no address that can be recorded"),
+        ("[cameras.a]\nstream = 'hidden.mp4'\n", "is no address that can be recorded"),
+        ("[cameras.a]\nstream = 3\n", "is not a text"),
+        ("[cameras.a]\nstream = 'rtsp://${NOBODY}@h/a'\n", r"\$\{NOBODY\} is not set"),
+        ("[cameras.a]\nstream = 'rtsp://h/a'\ntransport = 'pigeon'\n", 'write "tcp" or "udp"'),
+        ("[cameras.'../a']\nstream = 'rtsp://h/a'\n", "cannot be that of a folder"),
+        ("[recording]\nsecret = 'x'\n[cameras.a]\nstream = 'rtsp://h/a'\n", "unknown; the only key is secrets"),
+        ("[recording]\nsecrets = 'none.env'\n[cameras.a]\nstream = 'rtsp://h/a'\n", "none.env"),
+    ],
+)
+def test_what_is_wrong_with_a_file_of_cameras_is_told_without_its_secrets(tmp_path, text, told):
+    with pytest.raises(InputError, match=told) as raised:
+        read_plan(written(tmp_path, text), {})
+    assert "hidden" not in str(raised.value)
+
+
+def test_a_secret_that_is_no_assignment(tmp_path):
+    (tmp_path / "s.env").write_text("A=1\nhidden\n")
+    with pytest.raises(InputError, match="line 2 is not NAME=VALUE") as raised:
+        read_plan(written(tmp_path, "[recording]\nsecrets = 's.env'\n[cameras.a]\nstream = 'rtsp://h/a'\n"), {})
+    assert "hidden" not in str(raised.value)
+
+
+def test_the_scene_file_is_there_before_anything_is_recorded(tmp_path):
+    text = "[cameras.a]\nstream='rtsp://u:hidden@h/a'\nhfov_deg=90\n[cameras.b]\nstream='rtsp://h/b'\n[scene]\nname='yard'\n"
+    plan = read_plan(written(tmp_path, text), {})
+    path = write_scene_file(plan, tmp_path / "out")
+    scene = Scene.load(path)
+    assert scene.name == "yard"
+    assert list(scene.cameras) == ["a", "b"]
+    assert scene.cameras["a"].hfov_deg == 90
+    assert "hidden" not in path.read_text()
+    path.write_text(path.read_text().replace('name = "yard"', 'name = "court"'))
+    assert write_scene_file(plan, tmp_path / "out") == path
+    assert Scene.load(path).name == "court"
+    more = read_plan(written(tmp_path, "[cameras.c]\nstream='rtsp://h/c'\n"), {})
+    with pytest.raises(InputError, match="without camera c"):
+        write_scene_file(more, tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("hfov = 90\n", "hfov"), ("[solver]\nmethod = 'guess'\n", "method"), ("[perception]\nfps = 3\n", "has no place here")],
+)
+def test_a_wrong_scene_is_told_before_the_recording(tmp_path, text, told):
+    plan = read_plan(written(tmp_path, f"[cameras.b]\nstream='rtsp://h/b'\n[cameras.a]\nstream='rtsp://h/a'\n{text}"), {})
+    with pytest.raises(InputError, match=told):
+        write_scene_file(plan, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"seconds": 0}, {"seconds": float("nan")}, {"seconds": 9, "piece_s": 0}, {"seconds": 9, "most_bytes": 0}],
+)
+def test_options_that_cannot_be(options):
+    with pytest.raises(InputError, match="give"):
+        CaptureOptions(**options)
+
+
+def test_wall_time_is_the_senders_where_that_can_be():
+    clock = WallClock()
+    assert clock.settled() is None
+    clock.arrived(2.0, 1002.4, None)
+    clock.arrived(3.0, 1003.1, None)
+    arrival = clock.settled()
+    assert arrival.at(5.0) == pytest.approx(1005.1)
+    # Later packets change nothing any more, but for a word of the sender.
+    clock.arrived(4.0, 1004.0, None)
+    assert clock.settled() == arrival
+    clock.arrived(5.0, 1005.0, 999.8)
+    assert clock.settled().source == "sender"
+    assert clock.settled().at(5.0) == pytest.approx(1004.8)
+    assert clock.settled().sigma_s < arrival.sigma_s
+
+
+def test_a_senders_clock_that_was_never_set_is_not_believed():
+    clock = WallClock()
+    clock.arrived(0.0, 5000.0, 5000.0 + 2 * MOST_APART_S)
+    assert clock.settled().source == "arrival"
+    assert clock.unset_s == pytest.approx(2 * MOST_APART_S)
+
+
+def test_a_stream_has_no_address_in_its_words():
+    assert "pw" not in repr(Stream("a", "rtsp://u:pw@host/x?password=pw"))
