@@ -126,6 +126,7 @@ def calibrate_inputs(
         figures=placed.figures,
         association=association,
         clocked=bool(inputs.observations.clocks),
+        wall_clock=inputs.wall_clock,
         world=placed.world,
         seconds={"solving": solved - began},
     )

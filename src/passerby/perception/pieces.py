@@ -24,6 +24,11 @@ DEPTH, MOST = 4, 5000
 """Folders in folders, and files, that are looked at: a network video recorder keeps day/hour/camera/piece."""
 
 
+def walk_below(folder: Path) -> Iterator[Path]:
+    """The files in a folder and the folders in it, up to `DEPTH`, but for hidden ones."""
+    return _below(folder, DEPTH)
+
+
 def files_below(folder: Path, endings: tuple[str, ...]) -> list[Path]:
     """The files with one of these endings in a folder and the folders in it, up to `DEPTH` and `MOST`, but for hidden ones."""
     return [path for path in islice(_below(folder, DEPTH), MOST) if path.suffix.lower() in endings]
