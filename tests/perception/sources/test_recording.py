@@ -213,10 +213,10 @@ def test_two_cameras_at_the_same_times_are_an_error(layout: Path, tmp_path: Path
 def test_all_broken_videos_and_pictures_beside_them_are_errors(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
         (tmp_path / name).write_bytes(b"no video")
-    with pytest.raises(InputError, match="none of its 2 videos can be read; the first, a.mp4"):
+    with pytest.raises(InputError, match=r"none of its 2 videos can be read; the first, a\.mp4"):
         open_source(VideoSource((tmp_path,)))
     cv2.imwrite(str(tmp_path / "a.png"), numbered(1))
-    with pytest.raises(InputError, match="2 videos .* and 1 images"):
+    with pytest.raises(InputError, match=r"2 videos .* and 1 images"):
         open_source(VideoSource((tmp_path,)))
     with pytest.raises(InputError, match="no video and no image matches"):
         open_source(VideoSource((tmp_path / "c*.mp4",)))
