@@ -70,7 +70,7 @@ def test_frames_count_from_one_second(folder: Path) -> None:
 
 
 def test_cameras_without_wall_times_are_told(folder: Path) -> None:
-    north, east = read_cameras(Scene.load(scene(folder, "north", "east")))
+    _, east = read_cameras(Scene.load(scene(folder, "north", "east")))
     assert east.video is not None
     assert next(iter(VideoReader(east.video))).number == 1
     (text,) = texts_of(east.findings)

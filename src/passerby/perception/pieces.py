@@ -12,11 +12,11 @@ VIDEO_ENDINGS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".ts",
 PICTURE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 
 JOIN_PIECES = (
-    "recordings in pieces are not read yet: join each camera's into one file, in the order of their times, with "
+    "recordings in pieces are not read here: join each camera's into one file, in the order of their times, with "
     "`ffmpeg -f concat -safe 0 -i list.txt -c copy camera.mp4`, where list.txt has a line `file 'NAME'` for each piece"
 )
 JOIN_PICTURES = (
-    "still images are not read yet: make one video of each camera's with `ffmpeg -framerate FPS -pattern_type glob -i '*.jpg' "
+    "still images are not read here: make one video of each camera's with `ffmpeg -framerate FPS -pattern_type glob -i '*.jpg' "
     "-c:v libx264 -crf 17 camera.mp4`"
 )
 PATTERN = re.compile(r"[*?]|%0?\d*d")

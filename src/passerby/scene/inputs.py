@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -19,6 +19,7 @@ from passerby.core.observations import Clock, Observations
 from passerby.core.pointing import PointedPerson
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults, faults_of
+from passerby.perception.sources.recording import gaps_of
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.lens_sources import group_faults
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults
@@ -57,6 +58,8 @@ class SceneInputs:
     """People of known height at whom the scene file points."""
     wall_clock: WallClock | None = None
     """Wall time of frame numbers, where it is known."""
+    gaps: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    """By camera with gaps in its recording, spans of its own frame numbers at which it recorded nothing."""
 
 
 class VideoProcessor(Protocol):
@@ -89,7 +92,20 @@ def assemble_inputs(scene: Scene, readings: list[CameraInput]) -> SceneInputs:
     return SceneInputs(
         rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)),
         pointed_people(scene, readings), wall_clock_of(scene, readings),
+        _gaps(readings),
     )  # fmt: skip
+
+
+def _gaps(readings: Sequence[CameraInput]) -> dict[str, tuple[tuple[float, float], ...]]:
+    """The gaps in recordings in pieces, in frame numbers."""
+    found = {
+        reading.name: tuple(
+            (first * reading.video.clock_fps + 1, last * reading.video.clock_fps + 1) for first, last in gaps_of(reading.video)
+        )
+        for reading in readings
+        if reading.video is not None
+    }
+    return {name: spans for name, spans in found.items() if spans}
 
 
 def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:

@@ -74,6 +74,8 @@ def open_source(source: VideoSource, name: str = "") -> Recording:
         return Recording(probe(source.single))
     files = list_files(source)
     listed = len(files.paths)
+    if files.kind == "pictures" and listed == 1:
+        raise VideoError(source.place, "is a single image: name the folder of all images, or a pattern as FOLDER/*.jpg")
     heads = None if files.kind == "videos" else [_head(path) for path in files.paths]
     times = times_of(source, files, heads)
     order = np.arange(listed) if times is None else np.argsort(times.begin, kind="stable")
@@ -103,6 +105,17 @@ def rebased(info: VideoInfo, origin: float) -> VideoInfo:
     pieces = tuple(replace(piece, begin_s=piece.begin_s + later) for piece in info.pieces)
     used = (info.used[0] + later, info.used[1] + later)
     return replace(info, pieces=pieces, used=used, wall=replace(info.wall, seconds=origin))
+
+
+def gaps_of(info: VideoInfo) -> list[tuple[float, float]]:
+    """The gaps between the pieces of a recording, or between its pictures: from and to, seconds from frame 1."""
+    found = []
+    end = math.inf
+    for piece in info.pieces:
+        if piece.begin_s - end >= GAP_S:
+            found.append((end, piece.begin_s))
+        end = max(piece.begin_s + piece.seconds, -math.inf if end == math.inf else end)
+    return found
 
 
 def _near_span(begin: Floats, span: WallSpan, pictures: bool) -> np.ndarray:
