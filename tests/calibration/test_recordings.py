@@ -120,8 +120,9 @@ def test_pictures(folder: Path, whole: float) -> None:
     for name in CAMERAS:
         (folder / name).mkdir()
         for frame in VideoReader(folder / f"{name}.mp4"):
-            if frame.number % 40 > 1:  # 5 % of them are missing
-                cv2.imwrite(str(folder / name / f"frame_{frame.number:06}.jpg"), frame.picture)
+            if frame.number % 2 == 1 and frame.number % 40 > 2:  # each second one, and 5 % of these are missing
+                path = folder / name / f"frame_{frame.number:06}.png"
+                cv2.imwrite(str(path), frame.picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     cameras = {name: f'video = "{name}"\nfps = {FPS}' for name in CAMERAS}
     _, error_mm = calibrated(scene_file(folder, cameras, ASSOCIATION, name="pictures.toml"))
     print(f"\npictures: {error_mm:.1f} mm, whole files: {whole:.1f} mm")
