@@ -37,6 +37,10 @@ SHORTFALL_OF_FILE_S = 2.0
 # So many reads in a row may fail before the rest of the file is given up.
 FAILED_READS = 100
 
+# Pieces of which more is passed over than the one are entered by a key frame, which is looked for by the other before the first
+# picture that is wanted: containers' indices may be off by a second.
+SOUGHT_FROM_S, SOUGHT_BEFORE_S = 20.0, 2.0
+
 # Timestamps that fall back by more belong to another recording behind the first: it is taken to follow at once.
 JUMP_BACK_S = 1.0
 
@@ -118,11 +122,13 @@ Taken = tuple[int, float, Callable[[], Picture]]
 """Number and seconds of a picture, and what converts it when it is chosen."""
 
 
-def _one_file(info: VideoInfo, reading: _Reading, threads: int) -> Iterator[Taken]:
-    """The pictures of one file."""
+def _one_file(info: VideoInfo, reading: _Reading, threads: int, skipped_s: float = 0.0) -> Iterator[Taken]:
+    """The pictures of one file; those of its first seconds may be left out."""
     reformatter = VideoReformatter()
     with open_video(info.path) as (container, stream):
         stream.codec_context.thread_count = threads
+        if skipped_s > 0:
+            reading.skip(container, stream, skipped_s)
         for number, seconds, frame in reading.pictures(container, stream):
             yield number, seconds, partial(upright, reformatter, frame, info.rotation)
 
@@ -147,7 +153,9 @@ class _Recording:
             if over < max(first, (self._after - 1) / self._info.clock_fps):
                 continue
             for number, seconds, picture in self._of_piece(piece):
-                if number <= self._last or not first <= seconds <= last:
+                if seconds > last:
+                    break
+                if number <= self._last or seconds < first:
                     continue
                 self._last, self._seconds = number, seconds
                 self._pictures += 1
@@ -168,7 +176,9 @@ class _Recording:
             return
         reading = _Reading(piece.info)
         try:
-            for number, seconds, make in _one_file(piece.info, reading, self._threads):
+            ahead = max(self._info.used[0], (self._after - 1) / clock) - piece.begin_s
+            skipped_s = ahead - SOUGHT_BEFORE_S if ahead > SOUGHT_FROM_S else 0.0
+            for number, seconds, make in _one_file(piece.info, reading, self._threads, skipped_s):
                 yield before + number, before / clock + seconds, make
         except VideoError as error:
             self._fail(piece, error.what)
@@ -230,6 +240,20 @@ class _Reading:
                     yield self._number, self._seconds, frame
         if self._pictures == 0:
             raise VideoError(self._info.path, "nothing of it can be decoded: copy the video again")
+
+    def skip(self, container: InputContainer, stream: VideoStream, seconds: float) -> None:
+        """Go to the last key frame before so many seconds, where the file has timestamps and can seek; else stay."""
+        try:
+            first = next((frame for packet in container.demux(stream) for frame in packet.decode()), None)
+        except FFmpegError:
+            first = None
+        begin = None if first is None or first.pts is None or first.time_base is None else first.pts * first.time_base
+        target = 0.0 if begin is None else float(begin) + seconds
+        try:
+            container.seek(int(target * 1_000_000), backward=True)
+        except (FFmpegError, OverflowError):
+            container.seek(0)
+        self._origin = None if begin is None else float(begin)
 
     def _packets(self, container: InputContainer, stream: VideoStream) -> Iterator[Packet[VideoStream] | None]:
         """The packets, past places where the file cannot be read; None at the end of one that breaks off."""

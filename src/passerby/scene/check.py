@@ -222,10 +222,11 @@ def _seconds(scene: Scene, reading: CameraInput) -> float | None:
     if reading.fps is None:
         return None
     if reading.awaiting:
-        if reading.video is None or reading.video.seconds is None:
+        video, table = reading.video, scene.cameras[reading.name]
+        if video is None or video.end_s is None:
             return None
-        table, length = scene.cameras[reading.name], reading.video.seconds * reading.video.clock_fps / reading.fps
-        return min(length, np.inf if table.until_s is None else table.until_s) - (table.from_s or 0.0)
+        begin, end = (second * video.clock_fps / reading.fps for second in (video.begin_s, video.end_s))
+        return min(end, np.inf if table.until_s is None else table.until_s) - max(begin, table.from_s or 0.0)
     frames = reading.frames
     return float((frames[-1] - frames[0] + 1) / reading.fps) if len(frames) else None
 

@@ -13,6 +13,7 @@ from passerby.common.errors import InputError
 from passerby.findings.finding import Finding
 from passerby.findings.texts import text_of
 from passerby.interchange.video_writer import VideoWriter
+from passerby.perception import video
 from passerby.perception.source_state import VideoFilesState, video_identity
 from passerby.perception.sources import recording as recordings
 from passerby.perception.sources.files import VideoSource, WallSpan
@@ -251,6 +252,25 @@ def test_a_span_opens_its_pieces_only(layout: Path, monkeypatch: pytest.MonkeyPa
     assert info.seconds == pytest.approx(3.0)
     with pytest.raises(InputError, match=r"no file in the span .* from 2026-11-22T08:00:00\+00:00"):
         open_source(VideoSource(north(layout).paths, span=WallSpan(BEGIN - 900, BEGIN - 800)))
+
+
+def test_a_span_of_a_long_piece_is_entered_by_a_key_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "north"
+    film(folder / "20261122_080000.mp4", 1, 250, fps=5)
+    film(folder / "20261122_080050.mp4", 1, 5, fps=5)
+    whole = open_source(VideoSource((folder,))).info
+    assert whole.wall is not None
+    begin = whole.wall.seconds
+    span = WallSpan(begin + 40.0, begin + 44.0)
+    decoded = []
+    counted = video._Reading._count
+    monkeypatch.setattr(video._Reading, "_count", lambda self, frame: decoded.append(1) or counted(self, frame))
+    info = open_source(VideoSource((folder,), span=span)).info
+    assert read(info) == same(201, 221)
+    assert len(decoded) < 60
+    decoded.clear()
+    assert read(whole, after=230) == [*same(231, 250), *((250 + number, number) for number in range(1, 6))]
+    assert len(decoded) < 60
 
 
 def test_names_by_a_pattern(layout: Path, tmp_path: Path) -> None:
