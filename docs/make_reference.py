@@ -17,6 +17,7 @@ import types
 import typing
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime, time
 from enum import Enum
 from itertools import pairwise
 from pathlib import Path
@@ -39,7 +40,15 @@ FOLDER = Path(__file__).resolve().parent / "reference"
 WRITTEN = "<!-- Written by docs/make_reference.py from the code: change it there. -->"
 ABOUT_FINDINGS = """What speaks against a calibration, or is odd about its input, stands in `calibration.json` under
 [`diagnostics`](../output.md#diagnostics) by these codes; [troubleshooting](../troubleshooting.md) says what to do."""
-WORDS: dict[type, str] = {str: "text", float: "number", int: "whole number", bool: "true or false", Path: "path"}
+WORDS: dict[type, str] = {
+    str: "text",
+    float: "number",
+    int: "whole number",
+    bool: "true or false",
+    Path: "path",
+    datetime: "date and time",
+    time: "time of day",
+}
 SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le", "to")}
 Row = Sequence[str]
 
@@ -109,6 +118,8 @@ def in_words(annotation: Any) -> str:
         part = next(one for one in arguments if one is not Ellipsis)
         if inspect.isclass(part) and issubclass(part, BaseModel):
             return "tables"
+        if part is Path:
+            return f"list: {in_words(part)}"
         return f"list of {len(arguments)}: {in_words(part)}"
     if origin is dict:
         return "a table"
@@ -172,7 +183,7 @@ def _table_of_scene(place: tuple[str, ...], kind: type[BaseModel], constants: di
     about = re.sub(r"^`[^`]*`: ", "", " ".join((kind.__doc__ or "").split()))
     rows = [
         [
-            f"`{name}`",
+            f"`{field.alias or name}`",
             in_words(field.annotation) + limits(field.metadata),
             _default(field),
             with_values(texts.get(name, ""), constants),

@@ -94,7 +94,7 @@ def test_no_video(scene, good, tmp_path, capsys, command, content, told):
 def test_no_file(scene, tmp_path, capsys, command, kind):
     if kind == "folder":
         (tmp_path / "bad.mp4").mkdir()
-    told = "is a folder: name a video file" if kind == "folder" else "no such file: a video is needed here; check the path"
+    told = "no video and no image is there" if kind == "folder" else "no such file: a video is needed here; check the path"
     refused(capsys, scene(), command, f"{tmp_path}/bad.mp4: ", told, "(the video of camera C1)")
 
 
@@ -102,31 +102,22 @@ def test_no_file(scene, tmp_path, capsys, command, kind):
 @pytest.mark.parametrize(
     ("video", "told"),
     [
-        ("pieces", "is a folder of 2 videos, not one: recordings in pieces are not read yet: join each camera's into one file"),
-        ("recordings", "is a folder of 2 videos, not one: recordings in pieces are not read yet"),
-        ("pieces/*.mp4", "matches many files, not one: recordings in pieces are not read yet"),
-        ("pieces/%03d.mp4", "matches many files, not one: recordings in pieces are not read yet"),
-        ("pieces/00[01].mp4", "matches many files, not one: recordings in pieces are not read yet"),
-        ("pieces/00[78].mp4", "no such file: a video is needed here"),
-        ("stills", "is a folder of images: still images are not read yet: make one video of each camera's"),
-        ("stills/%06d.png", "matches many files, not one: still images are not read yet"),
-        ("stills/000001.png", "is not a video (piped png sequence), but a single image: still images are not read yet"),
-        ("one", "is a folder: name a video file"),
+        ("pieces/00[78].mp4", "no video and no image matches this pattern"),
+        ("stills", "has 2 numbered images, and their rate is not known: set fps"),
+        ("stills/%06d.png", "has 2 numbered images, and their rate is not known: set fps"),
+        ("stills/000001.png", "is a single image: name the folder of all images"),
+        ("none", "no video and no image is there"),
+        ("both", "holds 1 videos (000.mp4, ...) and 1 images (000001.png, ...): name one kind with a pattern"),
     ],
 )
 def test_pieces_and_pictures_for_a_video(scene, good, tmp_path, capsys, command, video, told):
-    for place in ("pieces", "recordings/2024-05-01/13", "stills", "one"):
+    for place in ("pieces", "none", "stills", "both"):
         (tmp_path / place).mkdir(parents=True)
-    for place in ("pieces", "recordings/2024-05-01/13"):
-        for name in ("000.mp4", "001.mp4"):
-            (tmp_path / place / name).symlink_to(good / "C1.mp4")
-    (tmp_path / "one" / "000.mp4").symlink_to(good / "C1.mp4")
-    for number in (1, 2):
-        cv2.imwrite(str(tmp_path / "stills" / f"{number:06d}.png"), np.zeros((48, 64, 3), np.uint8))
-    line = refused(
-        capsys, scene({"C1": video, "C2": "C2.mp4"}), command, f"{tmp_path}/{video}: {told}", "(the video of camera C1)"
-    )
-    assert ("ffmpeg -f" in line) == ("not one" in line or "a single image" in line or "of images" in line)
+    for path in ("pieces/000.mp4", "pieces/001.mp4", "both/000.mp4"):
+        (tmp_path / path).symlink_to(good / "C1.mp4")
+    for path in ("stills/000001.png", "stills/000002.png", "both/000001.png"):
+        cv2.imwrite(str(tmp_path / path), np.zeros((48, 64, 3), np.uint8))
+    refused(capsys, scene({"C1": video, "C2": "C2.mp4"}), command, f"{tmp_path}/{video}: {told}", "(the video of camera C1)")
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])

@@ -10,6 +10,7 @@ import pytest
 from passerby.core.cameras import Rig
 from passerby.core.observations import BODY_17, Boxes, CameraObservations, Observations
 from passerby.interchange.calibration_json import CalibrationDocument
+from passerby.perception.sources.files import VideoSource
 from passerby.report.backdrop import MOST_CHARACTERS, WIDEST_PX, data_uri
 from passerby.report.contents import Contents
 from passerby.report.fitted import fit_people
@@ -198,7 +199,8 @@ def puppet_contents(made, videos, frames=None):
         name: CameraObservations(boxes if frames is None else boxes.take(np.isin(boxes.frame, frames)))
         for name, boxes in made.boxes.items()
     }
-    return Contents(CalibrationDocument(verdict="accepted", cameras=()), made.rig, Observations(seen, made.fps), {}, videos)
+    sources = {name: VideoSource((path,)) for name, path in videos.items()}
+    return Contents(CalibrationDocument(verdict="accepted", cameras=()), made.rig, Observations(seen, made.fps), {}, sources)
 
 
 @pytest.mark.parametrize("frame", [1, 2, 47, 90])

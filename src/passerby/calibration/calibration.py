@@ -47,8 +47,10 @@ from passerby.interchange.rig_toml import write_rig
 from passerby.interchange.storage.atomic import forget_halves
 from passerby.interchange.storage.json_text import plain, to_json
 from passerby.interchange.storage.transaction import folder_lock, transaction
-from passerby.report.contents import Contents
+from passerby.perception.video_probe import WallTime
+from passerby.report.contents import Contents, declared_videos
 from passerby.scene.scene import Scene
+from passerby.scene.wall_clock import WallClock
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -77,6 +79,8 @@ class Calibration:
     """Whether the cameras' frame rates are known."""
     perception: dict[str, Any] = field(default_factory=dict)
     """JSON-ready: how people were found in the videos; empty where none was watched."""
+    wall_clock: WallClock | None = None
+    """Wall time of frame numbers, where the files of the videos tell it."""
     world: dict[str, Any] = field(default_factory=dict)
     """JSON-ready: how `[world]` set the frame; empty where the first camera did."""
     seconds: dict[str, float] = field(default_factory=dict)
@@ -178,10 +182,9 @@ def contents_of(calibration: Calibration) -> Contents:
     """The contents of a calibration that has just been made, as they would be read again."""
     scene = calibration.scene
     clocks = calibration.association.clocks if calibration.association else {}
-    named = {name: scene.resolve(table.video) for name, table in scene.cameras.items() if table.video is not None}
-    videos = {name: path for name, path in named.items() if path.is_file()}
     seen = Observations(calibration.observations.cameras, calibration.observations.fps, dict(clocks))
     document = parse_document(to_json(calibration_document(calibration)))
+    videos = declared_videos(document, list(scene.cameras), scene.resolve(Path()))
     return Contents(document, calibration.rig, seen, dict(clocks), videos)
 
 
@@ -251,6 +254,7 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
     """A calibration as its `calibration.json` has it; `files` are the checksums of the files beside it."""
     scene, association, residual_px = calibration.scene, calibration.association, _residuals(calibration)
     found = AssociationFigures() if association is None else association.figures
+    clock = calibration.wall_clock
     return CalibrationDocument(
         scene_file=scene_file(scene.path),
         files=files,
@@ -269,6 +273,8 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
         options=calibration.options,
         scene=entry_of(DeclaredScene, scene.model_dump(mode="json", exclude_none=True)),
         figures=calibration.figures,
+        wall_clock_origin=None if clock is None else clock.origin.text,
+        wall_clock_span=None if clock is None else _texts(clock.first, clock.last),
         world=entry_of(WorldEntry, calibration.world) if calibration.world else None,
     )
 
@@ -290,6 +296,13 @@ def _entry(calibration: Calibration, camera: Camera, residual_px: float | None) 
         time_offset_s=None if clock is None else clock.offset_s,
         time_offset_sigma_s=association.sigma_s.get(camera.name) if association else None,
     ).with_pose(camera)
+
+
+def _texts(first: WallTime | None, last: WallTime | None) -> tuple[str | None, str | None] | None:
+    """The ends of a span of wall time; None where neither is chosen."""
+    if first is None and last is None:
+        return None
+    return None if first is None else first.text, None if last is None else last.text
 
 
 def _residuals(calibration: Calibration) -> dict[str, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -25,6 +25,7 @@ from passerby.calibration.estimation import Estimator
 from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.repairs import Repair, Repaired, apply_repairs
 from passerby.calibration.scene_solver import solver_options
+from passerby.calibration.unrecorded import Spans, unrecorded_instants
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, adjusted, heights_of
@@ -105,7 +106,7 @@ def calibrate_inputs(
         solution = _with_figures(scene, inputs, repaired, motions, shape)
         placed = align_to_scene(scene, solution)
         doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
-        solution = _decided(scene, solution, association, doubts, placed.rig)
+        solution = _decided(scene, solution, association, doubts, placed.rig, inputs.gaps)
     solved = time.perf_counter()
     lenses, rates = adjusted(solution.figures).lenses, solution.figures.clock_rates or {}
     refined = (*lens_notes(lenses), *clock_skew_findings(rates), *ground)
@@ -126,6 +127,7 @@ def calibrate_inputs(
         figures=placed.figures,
         association=association,
         clocked=bool(inputs.observations.clocks),
+        wall_clock=inputs.wall_clock,
         world=placed.world,
         seconds={"solving": solved - began},
     )
@@ -169,13 +171,16 @@ def _doubts(
     return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven), ground
 
 
-def _decided(scene: Scene, solution: Solution, association: Association, doubts: Sequence[Finding], placed: Rig) -> Solution:
+def _decided(
+    scene: Scene, solution: Solution, association: Association, doubts: Sequence[Finding], placed: Rig,
+    gaps: Mapping[str, Spans],
+) -> Solution:  # fmt: skip
     """The solution with the verdict on it."""
     basis, grown = _scale_of(scene, solution, placed)
     tall = doubts_of_heights(heights_of(solution.figures), grown, scene.scale.person_height_m) if grown != 1.0 else ()
     return judged(
         solution, association.instants, given=scene.association.given, why=association.lost, doubts=(*doubts, *tall),
-        basis=basis, grown=grown,
+        basis=basis, grown=grown, unrecorded=unrecorded_instants(gaps, association),
     )  # fmt: skip
 
 

@@ -302,4 +302,5 @@ def _of_video(camera: CameraCheck) -> tuple[str, str]:
     if video is None:
         return MISSING, MISSING
     rate = f"about {video.average_fps:.3g}" if video.variable else f"{video.average_fps:.4g}"
-    return f"{video.codec} {video.size[0]}x{video.size[1]} {rate} fps", number(video.seconds, 1, " s")
+    files = f", {len(video.pieces)} files" if video.pieces else ""
+    return f"{video.codec} {video.size[0]}x{video.size[1]} {rate} fps{files}", number(video.seconds, 1, " s")

@@ -199,8 +199,14 @@ class DeclaredCamera:
 
     __pydantic_config__: ClassVar[ConfigDict] = _OPEN
     intrinsics: str | None = field(default=None, metadata=ABSENT)
-    video: str | None = field(default=None, metadata=ABSENT)
-    """From the scene file's folder."""
+    video: str | tuple[str, ...] | None = field(default=None, metadata=ABSENT)
+    """From the scene file's folder; several files, folders or patterns of one recording."""
+    video_names: str | None = field(default=None, metadata=ABSENT)
+    video_times: str | None = field(default=None, metadata=ABSENT)
+    tracks: str | None = field(default=None, metadata=ABSENT)
+    detections: str | None = field(default=None, metadata=ABSENT)
+    keypoints: str | None = field(default=None, metadata=ABSENT)
+    fps: Annotated[float, Field(gt=0)] | None = field(default=None, metadata=ABSENT)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -275,6 +281,10 @@ class CalibrationDocument:
     options: Mapping[str, Any] = field(default_factory=dict)
     scene: DeclaredScene = field(default_factory=DeclaredScene)
     figures: Figures = field(default_factory=SolverFigures)
+    wall_clock_origin: str | None = field(default=None, metadata=ABSENT)
+    """ISO 8601: frame f of a recording whose files tell their times was taken (f - 1) / fps later, by its own clock."""
+    wall_clock_span: tuple[str | None, str | None] | None = field(default=None, metadata=ABSENT)
+    """The span of wall time that was used, ISO 8601; None for an end that was not chosen."""
     world: WorldEntry | None = field(default=None, metadata=ABSENT)
 
     @property

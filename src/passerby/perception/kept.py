@@ -124,12 +124,12 @@ def key_of(identity: Mapping[str, Any]) -> str:
     return hashlib.blake2b(text.encode(), digest_size=KEY_LENGTH // 2).hexdigest()
 
 
-def fingerprint(path: Path) -> dict[str, Any]:
-    """What tells a file's content from another's, wherever it lies."""
+def fingerprint(path: Path, samples: int = SAMPLES) -> dict[str, Any]:
+    """What tells a file's content from another's, wherever it lies, by its size and so many samples."""
     size = path.stat().st_size
     digest = hashlib.blake2b(digest_size=16)
     with path.open("rb") as file:
-        for start in np.linspace(0, max(size - SAMPLE_BYTES, 0), SAMPLES).astype(np.int64).tolist():
+        for start in np.linspace(0, max(size - SAMPLE_BYTES, 0), samples).astype(np.int64).tolist():
             file.seek(start)
             digest.update(file.read(SAMPLE_BYTES))
     return {"bytes": size, "digest": digest.hexdigest()}

@@ -12,16 +12,21 @@ VIDEO_ENDINGS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".mpg", ".mpeg", ".ts",
 PICTURE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 
 JOIN_PIECES = (
-    "recordings in pieces are not read yet: join each camera's into one file, in the order of their times, with "
+    "recordings in pieces are not read here: join each camera's into one file, in the order of their times, with "
     "`ffmpeg -f concat -safe 0 -i list.txt -c copy camera.mp4`, where list.txt has a line `file 'NAME'` for each piece"
 )
 JOIN_PICTURES = (
-    "still images are not read yet: make one video of each camera's with `ffmpeg -framerate FPS -pattern_type glob -i '*.jpg' "
+    "still images are not read here: make one video of each camera's with `ffmpeg -framerate FPS -pattern_type glob -i '*.jpg' "
     "-c:v libx264 -crf 17 camera.mp4`"
 )
 PATTERN = re.compile(r"[*?]|%0?\d*d")
 DEPTH, MOST = 4, 5000
 """Folders in folders, and files, that are looked at: a network video recorder keeps day/hour/camera/piece."""
+
+
+def walk_below(folder: Path) -> Iterator[Path]:
+    """The files in a folder and the folders in it, up to `DEPTH`, but for hidden ones."""
+    return _below(folder, DEPTH)
 
 
 def files_below(folder: Path, endings: tuple[str, ...]) -> list[Path]:

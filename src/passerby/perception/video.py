@@ -7,8 +7,9 @@ converted from the colours of the codec.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -24,7 +25,7 @@ from av.video.stream import VideoStream
 from passerby.common.errors import InputError
 from passerby.perception.pictures import Frame, Picture
 from passerby.perception.video_error import VideoError
-from passerby.perception.video_probe import GRID_TOLERANCE_S, VideoInfo, fit_of_size, open_video, probe
+from passerby.perception.video_probe import GRID_TOLERANCE_S, Piece, VideoInfo, fit_of_size, open_video, probe
 
 __all__ = ["Decoded", "VideoInfo", "VideoReader", "expected_count", "fit_of_size", "frames", "probe"]
 
@@ -35,6 +36,10 @@ SHORTFALL_OF_FILE_S = 2.0
 
 # So many reads in a row may fail before the rest of the file is given up.
 FAILED_READS = 100
+
+# Pieces of which more is passed over than the one are entered by a key frame, which is looked for by the other before the first
+# picture that is wanted: containers' indices may be off by a second.
+SOUGHT_FROM_S, SOUGHT_BEFORE_S = 20.0, 2.0
 
 # Timestamps that fall back by more belong to another recording behind the first: it is taken to follow at once.
 JUMP_BACK_S = 1.0
@@ -58,6 +63,10 @@ class Decoded:
     """When the first of these would have been shown, about."""
     ended_early: str | None
     """Where the file ends clearly before the length that it tells: one sentence about it."""
+    cut_pieces: int = 0
+    """Pieces of a recording that end before the length that they tell."""
+    failed_pieces: int = 0
+    """Pieces, or pictures, that could not be read after all."""
 
 
 class VideoReader:
@@ -86,20 +95,19 @@ class VideoReader:
 
     def __iter__(self) -> Iterator[Frame]:
         self.decoded = None
-        reading = _Reading(self.info)
-        reformatter = VideoReformatter()
+        reading = _Recording(self.info, self.threads, self.after if self.rate is None else 0) if self.info.pieces else None
+        file = _Reading(self.info)
+        pictures = _one_file(self.info, file, self.threads) if reading is None else reading.pictures()
         last_tick, yielded = -1, 0
-        with open_video(self.info.path) as (container, stream):
-            stream.codec_context.thread_count = self.threads
-            for number, seconds, frame in reading.pictures(container, stream):
-                tick = self._tick(number, seconds)
-                if tick <= last_tick:
-                    continue
-                last_tick = tick
-                if number > self.after:
-                    yielded += 1
-                    yield Frame(number, seconds, upright(reformatter, frame, self.info.rotation))
-        self.decoded = reading.summary(yielded)
+        for number, seconds, picture in pictures:
+            tick = self._tick(number, seconds)
+            if tick <= last_tick:
+                continue
+            last_tick = tick
+            if number > self.after:
+                yielded += 1
+                yield Frame(number, seconds, picture())
+        self.decoded = file.summary(yielded) if reading is None else reading.summary(yielded)
 
     def _tick(self, number: int, seconds: float) -> int:
         """The last tick of the wanted rate that a picture is at or after."""
@@ -108,6 +116,99 @@ class VideoReader:
         if self.info.variable:
             return math.floor((seconds + GRID_TOLERANCE_S) * self.rate)
         return math.floor((number - 1) * self.rate / self.info.clock_fps + 1e-6)
+
+
+Taken = tuple[int, float, Callable[[], Picture]]
+"""Number and seconds of a picture, and what converts it when it is chosen."""
+
+
+def _one_file(info: VideoInfo, reading: _Reading, threads: int, skipped_s: float = 0.0) -> Iterator[Taken]:
+    """The pictures of one file; those of its first seconds may be left out."""
+    reformatter = VideoReformatter()
+    with open_video(info.path) as (container, stream):
+        stream.codec_context.thread_count = threads
+        if skipped_s > 0:
+            reading.skip(container, stream, skipped_s)
+        for number, seconds, frame in reading.pictures(container, stream):
+            yield number, seconds, partial(upright, reformatter, frame, info.rotation)
+
+
+class _Recording:
+    """One pass over a recording in pieces, or over pictures; what cannot be read is left out and counted."""
+
+    def __init__(self, info: VideoInfo, threads: int, after: int) -> None:
+        self._info, self._threads, self._after = info, threads, after
+        self._last, self._seconds, self._pictures = 0, 0.0, 0
+        self._broken, self._cut, self._failed = 0, 0, 0
+        self._first_broken_s: float | None = None
+        self._why: str | None = None
+
+    def pictures(self) -> Iterator[Taken]:
+        """The numbers ascend: of pieces that overlap, pictures that are past already are left out."""
+        first, last = self._info.used
+        for piece in self._info.pieces:
+            if piece.begin_s > last:
+                break
+            over = piece.begin_s + piece.seconds + SHORTFALL_S
+            if over < max(first, (self._after - 1) / self._info.clock_fps):
+                continue
+            for number, seconds, picture in self._of_piece(piece):
+                if seconds > last:
+                    break
+                if number <= self._last or seconds < first:
+                    continue
+                self._last, self._seconds = number, seconds
+                self._pictures += 1
+                yield number, seconds, picture
+        if self._pictures == 0:
+            raise VideoError(self._info.path, f"none of its files can be decoded ({self._why}): copy them again")
+
+    def _of_piece(self, piece: Piece) -> Iterator[Taken]:
+        """The pictures of a piece, in the numbers and seconds of the recording."""
+        clock = self._info.clock_fps
+        before = round(piece.begin_s * clock)
+        if piece.info is None:
+            picture = decoded_picture(piece.path, self._info.size)
+            if picture is None:
+                self._fail(piece, "it is damaged or of another size")
+            else:
+                yield before + 1, before / clock, partial(np.asarray, picture)
+            return
+        reading = _Reading(piece.info)
+        try:
+            ahead = max(self._info.used[0], (self._after - 1) / clock) - piece.begin_s
+            skipped_s = ahead - SOUGHT_BEFORE_S if ahead > SOUGHT_FROM_S else 0.0
+            for number, seconds, make in _one_file(piece.info, reading, self._threads, skipped_s):
+                yield before + number, before / clock + seconds, make
+        except VideoError as error:
+            self._fail(piece, error.what)
+        found = reading.summary(0)
+        self._broken += found.broken
+        if found.first_broken_s is not None and self._first_broken_s is None:
+            self._first_broken_s = before / clock + found.first_broken_s
+        self._cut += found.ended_early is not None and found.pictures > 0
+
+    def _fail(self, piece: Piece, why: str) -> None:
+        self._failed += 1
+        self._why = self._why or f"{piece.path.name}: {why}"
+
+    def summary(self, yielded: int) -> Decoded:
+        """What the pass came to."""
+        return Decoded(
+            self._pictures, yielded, self._seconds, self._broken, self._first_broken_s, None, self._cut, self._failed
+        )
+
+
+def decoded_picture(path: Path, size: tuple[int, int]) -> Picture | None:
+    """(H, W, 3) BGR of an image file, upright; None where it cannot be read or has another size."""
+    try:
+        content = np.fromfile(path, dtype=np.uint8)
+    except OSError:
+        return None
+    picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
+    if picture is None or (picture.shape[1], picture.shape[0]) != size:
+        return None
+    return np.asarray(picture, dtype=np.uint8)
 
 
 class _Reading:
@@ -139,6 +240,20 @@ class _Reading:
                     yield self._number, self._seconds, frame
         if self._pictures == 0:
             raise VideoError(self._info.path, "nothing of it can be decoded: copy the video again")
+
+    def skip(self, container: InputContainer, stream: VideoStream, seconds: float) -> None:
+        """Go to the last key frame before so many seconds, where the file has timestamps and can seek; else stay."""
+        try:
+            first = next((frame for packet in container.demux(stream) for frame in packet.decode()), None)
+        except FFmpegError:
+            first = None
+        begin = None if first is None or first.pts is None or first.time_base is None else first.pts * first.time_base
+        target = 0.0 if begin is None else float(begin) + seconds
+        try:
+            container.seek(int(target * 1_000_000), backward=True)
+        except (FFmpegError, OverflowError):
+            container.seek(0)
+        self._origin = None if begin is None else float(begin)
 
     def _packets(self, container: InputContainer, stream: VideoStream) -> Iterator[Packet[VideoStream] | None]:
         """The packets, past places where the file cannot be read; None at the end of one that breaks off."""
@@ -218,7 +333,17 @@ def expected_count(info: VideoInfo, rate: float | None = None) -> int | None:
     """About how many pictures a reading at `rate` gives, for a progress bar; None where the file does not tell its length."""
     if rate is None or _is_every_picture(info, rate):
         return info.frames
+    if info.pieces:
+        # Gaps hold no pictures.
+        return max(1, min(info.frames or 1, math.ceil(sum(covered_s(info)) * rate - 1e-6)))
     return None if info.seconds is None else max(1, math.ceil(info.seconds * rate - 1e-6))
+
+
+def covered_s(info: VideoInfo) -> Iterator[float]:
+    """Seconds of each piece of a recording that are read."""
+    first, last = info.used
+    for piece in info.pieces:
+        yield max(0.0, min(last, piece.begin_s + piece.seconds) - max(first, piece.begin_s))
 
 
 def _is_every_picture(info: VideoInfo, rate: float) -> bool:

@@ -6,10 +6,12 @@ leaves its number out); one of variable rate counts hundredths of a second, so t
 
 from __future__ import annotations
 
+import math
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 from typing import Literal
@@ -73,10 +75,41 @@ MEND = "convert it, for example with `ffmpeg -i {name} -c:v libx264 converted.mp
 
 
 @dataclass(frozen=True)
-class VideoInfo:
-    """A video file."""
+class Piece:
+    """A file of a recording that is made of several."""
 
     path: Path
+    begin_s: float
+    """When its first picture was taken: seconds of the recording, whose frame 1 is at 0."""
+    info: VideoInfo | None = None
+    """The video that it is; None: one picture."""
+    seconds: float = 0.0
+    """How long it lasts."""
+
+
+@dataclass(frozen=True)
+class WallTime:
+    """A wall time."""
+
+    seconds: float
+    """Since 1970, by the clock that the files' names are written by."""
+    utc: bool
+    """Whether that is known to be UTC."""
+
+    @property
+    def text(self) -> str:
+        """ISO 8601, with the time zone where it is known."""
+        time = datetime.fromtimestamp(self.seconds, UTC)
+        plain = time if self.utc else time.replace(tzinfo=None)
+        return plain.isoformat(timespec="seconds" if time.microsecond == 0 else "milliseconds")
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """A video: one file, pieces of one recording, or pictures."""
+
+    path: Path
+    """The file; of pieces and pictures the folder or pattern that messages name."""
     size: tuple[int, int]
     """(width, height), pixels, upright: a rotation that the file asks its player for has been made, as in the pictures."""
     codec: str
@@ -93,6 +126,29 @@ class VideoInfo:
     """Degrees counter-clockwise, 0, 90, 180 or 270, by which the stored pictures are turned to stand upright."""
     camera: RecordingCamera = field(default_factory=RecordingCamera)
     """What the video's metadata say of the camera."""
+    pieces: tuple[Piece, ...] = ()
+    """The files of a recording in pieces, or its pictures, in order of their times; none where it is the one file `path`."""
+    wall: WallTime | None = None
+    """Wall time of frame 1, where the files tell it."""
+    used: tuple[float, float] = (-math.inf, math.inf)
+    """Seconds of the recording that are read, both ends included; pictures outside are passed over."""
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files that it is read from."""
+        return tuple(piece.path for piece in self.pieces) or (self.path,)
+
+    @property
+    def begin_s(self) -> float:
+        """When the first picture that is read was taken, seconds from frame 1."""
+        return max(self.used[0], self.pieces[0].begin_s) if self.pieces else 0.0
+
+    @property
+    def end_s(self) -> float | None:
+        """When the recording ends, seconds from frame 1; None where that is not known."""
+        if not self.pieces:
+            return self.seconds
+        return min(self.used[1], max(piece.begin_s + piece.seconds for piece in self.pieces))
 
 
 def probe(path: str | Path) -> VideoInfo:

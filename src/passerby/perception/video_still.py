@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from av.container import InputContainer
@@ -13,11 +14,14 @@ from av.video.stream import VideoStream
 
 from passerby.common.arrays import Floats, Ints
 from passerby.perception.pictures import Frame
-from passerby.perception.video import VideoInfo, VideoReader, upright
+from passerby.perception.video import VideoInfo, VideoReader, decoded_picture, upright
 from passerby.perception.video_probe import open_video
 
 MOST_PIXELS = 1e8
 """Decoded for one picture at most, half a second's work: 48 pictures of 1920 x 1080, 12 of 3840 x 2160."""
+
+TRIED_PIECES = 5
+"""Pictures that are looked for in a recording in pieces before none is shown."""
 
 
 def still(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float = MOST_PIXELS) -> Frame | None:
@@ -38,12 +42,35 @@ def still(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float = MOS
     most = max(1, int(most_pixels / (info.size[0] * info.size[1])))
     if not len(number):
         return None
+    if info.pieces:
+        return _in_pieces(info, number, worth, most_pixels)
     best = int(number[np.argmax(worth)])
     if best > _numbers_of(info, most):
         found = _by_key_frame(info, number, worth, best, most)
         if found is not None:
             return found
     return _from_the_start(info, number, worth, most)
+
+
+def _in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float) -> Frame | None:
+    """The worthiest picture of a recording in pieces: of the piece that holds it, or of the next worthiest piece."""
+    for wanted in number[np.argsort(-worth, kind="stable")][:TRIED_PIECES].tolist():
+        held = [piece for piece in info.pieces if round(piece.begin_s * info.clock_fps) < wanted]
+        if not held:
+            continue
+        piece = held[-1]
+        before = round(piece.begin_s * info.clock_fps)
+        if piece.info is None:
+            picture = decoded_picture(piece.path, info.size) if wanted == before + 1 else None
+            if picture is not None:
+                return Frame(wanted, before / info.clock_fps, picture)
+            continue
+        after = next((round(one.begin_s * info.clock_fps) for one in info.pieces if one.begin_s > piece.begin_s), None)
+        inside = (number > before) & (True if after is None else number <= after)
+        found = still(piece.info, number[inside] - before, worth[inside], most_pixels)
+        if found is not None:
+            return replace(found, number=found.number + before, seconds=found.seconds + before / info.clock_fps)
+    return None
 
 
 def _numbers_of(info: VideoInfo, pictures: int) -> float:

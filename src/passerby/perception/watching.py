@@ -24,7 +24,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Vectors
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.toml_text import key
-from passerby.perception.kept import Arrays, StageCache, cache_lock, fingerprint, forget_others, hash_of_arrays
+from passerby.perception.kept import Arrays, StageCache, cache_lock, forget_others, hash_of_arrays
 from passerby.perception.opening import (
     background_count,
     background_identity,
@@ -35,6 +35,7 @@ from passerby.perception.opening import (
 )
 from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator
 from passerby.perception.plan import Plan
+from passerby.perception.source_state import VideoFilesState, video_identity
 from passerby.perception.steadiness import SteadinessWatcher
 from passerby.perception.video import VideoInfo, VideoReader, expected_count
 from passerby.perception.video_error import VideoError
@@ -127,6 +128,9 @@ class VideoObservations:
         if broken:
             first = self.summary["first_broken_s"]
             found.append(notice("frames_undecodable", name, place=place, broken=broken, first_s=first))
+        cut, failed = self.summary.get("cut_pieces", 0), self.summary.get("failed_pieces", 0)
+        if cut or failed:
+            found.append(notice("pieces_broken", name, place=place, cut=cut, failed=failed, files=len(info.files)))
         return found
 
 
@@ -173,8 +177,8 @@ class _Watch:
         self._learning, self._work = _learning(job), work_of(job)
         self.seconds: dict[str, float] = {}
         self._used: set[Path] = set()
-        self._file = _state(job.info.path)
-        video = {"video": fingerprint(job.info.path), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
+        self._files, self._at_s = VideoFilesState(job.info), -math.inf
+        video = {"video": video_identity(job.info), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
         video |= {"versions": _versions()}
         self._detector = self._open_detector(video)
         self._embedder: Embedder | None = None if job.plan.embedder is None else open_embedder(job.plan.embedder)
@@ -243,11 +247,13 @@ class _Watch:
                 place = index % SEGMENT
                 if place == 0:
                     self._turn(index // SEGMENT)
+                self._at_s = frame.seconds
                 self._look(index, place, frame)
                 if index % steady_every == 0:
                     with self._timed("steadiness"):
                         watcher.look(frame)
                 self._tell_looked_at(index + 1)
+        self._at_s = math.inf
         self._turn((index + SEGMENT) // SEGMENT)
         summary = _summary(index + 1, reader, watcher)
         for stage in self._stages:
@@ -256,8 +262,8 @@ class _Watch:
 
     def _turn(self, segment: int) -> None:
         """End the segment before this one and begin this one; nothing is kept of a video that has become another one."""
-        path = self._job.info.path
-        if _state(path) != self._file:
+        path = self._files.changed(self._at_s)
+        if path is not None:
             raise VideoError(path, f"camera {self._job.name}: was changed while it was processed: run the same command again")
         for stage in self._stages:
             if segment:
@@ -368,15 +374,6 @@ def _row_of(frame: Frame, ltwh: Floats, score: Floats) -> Arrays:
     }
 
 
-def _state(path: Path) -> tuple[int, ...]:
-    """What changes when a file is written or replaced; zeros where it is gone, which those tell of who read it."""
-    try:
-        found = path.stat()
-    except OSError:
-        return (0, 0, 0)
-    return found.st_ino, found.st_size, found.st_mtime_ns
-
-
 def _zooms(move: Mapping[str, Any]) -> bool:
     return bool(move.get("zoom", 1.0) != 1.0)  # what older versions kept has none
 
@@ -403,6 +400,8 @@ def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> 
     """How a video was read, as plain values."""
     decoded, steadiness = reader.decoded, watcher.result()
     assert decoded is not None
+    # Of recordings in pieces only, so that what is kept of files stays as it is.
+    pieces = {"cut_pieces": decoded.cut_pieces, "failed_pieces": decoded.failed_pieces} if reader.info.pieces else {}
     return {
         "pictures": pictures,
         "ended_early": decoded.ended_early,
@@ -410,6 +409,7 @@ def _summary(pictures: int, reader: VideoReader, watcher: SteadinessWatcher) -> 
         "first_broken_s": decoded.first_broken_s,
         "moves": [asdict(move) for move in steadiness.moves],
         "shake_px": steadiness.largest_shake_px,
+        **pieces,
     }
 
 

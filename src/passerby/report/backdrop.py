@@ -13,7 +13,8 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Camera
 from passerby.core.observations import UNKNOWN
 from passerby.perception.pictures import Picture
-from passerby.perception.video import fit_of_size, probe
+from passerby.perception.sources.recording import open_source
+from passerby.perception.video import fit_of_size
 from passerby.perception.video_error import VideoError
 from passerby.perception.video_still import still
 from passerby.report.contents import Contents
@@ -45,11 +46,11 @@ def backdrop(contents: Contents, name: str) -> Backdrop:
     frames, worth = _worth(contents, camera)
     best = int(frames[np.argmax(worth)])
     blank = Backdrop(best, None, camera.lens.size, "no video of this camera")
-    path = contents.videos.get(name)
-    if path is None:
+    source = contents.videos.get(name)
+    if source is None:
         return blank
     try:
-        info = probe(path)
+        info = open_source(source, name).info
         fit_of_size(info.size, camera.lens.size)
         found = still(info, frames, worth)
     except VideoError as error:

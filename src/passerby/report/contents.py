@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
 
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, adjusted
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.core.solution import Verdict
-from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry
+from passerby.interchange.calibration_json import CalibrationDocument, CameraEntry, DeclaredCamera
 from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import RIG_FILE, TRACKS_FOLDER, is_file_name, read_report
 from passerby.interchange.rig_toml import read_rig
+from passerby.perception.sources.files import VideoSource, WallSpan
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +32,7 @@ class Contents:
     """Boxes and joints of all cameras, with identities that hold over the rig, frames as each camera counts them."""
     clocks: Mapping[str, Clock]
     """Each camera's clock; empty where the same frame number is the same instant in all cameras."""
-    videos: Mapping[str, Path]
+    videos: Mapping[str, VideoSource]
     """The cameras' videos, as far as the files exist."""
 
     @property
@@ -77,14 +80,40 @@ def _clocks(entries: Mapping[str, CameraEntry], rig: Rig) -> dict[str, Clock]:
     return {name: found[name] for name in rig.names} if all(name in found for name in rig.names) else {}
 
 
-def _videos(document: CalibrationDocument, rig: Rig) -> dict[str, Path]:
+def _videos(document: CalibrationDocument, rig: Rig) -> dict[str, VideoSource]:
     """The videos that the scene names, as far as they lie where they lay."""
     if document.scene_file is None:
         return {}
+    return declared_videos(document, rig.names, Path(document.scene_file).parent)
+
+
+def declared_videos(document: CalibrationDocument, names: Sequence[str], folder: Path) -> dict[str, VideoSource]:
+    """The videos that the scene of a document names from its folder, as far as there is something; by camera."""
     found = {}
-    for name in rig.names:
+    for name in names:
         declared = document.scene.cameras.get(name)
-        video = None if declared is None else declared.video
-        if video and "\0" not in video and (path := Path(document.scene_file).parent / video).is_file():
-            found[name] = path
+        source = None if declared is None else _declared(document, declared, folder)
+        if source is not None and (source.single is None or source.single.is_file()):
+            found[name] = source
     return found
+
+
+def _declared(document: CalibrationDocument, declared: DeclaredCamera, folder: Path) -> VideoSource | None:
+    """A camera's video as the scene has it; None where it has none."""
+    named = declared.video if isinstance(declared.video, tuple) else (declared.video,)
+    paths = tuple(folder / path for path in named if path and "\0" not in path)
+    if not paths:
+        return None
+    times = None if declared.video_times is None else folder / declared.video_times
+    watched = declared.tracks is None and declared.detections is None and declared.keypoints is None
+    stated = document.wall_clock_origin
+    origin = _wall_seconds(stated) if watched and stated is not None else None
+    first, last = (None if end is None else _wall_seconds(end) for end in document.wall_clock_span or (None, None))
+    span = None if first is None and last is None else WallSpan(-inf if first is None else first, inf if last is None else last)
+    return VideoSource(paths, declared.video_names, times, declared.fps or document.scene.scene.fps, span, origin)
+
+
+def _wall_seconds(text: str) -> float:
+    """Seconds since 1970 of an ISO 8601 time."""
+    time = datetime.fromisoformat(text)
+    return (time if time.tzinfo is not None else time.replace(tzinfo=UTC)).timestamp()

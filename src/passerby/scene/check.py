@@ -22,6 +22,7 @@ from passerby.interchange.storage.faults import faults_of
 from passerby.interchange.storage.json_text import plain
 from passerby.perception.plan import foresee
 from passerby.perception.video import VideoInfo
+from passerby.perception.video_probe import WallTime
 from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.inputs import observations_of, read_cameras, scene_doubts, scene_faults, scene_findings
 from passerby.scene.reading import needs_embeddings, needs_keypoints
@@ -102,6 +103,14 @@ class CameraCheck:
             "focal_sd_percent": None if unknown or lens.focal_sd is None else 100 * lens.focal_sd,
         }
 
+    def _pieces(self, video: VideoInfo) -> dict[str, Any]:
+        """How many files a recording has, and its wall times."""
+        wall, end_s = video.wall, video.end_s
+        if wall is None or end_s is None:
+            return {"pieces": len(video.files)}
+        first, last = (WallTime(round(wall.seconds + end), wall.utc).text for end in (video.begin_s, end_s))
+        return {"pieces": len(video.files), "from": first, "until": last}
+
     def _video(self, video: VideoInfo) -> dict[str, Any]:
         """What is known of the video before it is watched."""
         return {
@@ -113,6 +122,7 @@ class CameraCheck:
             "pictures": video.frames,
             "seconds": video.seconds,
             "watched": self.awaiting,
+            **(self._pieces(video) if video.pieces else {}),
             **{key: value for key, value in asdict(video.camera).items() if value is not None},
         }
 
@@ -212,10 +222,11 @@ def _seconds(scene: Scene, reading: CameraInput) -> float | None:
     if reading.fps is None:
         return None
     if reading.awaiting:
-        if reading.video is None or reading.video.seconds is None:
+        video, table = reading.video, scene.cameras[reading.name]
+        if video is None or video.end_s is None:
             return None
-        table, length = scene.cameras[reading.name], reading.video.seconds * reading.video.clock_fps / reading.fps
-        return min(length, np.inf if table.until_s is None else table.until_s) - (table.from_s or 0.0)
+        begin, end = (second * video.clock_fps / reading.fps for second in (video.begin_s, video.end_s))
+        return min(end, np.inf if table.until_s is None else table.until_s) - max(begin, table.from_s or 0.0)
     frames = reading.frames
     return float((frames[-1] - frames[0] + 1) / reading.fps) if len(frames) else None
 

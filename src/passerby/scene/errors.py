@@ -29,7 +29,7 @@ def explain_fault(fault: dict[str, Any], tables: Tables) -> str:
         return message
     if fault["type"] == "extra_forbidden":
         table, key = location[:-1], str(location[-1])[:LONGEST_KEY]
-        known = list(tables[_pattern(table)].model_fields)
+        known = [field.alias or name for name, field in tables[_pattern(table)].model_fields.items()]
         return f"{_place(table, tables) + ': unknown key' if table else 'unknown table'} '{key}': {nearest(key, known)}"
     place = _place(location, tables)
     if fault["type"] == "missing":

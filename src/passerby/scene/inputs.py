@@ -6,18 +6,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.pointing import PointedPerson
 from passerby.findings.finding import Finding, notice
-from passerby.interchange.storage.faults import FileFaults
+from passerby.interchange.storage.faults import FileFaults, faults_of
+from passerby.perception.sources.recording import gaps_of
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.lens_sources import group_faults
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults
@@ -26,6 +28,7 @@ from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
 from passerby.scene.seen_lenses import add_seen_lenses
 from passerby.scene.upside_down import doubt_of_upside_down
+from passerby.scene.wall_clock import WallClock, align_wall_clocks, chosen_span, wall_clock_of
 from passerby.scene.world_files import world_faults
 
 IN_MEMORY = Path("(in memory)")
@@ -53,6 +56,10 @@ class SceneInputs:
     """What speaks against any rig from this input."""
     pointed: tuple[PointedPerson, ...] = ()
     """People of known height at whom the scene file points."""
+    wall_clock: WallClock | None = None
+    """Wall time of frame numbers, where it is known."""
+    gaps: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    """By camera with gaps in its recording, spans of its own frame numbers at which it recorded nothing."""
 
 
 class VideoProcessor(Protocol):
@@ -84,8 +91,21 @@ def assemble_inputs(scene: Scene, readings: list[CameraInput]) -> SceneInputs:
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     return SceneInputs(
         rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)),
-        pointed_people(scene, readings),
+        pointed_people(scene, readings), wall_clock_of(scene, readings),
+        _gaps(readings),
     )  # fmt: skip
+
+
+def _gaps(readings: Sequence[CameraInput]) -> dict[str, tuple[tuple[float, float], ...]]:
+    """The gaps in recordings in pieces, in frame numbers."""
+    found = {
+        reading.name: tuple(
+            (first * reading.video.clock_fps + 1, last * reading.video.clock_fps + 1) for first, last in gaps_of(reading.video)
+        )
+        for reading in readings
+        if reading.video is not None
+    }
+    return {name: spans for name, spans in found.items() if spans}
 
 
 def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
@@ -97,8 +117,16 @@ def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
 def read_cameras(scene: Scene) -> list[CameraInput]:
     """The files of all cameras, as far as they can be read; videos are looked into, but not watched."""
     # A camera whose lens other cameras share is read before them.
-    own = {name: read_camera(scene, name) for name in scene.cameras if scene.models[name][0] == name}
-    readings = [own.get(name) or read_camera(scene, name, own[scene.models[name][0]]) for name in scene.cameras]
+    span = None
+    faults: tuple[str, ...] = ()
+    try:
+        span = chosen_span(scene)
+    except InputError as error:
+        faults = faults_of(error)
+    own = {name: read_camera(scene, name, span=span) for name in scene.cameras if scene.models[name][0] == name}
+    readings = [own.get(name) or read_camera(scene, name, own[scene.models[name][0]], span) for name in scene.cameras]
+    readings[0].faults += faults
+    align_wall_clocks(scene, readings)
     if any(reading.fps is None for reading in readings):
         # Frame numbers are counted alike in all cameras: the rate of one camera's video says nothing of the others.
         for reading in readings:
@@ -276,10 +304,11 @@ def _same_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     for reading in readings:
         if reading.video is None:
             continue
-        other = first.setdefault(reading.video.path.resolve(), reading.name)
-        if other != reading.name:
+        owners = {first.setdefault(path.resolve(), reading.name): path for path in reading.video.files}
+        other = next((name for name in owners if name != reading.name), None)
+        if other is not None:
             faults.append(
-                f"{scene.place}: [cameras.{reading.name}] video {reading.video.path.name} is camera {other}'s too: give each "
+                f"{scene.place}: [cameras.{reading.name}] video {owners[other].name} is camera {other}'s too: give each "
                 "camera its own"
             )
     return faults

@@ -38,7 +38,7 @@ def source_of_size(scene: Scene, camera: str) -> str:
     table = scene.cameras[camera]
     if table.intrinsics is not None:
         return str(scene.resolve(table.intrinsics))
-    return str(scene.place if table.image_size is not None or table.video is None else scene.resolve(table.video))
+    return str(scene.place if table.image_size is not None or not table.videos else scene.resolve(table.videos[0]))
 
 
 def check_principal_point(scene: Scene, reading: CameraInput, lens: Lens) -> None:

@@ -22,7 +22,7 @@ class LensTable(Protocol):
 
     intrinsics: Path | None
     image_size: tuple[int, int] | None
-    video: Path | None
+    video: Path | tuple[Path, ...] | None
     hfov_deg: float | None
     focal_mm: float | None
     sensor_width_mm: float | None

@@ -77,8 +77,8 @@ def _place_fault(cue: PersonTable, reading: CameraInput) -> str | None:
     if cue.time_s is not None and reading.fps is None:
         return f"time_s: no frame rate of camera {reading.name} is known: use frame, or under [scene] set fps"
     video = reading.video
-    if video is not None and video.seconds is not None and reading.fps is not None:
-        length = video.seconds * video.clock_fps / reading.fps
+    if video is not None and video.end_s is not None and reading.fps is not None:
+        length = video.end_s * video.clock_fps / reading.fps
         at_s = (_frame(cue, reading) - 1) / reading.fps
         if at_s > length:
             return (

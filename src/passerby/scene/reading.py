@@ -25,12 +25,15 @@ from passerby.interchange.embeddings import read_embeddings
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_lens
 from passerby.interchange.storage.faults import faults_of
-from passerby.perception.video import VideoInfo, fit_of_size, probe
+from passerby.perception.sources.files import WallSpan
+from passerby.perception.sources.recording import open_source
+from passerby.perception.video import VideoInfo, fit_of_size
 from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.intrinsics_checks import check_extents, check_principal_point, source_of_size
 from passerby.scene.lens_sources import find_lens
 from passerby.scene.scene import Scene
+from passerby.scene.wall_clock import source_of
 
 T = TypeVar("T")
 
@@ -40,13 +43,14 @@ SHORTEST, FRAMES_TO_TRACK = 3, 6
 """Tracklets of fewer rows tell nobody's way. Where most ids are such, and there are so many frames, they were no tracklets."""
 
 
-def read_camera(scene: Scene, name: str, model: CameraInput | None = None) -> CameraInput:
+def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span: WallSpan | None = None) -> CameraInput:
     """Read one camera's files; faults are gathered, not raised.
 
     Args:
         scene: the scene.
         name: the camera.
         model: the camera whose lens is the same, where the scene names one; read here where it is not given.
+        span: what is used of recordings with wall times.
     """
     if model is None and scene.models[name][0] != name:
         model = read_camera(scene, scene.models[name][0])
@@ -70,7 +74,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None) -> Ca
     reading.keypoints_path = path_of(table.keypoints)
     reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
     _settle_doubles(reading)
-    reading.video = _attempt(lambda path: _probed(path, name), path_of(table.video), reading.faults)
+    _open_video(scene, reading, span)
     if table.intrinsics is None:
         find_lens(scene, reading, model)
     elif reading.lens is not None and reading.lens.uncalibrated and len(scene.models[name]) > 1:
@@ -214,12 +218,18 @@ def _attempt(read: Callable[[Path], T], path: Path | None, faults: list[str]) ->
         return None
 
 
-def _probed(path: Path, name: str) -> VideoInfo:
-    """What a video tells of itself; an `InputError` names its camera."""
+def _open_video(scene: Scene, reading: CameraInput, span: WallSpan | None) -> None:
+    """What a video tells of itself, where there is one; a fault names its camera."""
+    source = source_of(scene, reading.name, span)
+    if source is None:
+        return
     try:
-        return probe(path)
+        found = open_source(source, reading.name)
     except InputError as error:
-        raise of_video(error, name) from None
+        reading.faults += faults_of(of_video(error, reading.name))
+        return
+    reading.video = found.info
+    reading.findings += found.findings
 
 
 def of_video(error: InputError, name: str) -> InputError:

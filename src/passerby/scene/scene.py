@@ -84,8 +84,9 @@ class Scene(Table):
         faults = []
         for name, table in self.cameras.items():
             for key, value in table:
-                if isinstance(value, Path) and (why := path_problem(self.resolve(value))):
-                    faults.append(f"{self.place}: [cameras.{name}] {key} is {shortened(str(value))}: {why}")
+                for path in value if isinstance(value, tuple) else (value,):
+                    if isinstance(path, Path) and (why := path_problem(self.resolve(path))):
+                        faults.append(f"{self.place}: [cameras.{name}] {key} is {shortened(str(path))}: {why}")
         for where, value in (("[perception] models", self.perception.models), *self._world_paths()):
             if value is not None and (why := path_problem(self.resolve(value))):
                 faults.append(f"{self.place}: {where} is {shortened(str(value))}: {why}")

@@ -3,20 +3,43 @@
 from __future__ import annotations
 
 import math
+import re
+from datetime import datetime, time
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
 from passerby.common.addresses import not_a_file, plain_without_credentials
+from passerby.common.text import shortened
 from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M, POPULATIONS
+from passerby.perception.sources.name_times import NamePattern
 from passerby.scene.lens_keys import check_lens_keys, named_camera
 
 
 def _finite(value: float) -> float:
     if not math.isfinite(value):
         raise ValueError("a finite number is needed")
+    return value
+
+
+def _moment(value: Any) -> Any:
+    """A date with a time, or a time of day, also as text."""
+    if isinstance(value, datetime | time):
+        return value
+    if isinstance(value, str):
+        for kind in (time, datetime):
+            try:
+                if kind is time or re.search(r"\d[ T]\d", value):
+                    return kind.fromisoformat(value.strip())
+            except ValueError:
+                continue
+    raise ValueError(f'{shortened(value)} is no time: write "2026-11-22 08:00" or "08:00"')
+
+
+def _name_pattern(value: str) -> str:
+    NamePattern(value)
     return value
 
 
@@ -31,6 +54,7 @@ def _standing(value: float) -> float:
     return value
 
 
+Moment = Annotated[datetime | time, BeforeValidator(_moment)]
 Mode = Literal["combined", "trajectory", "appearance", "given"]
 Population = Literal["adults", "children", "mixed"]
 
@@ -50,7 +74,7 @@ Ends = tuple[tuple[Pixel, Pixel], tuple[Pixel, Pixel]]
 class Table(BaseModel):
     """A table of the scene file: frozen, unknown keys rejected."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, serialize_by_alias=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -67,6 +91,29 @@ class SceneTable(Table):
     fps: FramesPerSecond | None = None
     """Frames per second of the frame numbers. None: those of the videos; without any, walking speeds and clock
     offsets are not used. A stated value overrides the rate of a video, which many recorders write wrongly."""
+    from_: Moment | None = Field(default=None, alias="from")
+    """Wall time at which the used span begins, of all cameras whose files tell their wall times: "2026-11-22 08:00" or a time
+    of day, "08:00", by the clock of the files' names; with an offset ("08:00+01:00") if that clock is UTC. None: all is
+    used."""
+    until: Moment | None = None
+    """Wall time at which the used span ends, likewise."""
+
+    @model_validator(mode="after")
+    def _span_in_order(self) -> Self:
+        first, last = self.from_, self.until
+        if first is None or last is None:
+            return self
+        if isinstance(first, datetime) != isinstance(last, datetime):
+            raise ValueError("from and until must both be times of day, or both have a date")
+        if (first.tzinfo is None) != (last.tzinfo is None):
+            raise ValueError("from and until must both have an offset from UTC, or none")
+        if isinstance(first, datetime) and isinstance(last, datetime):
+            in_order = first < last
+        else:
+            in_order = first.isoformat() < last.isoformat()
+        if not in_order:
+            raise ValueError(f"from = {first} is not before until = {last}: give a date to both if midnight lies between them")
+        return self
 
 
 class CameraTable(Table):
@@ -81,9 +128,16 @@ class CameraTable(Table):
     """Field of view in degrees over the image's width, as on a data sheet, if there are no `intrinsics`: the focal length is
     estimated about it. Its standard deviation is `focal_sd_percent`; not given, 15 %, and more beyond 60 degrees (19 % at 90,
     22 % at 103), since data sheets state it with the distortion. Above 150 for fisheye lenses only."""
-    video: Path | None = None
-    """A video file. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings from it.
-    Streams, devices, pieces of recordings and folders of images are not read yet."""
+    video: Path | tuple[Path, ...] | None = None
+    """A video file; or the pieces of one recording, or images: a folder, a pattern ("recordings/*/*/north/*.mp4"), or a list of
+    files, folders and patterns. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings
+    from it. Streams and devices are not read yet."""
+    video_names: Annotated[str, AfterValidator(_name_pattern)] | None = None
+    """How the ends of the files' paths tell their wall times: text with directives of strptime, and * for any text in one name,
+    as "%Y-%m-%d/%H/north/%M.%S.mp4". None: the usual names are recognised."""
+    video_times: Path | None = None
+    """The times of the files, CSV: file name, and seconds or an ISO 8601 time. Of images, of each; of videos, of the first
+    frame."""
     detections: Path | None = None
     """Boxes without identities, MOTChallenge text, id -1. Read if there are no `tracks`, in every mode except "given"."""
     tracks: Path | None = None
@@ -127,10 +181,18 @@ class CameraTable(Table):
     @field_validator("video", mode="before")
     @classmethod
     def _is_a_file(cls, value: Any) -> Any:
-        why = not_a_file(str(value)) if isinstance(value, str | Path) else None
+        named = value if isinstance(value, list | tuple) else [value]
+        why = next((why for one in named if isinstance(one, str | Path) and (why := not_a_file(str(one)))), None)
         if why is not None:
             raise ValueError(why)
-        return value
+        if not named or not all(isinstance(one, str | Path) and str(one).strip(" .") for one in named):
+            raise ValueError("a path, a pattern or a list of these is needed: a video, or the pieces of one")
+        return tuple(value) if isinstance(value, list) else value
+
+    @property
+    def videos(self) -> tuple[Path, ...]:
+        """The paths that `video` names."""
+        return self.video if isinstance(self.video, tuple) else () if self.video is None else (self.video,)
 
     @model_validator(mode="after")
     def _has_a_source(self) -> Self:
@@ -138,6 +200,10 @@ class CameraTable(Table):
             raise ValueError(
                 "has no observations: add `video`, `tracks` (boxes with ids), `detections` (boxes without) or `keypoints`"
             )
+        if self.video is None and (self.video_names is not None or self.video_times is not None):
+            raise ValueError("has video_names or video_times, but no video that they could belong to: add `video`")
+        if self.video_names is not None and self.video_times is not None:
+            raise ValueError("has video_names and video_times: delete one of them")
         check_lens_keys(self)
         if self.embeddings is not None and self.detections is None and self.tracks is None:
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")

@@ -212,6 +212,6 @@ def _result(job: CameraJob, tell: Tell) -> VideoObservations | InputError:
         with threadpool_limits(limits=1, user_api="blas"):
             return watch_camera(job, tell)
     except VideoError as error:
-        return of_video(error, job.name) if error.path == job.info.path else InputError(str(error))
+        return of_video(error, job.name) if error.path in (job.info.path, *job.info.files) else InputError(str(error))
     except InputError as error:
         return InputError(str(error))

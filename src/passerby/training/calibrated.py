@@ -13,6 +13,7 @@ from passerby.interchange.calibration_json import CALIBRATION_FILE
 from passerby.interchange.output_folder import RIG_FILE, read_output
 from passerby.perception.video import probe
 from passerby.scene.scene import Scene
+from passerby.training.data.one_file import one_file
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +56,9 @@ def read_calibrated(out: Path, scene: Path | None = None) -> CalibratedScene:
                 "calibrated"
             )
     videos = {
-        name: loaded.resolve(table.video) for name, table in loaded.cameras.items() if table.video and name in posed.names
+        name: one_file([loaded.resolve(path) for path in table.videos], name)
+        for name, table in loaded.cameras.items()
+        if table.videos and name in posed.names
     }
     if not videos:
         raise InputError(f"{loaded.place}: no calibrated camera has a video: crops of people are cut from videos")

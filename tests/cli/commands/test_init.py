@@ -14,6 +14,7 @@ from passerby.cli.commands.init import init
 from passerby.common.errors import InputError
 from passerby.interchange.rig_toml import read_lens, read_rig
 from passerby.interchange.video_writer import VideoWriter
+from passerby.scene.inputs import read_cameras
 from passerby.scene.scene import Scene
 from support.scenes.recorded_videos import FOCAL, write_recorded
 
@@ -320,27 +321,65 @@ def test_nothing_is_overwritten(folder):
 MINUTES = [f"2024-05-01_10-{minute:02d}-00.mp4" for minute in range(3)]
 
 
+FRIGATE = [
+    f"recordings/2024-05-01/{hour}/{camera}/{second}.mp4"
+    for hour in (13, 14)
+    for camera in ("front", "back yard")
+    for second in ("00.00", "00.10", "00.20")
+]
+
+
+@pytest.mark.parametrize(
+    ("names", "below", "expected"),
+    [
+        (
+            [f"{camera}_{name}" for camera in ("front", "back") for name in MINUTES],
+            "",
+            {"back": "back_[12]*.mp4", "front": "front_[12]*.mp4"},
+        ),
+        ([f"{camera}/{name}" for camera in ("front", "back") for name in MINUTES], "", {"back": "back", "front": "front"}),
+        (
+            [f"{camera}/{number:03d}.mkv" for camera in ("front", "back") for number in range(3)],
+            "",
+            {"back": "back", "front": "front"},
+        ),
+        (FRIGATE, "", {"back yard": "recordings/*/*/back yard/*.mp4", "front": "recordings/*/*/front/*.mp4"}),
+        (FRIGATE, "recordings", {"back yard": "*/*/back yard/*.mp4", "front": "*/*/front/*.mp4"}),
+        (FRIGATE, "recordings/2024-05-01", {"back yard": "*/back yard/*.mp4", "front": "*/front/*.mp4"}),
+        (FRIGATE, "recordings/2024-05-01/13", {"back yard": "back yard/*.mp4", "front": "front/*.mp4"}),
+    ],
+)
+def test_pieces_of_recordings_are_cameras(folder, capsys, names, below, expected):
+    """Each camera's pieces are one video, in the folders and patterns that a scene file takes."""
+    place = folder(*names) / below
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert videos(scene) == expected
+    assert "pieces" in told(capsys)
+    readings = read_cameras(scene)
+    assert [fault for reading in readings for fault in reading.faults] == []
+    assert [len(reading.video.files) for reading in readings] == [3, 3]
+
+
+def test_a_part_of_long_recordings_is_proposed(folder, capsys):
+    hours = [name.replace("/14/", "/16/") for name in FRIGATE]
+    hours += [f"recordings/2024-05-01/16/{camera}/40.00.mp4" for camera in ("front", "back yard")]
+    place = folder(*hours)
+    init(place)
+    scene = Scene.load(place / "scene.toml")
+    assert (str(scene.scene.from_), str(scene.scene.until)) == ("2024-05-01 16:00:00", "2024-05-01 16:15:00")
+    assert "without a look at who is in them" in told(capsys)
+
+
 @pytest.mark.parametrize(
     ("names", "below"),
-    [
-        (MINUTES, ""),
-        ([f"videos/{name}" for name in MINUTES], ""),
-        ([f"{camera}_{name}" for camera in ("front", "back") for name in MINUTES], ""),
-        ([f"{camera}/{name}" for camera in ("front", "back") for name in MINUTES], ""),
-        ([f"{camera}/{number:03d}.mkv" for camera in ("front", "back") for number in range(3)], ""),
-        *(
-            ([f"recordings/2024-05-01/{hour}/{camera}/{second}.mp4"
-              for hour in (13, 14) for camera in ("front", "back") for second in ("00.00", "00.10", "00.20")], below)
-            for below in ("", *("recordings/2024-05-01/13/front"[:length] for length in (10, 21, 24, 30)))
-        ),
-    ],
-)  # fmt: skip
-def test_pieces_of_recordings_are_no_cameras(folder, names, below):
+    [(MINUTES, ""), ([f"videos/{name}" for name in MINUTES], ""), (FRIGATE, "recordings/2024-05-01/13/front")],
+)
+def test_pieces_of_one_camera_are_not_enough(folder, names, below):
     place = folder(*names) / below
-    with pytest.raises(InputError, match=r"holds pieces of longer recordings .* in a row") as error:
+    with pytest.raises(InputError, match=r"holds pieces of one camera's recording .* in a row") as error:
         init(place)
-    assert "`ffmpeg -f concat -safe 0 -i list.txt -c copy camera.mp4`" in str(error.value)
-    assert "and give the folder with one file per camera" in str(error.value)
+    assert "each camera's in a folder of its own" in str(error.value)
     assert "\n" not in str(error.value)
     assert not list(place.rglob("*.toml"))
 
@@ -353,18 +392,37 @@ def test_cameras_whose_names_are_times_are_cameras(folder):
 
 
 @pytest.mark.parametrize("place", ["", "front", "pictures/front"])
-def test_still_pictures_are_no_videos(folder, place):
+def test_images_of_one_camera_are_not_enough(folder, place):
     shoot = folder()
     (shoot / place).mkdir(parents=True, exist_ok=True)
     for number in range(3):
         cv2.imwrite(str(shoot / place / f"{number:06d}.jpg"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
     with pytest.raises(
-        InputError, match=r"holds 3 images \(.*000000.jpg, ...\) and no video: still images are not read"
-    ) as error:
+        InputError, match=r"holds 3 images of one camera \(.*000000.jpg, ...\) and no video: give the folder that holds"
+    ):
         init(shoot)
-    assert "-pattern_type glob" in str(error.value)
     init(folder("a.mp4", "b.mp4"))
     assert list(Scene.load(shoot / "scene.toml").cameras) == ["a", "b"]
+
+
+@pytest.mark.parametrize("above", ["", "images/"])
+def test_images_of_two_cameras_are_cameras(tmp_path, capsys, above):
+    for camera in ("C1", "C2"):
+        (tmp_path / above / camera).mkdir(parents=True)
+        for number in range(3):
+            cv2.imwrite(str(tmp_path / above / camera / f"{number:06d}.jpg"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    (tmp_path / "calibration").mkdir()
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / "calibration" / f"{number}.jpg"), np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    init(tmp_path)
+    assert "replace IMAGES PER SECOND" in told(capsys)
+    path = tmp_path / "scene.toml"
+    with pytest.raises(InputError, match="fps"):
+        Scene.load(path)
+    path.write_text(path.read_text().replace('"IMAGES PER SECOND"', "10.0"))
+    scene = Scene.load(path)
+    assert videos(scene) == {"C1": f"{above}C1", "C2": f"{above}C2"}
+    assert [len(reading.video.files) for reading in read_cameras(scene)] == [3, 3]
 
 
 @pytest.mark.parametrize("names", [(), ("a.mp4",)])

@@ -97,13 +97,13 @@ def pictures(made: Puppets, name: str, noise: float = 1.5) -> Iterator[np.ndarra
         yield cv2.add(picture, np.roll(grain, int(rng.integers(grain.size))), dtype=cv2.CV_8U)
 
 
-def film(made: Puppets, folder: Path, names: tuple[str, ...] | None = None) -> None:
+def film(made: Puppets, folder: Path, names: tuple[str, ...] | None = None, key_every: int = 250) -> None:
     """`CAMERA.mp4` of all cameras or of some, `rig.toml` of all lenses, `truth.toml`, and `CAMERA.txt`, the true boxes."""
     folder.mkdir(parents=True, exist_ok=True)
     write_rig(folder / "rig.toml", Rig(tuple(replace(camera, pose=None, sigma=None) for camera in made.rig)))
     write_rig(folder / "truth.toml", made.rig)
     for name in made.rig.names if names is None else names:
-        write_video(folder / f"{name}.mp4", pictures(made, name), made.fps)
+        write_video(folder / f"{name}.mp4", pictures(made, name), made.fps, key_every=key_every)
         write_boxes(folder / f"{name}.txt", in_order(made.boxes[name]))
 
 
@@ -112,10 +112,12 @@ def in_order(boxes: Boxes) -> Boxes:
     return boxes.take(np.lexsort((boxes.identity, boxes.frame)))
 
 
-def write_video(path: Path, frames: Iterator[np.ndarray], fps: float, seconds: Iterator[float] | None = None) -> Path:
+def write_video(
+    path: Path, frames: Iterator[np.ndarray], fps: float, seconds: Iterator[float] | None = None, key_every: int = 250
+) -> Path:
     """A video of these pictures, with times of their own where `seconds` gives them."""
     first = next(frames)
-    with VideoWriter(path, (first.shape[1], first.shape[0]), fps, crf=18) as video:
+    with VideoWriter(path, (first.shape[1], first.shape[0]), fps, crf=18, key_every=key_every) as video:
         for picture in itertools.chain([first], frames):
             video.write(picture, None if seconds is None else next(seconds))
     return path

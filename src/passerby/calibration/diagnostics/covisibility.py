@@ -8,6 +8,7 @@ have a box there. One that people nearer to the camera hide has none, nor has on
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,21 +60,22 @@ class Missed:
         return (self.found - self.by_chance) / beyond
 
 
-def doubts_of_missed(rig: Rig, observations: Observations) -> list[Finding]:
+def doubts_of_missed(rig: Rig, observations: Observations, unrecorded: Mapping[str, Ints] | None = None) -> list[Finding]:
     """A doubt about the pair of cameras of which the second misses most of whom it should see, if it misses nearly all."""
-    worst = min(people_missed(rig, observations), key=lambda pair: pair.share, default=None)
+    worst = min(people_missed(rig, observations, unrecorded), key=lambda pair: pair.share, default=None)
     if worst is None or worst.share >= LEAST_FOUND:
         return []
     found, by_chance = worst.found / worst.due, worst.by_chance / worst.due
     return [doubt("people_missed", worst.sees, worst.should, found=found, by_chance=by_chance)]
 
 
-def people_missed(rig: Rig, observations: Observations) -> list[Missed]:
+def people_missed(rig: Rig, observations: Observations, unrecorded: Mapping[str, Ints] | None = None) -> list[Missed]:
     """Count whom each camera should see, and does.
 
     Args:
         rig: world z up, ground z = 0, metres; cameras without a pose are left out.
         observations: at common instants; boxes of unknown identity count as found, but nobody is looked for by them.
+        unrecorded: by camera, the instants at which it recorded nothing.
     """
     posed = [camera for camera in rig if camera.pose is not None and len(observations[camera.name].boxes)]
     out = []
@@ -82,7 +84,7 @@ def people_missed(rig: Rig, observations: Observations) -> list[Missed]:
         for other in posed:
             if other is one or not len(standing.frame):
                 continue
-            there = _InView.of(standing, other, observations[other.name].boxes)
+            there = _InView.of(standing.but_at((unrecorded or {}).get(other.name)), other, observations[other.name].boxes)
             found, chance = there.found(0.0), there.found(LATER)
             out.append(Missed(one.name, other.name, len(there.frame), int(found.sum()), int(chance.sum())))
     return out
@@ -97,6 +99,13 @@ class _Standing:
     """(N, 2) where they stand if the box's lower edge is too low, metres,"""
     farthest: Floats
     """(N, 2) and if it is too high."""
+
+    def but_at(self, instants: Ints | None) -> _Standing:
+        """Those who stand there at other instants."""
+        if instants is None:
+            return self
+        rest = ~np.isin(self.frame, instants)
+        return _Standing(self.frame[rest], self.nearest[rest], self.farthest[rest])
 
 
 def _standing(camera: Camera, boxes: Boxes) -> _Standing:

@@ -9,7 +9,7 @@ import numpy as np
 
 from passerby.calibration.diagnostics.covisibility import doubts_of_missed
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_pace
-from passerby.common.arrays import Floats
+from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.overlap import count_shared_observations, missing_overlap
@@ -27,6 +27,7 @@ MIN_POSITIONS = 10
 def judged(
     solution: Solution, observations: Observations, *, given: bool = True, why: Mapping[str, Finding] | None = None,
     doubts: Sequence[Finding] = (), basis: ScaleBasis = "taken", grown: float = 1.0,
+    unrecorded: Mapping[str, Ints] | None = None,
 ) -> Solution:  # fmt: skip
     """The solution, no longer accepted where it lacks a camera, where all people were on one line or spot, or where a camera
     does not see whom it should by the rig.
@@ -39,8 +40,9 @@ def judged(
         doubts: what else speaks against relying on it.
         basis: what the scale rests on.
         grown: what the lengths of the rig are multiplied by afterwards, where known places set the scale.
+        unrecorded: by camera, the instants at which it recorded nothing.
     """
-    doubts = [*doubts, *_against_people(solution, observations, basis, grown)]
+    doubts = [*doubts, *_against_people(solution, observations, basis, grown, unrecorded or {})]
     findings = [*solution.findings, *doubts]
     lost = [camera.name for camera in solution.rig if camera.pose is None]
     if lost:
@@ -61,12 +63,15 @@ def judged(
     return replace(solution, verdict=verdict, findings=tuple(findings))
 
 
-def _against_people(solution: Solution, observations: Observations, basis: ScaleBasis, grown: float) -> list[Finding]:
+def _against_people(
+    solution: Solution, observations: Observations, basis: ScaleBasis, grown: float, unrecorded: Mapping[str, Ints]
+) -> list[Finding]:
     """What the places of the people say against a rig that was computed from them."""
     if solution.method != "people" or len(solution.rig.posed()) < 2:
         return []
     keys, places = _positions(solution.rig, observations)
-    return [*doubts_of_missed(solution.rig, observations), *doubts_of_pace(keys, grown * places, observations.fps, basis)]
+    missed = doubts_of_missed(solution.rig, observations, unrecorded)
+    return [*missed, *doubts_of_pace(keys, grown * places, observations.fps, basis)]
 
 
 def _apart(observations: Observations, given: bool, why: Mapping[str, Finding], *, nothing_known: bool) -> list[Finding]:

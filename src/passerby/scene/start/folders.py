@@ -12,10 +12,17 @@ from pathlib import Path
 
 from passerby.common.errors import InputError
 from passerby.common.text import natural_key
-from passerby.perception.pieces import JOIN_PICTURES, JOIN_PIECES, PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
-from passerby.perception.video_probe import VideoInfo
+from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, files_below
+from passerby.perception.video_probe import VideoInfo, WallTime
 from passerby.scene.start.names import camera_names
 from passerby.scene.start.recordings import Length, is_numbered_series, pieces_among
+from passerby.scene.start.recordings_found import (
+    ProposedSpan,
+    RecordingSurvey,
+    find_recordings,
+    propose_span,
+    survey_recording,
+)
 
 VIDEO_FOLDERS = ("video", "videos")
 
@@ -40,6 +47,8 @@ class FoundCamera:
     """What the video says of itself."""
     files: dict[str, Path] = field(default_factory=dict)
     """Key of the scene file (`tracks`, ...) -> file."""
+    recording: RecordingSurvey | None = None
+    """Of a video in pieces, or images; `video` is then their folder or pattern."""
 
 
 @dataclass(eq=False)
@@ -48,12 +57,14 @@ class Survey:
 
     cameras: list[FoundCamera]
     notes: list[str]
+    span: ProposedSpan | None = None
+    """The part of long recordings that is proposed."""
 
 
 def survey(folder: Path, probe: Probe) -> Survey:
     """The cameras in a folder.
 
-    Raises `InputError` where there are fewer than two, and where the videos are pieces of longer recordings.
+    Raises `InputError` where there are fewer than two, and for pieces of recordings that are no cameras' of their own.
     """
     notes: list[str] = []
     _entries(folder)  # raises where there is nothing to look into
@@ -64,6 +75,9 @@ def survey(folder: Path, probe: Probe) -> Survey:
         except InputError:
             return None
 
+    recorded = _recorded(folder, notes, probe, length)
+    if recorded:
+        return Survey(recorded, notes, propose_span([one.recording for one in recorded if one.recording is not None]))
     clips = _clips(folder, notes, length)
     readable: list[tuple[str, Path, VideoInfo]] = []
     for text, path in clips:
@@ -79,6 +93,32 @@ def survey(folder: Path, probe: Probe) -> Survey:
     if len(cameras) < 2:
         raise InputError(_too_few(folder, cameras, notes))
     return Survey(cameras, notes)
+
+
+def _recorded(folder: Path, notes: list[str], probe: Probe, length: Length) -> list[FoundCamera]:
+    """The cameras whose videos are in pieces, or images; empty where there are not two."""
+    readable = []
+    for one in find_recordings(folder, length):
+        try:
+            readable.append((one, survey_recording(one.video, probe)))
+        except InputError as error:
+            notes.append(f"left out: {error}")
+    if len(readable) < 2:
+        notes.clear()
+        return []
+    names = camera_names([one.text for one, _ in readable])
+    notes += [
+        f"camera {name}: {survey.files} {'images' if survey.info.pieces else 'pieces'}"
+        + (f", from {_wall(survey, 0)} to {_wall(survey, -1)}" if survey.begins else "")
+        for name, (_, survey) in zip(names, readable, strict=True)
+    ]
+    return [
+        FoundCamera(name, one.video, survey.info, recording=survey) for name, (one, survey) in zip(names, readable, strict=True)
+    ]
+
+
+def _wall(survey: RecordingSurvey, which: int) -> str:
+    return WallTime(round(survey.begins[which]), survey.utc).text
 
 
 def visible_folders(folder: Path) -> list[Path]:
@@ -109,8 +149,9 @@ def _refuse_pieces(folder: Path, pieces: list[Path]) -> None:
     if pieces:
         told = ", ".join(str(path.relative_to(folder)) for path in pieces[:2])
         raise InputError(
-            f"{folder}: holds pieces of longer recordings ({told}, ..., {len(pieces)} in a row): {JOIN_PIECES}, and give the "
-            "folder with one file per camera; if each is another camera, remove the times from their names"
+            f"{folder}: holds pieces of one camera's recording ({told}, ..., {len(pieces)} in a row): give the folder that "
+            "holds the pieces of all cameras, each camera's in a folder of its own; if each is another camera, remove the "
+            "times from their names"
         )
 
 
@@ -122,8 +163,8 @@ def _refuse_deeper(folder: Path) -> None:
     pictures = files_below(folder, PICTURE_ENDINGS)
     if len(pictures) > 1 and not videos:
         raise InputError(
-            f"{folder}: holds {len(pictures)} images ({pictures[0].relative_to(folder)}, ...) and no video: {JOIN_PICTURES}, "
-            "and give the folder of these videos"
+            f"{folder}: holds {len(pictures)} images of one camera ({pictures[0].relative_to(folder)}, ...) and no video: give "
+            "the folder that holds the images of all cameras, each camera's in a folder of its own"
         )
 
 

@@ -160,7 +160,8 @@ def _opencv_files(folder: Path, cameras: Sequence[FoundCamera], notes: list[str]
     """
     calibrations = _places(folder)
     inner = [place for calibration in calibrations[1:] for place in visible_folders(calibration)]
-    own = [camera.video.parent for camera in cameras if camera.video is not None]
+    own = [camera.video if camera.video.is_dir() else camera.video.parent for camera in cameras if camera.video is not None]
+    own = [place for place in own if place.is_dir()]  # a pattern's folder is none
     found: list[_Table] = []
     for place in dict.fromkeys([*calibrations, *inner, *own]):
         lenses: list[tuple[Path, StoredLens]] = []

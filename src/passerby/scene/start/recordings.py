@@ -46,6 +46,12 @@ def start_of(stem: str) -> tuple[str, float] | None:
     return None
 
 
+def time_in(stem: str) -> tuple[int, int] | None:
+    """Where the time in a name begins and ends; None for a name without one."""
+    found = _DATE_AND_TIME.search(stem) or _EPOCH.search(stem)
+    return None if found is None or start_of(stem) is None else found.span()
+
+
 def pieces_among(videos: Sequence[Path], length: Length) -> list[Path]:
     """Videos that are pieces of one recording: alike in name but for the time, and one over before the next begins.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from passerby.interchange.storage import toml_text
 from passerby.interchange.storage.toml_text import comment, key, value
 from passerby.scene.start.folders import SOURCES, FoundCamera
+from passerby.scene.start.recordings_found import ProposedSpan
 from passerby.scene.tables import SEARCHED_S, WATCHED_FPS, AssociationTable, PerceptionTable, ScaleTable, SolverTable
 
 
@@ -35,9 +36,12 @@ class SceneCamera:
         return self.found.name
 
 
-def scene_text(name: str, cameras: Sequence[SceneCamera], path: Path) -> str:
-    """The text of a scene file at `path`. The names of all cameras are different and can be cameras' names."""
-    parts = [_head(path), _scene(name, cameras), *(_camera(camera, path) for camera in cameras)]
+def scene_text(name: str, cameras: Sequence[SceneCamera], path: Path, span: ProposedSpan | None = None) -> str:
+    """The text of a scene file at `path`. The names of all cameras are different and can be cameras' names.
+
+    `span` is the part of long recordings that is used.
+    """
+    parts = [_head(path), _scene(name, cameras, span), *(_camera(camera, path) for camera in cameras)]
     return "\n".join([*parts, _perception(cameras), _association(), _solver(cameras[0].name), _scale(cameras)])
 
 
@@ -49,13 +53,17 @@ def _head(path: Path) -> str:
     )
 
 
-def _scene(name: str, cameras: Sequence[SceneCamera]) -> str:
+def _scene(name: str, cameras: Sequence[SceneCamera], span: ProposedSpan | None) -> str:
     rate = next((camera.found.info.average_fps for camera in cameras if camera.found.info is not None), None)
     if rate is None:
         told = "fps: frames per second of the frame numbers. Without it, clock offsets and walking speeds are not used."
     else:
         told = "fps: frames per second. Without it, the frame rate that each video states. For videos that state a wrong one."
-    return f"[scene]\nname = {value(name)}   # name in the reports\n{comment(told)}#fps = {value(round(rate or 25.0, 3))}\n"
+    text = f"[scene]\nname = {value(name)}   # name in the reports\n{comment(told)}#fps = {value(round(rate or 25.0, 3))}\n"
+    if span is not None:
+        text += comment(f"The used part, by the clock of the files' names: {span.why}.")
+        text += f"from = {value(span.first)}\nuntil = {value(span.last)}\n"
+    return text
 
 
 def _camera(camera: SceneCamera, path: Path) -> str:
@@ -75,7 +83,9 @@ def _camera(camera: SceneCamera, path: Path) -> str:
     if switched and files:
         lines.append(comment("Found beside the video. Delete the # to use it instead of detecting people in the video:"))
     lines += [f"{switched}{source} = {value(toml_text.relative(file, path))}\n" for source, file in files]
-    if camera.fps is not None:
+    if camera.found.recording is not None and camera.found.recording.unknown_rate:
+        lines.append('fps = "IMAGES PER SECOND"   # TO DO: that the numbers of the images count\n')
+    elif camera.fps is not None:
         lines.append(
             f"fps = {value(camera.fps)}   # ASSUMED, as of a video: correct it if the frame numbers have another rate\n"
         )

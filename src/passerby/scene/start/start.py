@@ -76,6 +76,10 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
         fps = _assumed_fps(camera, found.cameras)
         texts.append(SceneCamera(camera, places.get(camera.name), remarks, fps, same.get(camera.name)))
         to_do += [must] if must else []
+        if camera.recording is not None and camera.recording.unknown_rate:
+            to_do.append(
+                f"camera {camera.name}: replace IMAGES PER SECOND by the rate that its images' numbers count, in {path}"
+            )
     unknown = [camera.name for camera in found.cameras if camera.name not in places]
     if unknown:
         notes.append(
@@ -83,6 +87,8 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
             f"with the rig; a field of view from a data sheet (hfov_deg in {path}) or a calibration with a pattern makes the "
             "rig more accurate"
         )
+    if found.span is not None:
+        notes.append(f"proposed: from {found.span.first} until {found.span.last}: {found.span.why} (from and until in {path})")
     if same:
         notes.append(
             f"the metadata of {', '.join(same)} state the same device as those of {', '.join(dict.fromkeys(same.values()))}: "
@@ -94,7 +100,7 @@ def start(folder: Path, scene: Path | None = None, force: bool = False, probe: P
             f"assumed: {assumed[0].fps:g} frames per second, as the video's, for {', '.join(text.name for text in assumed)}, "
             f"which have none: correct it in {path}"
         )
-    write_text(path, scene_text(folder.resolve().name or "scene", texts, path))
+    write_text(path, scene_text(folder.resolve().name or "scene", texts, path, found.span))
     return Started(path, tuple(cameras), (path, *written), tuple(notes), tuple(to_do))
 
 

@@ -27,6 +27,7 @@ from passerby.scene.start.folders import VIDEO_FOLDERS, visible_files, visible_f
 from passerby.training.crops import DataSet
 from passerby.training.data.choosing import PER_PERSON, clear_boxes, spread
 from passerby.training.data.cutting import WantedCrops, cut_crops, source_size
+from passerby.training.data.one_file import one_file
 from passerby.training.data.pictures import describe_faults
 
 TEXT_FOLDERS = ("truth", "identities", "tracks")
@@ -147,11 +148,12 @@ def cameras_of_scene(path: Path) -> tuple[list[TrackedCamera], bool, list[str]]:
     scene = Scene.load(path)
     cameras, notes = [], []
     for name, table in scene.cameras.items():
-        if table.video is None or table.tracks is None:
-            missing = "video" if table.video is None else "tracks"
+        if not table.videos or table.tracks is None:
+            missing = "video" if not table.videos else "tracks"
             notes.append(f"{path}: camera {name} has no {missing}: left out")
             continue
-        cameras.append(TrackedCamera(name, scene.resolve(table.video), _boxes_of(scene.resolve(table.tracks), notes)))
+        source = one_file([scene.resolve(video) for video in table.videos], name, folders=True)
+        cameras.append(TrackedCamera(name, source, _boxes_of(scene.resolve(table.tracks), notes)))
     if not cameras:
         raise InputError(f"{path}: no camera has both `video` and `tracks`: crops are cut out of a video by its tracks")
     return cameras, scene.association.given, notes

@@ -1,0 +1,174 @@
+"""When each file of a camera was taken: by a table, by a pattern of names, by the usual names, or by what images say."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
+from passerby.common.text import nearest, shortened
+from passerby.perception.sources.files import ListedFiles, VideoSource
+from passerby.perception.sources.name_times import NamedTime, NamePattern, usual_time
+from passerby.perception.sources.picture_heads import PictureHead, read_picture_head
+from passerby.perception.video_error import VideoError
+
+_NUMBER = re.compile(r"(\d+)(?!.*\d)")
+"""The last number of a name."""
+LONGEST_NUMBER = 9
+
+
+@dataclass(frozen=True, eq=False)
+class FileTimes:
+    """When the files of a camera begin."""
+
+    begin: Floats
+    """(N,) seconds; wall time since 1970 where `wall`."""
+    resolution_s: float
+    wall: bool
+    utc: bool
+    """Whether wall time is known to be UTC."""
+    numbered: bool = False
+    """Whether they are the numbers of pictures, over the rate that the scene file states."""
+
+
+def times_of(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHead] | None = None) -> FileTimes | None:
+    """When the files were taken; None where nothing tells it.
+
+    Args:
+        source: what the scene file says.
+        files: the files.
+        heads: of images, where they were read before; read here where None.
+
+    Raises:
+        InputError: the table lacks a file or has a time that is none; the pattern fits not all names; numbered images without a
+            rate.
+    """
+    if source.times is not None:
+        return _of_table(source.times, files.paths)
+    if source.names is not None:
+        return _named(_by_pattern(source, files.paths))
+    usual = [usual_time(path) for path in files.paths]
+    known = [one for one in usual if one is not None]
+    if len(known) == len(usual) and (len(known) == 1 or len({one.seconds for one in known}) > 1):
+        return _named(known)
+    return None if files.kind == "videos" else _of_pictures(source, files, heads)
+
+
+def _of_pictures(source: VideoSource, files: ListedFiles, heads: Sequence[PictureHead] | None) -> FileTimes:
+    """Of images without times in their names: Exif, where all have it, or else their numbers."""
+    found = [_last_number(path) for path in files.paths]
+    numbers = [number for number in found if number is not None]
+    numbered = len(numbers) == len(found) and len(set(numbers)) == len(numbers)
+    if source.fps is None or not numbered:
+        taken = [head.taken for head in heads or _heads(files.paths)]
+        known = [one for one in taken if one is not None]
+        if len(known) == len(taken) and len({one.seconds for one in known}) == len(known):
+            return _named(known)
+    if not numbered:
+        raise VideoError(
+            source.place,
+            "its images have neither numbers of their own nor times: name them frame_000001.jpg, or give a table of their "
+            "times (video_times)",
+        )
+    if source.fps is None:
+        raise VideoError(
+            source.place,
+            f"has {len(files.paths)} numbered images, and their rate is not known: set fps (images per second that the numbers "
+            "count), or give a table of their times (video_times)",
+        )
+    first = 1 if min(numbers) > 0 else 0
+    return FileTimes((np.array(numbers, dtype=float) - first) / source.fps, 0.0, False, False, True)
+
+
+def _heads(paths: Sequence[Path]) -> list[PictureHead]:
+    out = []
+    for path in paths:
+        try:
+            out.append(read_picture_head(path))
+        except OSError:
+            out.append(PictureHead(None))
+    return out
+
+
+def _last_number(path: Path) -> int | None:
+    found = _NUMBER.search(path.stem)
+    return int(found[1]) if found and len(found[1]) <= LONGEST_NUMBER else None
+
+
+def _named(known: Sequence[NamedTime]) -> FileTimes:
+    """One resolution, that of the coarsest name."""
+    seconds = np.array([one.seconds for one in known])
+    return FileTimes(seconds, max(one.resolution_s for one in known), True, all(one.utc for one in known))
+
+
+def _by_pattern(source: VideoSource, paths: Sequence[Path]) -> list[NamedTime]:
+    assert source.names is not None
+    pattern = NamePattern(source.names)
+    out = []
+    for path in paths:
+        time = pattern.time_of(path)
+        if time is None:
+            raise VideoError(
+                path, f"its name is not built as video_names = {source.names!r} says: correct the pattern, or name other files"
+            )
+        out.append(time)
+    return out
+
+
+def _of_table(table: Path, paths: Sequence[Path]) -> FileTimes:
+    """The times of a CSV: file name, seconds or ISO time; a first row that is no time is a heading."""
+    try:
+        with table.open(encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file) if row and any(cell.strip() for cell in row)]
+    except OSError as error:
+        raise InputError(
+            f"{table}: cannot be read ({error.strerror or error}): a table of times is needed here (CSV)"
+        ) from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{table}: is not a table of times (CSV, UTF-8): {error}") from None
+    times: dict[str, tuple[float, bool, bool]] = {}
+    for number, row in enumerate(rows, start=1):
+        time = _parsed(row[1].strip()) if len(row) > 1 else None
+        if time is None:
+            if number == 1:
+                continue
+            raise InputError(
+                f"{table}: row {number} ({shortened(','.join(row))}) is no file name with a time: write NAME,SECONDS or an ISO "
+                "time, as frame_000001.jpg,2026-11-22T08:30:00.250"
+            )
+        times[Path(row[0].strip().replace("\\", "/")).name] = time
+    missing = [path for path in paths if path.name not in times]
+    if missing:
+        told = nearest(missing[0].name, list(times)[:50])
+        raise InputError(
+            f"{table}: has no time of {missing[0].name} ({len(missing)} of {len(paths)} files are missing): {told}; add them, "
+            "or name other files"
+        )
+    chosen = [times[path.name] for path in paths]
+    walls = {wall for _, wall, _ in chosen}
+    if len(walls) > 1:
+        raise InputError(f"{table}: has seconds and dates: use one of them for all files")
+    return FileTimes(np.array([time for time, _, _ in chosen]), 0.0, walls == {True}, all(utc for _, _, utc in chosen))
+
+
+def _parsed(text: str) -> tuple[float, bool, bool] | None:
+    """Seconds, whether they are wall time, and whether that is UTC; None for no time."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        pass
+    else:
+        return (seconds, False, False) if np.isfinite(seconds) else None
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        return None
+    known = time.tzinfo is not None
+    return (time if known else time.replace(tzinfo=UTC)).timestamp(), True, known

@@ -1,0 +1,145 @@
+"""When a file was recorded, by the time in its name and in the names of its folders.
+
+Usual names, each with where it is described:
+
+- Frigate: `recordings/YYYY-MM-DD/HH/CAMERA/MM.SS.mp4`, in UTC (docs.frigate.video, configuration/record).
+- Hikvision, Reolink, Synology, VLC and most others: date and time in the file's name, as `YYYYMMDDHHMMSS`, `YYYYMMDD-HHMMSS`,
+  `YYYY-MM-DD HH-MM-SS`, `vlc-record-2026-01-31-08h30m00s-...`. Of a beginning and an end (Brickcom's
+  `20140509-000500-001000_...`, Canon's `..._yyyymmdd_hhmmss_yyyymmdd_hhmmss`) the beginning counts.
+- Dahua: `2026-01-31/001/dav/08/08.30.00-09.00.00[M][0@0][0].mp4`: the time in the file's name, the date in a folder's.
+- Cloudvue, Xiaomi: seconds since 1970, in UTC (`2023-03-30/1680140457.mp4`, `2025060107/46M14S_1748735174.mp4`).
+
+A name that does not tell its time zone is taken as it stands: times of one recorder are compared with each other only.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+_FRACTION = r"(?:[.,_]?(\d{3}))?"
+_DATE_AND_TIME = re.compile(
+    r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[ T_.\-]{0,3}(\d\d)[-_.:hH]?(\d\d)[-_.:mM]?(\d\d)" + _FRACTION + r"(?!\d)"
+)
+_EPOCH = re.compile(r"(?<!\d)(1[4-9]\d{8})(\d{3})?(?!\d)")
+"""Seconds, or thousandths of seconds, since 1970."""
+_DAY = re.compile(r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)(?!\d)")
+_TIME_OF_DAY = re.compile(r"(?<!\d)([01]\d|2[0-3])[-_.]([0-5]\d)[-_.]([0-5]\d)(?!\d)")
+_FRIGATE_FILE, _FRIGATE_HOUR = re.compile(r"([0-5]\d)\.([0-5]\d)"), re.compile(r"[01]\d|2[0-3]")
+_FRIGATE_DAY = re.compile(r"(\d{4})-(\d\d)-(\d\d)")
+
+DIRECTIVES = {
+    "Y": r"\d{4}", "y": r"\d\d", "m": r"\d\d", "d": r"\d\d", "j": r"\d{3}", "H": r"\d\d", "I": r"\d\d", "M": r"\d\d",
+    "S": r"\d\d", "f": r"\d{1,6}", "p": r"[AaPp][Mm]", "b": r"[A-Za-z]{3}", "z": r"(?:Z|[+-]\d\d:?\d\d)", "s": r"\d{10}",
+}  # fmt: skip
+"""Those of `datetime.strptime` that a pattern may hold, and seconds since 1970."""
+
+
+@dataclass(frozen=True)
+class NamedTime:
+    """The time in a name."""
+
+    seconds: float
+    """Since 1970, by the clock that the names are written by."""
+    resolution_s: float
+    """The true time is up to so much later: names leave off fractions."""
+    utc: bool
+    """Whether that clock is known to be UTC."""
+
+
+def usual_time(path: Path) -> NamedTime | None:
+    """The time in a name that is built in one of the usual ways; None where there is none."""
+    return _frigate(path) or _in_name(path.stem) or _in_folders(path)
+
+
+def _frigate(path: Path) -> NamedTime | None:
+    if len(path.parts) < 4:
+        return None
+    day, hour = _FRIGATE_DAY.fullmatch(path.parts[-4]), _FRIGATE_HOUR.fullmatch(path.parts[-3])
+    file = _FRIGATE_FILE.fullmatch(path.stem)
+    if day is None or hour is None or file is None:
+        return None
+    return _time([*day.groups(), hour[0], *file.groups()], utc=True)
+
+
+def _in_name(stem: str) -> NamedTime | None:
+    if found := _DATE_AND_TIME.search(stem):
+        *parts, thousandths = found.groups()
+        return _time(parts, thousandths=thousandths)
+    if found := _EPOCH.search(stem):
+        return NamedTime(int(found[1]) + int(found[2] or 0) / 1000.0, 0.001 if found[2] else 1.0, True)
+    return None
+
+
+def _in_folders(path: Path) -> NamedTime | None:
+    """The time of day at the beginning of the name, and the date of the nearest folder with one."""
+    clock = _TIME_OF_DAY.match(path.stem)
+    day = next((found for part in reversed(path.parts[:-1]) if (found := _DAY.search(part))), None)
+    return None if clock is None or day is None else _time([*day.groups(), *clock.groups()])
+
+
+def _time(parts: Sequence[str], thousandths: str | None = None, utc: bool = False) -> NamedTime | None:
+    try:
+        found = datetime(*map(int, parts), tzinfo=UTC)  # type: ignore[arg-type, misc]
+    except ValueError:
+        return None
+    return NamedTime(found.timestamp() + int(thousandths or 0) / 1000.0, 0.001 if thousandths else 1.0, utc)
+
+
+@dataclass(frozen=True)
+class NamePattern:
+    """How a recorder names files: text, directives of `strptime`, and * for any text within one name."""
+
+    text: str
+
+    def __post_init__(self) -> None:
+        """Raises `ValueError` for a pattern that tells no time."""
+        unknown = sorted({mark for mark in self.directives if mark not in DIRECTIVES})
+        if unknown:
+            raise ValueError(f"%{unknown[0]} is not known: use {', '.join('%' + mark for mark in DIRECTIVES)}")
+        marks = set(self.directives)
+        dated = ("Y" in marks or "y" in marks) and ("j" in marks or ({"m", "b"} & marks and "d" in marks))
+        if "s" not in marks and not (dated and {"H", "I"} & marks):
+            raise ValueError("tells no date and time: it needs %Y, %m, %d, %H, %M and %S, or %s (seconds since 1970)")
+        if len(marks) < len(self.directives):
+            raise ValueError("names one part of the time twice: write * in place of one of them")
+
+    @property
+    def directives(self) -> tuple[str, ...]:
+        """The letters behind each %."""
+        return tuple(re.findall(r"%(.)", self.text.replace("%%", "")))
+
+    def time_of(self, path: Path) -> NamedTime | None:
+        """The time in the end of a path; None where the path is built otherwise."""
+        end = "/".join(path.parts[-1 - self.text.count("/") :])
+        found = re.fullmatch(self._expression, end)
+        if found is None:
+            return None
+        marks = self.directives
+        if "s" in marks:
+            return NamedTime(float(found[marks.index("s") + 1]), 1.0, True)
+        try:
+            time = datetime.strptime("\x1f".join(found.groups()), "\x1f".join("%" + mark for mark in marks))
+        except ValueError:
+            return None
+        resolution = 1e-3 if "f" in marks else 1.0 if "S" in marks else 60.0 if "M" in marks else 3600.0
+        seconds = time.timestamp() if time.tzinfo else time.replace(tzinfo=UTC).timestamp()
+        return NamedTime(seconds, resolution, time.tzinfo is not None)
+
+    @property
+    def _expression(self) -> str:
+        parts = re.split(r"(%.|\*)", self.text)
+        made = []
+        for part in parts:
+            if part == "*":
+                made.append("[^/]*")
+            elif part == "%%":
+                made.append("%")
+            elif part.startswith("%") and len(part) == 2:
+                made.append(f"({DIRECTIVES[part[1]]})")
+            else:
+                made.append(re.escape(part))
+        return "".join(made)

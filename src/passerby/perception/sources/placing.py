@@ -1,0 +1,106 @@
+"""Where the pieces of a recording lie in its time, by the times in their names and their lengths, and what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+
+SLACK_S = 0.1
+"""Lengths that containers state, and the times that recorders write, may be off by so much from piece to piece."""
+GAP_S = 1.0
+"""Shorter gaps are within what whole seconds in names tell."""
+OVERLAP_S = 1.0
+"""Likewise: recorders begin a piece at a key frame before the last piece has ended."""
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """What is missing between pieces, and what there is twice."""
+
+    count: int
+    seconds: float
+    """Missing in all."""
+    longest_s: float
+    longest_at_s: float
+    """Where the longest gap begins."""
+    overlaps: int
+    overlap_s: float
+    inside: int
+    """Pieces that are over before the piece before them is: they are of another camera, or copies."""
+
+
+def follow_at_once(seconds: Floats) -> Floats:
+    """(N,) where pieces of so many seconds begin that follow one another."""
+    return np.concatenate([[0.0], np.cumsum(seconds)[:-1]])
+
+
+def begins_by_names(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
+    """(N,) where pieces begin whose names tell it with fractions left off.
+
+    Pieces that were recorded without a break share one phase: each begins where the one before it ends, and all of them within
+    the second that its name tells. What is left open is halved. Pieces that are missing are taken to be as long as the
+    others, as far as the names allow it; where they do not, the phase begins anew.
+
+    Args:
+        named: (N,) the times in the names, seconds, ascending.
+        seconds: (N,) lengths of the pieces.
+        resolution_s: the true beginnings are up to so much later.
+
+    Returns:
+        (N,) on the clock of `named`.
+    """
+    seconds = _by_clock_of_names(named, seconds, resolution_s)
+    usual = float(np.median(seconds))
+    begins = np.empty(len(named))
+    first = 0
+    relative = np.zeros(len(named))
+    low, high = named[0] - SLACK_S, named[0] + resolution_s + SLACK_S
+    for k in range(1, len(named) + 1):
+        if k < len(named):
+            ahead = relative[k - 1] + seconds[k - 1]
+            # Missing pieces of the usual length; with none it follows at once.
+            late = named[k] + 0.5 * resolution_s - 0.5 * (low + high) - ahead
+            missing = round(late / usual) if usual > 0 and late > resolution_s + SLACK_S else 0
+            ahead += missing * usual
+            below, above = named[k] - ahead - SLACK_S, named[k] + resolution_s - ahead + SLACK_S
+            if max(low, below) <= min(high, above):
+                low, high, relative[k] = max(low, below), min(high, above), ahead
+                continue
+        begins[first:k] = 0.5 * (low + high) + relative[first:k]
+        if k < len(named):
+            # A phase that has drifted away goes on from the nearest time that the name allows, others begin in the middle.
+            predicted = begins[k - 1] + seconds[k - 1]
+            first, relative[k] = k, 0.0
+            low, high = named[k] - SLACK_S, named[k] + resolution_s + SLACK_S
+            if low - GAP_S < predicted < high + GAP_S:
+                low = high = float(np.clip(predicted, named[k], named[k] + resolution_s))
+                low, high = low - SLACK_S, high + SLACK_S
+    return begins
+
+
+def _by_clock_of_names(named: Floats, seconds: Floats, resolution_s: float) -> Floats:
+    """(N,) lengths by the clock that wrote the names, where many pieces show that it does not run as the videos' own."""
+    if len(named) < 2:
+        return seconds
+    steps = np.diff(named)
+    adjacent = np.abs(steps - seconds[:-1]) <= resolution_s + SLACK_S
+    more, own = float((steps - seconds[:-1])[adjacent].sum()), float(seconds[:-1][adjacent].sum())
+    # Names may be wrong by their resolution at either end.
+    return seconds if abs(more) <= 2 * resolution_s or own <= 0 else seconds * (1 + more / own)
+
+
+def gaps_between(begins: Floats, seconds: Floats, least_s: float = GAP_S) -> Gaps:
+    """Gaps of `least_s` and more, and overlaps, of pieces in order of their beginnings."""
+    ends = np.maximum.accumulate(begins + seconds)
+    gap = begins[1:] - ends[:-1]
+    missing = gap[gap >= least_s]
+    twice = -gap[gap <= -OVERLAP_S]
+    inside = int(((begins[1:] + seconds[1:] <= ends[:-1] + SLACK_S) & (gap <= -OVERLAP_S)).sum())
+    longest = int(np.argmax(gap)) if len(missing) else 0
+    return Gaps(
+        len(missing), float(missing.sum()), float(missing.max(initial=0.0)), float(ends[longest]) if len(ends) else 0.0,
+        len(twice), float(twice.sum()), inside,
+    )  # fmt: skip

@@ -1,0 +1,394 @@
+"""One recording from the files of a camera: which of them are used, where each lies in time, and what is told about that."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
+from passerby.findings.finding import Finding, notice
+from passerby.perception.sources.file_times import FileTimes, times_of
+from passerby.perception.sources.files import VideoSource, WallSpan, list_files
+from passerby.perception.sources.picture_heads import PictureHead, read_picture_head
+from passerby.perception.sources.placing import GAP_S, Gaps, begins_by_names, follow_at_once, gaps_between
+from passerby.perception.video_camera import RecordingCamera
+from passerby.perception.video_error import VideoError
+from passerby.perception.video_probe import VARIABLE_CLOCK_FPS, Piece, VideoInfo, WallTime, probe
+
+MIXED = 0.5
+"""Files of a second size, as a share of those of the commonest one, from which a folder holds several cameras."""
+TWICE = 0.25
+"""Likewise the share of pieces that are over before the piece before them is."""
+SAME_RATE, OTHER_RATE = 0.001, 0.1
+"""Pieces whose rates differ by less than the one count alike; by more than the other they are another stream."""
+LONGEST_PIECE_S = 6 * 3600.0
+"""A piece that begins earlier than this before a span is over when the span begins: it is not opened."""
+LONG_S = 3600.0
+"""Longer recordings are told: half an hour with people determines a rig, and watching takes about as long as filming."""
+PICTURE_GAP = 3.0
+"""Pictures that are more than so many usual steps apart have a gap between them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A camera's video, and what is odd about its files."""
+
+    info: VideoInfo
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class WallExtent:
+    """The wall times of a camera's files, before any of them is opened."""
+
+    begins: tuple[float, ...]
+    """Of the files, ascending; seconds since 1970."""
+    utc: bool
+
+
+def wall_extent(source: VideoSource) -> WallExtent | None:
+    """When a camera's files begin; None where their wall times are not known. Raises `InputError` as `open_source` does."""
+    if source.single is not None:
+        return None
+    times = times_of(source, list_files(source))
+    return WallExtent(tuple(np.sort(times.begin).tolist()), times.utc) if times is not None and times.wall else None
+
+
+def open_source(source: VideoSource, name: str = "") -> Recording:
+    """Look into a camera's video.
+
+    Args:
+        source: what the scene file says of it.
+        name: the camera's, for findings.
+
+    Raises:
+        InputError: no file, none that can be read, files of several cameras, a file that grows, or as `times_of` says.
+    """
+    if source.single is not None:
+        return Recording(probe(source.single))
+    files = list_files(source)
+    listed = len(files.paths)
+    if files.kind == "pictures" and listed == 1:
+        raise VideoError(source.place, "is a single image: name the folder of all images, or a pattern as FOLDER/*.jpg")
+    heads = None if files.kind == "videos" else [_head(path) for path in files.paths]
+    times = times_of(source, files, heads)
+    order = np.arange(listed) if times is None else np.argsort(times.begin, kind="stable")
+    if source.span is not None and times is not None and times.wall:
+        order = order[_near_span(times.begin[order], source.span, files.kind == "pictures")]
+        if not len(order):
+            first, last = (WallTime(float(end), times.utc).text for end in (times.begin.min(), times.begin.max()))
+            raise VideoError(
+                source.place,
+                f"has no file in the span that [scene] from and until choose: its {listed} files begin from {first} to {last}",
+            )
+    paths = [files.paths[k] for k in order]
+    begin = None if times is None else times.begin[order]
+    if heads is None:
+        found = _of_videos(source, name, paths, begin, times, listed)
+    else:
+        found = _of_pictures(source, name, paths, [heads[k] for k in order], begin, times)
+    if source.origin is not None and found.info.wall is not None:
+        return replace(found, info=rebased(found.info, source.origin))
+    return found
+
+
+def rebased(info: VideoInfo, origin: float) -> VideoInfo:
+    """The same recording with frame 1 at another wall time, seconds since 1970, not after its beginning."""
+    assert info.wall is not None
+    later = info.wall.seconds - origin
+    pieces = tuple(replace(piece, begin_s=piece.begin_s + later) for piece in info.pieces)
+    used = (info.used[0] + later, info.used[1] + later)
+    return replace(info, pieces=pieces, used=used, wall=replace(info.wall, seconds=origin))
+
+
+def gaps_of(info: VideoInfo) -> list[tuple[float, float]]:
+    """The gaps between the pieces of a recording, or between its pictures: from and to, seconds from frame 1."""
+    found = []
+    end = math.inf
+    for piece in info.pieces:
+        if piece.begin_s - end >= GAP_S:
+            found.append((end, piece.begin_s))
+        end = max(piece.begin_s + piece.seconds, -math.inf if end == math.inf else end)
+    return found
+
+
+def _near_span(begin: Floats, span: WallSpan, pictures: bool) -> np.ndarray:
+    """Which files, in order of time, may show something of a span: those in it, and the pieces before it that reach into it."""
+    inside = (begin >= span.first) & (begin <= span.last)
+    before = begin < span.first
+    if not pictures and before.any():
+        # Of those before, the last; and others that began with it.
+        last = begin[before].max()
+        inside |= before & (begin >= last) & (begin > span.first - LONGEST_PIECE_S)
+    return np.flatnonzero(inside)
+
+
+def _head(path: Path) -> PictureHead:
+    try:
+        return read_picture_head(path)
+    except OSError:
+        return PictureHead(None)
+
+
+# Videos ---------------------------------------------------------------------------------------------------------------------
+
+
+def _of_videos(
+    source: VideoSource, name: str, paths: Sequence[Path], begin: Floats | None, times: FileTimes | None, listed: int
+) -> Recording:
+    """One recording of pieces in order of time."""
+    place = source.place
+    before = [_size_of(path) for path in paths]
+    opened, failed = _probed(paths)
+    grown = next((path for path, size in zip(paths, before, strict=True) if _size_of(path) != size), None)
+    if grown is not None:
+        raise VideoError(
+            grown,
+            "is still being written: run the command again when its recording has ended, name finished files only, or under "
+            "[scene] choose a span that has ended (until)",
+        )
+    if not opened:
+        number, why = failed[0]
+        raise VideoError(place, f"none of its {len(paths)} videos can be read; the first, {paths[number].name}: {why}")
+    size, rate = _commonest(place, paths, opened)
+    alike = [k for k in opened if opened[k].size == size and not _is_other_rate(opened[k], rate)]
+    other = [k for k in opened if k not in set(alike)]
+    infos = [opened[k] for k in alike]
+    variable = any(info.variable or abs(info.clock_fps / rate - 1) > SAME_RATE for info in infos)
+    clock = VARIABLE_CLOCK_FPS if variable else rate
+    seconds = np.array([_length(info, variable) for info in infos])
+    if begin is None:
+        begins = follow_at_once(seconds)
+    elif times is not None and times.resolution_s > 0:
+        begins = begins_by_names(begin[alike], seconds, times.resolution_s)
+    else:
+        begins = begin[alike]
+    wall = None
+    if times is not None and times.wall:
+        wall = WallTime(float(begins[0]), times.utc)
+    begins = begins - begins[0]
+    gaps = gaps_between(begins, seconds, max(GAP_S, 0.0 if times is None else times.resolution_s))
+    if len(alike) > 1 and gaps.inside >= max(1, TWICE * len(alike)):
+        raise VideoError(
+            place,
+            f"{gaps.inside} of {len(alike)} videos were recorded while the one before them was: these are files of several "
+            'cameras; name those of one, with a pattern as video = "recordings/*/*/north/*.mp4"',
+        )
+    pieces = tuple(
+        Piece(paths[k], float(at), replace(info, clock_fps=clock, variable=variable), float(length))
+        for k, at, info, length in zip(alike, begins, infos, seconds, strict=True)
+    )
+    used = _used(source.span, wall)
+    pieces = tuple(piece for piece in pieces if piece.begin_s + piece.seconds > used[0] and piece.begin_s <= used[1])
+    if not pieces:
+        raise VideoError(place, "shows nothing of the span that [scene] from and until choose: its files end before it")
+    pictures = sum(round(piece.seconds * piece.info.average_fps) for piece in pieces if piece.info is not None)
+    info = VideoInfo(
+        path=place,
+        size=size,
+        codec=Counter(one.codec for one in infos).most_common(1)[0][0],
+        clock_fps=clock,
+        variable=variable,
+        average_fps=float(np.median([one.average_fps for one in infos])),
+        frames=max(1, pictures),
+        seconds=None,
+        rotation=infos[0].rotation,
+        camera=infos[0].camera,
+        pieces=pieces,
+        wall=wall,
+        used=used,
+    )
+    info = replace(info, seconds=_span(info))
+    findings = [
+        *_unreadable(name, place, paths, failed, listed),
+        *_differing(name, place, paths, other, opened, size, rate, listed),
+        *([] if times is not None or len(paths) < 2 else [notice("pieces_untimed", name, place=str(place), pieces=len(paths))]),
+        *_gap_findings(name, place, gaps, wall, "pieces"),
+        *_long(name, source, info),
+    ]
+    return Recording(info, tuple(findings))
+
+
+def _probed(paths: Sequence[Path]) -> tuple[dict[int, VideoInfo], list[tuple[int, str]]]:
+    """What can be read by number, and what cannot, with the reason."""
+    opened: dict[int, VideoInfo] = {}
+    failed: list[tuple[int, str]] = []
+    for number, path in enumerate(paths):
+        try:
+            opened[number] = probe(path)
+        except VideoError as error:
+            failed.append((number, error.what))
+        except InputError as error:
+            failed.append((number, str(error)))
+    return opened, failed
+
+
+def _size_of(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return -1
+
+
+def _commonest(place: Path, paths: Sequence[Path], opened: dict[int, VideoInfo]) -> tuple[tuple[int, int], float]:
+    """The commonest size, and the commonest rate of the pieces of that size. Raises `VideoError` for mixed cameras."""
+    (size, most), *others = Counter(info.size for info in opened.values()).most_common()
+    if others and others[0][1] > MIXED * most:
+        first = {one: next(paths[k].name for k in opened if opened[k].size == one) for one in (size, others[0][0])}
+        told = " and ".join(f"{n} of {w} x {h} ({first[w, h]}, ...)" for (w, h), n in ((size, most), others[0]))
+        raise VideoError(
+            place, f"holds files of two sizes, {told}: these are several cameras or streams; name those of one with a pattern"
+        )
+    rates = [info.average_fps for info in opened.values() if info.size == size]
+    near = [sum(abs(one / other - 1) <= OTHER_RATE for other in rates) for one in rates]
+    chosen = rates[int(np.argmax(near))]
+    constant = [info.clock_fps for info in opened.values() if info.size == size and not info.variable]
+    alike = [rate for rate in constant if abs(rate / chosen - 1) <= OTHER_RATE]
+    return size, float(np.median(alike)) if alike else chosen
+
+
+def _is_other_rate(info: VideoInfo, rate: float) -> bool:
+    return not info.variable and abs(info.clock_fps / rate - 1) > OTHER_RATE
+
+
+def _length(info: VideoInfo, variable: bool) -> float:
+    """Seconds from a piece's first picture to that of the piece that follows it at once."""
+    if info.frames and not variable:
+        return info.frames / info.clock_fps
+    return info.seconds or (info.frames or 1) / info.average_fps
+
+
+# Pictures -------------------------------------------------------------------------------------------------------------------
+
+
+def _of_pictures(
+    source: VideoSource,
+    name: str,
+    paths: Sequence[Path],
+    heads: Sequence[PictureHead],
+    begin: Floats | None,
+    times: FileTimes | None,
+) -> Recording:
+    """One recording of pictures in order of time."""
+    assert begin is not None
+    assert times is not None
+    place = source.place
+    sizes = {k: size for k, (path, head) in enumerate(zip(paths, heads, strict=True)) if (size := _size(path, head))}
+    if not sizes:
+        raise VideoError(place, f"none of its {len(paths)} images can be read, {paths[0].name} among them: copy them again")
+    (size, most), *others = Counter(sizes.values()).most_common()
+    if others and others[0][1] > MIXED * most:
+        raise VideoError(
+            place,
+            f"holds images of two sizes, {most} of {size[0]} x {size[1]} and {others[0][1]} of {others[0][0][0]} x "
+            f"{others[0][0][1]}: these are several cameras; name those of one with a pattern",
+        )
+    alike = [k for k in range(len(paths)) if sizes.get(k) == size]
+    wall = WallTime(float(begin[alike[0]]), times.utc) if times.wall else None
+    begins = begin[alike] if times.numbered else begin[alike] - begin[alike[0]]
+    steps = np.diff(begins)
+    step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0 / (source.fps or 1.0)
+    variable = not times.numbered
+    clock = VARIABLE_CLOCK_FPS if variable or source.fps is None else source.fps
+    pieces = tuple(Piece(paths[k], float(at), None, step) for k, at in zip(alike, begins, strict=True))
+    first = heads[alike[0]]
+    info = VideoInfo(
+        path=place, size=size, codec=paths[0].suffix.lower().lstrip("."), clock_fps=clock, variable=variable,
+        average_fps=1.0 / step, frames=len(pieces), seconds=None, camera=RecordingCamera(first.focal_35mm, first.device),
+        pieces=pieces, wall=wall, used=_used(source.span, wall),
+    )  # fmt: skip
+    info = replace(info, seconds=_span(info))
+    failed = [(k, "it is no image that can be read") for k in range(len(paths)) if k not in sizes]
+    other = [k for k in sizes if sizes[k] != size]
+    gaps = gaps_between(begins, np.full(len(begins), step), PICTURE_GAP * step)
+    findings = [
+        *_unreadable(name, place, paths, failed, len(paths)),
+        *(
+            [notice("pieces_differ", name, place=str(place), count=len(other), files=len(paths), first=paths[other[0]].name,
+                    what=f"{sizes[other[0]][0]} x {sizes[other[0]][1]}", usual=f"{size[0]} x {size[1]}")]
+            if other else []
+        ),
+        *_gap_findings(name, place, gaps, wall, "images"),
+        *_long(name, source, info),
+    ]  # fmt: skip
+    return Recording(info, tuple(findings))
+
+
+def _size(path: Path, head: PictureHead) -> tuple[int, int] | None:
+    """Of an image whose head does not tell it, by decoding it; None where it cannot be read."""
+    if head.size is not None or path.suffix.lower() in (".jpg", ".jpeg", ".png"):
+        return head.size
+    import cv2
+
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    return None if picture is None else (picture.shape[1], picture.shape[0])
+
+
+# Both -----------------------------------------------------------------------------------------------------------------------
+
+
+def _used(span: WallSpan | None, wall: WallTime | None) -> tuple[float, float]:
+    """The span as seconds of the recording."""
+    if span is None or wall is None:
+        return -math.inf, math.inf
+    return span.first - wall.seconds, span.last - wall.seconds
+
+
+def _span(info: VideoInfo) -> float:
+    """How long the used part lasts, with its gaps."""
+    assert info.end_s is not None
+    return max(0.0, info.end_s - info.begin_s)
+
+
+def _unreadable(name: str, place: Path, paths: Sequence[Path], failed: Sequence[tuple[int, str]], listed: int) -> list[Finding]:
+    if not failed:
+        return []
+    number, why = failed[0]
+    return [
+        notice("pieces_unreadable", name, place=str(place), count=len(failed), files=listed, first=paths[number].name, why=why)
+    ]
+
+
+def _differing(
+    name: str, place: Path, paths: Sequence[Path], other: Sequence[int], opened: dict[int, VideoInfo], size: tuple[int, int],
+    rate: float, listed: int,
+) -> list[Finding]:  # fmt: skip
+    if not other:
+        return []
+    first = opened[other[0]]
+    by_size = first.size != size
+    what = f"{first.size[0]} x {first.size[1]}" if by_size else f"{first.clock_fps:.4g} frames per second"
+    usual = f"{size[0]} x {size[1]}" if by_size else f"{rate:.4g}"
+    values = {"count": len(other), "files": listed, "first": paths[other[0]].name, "what": what, "usual": usual}
+    return [notice("pieces_differ", name, place=str(place), **values)]
+
+
+def _gap_findings(name: str, place: Path, gaps: Gaps, wall: WallTime | None, what: str) -> list[Finding]:
+    found = []
+    if gaps.count:
+        longest_at = None if wall is None else WallTime(round(wall.seconds + gaps.longest_at_s), wall.utc).text
+        values = {"count": gaps.count, "seconds": gaps.seconds, "longest_s": gaps.longest_s, "between": what}
+        found.append(
+            notice("recording_gaps", name, place=str(place), **values, longest_at_s=gaps.longest_at_s, longest_at=longest_at)
+        )
+    if gaps.overlaps:
+        found.append(notice("pieces_overlap", name, place=str(place), count=gaps.overlaps, seconds=gaps.overlap_s))
+    return found
+
+
+def _long(name: str, source: VideoSource, info: VideoInfo) -> list[Finding]:
+    """Recordings of hours, of which no span is chosen."""
+    if source.span is not None or info.seconds is None or info.seconds <= LONG_S:
+        return []
+    first = last = None
+    if info.wall is not None and info.end_s is not None:
+        first = WallTime(round(info.wall.seconds + info.begin_s), info.wall.utc).text
+        last = WallTime(round(info.wall.seconds + info.end_s), info.wall.utc).text
+    values = {"hours": info.seconds / 3600.0, "files": len(info.files), "first": first, "last": last}
+    return [notice("recording_long", name, place=str(info.path), **values)]

@@ -1,0 +1,215 @@
+"""Cameras whose videos are in pieces, or are images: of Frigate's layout, with a folder each, or told apart by their names.
+
+Only one file of each is opened; the rest is told by names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from glob import escape
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from passerby.common.errors import InputError
+from passerby.common.text import natural_key
+from passerby.perception.pieces import PICTURE_ENDINGS, VIDEO_ENDINGS, walk_below
+from passerby.perception.sources.file_times import times_of
+from passerby.perception.sources.files import MOST_FILES, VideoSource, list_files
+from passerby.perception.sources.name_times import usual_time
+from passerby.perception.sources.recording import open_source
+from passerby.perception.video_probe import VideoInfo, WallTime
+from passerby.scene.start.recordings import Length, is_numbered_series, pieces_among, time_in
+
+PROPOSED_S = 900.0
+"""Of people's walking is enough for a rig where they are many, and takes minutes to process."""
+FULL, MOST_ENDS = 0.8, 10_000
+"""A span is proposed for which each camera has such a share of the most files that it has for one; ends that are tried, one a
+minute."""
+ASSUMED_FPS = 25.0
+"""Of numbered images, until the user says; only sizes are looked at with it."""
+
+_DAY, _HOUR = re.compile(r"\d{4}-\d\d-\d\d"), re.compile(r"\d\d")
+_NO_CAMERA = re.compile(r"calib|intrinsic|checker|chess|board|snapshot|thumb|clips", re.IGNORECASE)
+"""Folders of images that are no cameras."""
+
+
+@dataclass(frozen=True)
+class FoundRecording:
+    """One camera's files."""
+
+    text: str
+    """What the camera is named after."""
+    video: Path
+    """A folder or a pattern, as the scene file names it."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingSurvey:
+    """What is told of a recording without opening all of it."""
+
+    info: VideoInfo
+    """Of one file, with the length of all."""
+    files: int
+    begins: tuple[float, ...] = ()
+    """Wall times of the files, seconds since 1970, ascending; none where they are not known."""
+    utc: bool = False
+    unknown_rate: bool = False
+    """Whether these are numbered images, whose rate nothing tells."""
+
+
+def find_recordings(folder: Path, length: Length) -> list[FoundRecording]:
+    """The cameras of a folder whose videos are in pieces, or images; none where each camera is a file."""
+    files = list(islice(walk_below(folder), MOST_FILES))
+    videos = [path for path in files if path.suffix.lower() in VIDEO_ENDINGS]
+    if not videos:
+        return _of_images([path for path in files if path.suffix.lower() in PICTURE_ENDINGS])
+    return _of_frigate(folder, videos) or _of_folders(folder, videos, length) or _told_by_names(folder, videos, length)
+
+
+def _of_frigate(folder: Path, videos: Sequence[Path]) -> list[FoundRecording]:
+    """Cameras by the folder below day and hour; empty where the layout is another one."""
+    cameras: dict[str, list[Path]] = {}
+    for path in videos:
+        resolved = path.absolute()
+        time = usual_time(resolved) if len(resolved.parts) > 4 else None
+        if time is None or not _HOUR.fullmatch(resolved.parts[-3]) or not _DAY.fullmatch(resolved.parts[-4]):
+            return []
+        cameras.setdefault(path.parent.name, []).append(path)
+    if len(cameras) < 2:
+        return []
+    found = []
+    for camera in sorted(cameras, key=natural_key):
+        first = cameras[camera][0]
+        above = first.relative_to(folder).parts[:-2]
+        stars = ["*" if _DAY.fullmatch(part) or _HOUR.fullmatch(part) else escape(part) for part in above]
+        found.append(FoundRecording(camera, folder.joinpath(*stars, escape(camera), f"*{first.suffix}")))
+    return found
+
+
+def _of_folders(folder: Path, videos: Sequence[Path], length: Length) -> list[FoundRecording]:
+    """Cameras with a folder of pieces each; empty unless there are two."""
+    held: dict[Path, list[Path]] = {}
+    for path in videos:
+        parts = path.relative_to(folder).parts
+        if len(parts) > 1:
+            held.setdefault(folder / parts[0], []).append(path)
+    if len(held) == 1 and len(held[next(iter(held))]) == len(videos):
+        inner = next(iter(held))
+        return _of_folders(inner, videos, length)
+    found = [
+        FoundRecording(inner.name, inner)
+        for inner, paths in held.items()
+        if len(paths) > 1 and (is_numbered_series(paths) or _timed(paths) or len(pieces_among(paths, length)) == len(paths))
+    ]
+    return sorted(found, key=lambda one: natural_key(one.text)) if len(found) > 1 else []
+
+
+def _timed(paths: Sequence[Path]) -> bool:
+    """Whether all names tell times, in folders of days as recorders make them."""
+    times = [usual_time(path) for path in paths]
+    known = {time.seconds for time in times if time is not None}
+    return len(known) == len(paths) and len({path.parent for path in paths}) > 1
+
+
+def _told_by_names(folder: Path, videos: Sequence[Path], length: Length) -> list[FoundRecording]:
+    """Cameras whose pieces lie in one folder and differ in what stands before or behind the time."""
+    places = {path.parent for path in videos}
+    if len(places) != 1:
+        return []
+    groups: dict[tuple[str, str, str], list[Path]] = {}
+    for path in videos:
+        if (span := time_in(path.stem)) is not None:
+            groups.setdefault((path.stem[: span[0]], path.stem[span[1] :], path.suffix), []).append(path)
+    pieces = {key: paths for key, paths in groups.items() if len(paths) > 1 and pieces_among(paths, length)}
+    if len(pieces) < 2:
+        return []
+    place = next(iter(places))
+    # A digit after the beginning, so that "gate_" is not "gate_left_" as well.
+    return [
+        FoundRecording(f"{before} {behind}".strip(" _-."), place / f"{escape(before)}[12]*{escape(behind)}{suffix}")
+        for before, behind, suffix in sorted(pieces, key=lambda key: natural_key("".join(key)))
+    ]
+
+
+def _of_images(pictures: Sequence[Path]) -> list[FoundRecording]:
+    """Cameras with a folder of images each; empty unless there are two."""
+    held: dict[Path, int] = {}
+    for path in pictures:
+        if not _NO_CAMERA.search(path.parent.name):
+            held[path.parent] = held.get(path.parent, 0) + 1
+    found = [FoundRecording(inner.name, inner) for inner, count in held.items() if count > 1]
+    return sorted(found, key=lambda one: natural_key(one.text)) if len(found) > 1 else []
+
+
+def survey_recording(video: Path, probe: Callable[[Path], VideoInfo]) -> RecordingSurvey:
+    """What a camera's files are. Raises `InputError` where none of them can be read."""
+    files = list_files(VideoSource((video,)))
+    rate = ASSUMED_FPS if files.kind == "pictures" else None
+    times = times_of(VideoSource((video,), fps=rate), files)
+    begins = () if times is None or not times.wall else tuple(np.sort(times.begin).tolist())
+    unknown = times is not None and times.numbered
+    if files.kind == "pictures":
+        info = open_source(VideoSource((video,), fps=rate)).info
+        return RecordingSurvey(replace(info, seconds=None) if unknown else info, len(files.paths), begins, _utc(times), unknown)
+    info = _first_readable(files.paths, probe)
+    length = info.seconds or 0.0
+    seconds = begins[-1] - begins[0] + length if begins else length * len(files.paths)
+    return RecordingSurvey(replace(info, seconds=seconds or None), len(files.paths), begins, _utc(times))
+
+
+def _utc(times: object) -> bool:
+    return bool(getattr(times, "utc", False))
+
+
+def _first_readable(paths: Sequence[Path], probe: Callable[[Path], VideoInfo]) -> VideoInfo:
+    """Of some files, from the middle on: the first may have been cut, the last may be being written."""
+    middle = len(paths) // 2
+    tried = [*paths[middle : middle + 5], *paths[:3]]
+    for path in tried[:-1]:
+        try:
+            return probe(path)
+        except InputError:
+            continue
+    return probe(tried[-1])
+
+
+@dataclass(frozen=True)
+class ProposedSpan:
+    """A span of wall time that `init` proposes."""
+
+    first: str
+    last: str
+    why: str
+
+
+def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
+    """The last quarter of an hour that all cameras have; None where recordings are about as short, or no times are known."""
+    if not surveys or not all(len(survey.begins) > 1 for survey in surveys):
+        return None
+    begins = [np.array(survey.begins) for survey in surveys]
+    whole = max(times[-1] for times in begins) - min(times[0] for times in begins)
+    if whole < 2 * PROPOSED_S:
+        return None
+    ends = (
+        60.0
+        * np.arange(
+            np.ceil(min(times[-1] for times in begins) / 60.0) + 1, np.floor(max(times[0] for times in begins) / 60.0), -1
+        )[:MOST_ENDS]
+    )
+    if not len(ends):
+        return None
+    counts = np.array([np.searchsorted(times, ends) - np.searchsorted(times, ends - PROPOSED_S) for times in begins])
+    full = (counts > 0).all(axis=0) & (counts >= FULL * counts.max(axis=1, keepdims=True)).all(axis=0)
+    if not full.any():
+        return None
+    end = float(ends[np.argmax(full)])
+    first, last = (WallTime(time, False).text.replace("T", " ") for time in (end - PROPOSED_S, end))
+    why = (
+        f"the recordings last {whole / 3600.0:.1f} hours: the last {PROPOSED_S / 60:.0f} minutes that all cameras have are "
+        "proposed, without a look at who is in them: choose a time with many people"
+    )
+    return ProposedSpan(first, last, why)

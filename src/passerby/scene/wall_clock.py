@@ -1,0 +1,162 @@
+"""Wall times of the cameras' recordings: the span that `[scene]` chooses, and the common second that frames count from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time
+
+from passerby.common.errors import InputError
+from passerby.findings.finding import notice
+from passerby.perception.sources.files import VideoSource, WallSpan
+from passerby.perception.sources.recording import WallExtent, rebased, wall_extent
+from passerby.perception.video_probe import WallTime
+from passerby.scene.camera_input import CameraInput
+from passerby.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class WallClock:
+    """What ties frame numbers to wall time."""
+
+    origin: WallTime
+    """Of frame 1 of all recordings whose files tell their wall times."""
+    first: WallTime | None = None
+    """The beginning of the span that is used; None where none is chosen."""
+    last: WallTime | None = None
+    """Its end."""
+
+
+def source_of(scene: Scene, name: str, span: WallSpan | None = None) -> VideoSource | None:
+    """The files of a camera's video; None where it has none."""
+    table = scene.cameras[name]
+    if not table.videos:
+        return None
+    paths = tuple(map(scene.resolve, table.videos))
+    times = None if table.video_times is None else scene.resolve(table.video_times)
+    return VideoSource(paths, table.video_names, times, scene.fps_of(name), span)
+
+
+def chosen_span(scene: Scene) -> WallSpan | None:
+    """The span of wall time that is used; None where none is chosen.
+
+    Raises `InputError` where no wall times are known, or a time of day is on no day of the recordings, or on several.
+    """
+    first, last = scene.scene.from_, scene.scene.until
+    if first is None and last is None:
+        return None
+    place = f"{scene.place}: [scene] {'from' if first is not None else 'until'}"
+    extents = _extents(scene)
+    if not extents:
+        raise InputError(
+            f"{place}: no camera's files tell their wall times: name pieces of recordings with times in their names, add "
+            "video_names or video_times to the cameras, or use from_s and until_s of each camera"
+        )
+    zoned = first if first is not None else last
+    if zoned is not None and zoned.tzinfo is not None and not all(extent.utc for extent in extents.values()):
+        unknown = next(name for name, extent in extents.items() if not extent.utc)
+        raise InputError(
+            f"{place} has an offset from UTC, but the files of camera {unknown} do not tell their time zone: write the time as "
+            "their names have it, without an offset"
+        )
+    if isinstance(zoned, datetime):
+        return WallSpan(_seconds(first, -math.inf), _seconds(last, math.inf))
+    return _of_day(place, first, last, extents)
+
+
+def _extents(scene: Scene) -> dict[str, WallExtent]:
+    """By camera with known wall times; what is wrong with the others' files is told when they are read."""
+    out = {}
+    for name in scene.cameras:
+        source = source_of(scene, name)
+        try:
+            extent = None if source is None else wall_extent(source)
+        except InputError:
+            continue
+        if extent is not None:
+            out[name] = extent
+    return out
+
+
+def _seconds(moment: datetime | time | None, otherwise: float) -> float:
+    if not isinstance(moment, datetime):
+        return otherwise
+    return (moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _of_day(
+    place: str, first: datetime | time | None, last: datetime | time | None, extents: Mapping[str, WallExtent]
+) -> WallSpan:
+    """The span of times of day, on the one day that has it."""
+    begins = sorted(begin for extent in extents.values() for begin in extent.begins)
+    zone = next((moment.tzinfo for moment in (first, last) if moment is not None and moment.tzinfo is not None), UTC)
+    days = sorted({datetime.fromtimestamp(begin, zone).date() for begin in begins})
+    spans = {day: WallSpan(_on(day, first, -math.inf), _on(day, last, math.inf)) for day in days}
+    found = [day for day, span in spans.items() if any(_may_show(extent, span) for extent in extents.values())]
+    told = " to ".join(WallTime(end, all(one.utc for one in extents.values())).text for end in (begins[0], begins[-1]))
+    if not found:
+        raise InputError(f"{place}: the recordings show nothing of that time: their files begin from {told}")
+    if len(found) > 1:
+        raise InputError(
+            f"{place}: {len(found)} days of the recordings have this time ({found[0]} to {found[-1]}): write the date too, as "
+            f'"{found[-1]} 08:00"'
+        )
+    return spans[found[0]]
+
+
+def _on(day: date, moment: datetime | time | None, otherwise: float) -> float:
+    return otherwise if not isinstance(moment, time) else _seconds(datetime.combine(day, moment, moment.tzinfo), otherwise)
+
+
+def _may_show(extent: WallExtent, span: WallSpan) -> bool:
+    """Whether a file begins in a span, or the last one before it may reach into it."""
+    inside = any(span.first <= begin <= span.last for begin in extent.begins)
+    before = [begin for begin in extent.begins if begin < span.first]
+    usual = (extent.begins[-1] - extent.begins[0]) / max(1, len(extent.begins) - 1)
+    return inside or (bool(before) and span.first - before[-1] <= usual)
+
+
+def align_wall_clocks(scene: Scene, readings: Sequence[CameraInput]) -> None:
+    """Let frame numbers of all recordings whose wall times are known count from one second, the first that any of them shows.
+
+    Cameras whose people come from files keep the numbers of these. A notice tells of cameras without wall times among others
+    with them; times by UTC among times by an unknown clock are a fault.
+    """
+    timed = {
+        reading.name: (reading.video, reading.video.wall)
+        for reading in readings
+        if reading.video is not None and reading.video.wall is not None and scene.cameras[reading.name].watched
+    }
+    if not timed:
+        return
+    utc = {name: wall.utc for name, (_, wall) in timed.items()}
+    if len(set(utc.values())) > 1:
+        (known, unknown) = (next(name for name, one in utc.items() if one is which) for which in (True, False))
+        reading = next(reading for reading in readings if reading.name == unknown)
+        reading.faults.append(
+            f"{scene.place}: [cameras.{unknown}]: its files' names do not tell their time zone, those of camera {known} are "
+            "in UTC: state a pattern with %z or a table with offsets from UTC (video_names, video_times)"
+        )
+        return
+    origin = math.floor(min(wall.seconds + video.begin_s for video, wall in timed.values()))
+    for reading in readings:
+        if reading.name in timed:
+            reading.video = rebased(timed[reading.name][0], float(origin))
+    others = [reading.name for reading in readings if reading.name not in timed]
+    if others:
+        text = WallTime(float(origin), all(utc.values())).text
+        first = next(reading for reading in readings if reading.name == others[0])
+        first.findings.append(notice("wall_clock_missing", *others, place=scene.place, origin=text))
+
+
+def wall_clock_of(scene: Scene, readings: Sequence[CameraInput]) -> WallClock | None:
+    """The wall time that frames count from; None where no wall times are used."""
+    for reading in readings:
+        video = reading.video
+        if video is None or video.wall is None or not scene.cameras[reading.name].watched:
+            continue
+        ends = (video.wall.seconds + end for end in video.used)
+        first, last = (WallTime(end, video.wall.utc) if math.isfinite(end) else None for end in ends)
+        return WallClock(video.wall, first, last)
+    return None

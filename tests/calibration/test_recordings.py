@@ -1,0 +1,129 @@
+"""The same scene as whole files, as a recorder's pieces of ten seconds, and as pictures: all give the same rig."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from passerby.cli.main import run
+from passerby.evaluation.metrics import compare
+from passerby.interchange.rig_toml import read_rig
+from passerby.perception.video import VideoReader
+from support.scenes.puppet_videos import film, puppets, scene_file
+
+pytestmark = pytest.mark.slow
+
+SECONDS, FPS, PIECE_S, SEED = 200.0, 12.5, 10.0, 2
+STARTS_S = (0.0, 0.7, 1.3)
+"""The recordings' starts; the recorder's clock is the same for all."""
+CAMERAS = ("C1", "C2", "C3")
+MISSING, BROKEN = {"C1": (6,), "C2": (3,), "C3": (14,)}, ("C2", 11)
+"""5 % of the 60 pieces, and one more that holds nothing that can be read."""
+BEGIN = datetime(2026, 11, 22, 7, 58, 30, 400_000, tzinfo=UTC)
+"""Pieces lie in folders of two hours; the names leave off 0.4 s, 0.1 s and 0.7 s."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recordings")
+    film(puppets(SECONDS, FPS, 3, 6, seed=SEED, offsets=STARTS_S), path, key_every=round(FPS * 2))
+    return path
+
+
+def cut(video: Path, folder: Path, camera: str, start_s: float) -> list[Path]:
+    """Pieces as Frigate has them: packets copied, cut at key frames, named by the whole second in which they begin."""
+    pieces: list[list[av.Packet]] = []
+    with av.open(str(video)) as source:
+        stream = source.streams.video[0]
+        for packet in source.demux(stream):
+            if packet.pts is None:
+                continue
+            second = float(packet.pts * packet.time_base)
+            if packet.is_keyframe and second >= PIECE_S * len(pieces) - 0.01:
+                pieces.append([])
+            pieces[-1].append(packet)
+        paths = []
+        for packets in pieces:
+            first = packets[0].dts
+            time = BEGIN + timedelta(seconds=start_s + float(packets[0].pts * packets[0].time_base))
+            path = folder / f"{time:%Y-%m-%d}" / f"{time:%H}" / camera / f"{time:%M.%S}.mp4"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with av.open(str(path), "w") as target:
+                copy = target.add_stream_from_template(stream)
+                for packet in packets:
+                    packet.pts, packet.dts, packet.stream = packet.pts - first, packet.dts - first, copy
+                    target.mux(packet)
+            paths.append(path)
+    return paths
+
+
+def calibrated(scene: Path) -> tuple[Path, float]:
+    """The output folder and the mean error of the cameras' places."""
+    out = scene.parent / f"out-{scene.stem}"
+    assert run(["calibrate", str(scene), "-o", str(out)]) == 0
+    found, truth = read_rig(out / "rig.toml"), read_rig(scene.parent / "truth.toml")
+    assert len(found.posed()) == 3
+    return out, compare(found, truth).similarity.mean_position_mm
+
+
+ASSOCIATION = '[association]\nmode = "combined"'
+
+
+@pytest.fixture(scope="module")
+def whole(folder: Path) -> float:
+    return calibrated(scene_file(folder, {name: f"{name}.mp4" for name in CAMERAS}, ASSOCIATION))[1]
+
+
+def test_pieces_of_a_recorder(folder: Path, whole: float) -> None:
+    for name, start_s in zip(CAMERAS, STARTS_S, strict=True):
+        pieces = cut(folder / f"{name}.mp4", folder / "recordings", name, start_s)
+        assert len(pieces) == SECONDS / PIECE_S
+        for number in MISSING[name]:
+            pieces[number].unlink()
+        if name == BROKEN[0]:
+            pieces[BROKEN[1]].write_bytes(bytes(2000))
+    cameras = {name: f"recordings/*/*/{name}/*.mp4" for name in CAMERAS}
+    out, error_mm = calibrated(scene_file(folder, cameras, ASSOCIATION, name="pieces.toml"))
+    print(f"\npieces: {error_mm:.1f} mm, whole files: {whole:.1f} mm")
+    assert error_mm < 1.3 * whole
+    document = json.loads((out / "calibration.json").read_text())
+    assert document["wall_clock_origin"] == "2026-11-22T07:58:30+00:00"
+    gaps = [one for one in document["diagnostics"] if one["code"] == "recording_gaps"]
+    assert [one["cameras"] for one in gaps] == [[name] for name in CAMERAS]
+    assert [one["values"]["count"] for one in gaps] == [1, 2, 1]
+    assert [round(one["values"]["seconds"]) for one in gaps] == [10, 20, 10]
+    # Names tell begins to a second; what is left of that is found.
+    offsets = np.array([camera["time_offset_s"] for camera in document["cameras"]])
+    starts = np.array([_first_second(folder, name) for name in CAMERAS])
+    np.testing.assert_allclose(offsets - offsets[0] + starts - starts[0], STARTS_S, atol=0.05)
+    assert "data:image/jpeg" in (out / "report.html").read_text()
+
+
+def _first_second(folder: Path, name: str) -> float:
+    """When the first picture is taken to be, from the common origin."""
+    from passerby.scene.inputs import read_cameras
+    from passerby.scene.scene import Scene
+
+    readings = {reading.name: reading for reading in read_cameras(Scene.load(folder / "pieces.toml"))}
+    video = readings[name].video
+    assert video is not None
+    return video.begin_s
+
+
+def test_pictures(folder: Path, whole: float) -> None:
+    for name in CAMERAS:
+        (folder / name).mkdir()
+        for frame in VideoReader(folder / f"{name}.mp4"):
+            if frame.number % 2 == 1 and frame.number % 40 > 2:  # each second one, and 5 % of these are missing
+                path = folder / name / f"frame_{frame.number:06}.png"
+                cv2.imwrite(str(path), frame.picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    cameras = {name: f'video = "{name}"\nfps = {FPS}' for name in CAMERAS}
+    _, error_mm = calibrated(scene_file(folder, cameras, ASSOCIATION, name="pictures.toml"))
+    print(f"\npictures: {error_mm:.1f} mm, whole files: {whole:.1f} mm")
+    assert error_mm < 1.3 * whole

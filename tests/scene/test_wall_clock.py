@@ -1,0 +1,215 @@
+"""`video` as pieces and pictures, `from` and `until`, and the second that frame numbers of all cameras count from."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.findings.texts import texts_of
+from passerby.interchange.video_writer import VideoWriter
+from passerby.perception.video import VideoReader
+from passerby.scene.check import check_scene
+from passerby.scene.inputs import read_cameras
+from passerby.scene.scene import Scene
+from passerby.scene.wall_clock import wall_clock_of
+
+SIZE, FPS = (64, 48), 5
+BEGIN = datetime(2026, 11, 22, 8, 0, 0, tzinfo=UTC).timestamp()
+COLOURS = {"north": 60, "south": 120, "east": 180}
+
+
+def film(path: Path, count: int, colour: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with VideoWriter(path, SIZE, FPS, crf=30, key_every=FPS) as video:
+        for _ in range(count):
+            video.write(np.full((SIZE[1], SIZE[0], 3), colour, np.uint8))
+
+
+def frigate(folder: Path, camera: str, second: float, day: int = 22) -> Path:
+    time = datetime.fromtimestamp(BEGIN + int(second), UTC).replace(day=day)
+    return folder / "recordings" / f"{time:%Y-%m-%d}" / f"{time:%H}" / camera / f"{time:%M.%S}.mp4"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Pieces of 4 s, three a camera; the southern camera begins two minutes later, the eastern one has one file."""
+    path = tmp_path_factory.mktemp("scene")
+    for camera, later in (("north", 300), ("south", 420)):
+        for piece in range(3):
+            film(frigate(path, camera, later + 4 * piece), 20, COLOURS[camera])
+    film(path / "east.mp4", 20, COLOURS["east"])
+    return path
+
+
+def scene(folder: Path, *cameras: str, span: str = "", name: str = "scene.toml", **videos: str) -> Path:
+    patterns = {name: f'"recordings/*/*/{name}/*.mp4"' for name in ("north", "south")} | {"east": '"east.mp4"'} | videos
+    tables = "".join(f"[cameras.{camera}]\nvideo = {patterns[camera]}\n" for camera in cameras)
+    (folder / name).write_text(f"[scene]\n{span}\n{tables}")
+    return folder / name
+
+
+def test_frames_count_from_one_second(folder: Path) -> None:
+    loaded = Scene.load(scene(folder, "north", "south"))
+    north, south = read_cameras(loaded)
+    assert not north.faults + south.faults
+    assert north.video is not None
+    assert south.video is not None
+    first, later = (next(iter(VideoReader(video))).number for video in (north.video, south.video))
+    assert 1 <= first <= 1 + FPS
+    assert later - first == 120 * FPS
+    clock = wall_clock_of(loaded, [north, south])
+    assert clock is not None
+    assert clock.origin.text == "2026-11-22T08:05:00+00:00"
+
+
+def test_cameras_without_wall_times_are_told(folder: Path) -> None:
+    _, east = read_cameras(Scene.load(scene(folder, "north", "east")))
+    assert east.video is not None
+    assert next(iter(VideoReader(east.video))).number == 1
+    (text,) = texts_of(east.findings)
+    assert "camera east: it is not known when the recording began" in text
+    assert "2026-11-22T08:05:00+00:00" in text
+
+
+def test_files_of_people_keep_their_numbers(folder: Path) -> None:
+    path = scene(folder, "north", "south")
+    (folder / "north.txt").write_text("3,-1,5,5,10,30,1,-1,-1,-1\n")
+    path.write_text(path.read_text().replace("[cameras.south]", 'tracks = "north.txt"\n[cameras.south]'))
+    north, south = read_cameras(Scene.load(path))
+    assert north.video is not None
+    assert next(iter(VideoReader(north.video))).number == 1
+    assert south.video is not None
+    assert next(iter(VideoReader(south.video))).number <= 1 + FPS
+
+
+@pytest.mark.parametrize(
+    "span",
+    [
+        'from = "08:05:03"\nuntil = "08:07:10"',
+        "from = 08:05:03\nuntil = 08:07:10",
+        'from = "2026-11-22 08:05:03"\nuntil = "2026-11-22T08:07:10"',
+        "from = 2026-11-22T08:05:03\nuntil = 2026-11-22T08:07:10",
+        "from = 2026-11-22T09:05:03+01:00\nuntil = 2026-11-22T09:07:10+01:00",
+    ],
+)
+def test_a_span_of_wall_time(folder: Path, span: str) -> None:
+    loaded = Scene.load(scene(folder, "north", "south", span=span))
+    north, south = read_cameras(loaded)
+    assert not north.faults + south.faults
+    assert north.video is not None
+    assert [path.name for path in north.video.files] == ["05.00.mp4", "05.04.mp4", "05.08.mp4"]
+    numbers = [frame.number for frame in VideoReader(north.video)]
+    clock = wall_clock_of(loaded, [north, south])
+    assert clock is not None
+    assert clock.origin.seconds == BEGIN + 303
+    assert numbers[0] <= 2
+    assert clock.first is not None
+    assert clock.first.seconds == BEGIN + 303
+    assert south.video is not None
+    assert VideoReader(south.video).info.seconds == pytest.approx(10.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("span", "why"),
+    [
+        ('from = "09:00"\nuntil = "08:00"', "is not before until"),
+        ('from = "soon"', "'soon' is no time"),
+        ('from = "08:00"\nuntil = "2026-11-22 09:00"', "both have a date"),
+        ("from = 8", "8 is no time"),
+        ('from = "08:00"\nfrom_s = 3', "'from_s': did you mean 'from'"),
+    ],
+)
+def test_spans_that_are_none(folder: Path, span: str, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        Scene.load(scene(folder, "north", "south", span=span))
+
+
+@pytest.mark.parametrize(
+    ("span", "why"),
+    [
+        ('from = "11:00"\nuntil = "12:00"', "show nothing of that time: their files begin from 2026-11-22T08:05:00"),
+        ('from = "2026-11-21 11:00"\nuntil = "2026-11-21 12:00"', "has no file in the span"),
+    ],
+)
+def test_spans_with_nothing_in_them(folder: Path, span: str, why: str) -> None:
+    faults = check_scene(scene(folder, "north", "south", span=span)).faults
+    assert any(why in fault for fault in faults)
+
+
+def test_a_span_needs_wall_times(folder: Path) -> None:
+    (folder / "west.mp4").write_bytes((folder / "east.mp4").read_bytes())
+    path = scene(folder, "east", "north", span='from = "08:00"', north='"west.mp4"')
+    assert any("no camera's files tell their wall times" in fault for fault in check_scene(path).faults)
+
+
+def test_a_time_of_day_on_two_days_needs_a_date(folder: Path, tmp_path: Path) -> None:
+    for camera in ("north", "south"):
+        for day in (22, 23):
+            film(frigate(tmp_path, camera, 300, day), 5, COLOURS[camera])
+    faults = check_scene(scene(tmp_path, "north", "south", span='from = "08:00"\nuntil = "09:00"')).faults
+    assert any("2 days of the recordings have this time" in fault for fault in faults)
+    report = check_scene(scene(tmp_path, "north", "south", span='from = "2026-11-23 08:00"'))
+    assert report.faults == ()
+
+
+def test_unknown_time_zones_are_not_compared_with_utc(folder: Path, tmp_path: Path) -> None:
+    for camera in ("north", "south"):
+        film(frigate(tmp_path, camera, 300), 5, COLOURS[camera])
+    film(tmp_path / "west" / "20261122_080500.mp4", 5, 90)
+    path = scene(tmp_path, "north", "east", east='"west"')
+    assert any("do not tell their time zone, those of camera north" in fault for fault in check_scene(path).faults)
+    path = scene(tmp_path, "east", "south", span='from = "09:00+01:00"', east='"west"')
+    assert any("has an offset from UTC" in fault for fault in check_scene(path).faults)
+
+
+def test_check_shows_pieces_and_pictures(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    images = folder / "images"
+    images.mkdir(exist_ok=True)
+    for number in (1, 2, 3, 40):
+        cv2.imwrite(str(images / f"frame_{number:06}.jpg"), np.full((SIZE[1], SIZE[0], 3), 99, np.uint8))
+    path = scene(folder, "north", "east", east='"images"')
+    path.write_text(path.read_text() + "fps = 5\n")
+    run(["check", str(path), "--json"])
+    told = json.loads(capsys.readouterr().out)
+    north, east = (camera["video"] for camera in told["cameras"])
+    assert (north["pieces"], east["pieces"]) == (3, 4)
+    assert north["from"] == "2026-11-22T08:05:00+00:00"
+    assert east["seconds"] == pytest.approx(8.0)
+    assert any("1 gap between its images" in text for text in told["findings"])
+    run(["check", str(path)])
+    shown = capsys.readouterr().out
+    assert "3 files" in " ".join(shown.split())
+
+
+def test_two_cameras_with_one_piece_in_common(folder: Path) -> None:
+    path = scene(folder, "north", "south", south='["recordings/*/*/south/*.mp4", "recordings/*/*/north/05.04.mp4"]')
+    assert any("05.04.mp4 is camera north's too" in fault for fault in check_scene(path).faults)
+
+
+@pytest.mark.parametrize(
+    ("keys", "why"),
+    [
+        ('video_names = "%H.mp4"', "date"),
+        ('video_names = "%Y%m%d%H%M%S.mp4"\nvideo_times = "t.csv"', "delete one"),
+        ("video = []", "a path, a pattern or a list"),
+        ('video = ["rtsp://user:secret@host/1"]', "address of a stream"),
+    ],
+)
+def test_keys_that_contradict(folder: Path, keys: str, why: str) -> None:
+    path = scene(folder, "north", "south")
+    text = path.read_text()
+    if keys.startswith("video ="):
+        text = text.replace('video = "recordings/*/*/south/*.mp4"', keys)
+    else:
+        text += keys
+    path.write_text(text)
+    with pytest.raises(InputError, match=why) as raised:
+        Scene.load(path)
+    assert "secret" not in str(raised.value)
