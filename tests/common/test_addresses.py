@@ -53,7 +53,7 @@ def test_a_stream_is_answered_with_what_to_do(tmp_path, capsys, monkeypatch, add
         assert_kept_secret(told.out, told.err)
         if command[0] != "monitor":
             assert "[cameras.C1] video: is the address of a stream" in told.err
-            assert "record it to a file first, for example ten minutes with `ffmpeg" in told.err
+            assert "record all cameras with `passerby record`" in told.err
             assert len(told.err.splitlines()) == 1
     for path in tmp_path.rglob("*"):
         if path.is_file() and path != scene:
@@ -107,9 +107,9 @@ def test_an_address_on_the_command_line(tmp_path, capsys, monkeypatch, command):
 
 
 def test_devices_and_files_by_address():
-    assert "ffmpeg -f v4l2 -i DEVICE" in (not_a_file("/dev/video0") or "")
+    assert "`passerby record`" in (not_a_file("/dev/video0") or "")
     assert "write the path of the file instead" in (not_a_file("file:///a/b.mp4") or "")
-    with pytest.raises(ValidationError, match="is a device, and devices are not read yet"):
+    with pytest.raises(ValidationError, match="is a device: write it as `stream`"):
         CameraTable(intrinsics="a", video="/dev/video0")
 
 

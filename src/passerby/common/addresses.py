@@ -62,15 +62,13 @@ def not_a_file(text: str) -> str | None:
         scheme = found[1].split(":")[0].lower()
         if scheme == "file":
             return "is an address (file://...): write the path of the file instead"
-        transport = "-rtsp_transport tcp " if scheme.startswith("rtsp") else ""
         return (
-            f"is the address of a stream ({scheme}://...), and streams are not read yet: record it to a file first, for "
-            f"example ten minutes with `ffmpeg {transport}-i ADDRESS -t 600 -an -c copy camera.mp4`, and name that file; all "
-            "cameras at the same time"
+            f"is the address of a stream ({scheme}://...): write it as `stream` into a file of cameras, record all cameras with "
+            "`passerby record`, and calibrate the scene that it writes"
         )
     if DEVICE.match(text):
         return (
-            "is a device, and devices are not read yet: record it to a file first, for example ten minutes with "
-            "`ffmpeg -f v4l2 -i DEVICE -t 600 camera.mp4`, and name that file; all cameras at the same time"
+            "is a device: write it as `stream` into a file of cameras, record all cameras with `passerby record`, and calibrate "
+            "the scene that it writes"
         )
     return None

@@ -1,4 +1,4 @@
-"""What is named instead of one video and is not read yet: recordings in pieces, still pictures; how to join them."""
+"""What is named instead of one video, and how to join it: recordings in pieces, still pictures."""
 
 from __future__ import annotations
 

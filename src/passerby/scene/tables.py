@@ -131,7 +131,7 @@ class CameraTable(Table):
     video: Path | tuple[Path, ...] | None = None
     """A video file; or the pieces of one recording, or images: a folder, a pattern ("recordings/*/*/north/*.mp4"), or a list of
     files, folders and patterns. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings
-    from it. Streams and devices are not read yet."""
+    from it. Streams and devices are recorded first: `passerby record`."""
     video_names: Annotated[str, AfterValidator(_name_pattern)] | None = None
     """How the ends of the files' paths tell their wall times: text with directives of strptime, and * for any text in one name,
     as "%Y-%m-%d/%H/north/%M.%S.mp4". None: the usual names are recognised."""
