@@ -63,12 +63,12 @@ def not_a_file(text: str) -> str | None:
         if scheme == "file":
             return "is an address (file://...): write the path of the file instead"
         return (
-            f"is the address of a stream ({scheme}://...): write it as `stream` into a file of cameras, record all cameras with "
-            "`passerby record`, and calibrate the scene that it writes"
+            f"is the address of a stream ({scheme}://...): write it as `stream` into a file of cameras, record all cameras "
+            "with `passerby record`, and calibrate the scene that it writes"
         )
     if DEVICE.match(text):
         return (
-            "is a device: write it as `stream` into a file of cameras, record all cameras with `passerby record`, and calibrate "
-            "the scene that it writes"
+            "is a device: write it as `stream` into a file of cameras, record all cameras with `passerby record`, and "
+            "calibrate the scene that it writes"
         )
     return None
