@@ -1,4 +1,4 @@
-"""Three cameras on loopback, recorded and calibrated: one of them breaks off three times, the clock of another is off by 2 s."""
+"""Three cameras on loopback, recorded and calibrated: one breaks off three times, the clock of another is off by 2 s."""
 
 import json
 import time
