@@ -144,6 +144,10 @@ class VideoEntry:
     ended_early: str | None = None
     broken: int | None = None
     first_broken_s: Number = None
+    cut_pieces: int | None = field(default=None, metadata=ABSENT)
+    """Files of a recording in pieces that end before the length that they state."""
+    failed_pieces: int | None = field(default=None, metadata=ABSENT)
+    """Those that could not be decoded."""
     moves: tuple[VideoMove, ...] = ()
     shake_px: Number = None
 
