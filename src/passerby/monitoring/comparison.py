@@ -7,7 +7,6 @@ three unknowns, and moving altogether six; where most cameras have been turned, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -125,9 +124,7 @@ def untestable(camera: int) -> MotionTest:
 class _Fit:
     """The differences of C cameras, and how well explanations fit them."""
 
-    def __init__(
-        self, R: Floats, centre: Floats, before: tuple[Floats, Floats], estimate: Estimate, threshold: float
-    ) -> None:
+    def __init__(self, R: Floats, centre: Floats, before: tuple[Floats, Floats], estimate: Estimate, threshold: float) -> None:
         self.R, self.centre, self.estimate, self.threshold = R, centre, estimate, threshold
         own = (estimate.cameras[:, None] * 6 + np.arange(6)).ravel()
         self.before, self.before_covariance = before[0][own], before[1][np.ix_(own, own)]
@@ -197,7 +194,9 @@ class _Fit:
         best = (STILL,) * n
         costs, last = {best: cost(best)}, [best]
         while last:
-            grown = {(*one[:k], what, *one[k + 1 :]) for one in last for k in range(n) if not one[k] for what in (TURNED, MOVED)}
+            grown = {
+                (*one[:k], what, *one[k + 1 :]) for one in last for k in range(n) if not one[k] for what in (TURNED, MOVED)
+            }
             least = min(costs.values())
             costs |= (fresh := {one: cost(one) for one in sorted(grown)})
             last = sorted(fresh, key=lambda one: (fresh[one], one))[:BEAM]
@@ -242,7 +241,9 @@ class _Fit:
         """How far a camera moved, and what else may have happened."""
         least = costs[best]
         without = {one: cost for one, cost in costs.items() if one[k] == STILL and cost < least + MARGIN}
-        rivals = sorted({int(self.estimate.cameras[j]) for one in without for j, what in enumerate(one) if what and not best[j]})
+        rivals = sorted(
+            {int(self.estimate.cameras[j]) for one in without for j, what in enumerate(one) if what and not best[j]}
+        )
         # Where a camera was turned its place says where the others are; how far it went itself is asked without that.
         free = (*best[:k], MOVED, *best[k + 1 :])
         columns = self._columns(free)

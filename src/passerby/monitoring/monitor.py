@@ -17,8 +17,10 @@ from passerby.core.synchronisation import resample_to_common_steps
 from passerby.findings.texts import texts_of
 from passerby.monitoring.given_rig import GivenRig
 from passerby.monitoring.identities import identify_by_rig
+from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.result import MonitoringResult
-from passerby.monitoring.watching import WatchOptions, watch
+from passerby.monitoring.watched import WatchOptions
+from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground, rough_height
 from passerby.people.rig_observations import gather_rig_observations
 from passerby.scene.inputs import SceneInputs, read_inputs
@@ -84,7 +86,10 @@ def monitor_inputs(
         footage = _footage(given, scene, inputs, names, in_step, tell, executor)
         seen = gather_rig_observations(footage.rig, footage.seen)
         ground = fit_ground(footage.rig, seen, footage.height_m)
-        watched = watch(footage.rig, seen, options, ground=ground, tell=tell)
+        if joints_are_shared(footage.seen):
+            watched = watch_adjusted(footage.rig, footage.seen, seen, options, ground=ground, tell=tell)
+        else:
+            watched = watch(footage.rig, seen, options, ground=ground, tell=tell)
     return MonitoringResult(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step))
 
 

@@ -14,7 +14,7 @@ from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.json_text import plain, to_json
-from passerby.monitoring.watching import Move, Watched, WatchOptions, Window
+from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.people.held_cameras import GroundPlane
 
 State = Literal["steady", "moved", "one of several moved", "cannot tell"]

@@ -41,7 +41,7 @@ def monitor(
     from passerby.interchange.storage.json_text import to_json
     from passerby.monitoring.given_rig import read_given, rig_text
     from passerby.monitoring.monitor import monitor as run_monitor
-    from passerby.monitoring.watching import WatchOptions
+    from passerby.monitoring.watched import WatchOptions
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
