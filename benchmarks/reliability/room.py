@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+from scipy.signal import lfilter
 
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, Rig
 from passerby.core.observations import CameraObservations, Observations
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
@@ -39,6 +41,8 @@ class RoomOptions:
     seated: int = 1
     joint_noise_px: float = 2.0
     box_noise: float = 0.02
+    lasting_s: float = 0.0
+    """Correlation time of both kinds of noise; 0: every frame's is its own."""
     moves: Mapping[str, tuple[float, Pose]] = field(default_factory=dict)
     """Camera -> seconds and the pose from then on."""
     known: bool = True
@@ -60,7 +64,10 @@ def filmed_room(rig: Rig, options: RoomOptions) -> Observations:
     frames, identities = np.arange(1, len(times) + 1), np.arange(1, people + 1)
     state, present = motion.at(times)
     joints = pose_joints(state, heights)
-    faults = SimulationOptions(box_noise=options.box_noise, joint_noise_px=options.joint_noise_px)
+    lasting = options.lasting_s > 0
+    faults = SimulationOptions(
+        box_noise=0.0 if lasting else options.box_noise, joint_noise_px=0.0 if lasting else options.joint_noise_px
+    )
     seen = {}
     for camera, own in zip(rig, detecting.spawn(len(rig)), strict=True):
         view = observe_camera(camera, joints, heights, present)
@@ -76,11 +83,37 @@ def filmed_room(rig: Rig, options: RoomOptions) -> Observations:
                 for item in fields(view)
             })  # fmt: skip
         found = detect(view, frames, identities, camera.lens.size, faults, own).seen
+        if lasting:
+            found = _with_lasting_noise(found, people, len(times), camera.lens.size, options, own)
         seen[camera.name] = found if options.known else _unnamed(found, people, own)
     return Observations(seen, FPS)
 
 
-def _motion(options: RoomOptions, heights: np.ndarray, rng: np.random.Generator) -> Motion:
+def _with_lasting_noise(
+    seen: CameraObservations, people: int, n_times: int, picture: tuple[int, int], options: RoomOptions,
+    rng: np.random.Generator,
+) -> CameraObservations:  # fmt: skip
+    """Boxes and joints whose errors last; edges at the picture's border stay there."""
+    keep = float(np.exp(-1 / (FPS * options.lasting_s)))
+
+    def noise(*shape: int) -> Floats:
+        """(n_times, people, ...) of unit variance."""
+        fresh = rng.standard_normal((n_times, people, *shape))
+        fresh[1:] *= np.sqrt(1 - keep**2)
+        return np.asarray(lfilter([1.0], [1.0, -keep], fresh, axis=0))
+
+    boxes, joints = seen.boxes, seen.keypoints
+    edges = np.column_stack([boxes.ltwh[:, :2], boxes.ltwh[:, :2] + boxes.ltwh[:, 2:]])
+    limits = np.array([*picture, *picture], dtype=np.float64)
+    free = (edges > 0.5) & (edges < limits - 0.5)
+    off = noise(4)[boxes.frame - 1, boxes.identity - 1] * options.box_noise * boxes.ltwh[:, 3:]
+    edges = np.where(free, np.clip(edges + off, 0.0, limits), edges)
+    xy = joints.xy + options.joint_noise_px * noise(joints.xy.shape[1], 2)[joints.frame - 1, joints.identity - 1]
+    ltwh = np.column_stack([edges[:, :2], np.maximum(edges[:, 2:] - edges[:, :2], 1.0)])
+    return CameraObservations(replace(boxes, ltwh=ltwh), replace(joints, xy=xy))
+
+
+def _motion(options: RoomOptions, heights: Floats, rng: np.random.Generator) -> Motion:
     """Walkers anywhere in the room, others on a chair."""
     area = (ROOM_M[0] - 0.8, ROOM_M[1] - 0.8)
     parts = []

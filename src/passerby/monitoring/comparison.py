@@ -11,10 +11,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.special import chdtri
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
 from passerby.geometry.rotations import exp_rotation, log_rotation
+from passerby.geometry.similarity import fit_similarity
 from passerby.monitoring.evidence import POWER, TAILS, MotionTest, limit_of, score_of
 from passerby.solver.gauge import SCALE, TILT_X, similarity_moves
 
@@ -28,6 +30,10 @@ BEAM = 40
 """Explanations of each size that are built on."""
 ALIGNMENTS = 3
 """Times that the similarity is sought anew: it is found to first order."""
+
+BY_CHANCE, LEAST_SHARE = 0.05, 0.2
+"""How often a rig's sigmas are taken for too small by chance, and the least share of them: 1 cm and 0.06 degrees in each
+direction where none are stated."""
 
 STILL, TURNED, MOVED = 0, 1, 2
 _FREED = {STILL: np.zeros(0, np.int64), TURNED: np.arange(3, 6), MOVED: np.arange(6)}
@@ -116,6 +122,36 @@ def compare(
     )  # fmt: skip
 
 
+def sigma_share(centre: Floats, covariance: Floats, estimate: Estimate) -> float:
+    """What share of a rig's sigmas its errors are at most, by how well the places of its cameras fit an estimate.
+
+    Stated sigmas hold what all cameras have in common, scale and vertical, which a similarity takes away; where none are stated
+    wide ones are assumed. Cameras that are turned stay in their places, and a rig whose places are good has good rotations. So
+    the places' misfit measures the rig: the share is the largest at which so small a misfit is no rarer than `BY_CHANCE`.
+
+    Args:
+        centre: (C, 3) of the rig's cameras, metres.
+        covariance: (6 C, 6 C) of their poses, by the whole sigmas.
+        estimate: of some of them; fewer than three say nothing.
+    """
+    n = len(estimate.cameras)
+    if n < 3:
+        return 1.0
+    own = centre[estimate.cameras]
+    placed = fit_similarity(estimate.centre, own)
+    places = (6 * np.arange(n)[:, None] + np.arange(3)).ravel()
+    carry = np.kron(np.eye(n), placed.scale * placed.rotation)
+    rows = (6 * estimate.cameras[:, None] + np.arange(3)).ravel()
+    both = carry @ estimate.covariance[np.ix_(places, places)] @ carry.T + covariance[np.ix_(rows, rows)]
+    moves = similarity_moves(np.tile(np.eye(3), (n, 1, 1)), own, own.mean(axis=0))[:, :3].reshape(-1, 7)
+    widest = np.trace(both) / np.einsum("ij,ij->j", moves, moves)
+    off = (placed.apply(estimate.centre) - own).ravel()
+    weight = np.linalg.inv(both + (moves * widest) @ moves.T)
+    along = weight @ moves
+    misfit = float(off @ weight @ off - off @ along @ np.linalg.solve(moves.T @ along, along.T @ off))
+    return float(np.clip(np.sqrt(max(misfit, 0.0) / chdtri(3 * n - 7, 1 - BY_CHANCE)), LEAST_SHARE, 1.0))
+
+
 def untestable(camera: int) -> MotionTest:
     """Of a camera of which nothing can be said."""
     return MotionTest(camera, 0.0, 0, np.zeros(6), (np.inf, np.inf), (np.inf, np.inf))
@@ -131,9 +167,19 @@ class _Fit:
         self.about = centre.mean(axis=0)
         self.moves = similarity_moves(R, centre, self.about).reshape(-1, 7)
         self.seen_R, self.seen_centre, self.seen_covariance = estimate.R, estimate.centre, estimate.covariance
-        # However well an adjustment knows its own noise, a few stretches of people have longer tails than a normal variable.
-        self.freedom = TAILS * estimate.stretches
+        self.freedom = TAILS * estimate.stretches / self._share() ** 2
         self._prepare()
+
+    def _share(self) -> Floats:
+        """(C,) share of the footage in the variance of each camera's difference, the mean over its six directions.
+
+        However well an adjustment knows its own noise, a few stretches of people have longer tails than a normal variable;
+        what was known before has not. The degrees of freedom of the sum of both grow with the square of the share's inverse
+        (Satterthwaite 1946, *Biometrics Bulletin* 2).
+        """
+        at = [slice(6 * k, 6 * k + 6) for k in range(len(self.R))]
+        whole = self.seen_covariance + self.before_covariance
+        return np.array([np.trace(np.linalg.solve(whole[own, own], self.seen_covariance[own, own])) / 6 for own in at])
 
     def _prepare(self) -> None:
         """Differences and normal equations about the estimate as it is placed now."""

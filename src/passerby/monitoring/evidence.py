@@ -62,13 +62,13 @@ class Baseline:
     """(C,) and of how many clusters."""
 
     @classmethod
-    def of_rig(cls, rig: Rig, names: Sequence[str]) -> Baseline:
-        """Nothing seen so far: the rig's own sigmas."""
+    def of_rig(cls, rig: Rig, names: Sequence[str], share: float = 1.0) -> Baseline:
+        """Nothing seen so far: that share of the rig's own sigmas, and what people add."""
         n = len(names)
         information = np.zeros((6 * n, 6 * n))
         for index, name in enumerate(names):
             own = slice(6 * index, 6 * index + 6)
-            information[own, own] = np.linalg.inv(rig_covariance_of(rig, name))
+            information[own, own] = np.linalg.inv(rig_covariance_of(rig, name, share))
         return cls(information, np.zeros(6 * n), np.zeros((n, 6, 6)), np.zeros(n))
 
     def estimate(self) -> tuple[Floats, Floats]:
@@ -117,8 +117,8 @@ class Baseline:
         return Baseline(information, gradient, self.scatter, self.clusters)
 
 
-def rig_covariance_of(rig: Rig, name: str) -> Floats:
-    """(6, 6) covariance of a rig's camera: its own sigmas and what people add."""
+def rig_covariance_of(rig: Rig, name: str, share: float = 1.0) -> Floats:
+    """(6, 6) covariance of a rig's camera: its own sigmas, or a share of them, and what people add."""
     sigma = rig[name].sigma
     if sigma is None or not np.isfinite(sigma.position_m + sigma.orientation_deg):
         known = np.diag(np.repeat([UNKNOWN_M**2, np.radians(UNKNOWN_DEG) ** 2], 3))
@@ -126,7 +126,7 @@ def rig_covariance_of(rig: Rig, name: str) -> Floats:
         known = np.diag(np.repeat([sigma.position_m**2 / 3, np.radians(sigma.orientation_deg) ** 2 / 3], 3))
     else:
         known = np.asarray(sigma.covariance)
-    return np.asarray(known + model_covariance())
+    return np.asarray(share**2 * known + model_covariance())
 
 
 def model_covariance() -> Floats:

@@ -20,9 +20,10 @@ from passerby.monitoring.comparison import (
     Displacement,
     Estimate,
     compare,
+    sigma_share,
     untestable,
 )
-from passerby.monitoring.evidence import MotionTest
+from passerby.monitoring.evidence import Baseline, MotionTest
 from passerby.monitoring.moments import ChangePoint
 from passerby.monitoring.watched import Move, Watched, WatchOptions
 from passerby.monitoring.windows import FIRST_S, WindowRun
@@ -78,6 +79,7 @@ class _AdjustedRun(WindowRun):
         self.observations = observations
         self.clock = next(iter(observations.clocks.values()), None) or Clock(observations.fps or 1.0)
         self.comparison: Comparison | None = None
+        self.weighed = False
 
     def _tested(self, from_s: float, until_s: float) -> list[MotionTest]:
         self.comparison = self._compared(from_s, until_s)
@@ -136,6 +138,9 @@ class _AdjustedRun(WindowRun):
             if len(kept) == len(use):
                 estimate = Estimate(np.array(use), found.R, found.centre, found.covariance, found.stretches)
                 R, centre = poses_of(self.rig, self.names)
+                if not self.weighed:
+                    share = sigma_share(centre, self.baseline.estimate()[1], estimate)
+                    self.baseline, self.weighed = Baseline.of_rig(self.rig, self.names, share), True
                 return compare(R, centre, self.baseline.estimate(), estimate, self.options.threshold)
             use = [use[k] for k in kept]
         return None
