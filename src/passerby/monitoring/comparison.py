@@ -35,6 +35,9 @@ BY_CHANCE, LEAST_SHARE = 0.05, 0.2
 """How often a rig's sigmas are taken for too small by chance, and the least share of them: 1 cm and 0.06 degrees in each
 direction where none are stated."""
 
+RIDGE = 1e-10
+"""Added to unit diagonals: it holds unknowns that nothing fixes, as where too many cameras are free."""
+
 STILL, TURNED, MOVED = 0, 1, 2
 _FREED = {STILL: np.zeros(0, np.int64), TURNED: np.arange(3, 6), MOVED: np.arange(6)}
 """Which of a camera's six unknowns are free: centre, then rotation vector."""
@@ -215,8 +218,8 @@ class _Fit:
         """The unknowns that fit best; of those that nothing fixes the smallest."""
         normal = self.normal[np.ix_(columns, columns)]
         unit = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        inverse = np.linalg.pinv(normal * unit[:, None] * unit, rcond=1e-9, hermitian=True)
-        return np.asarray(unit * (inverse @ (unit * self.right[columns])))
+        whole = normal * unit[:, None] * unit + RIDGE * np.eye(len(columns))
+        return np.asarray(unit * np.linalg.solve(whole, unit * self.right[columns]))
 
     def misfit(self, explanation: Explanation) -> float:
         """Squared length of what an explanation leaves over."""

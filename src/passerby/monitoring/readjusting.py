@@ -65,7 +65,8 @@ def watch_adjusted(
         ground: where feet are; z = 0 where None.
         tell: told how many windows are done.
     """
-    return _AdjustedRun(rig, observations, seen, options or WatchOptions(), ground or GroundPlane(), tell).result()
+    run = _AdjustedRun(rig, observations, seen, options or WatchOptions(), ground or GroundPlane(), tell)
+    return replace(run.result(), by_joints=True)
 
 
 class _AdjustedRun(WindowRun):

@@ -82,3 +82,5 @@ class Watched:
     """Successive ones, without overlap."""
     from_s: float
     until_s: float
+    by_joints: bool = False
+    """Whether each window's cameras were adjusted anew (`readjusting`), or tested as they stand."""

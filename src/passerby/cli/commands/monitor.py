@@ -80,7 +80,7 @@ def _show(found: MonitoringResult, verbose: bool) -> None:
         rows.append([name, found.state(name), told, number(metres, 2), number(degrees, 1)])
     span = f"{clock_time(watched.from_s)} to {clock_time(watched.until_s)}"
     show_table(
-        f"monitored from {span}",
+        f"monitored from {span}, by joints and boxes" if watched.by_joints else f"monitored from {span}",
         ["camera", "state", f"windows of {found.options.every_s:g} s", "detection limit m", "limit deg"],
         rows,
     )
