@@ -23,7 +23,7 @@ from passerby.monitoring.comparison import (
     sigma_share,
     untestable,
 )
-from passerby.monitoring.evidence import Baseline, MotionTest
+from passerby.monitoring.evidence import Baseline, MotionTest, model_covariance
 from passerby.monitoring.moments import ChangePoint
 from passerby.monitoring.watched import Move, Watched, WatchOptions
 from passerby.monitoring.windows import FIRST_S, WindowRun
@@ -137,7 +137,9 @@ class _AdjustedRun(WindowRun):
                 return None
             kept = [k for k in range(len(use)) if found.stretches[k] >= FEWEST_STRETCHES and k not in found.loose]
             if len(kept) == len(use):
-                estimate = Estimate(np.array(use), found.R, found.centre, found.covariance, found.stretches)
+                # In every stretch of time people walk elsewhere, and are seen otherwise.
+                covariance = found.covariance + np.kron(np.eye(len(use)), model_covariance())
+                estimate = Estimate(np.array(use), found.R, found.centre, covariance, found.stretches)
                 R, centre = poses_of(self.rig, self.names)
                 if not self.weighed:
                     share = sigma_share(centre, self.baseline.estimate()[1], estimate)
