@@ -109,11 +109,14 @@ class _AdjustedRun(WindowRun):
         return high
 
     def _dated(self, moved: Sequence[Displacement], from_s: float, until_s: float) -> dict[int, ChangePoint]:
-        """When cameras moved; nothing where none is left to tell."""
-        cameras = [one.camera for one in moved]
-        if len(cameras) >= len(self.names):
-            return {}
-        return dict(zip(cameras, self._moments(cameras, from_s, until_s), strict=True))
+        """When cameras moved; nothing of those whose people no camera saw that stood still."""
+        cameras, found = [one.camera for one in moved], dict[int, ChangePoint]()
+        for camera in cameras:
+            seen = self._without(camera, cameras, from_s, until_s)
+            several = np.bincount(seen.group, minlength=seen.n_groups)[seen.group] > 1
+            if several[seen.camera == camera].any():
+                found[camera] = self._moment(camera, seen)
+        return found
 
     def _settle(self, one: Displacement, moment: ChangePoint | None, noticed: float) -> None:
         """Note a move, and go on with the camera's new pose."""

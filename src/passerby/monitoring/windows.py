@@ -73,10 +73,14 @@ class WindowRun(ABC):
 
     def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[ChangePoint]:
         """When each of the cameras moved, by those that did not."""
+        return [self._moment(camera, self._without(camera, cameras, from_s, until_s)) for camera in cameras]
+
+    def _without(self, camera: int, moved: Sequence[int], from_s: float, until_s: float) -> RigObservations:
+        """What was seen about a window by a camera and by those that did not move."""
         every = self.options.every_s
         seen = self.seen.between(max(self.start, from_s - every), min(until_s + every / 2, self.end))
-        found = []
-        for camera in cameras:
-            gone = np.isin(self.names, [*self.lost, *(self.names[c] for c in cameras if c != camera)])
-            found.append(estimate_change_point(self.rig, seen.without(gone), self.names[camera], self.baseline, self.ground))
-        return found
+        return seen.without(np.isin(self.names, [*self.lost, *(self.names[c] for c in moved if c != camera)]))
+
+    def _moment(self, camera: int, seen: RigObservations) -> ChangePoint:
+        """When a camera moved."""
+        return estimate_change_point(self.rig, seen, self.names[camera], self.baseline, self.ground)
