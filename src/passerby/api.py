@@ -21,7 +21,7 @@ from passerby.interchange.world_files import read_known_points, read_known_posit
 from passerby.monitoring.given_rig import GivenRig, read_given
 from passerby.monitoring.monitor import monitor as watch_rig
 from passerby.monitoring.result import MonitoringResult
-from passerby.monitoring.watching import WatchOptions
+from passerby.monitoring.watched import WatchOptions
 from passerby.people.trajectories import trajectories as following
 from passerby.people.trajectories.trajectories import METHODS, Method, TrackOptions
 from passerby.scene.scene import Scene

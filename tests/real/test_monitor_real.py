@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.core.cameras import Camera, Rig
-from passerby.core.observations import Boxes, CameraObservations, Observations
+from passerby.core.cameras import Camera, Pose, Rig
+from passerby.core.observations import Boxes, CameraObservations, Clock, Observations
 from passerby.geometry.rotations import exp_rotation
+from passerby.interchange.coco import read_keypoints
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.rig_toml import read_rig
-from passerby.monitoring.watching import Watched, watch
+from passerby.monitoring.monitor import watch_footage
+from passerby.monitoring.watched import Watched, WatchOptions
+from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground
 from passerby.people.rig_observations import gather_rig_observations
 
@@ -52,3 +55,34 @@ def test_wildtrack_quiet_and_knocked(data_root: Path) -> None:
     assert abs(move.moment.seconds - KNOCK_S) <= 5
     error = move.shift - np.array([0, 0, 0, 0, np.radians(1.0), 0])
     assert error @ np.linalg.solve(move.covariance, error) < 22.5
+
+
+def test_shelf_with_joints_quiet_and_turned(data_root: Path) -> None:
+    """Twelve seconds of four people in one room, five cameras; the rig states no sigmas."""
+    folder = data_root / "shelf"
+    if not folder.is_dir():
+        pytest.skip(f"{folder} does not exist")
+    rig = read_rig(folder / "rig.toml")
+    joints = {name: read_keypoints(folder / "keypoints" / f"{name}.json") for name in rig.names}
+    seen = Observations(
+        {name: CameraObservations(Boxes.empty(), own) for name, own in joints.items()}, 25.0,
+        dict.fromkeys(rig.names, Clock(25.0)),
+    )  # fmt: skip
+    quiet, _ = watch_footage(rig, seen, WatchOptions(), known=True)
+    assert quiet.by_joints
+    assert quiet.moves == ()
+    turns = {"1": (0.0, 3.0, 0.0), "4": (2.0, 0.0, -2.2)}
+    # A rig from which two cameras have since been turned.
+    before = [
+        replace(
+            c, pose=Pose.from_centre(exp_rotation(-np.radians(turns.get(c.name, np.zeros(3)))) @ c.pose.R_cw, c.pose.centre)
+        )
+        for c in rig
+        if c.pose is not None
+    ]
+    found, _ = watch_footage(replace(rig, cameras=tuple(before)), seen, WatchOptions(), known=True)
+    assert [(move.camera, move.others, move.moment) for move in found.moves] == [("1", (), None), ("4", (), None)]
+    for move in found.moves:
+        error = move.shift[3:] - np.radians(turns[move.camera])
+        assert np.degrees(np.linalg.norm(error)) < 1.5
+        assert error @ np.linalg.solve(move.covariance[3:, 3:], error) < 16.3  # 99.9 % of a chi squared of three

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,13 +62,13 @@ class Baseline:
     """(C,) and of how many clusters."""
 
     @classmethod
-    def of_rig(cls, rig: Rig, names: Sequence[str]) -> Baseline:
-        """Nothing seen so far: the rig's own sigmas."""
+    def of_rig(cls, rig: Rig, names: Sequence[str], share: float = 1.0) -> Baseline:
+        """Nothing seen so far: that share of the rig's own sigmas, and what people add."""
         n = len(names)
         information = np.zeros((6 * n, 6 * n))
         for index, name in enumerate(names):
             own = slice(6 * index, 6 * index + 6)
-            information[own, own] = np.linalg.inv(rig_covariance_of(rig, name))
+            information[own, own] = np.linalg.inv(rig_covariance_of(rig, name, share))
         return cls(information, np.zeros(6 * n), np.zeros((n, 6, 6)), np.zeros(n))
 
     def estimate(self) -> tuple[Floats, Floats]:
@@ -85,6 +85,10 @@ class Baseline:
             self.information + scores.information.sum(axis=0) / inflation,
             self.gradient + scores.gradient.sum(axis=0) / inflation, self.scatter, self.clusters,
         )  # fmt: skip
+
+    def with_estimate(self, shift: Floats, information: Floats) -> Baseline:
+        """With where the cameras seemed to be in quiet time: (6 C,) shifts and their information (6 C, 6 C)."""
+        return replace(self, information=self.information + information, gradient=self.gradient + information @ shift)
 
     def _inflation(self) -> float:
         """How much more the scores scatter than stated, over all directions and cameras; to begin with, as usual."""
@@ -113,8 +117,8 @@ class Baseline:
         return Baseline(information, gradient, self.scatter, self.clusters)
 
 
-def rig_covariance_of(rig: Rig, name: str) -> Floats:
-    """(6, 6) covariance of a rig's camera: its own sigmas and what people add."""
+def rig_covariance_of(rig: Rig, name: str, share: float = 1.0) -> Floats:
+    """(6, 6) covariance of a rig's camera: its own sigmas, or a share of them, and what people add."""
     sigma = rig[name].sigma
     if sigma is None or not np.isfinite(sigma.position_m + sigma.orientation_deg):
         known = np.diag(np.repeat([UNKNOWN_M**2, np.radians(UNKNOWN_DEG) ** 2], 3))
@@ -122,7 +126,7 @@ def rig_covariance_of(rig: Rig, name: str) -> Floats:
         known = np.diag(np.repeat([sigma.position_m**2 / 3, np.radians(sigma.orientation_deg) ** 2 / 3], 3))
     else:
         known = np.asarray(sigma.covariance)
-    return np.asarray(known + model_covariance())
+    return np.asarray(share**2 * known + model_covariance())
 
 
 def model_covariance() -> Floats:
@@ -183,11 +187,11 @@ def _test(
     # However well the scatter is known, a sum of few stretches has longer tails than a normal variable.
     freedom = min(freedom, TAILS * len(rows))
     noise = noise + sensitivity @ covariance @ sensitivity.T
-    whole = _score(_length(pull, noise), freedom)
+    whole = score_of(_length(pull, noise), freedom)
     # Somebody half hidden for a while must not speak for all: the few stretches that ask loudest are left out by turns.
     loudest = np.argsort(score @ np.linalg.solve(noise, pull))[-max(1, round(LOUD * len(rows))) :]
-    rest = _score(_length(pull - score[loudest].sum(axis=0), noise), freedom)
-    limit = _limit(threshold, freedom)
+    rest = score_of(_length(pull - score[loudest].sum(axis=0), noise), freedom)
+    limit = limit_of(threshold, freedom)
     power = normal @ np.linalg.solve(noise, normal)
     needed = (np.sqrt(limit) + POWER) ** 2
     metres, radians = (np.sqrt(needed / np.linalg.eigvalsh(power[part, part])) for part in (slice(0, 3), slice(3, 6)))
@@ -208,13 +212,13 @@ def _length(pull: Floats, noise: Floats) -> float:
     return float(pull @ np.linalg.solve(noise, pull))
 
 
-def _score(statistic: float, freedom: float) -> float:
-    """Of Hotelling's T squared in six dimensions, the covariance of which has so many degrees of freedom."""
-    left = max(freedom - 5.0, 1.0)
-    return float(-np.log10(max(fdtrc(6, left, statistic * left / (6 * freedom)), 1e-300)))
+def score_of(statistic: float, freedom: float, size: int = 6) -> float:
+    """Of Hotelling's T squared in so many dimensions, the covariance of which has so many degrees of freedom."""
+    left = max(freedom - size + 1.0, 1.0)
+    return float(-np.log10(max(fdtrc(size, left, statistic * left / (size * freedom)), 1e-300)))
 
 
-def _limit(threshold: float, freedom: float) -> float:
+def limit_of(threshold: float, freedom: float, size: int = 6) -> float:
     """The statistic at which the score reaches the threshold."""
-    left = max(freedom - 5.0, 1.0)
-    return float(fdtri(6, left, 1 - 10.0**-threshold) * 6 * freedom / left)
+    left = max(freedom - size + 1.0, 1.0)
+    return float(fdtri(size, left, 1 - 10.0**-threshold) * size * freedom / left)

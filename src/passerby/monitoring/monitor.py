@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,12 @@ from passerby.core.synchronisation import resample_to_common_steps
 from passerby.findings.texts import texts_of
 from passerby.monitoring.given_rig import GivenRig
 from passerby.monitoring.identities import identify_by_rig
+from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.result import MonitoringResult
-from passerby.monitoring.watching import WatchOptions, watch
+from passerby.monitoring.watched import Watched, WatchOptions
+from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground, rough_height
+from passerby.people.held_cameras import GroundPlane
 from passerby.people.rig_observations import gather_rig_observations
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.scene import Scene
@@ -27,18 +30,6 @@ from passerby.scene.video_inputs import SceneVideoProcessor
 
 SEED = 0
 """Of the draw of the people that tell each camera's vertical where nobody says who is who."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Footage:
-    """What the cameras of the rig saw."""
-
-    rig: Rig
-    """Those cameras only."""
-    seen: Observations
-    """At instants that all cameras share, with identities over all cameras."""
-    height_m: float
-    """About how high the ground is."""
 
 
 def monitor(
@@ -79,13 +70,40 @@ def monitor_inputs(
     names = [name for name in given.rig.names if name in inputs.rig.names and given.rig[name].pose is not None]
     _check_names(given.rig, inputs.rig.names, scene.place)
     _check_pictures(given.rig, inputs.rig, scene.place)
+    rig, observations = _footage(given, scene, inputs, names, in_step)
+    watched, ground = watch_footage(rig, observations, options, known=scene.association.given, tell=tell, executor=executor)
+    return MonitoringResult(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step))
+
+
+def watch_footage(
+    rig: Rig, observations: Observations, options: WatchOptions, *, known: bool, tell: Progress = silent,
+    executor: Executor | None = None,
+) -> tuple[Watched, GroundPlane]:  # fmt: skip
+    """What footage says about a rig, and where the ground is.
+
+    Args:
+        rig: the cameras that are watched, with poses.
+        observations: of these cameras, with a clock for each.
+        options: see `WatchOptions`.
+        known: whether identities hold over all cameras; they are each camera's own tracklets else, or -1 for detections.
+        tell: told of each stage.
+        executor: works on cameras side by side.
+    """
+    clocks, sizes = observations.clocks, {camera.name: camera.lens.size for camera in rig}
     # The systems are small, and the number of BLAS threads would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
-        footage = _footage(given, scene, inputs, names, in_step, tell, executor)
-        seen = gather_rig_observations(footage.rig, footage.seen)
-        ground = fit_ground(footage.rig, seen, footage.height_m)
-        watched = watch(footage.rig, seen, options, ground=ground, tell=tell)
-    return MonitoringResult(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step))
+        height = rough_height(rig, observations)
+        named = observations
+        if not known:
+            tell("associating identities")
+            rng = np.random.default_rng(SEED)
+            named = identify_by_rig(rig, observations, clocks, rng, ground_m=height, executor=executor, tell=tell)
+        at_steps = resample_to_common_steps(named, clocks, sizes=sizes)
+        seen = gather_rig_observations(rig, at_steps)
+        ground = fit_ground(rig, seen, height)
+        if joints_are_shared(at_steps):
+            return watch_adjusted(rig, at_steps, seen, options, ground=ground, tell=tell), ground
+        return watch(rig, seen, options, ground=ground, tell=tell), ground
 
 
 def _check_names(rig: Rig, seen: tuple[str, ...], place: str) -> None:
@@ -117,10 +135,9 @@ def _check_pictures(rig: Rig, seen: Rig, place: str) -> None:
 
 
 def _footage(
-    given: GivenRig, scene: Scene, inputs: SceneInputs, names: list[str], in_step: bool, tell: Progress,
-    executor: Executor | None,
-) -> _Footage:  # fmt: skip
-    """Who is who at common instants."""
+    given: GivenRig, scene: Scene, inputs: SceneInputs, names: list[str], in_step: bool
+) -> tuple[Rig, Observations]:  # fmt: skip
+    """The cameras that are watched, and what they saw by their clocks."""
     rig = Rig(tuple(_loosened(given, name) for name in names))
     fps = inputs.observations.fps
     if fps is None:
@@ -128,13 +145,7 @@ def _footage(
     rates = {name: inputs.observations.clocks.get(name, Clock(fps)).fps for name in names}
     offsets = {} if in_step else given.offsets_s
     clocks = {name: Clock(rates[name], offsets.get(name, 0.0)) for name in names}
-    seen = Observations({name: inputs.observations[name] for name in names}, fps, clocks)
-    height = rough_height(rig, seen)
-    if not scene.association.given:
-        tell("associating identities")
-        seen = identify_by_rig(rig, seen, clocks, np.random.default_rng(SEED), ground_m=height, executor=executor, tell=tell)
-    sizes = {camera.name: camera.lens.size for camera in rig}
-    return _Footage(rig, resample_to_common_steps(seen, clocks, sizes=sizes), height)
+    return rig, Observations({name: inputs.observations[name] for name in names}, fps, clocks)
 
 
 def _loosened(given: GivenRig, name: str) -> Camera:

@@ -14,7 +14,7 @@ from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.json_text import plain, to_json
-from passerby.monitoring.watching import Move, Watched, WatchOptions, Window
+from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.people.held_cameras import GroundPlane
 
 State = Literal["steady", "moved", "one of several moved", "cannot tell"]
@@ -99,6 +99,18 @@ class MonitoringResult:
         return metres, degrees
 
     @property
+    def most_moved(self) -> tuple[str, ...]:
+        """The cameras that were noticed to have moved together, where they are more than half of the rig's; else none.
+
+        Which of them stood still is then a matter of how the rest is placed on them.
+        """
+        for noticed in sorted({move.noticed_s for move in self.moves}):
+            together = {move.camera for move in self.moves if move.noticed_s == noticed}
+            if 2 * len(together) > len(self.names):
+                return tuple(name for name in self.names if name in together)
+        return ()
+
+    @property
     def exit_status(self) -> int:
         """0: every camera is steady; 3: one has moved, or nothing can be said of one."""
         return 0 if all(self.state(name) == "steady" for name in self.names) else EvidenceError.exit_status
@@ -106,6 +118,8 @@ class MonitoringResult:
     def sentences(self) -> list[str]:
         """What moved, and of what nothing can be said, one sentence each."""
         told = [move_in_words(move) for move in self.moves]
+        if self.most_moved:
+            told.append(f"most cameras moved relative to each other ({', '.join(self.most_moved)}): calibrate anew")
         return told + [self._silence(name) for name in self.names if self.state(name) == "cannot tell"]
 
     def _silence(self, name: str) -> str:
@@ -126,7 +140,8 @@ class MonitoringResult:
             "threshold": self.options.threshold, "exit_status": self.exit_status,
             "ground": {"height_m": self.ground.height, "slope": self.ground.slope},
             "cameras": [self._camera(name) for name in self.names],
-            "moves": [_move(move) for move in self.moves],
+            "moves": [_move(move) for move in self.moves], "most_moved": self.most_moved,
+            "by_joints": self.watched.by_joints,
             "windows": [_window(window, self.names) for window in self.watched.windows],
             "notes": self.notes,
         })  # fmt: skip

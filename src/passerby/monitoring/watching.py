@@ -3,107 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, pairwise
 
 import numpy as np
 
 from passerby.common.arrays import Floats
-from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
-from passerby.core.cameras import Pose, PoseSigma, Rig
+from passerby.core.cameras import PoseSigma, Rig
 from passerby.geometry.rotations import log_rotation
-from passerby.monitoring.evidence import Baseline, MotionTest, rig_covariance_of, run_motion_tests
-from passerby.monitoring.moments import ChangePoint, estimate_change_point
+from passerby.monitoring.evidence import MotionTest, rig_covariance_of, run_motion_tests
+from passerby.monitoring.moments import ChangePoint
+from passerby.monitoring.watched import Move, Watched, WatchOptions
+from passerby.monitoring.windows import FIRST_S, WindowRun
 from passerby.people.held_cameras import GroundPlane, fit_people
 from passerby.people.resection import Resection, resect_observations
 from passerby.people.rig_observations import RigObservations, poses_of
 from passerby.people.scores import STRETCH_S, Scores, cluster_scores
 
-STAGE = "monitoring"
-STEPS = 5
-"""Tests in each window: windows overlap, so that a move is seen well before a whole window lies behind it."""
+__all__ = ["WatchOptions", "Watched", "watch"]
+
 PIECE_S = 600.0
 """Of footage that is worked on at once: memory stays at some 100 MB."""
 BEFORE_WINDOWS = 5
 """Windows before a move from which the pose before it is measured, at most."""
-FIRST_S = 15.0
-"""A move that seems to lie so near to the beginning of the footage cannot be told from one before it."""
 UNLIKELY, CLEARER = 1.5, 1.2
 """Score of the cameras that are left from which it was not the one that was taken away: one case in thirty, and sixteen
 times less likely than with the best one taken away."""
 MOST_SETS = 130
 """Of cameras that are tried as those that moved together: all threes of ten cameras."""
-CLEAR_DEG, CLEAR_M = 3.0, 0.5
-"""Where a move in a usual direction must be larger than either to be seen, nothing is said of a camera."""
-
-
-@dataclass(frozen=True)
-class WatchOptions:
-    """How footage is watched. Raises `InputError` for a value that cannot be."""
-
-    every_s: float = 60.0
-    """Length of a window."""
-    threshold: float = 4.7
-    """Score from which a camera has moved: see `evidence.MotionTest.score`. In 120 quiet hours tried out the largest were 4.4,
-    4.1, 3.5 and 3.3; of 120 knocks of a degree or 10 cm 117 went beyond 4.5 within a minute."""
-
-    def __post_init__(self) -> None:
-        if not 10 <= self.every_s <= 3600:
-            raise InputError(f"a window of {self.every_s:g} s: give 10 to 3600 seconds")
-        if not 3 <= self.threshold <= 100:
-            raise InputError(f"threshold = {self.threshold:g}: give a number from 3 to 100")
-
-    @property
-    def step_s(self) -> float:
-        """From one test to the next."""
-        return self.every_s / STEPS
-
-
-@dataclass(frozen=True, eq=False)
-class Move:
-    """A camera that is not where it was."""
-
-    camera: str
-    noticed_s: float
-    """End of the window that gave it away."""
-    moment: ChangePoint | None
-    """When it moved; None: before the footage began."""
-    score: float
-    shift: Floats
-    """(6,) centre (metres, world) and rotation vector (radians, camera frame) from the pose before to the new one."""
-    covariance: Floats
-    """(6, 6) of `shift`."""
-    pose: Pose | None
-    """The new pose, beside the other cameras' poses as the rig has them; None where too few people tell."""
-    sigma: PoseSigma | None
-    others: tuple[str, ...] = ()
-    """Cameras that may have moved instead: the people do not tell which."""
-
-
-@dataclass(frozen=True, eq=False)
-class Window:
-    """What one window told."""
-
-    from_s: float
-    until_s: float
-    tests: tuple[MotionTest, ...]
-
-    def clear(self, camera: int) -> bool:
-        """Whether something can be said of a camera."""
-        return any(t.camera == camera and t.smallest_m[0] <= CLEAR_M and t.smallest_deg[0] <= CLEAR_DEG for t in self.tests)
-
-
-@dataclass(frozen=True, eq=False)
-class Watched:
-    """What all the footage told."""
-
-    names: tuple[str, ...]
-    moves: tuple[Move, ...]
-    windows: tuple[Window, ...]
-    """Successive ones, without overlap."""
-    from_s: float
-    until_s: float
 
 
 def watch(
@@ -123,55 +51,27 @@ def watch(
         ground: where feet are; z = 0 where None.
         tell: told how many windows are done.
     """
-    run = _Run(rig, seen, options or WatchOptions(), ground or GroundPlane(), tell)
+    run = _ScoreRun(rig, seen, options or WatchOptions(), ground or GroundPlane(), tell)
     return run.result()
 
 
-class _Run:
-    """One footage on its way: poses change as cameras move."""
+class _ScoreRun(WindowRun):
+    """Windows tested by what people ask the cameras to do, the cameras held."""
 
     def __init__(self, rig: Rig, seen: RigObservations, options: WatchOptions, ground: GroundPlane, tell: Progress) -> None:
-        self.rig, self.seen, self.options, self.ground, self.tell = rig, seen, options, ground, tell
-        self.names = seen.names
-        self.lost: tuple[str, ...] = ()
-        self.moves: list[Move] = []
-        self.windows: list[Window] = []
-        self.start = float(seen.seconds.min(initial=np.inf)) if seen.n_groups else 0.0
-        self.end = float(seen.seconds.max(initial=0.0)) + 1e-6 if seen.n_groups else 0.0
-        self.baseline = Baseline.of_rig(rig, self.names)
+        super().__init__(rig, seen, options, ground, tell)
+        self.known = self.start
         self.scores = self._scores(self.start)
 
-    def result(self) -> Watched:
-        """Window after window."""
-        every, step = self.options.every_s, self.options.step_s
-        origin, known = self.start, self.start
-        until, full = min(origin + every, self.end), origin + every
-        total = max(1, int(np.ceil((self.end - self.start) / every)))
-        while True:
-            self.tell(STAGE, min(len(self.windows), total), total)
-            # A stretch counts as soon as it is over.
-            over = until if until >= self.end else until - STRETCH_S + 1e-9
-            window = self.scores.between(max(origin, until - every), over)
-            quiet = self.scores.between(known, max(origin, until - every))
-            self.baseline, known = self.baseline.with_quiet(quiet), max(known, origin, until - every)
-            found = run_motion_tests(window, self.baseline, (), self.options.threshold)
-            last = until >= self.end
-            if max((test.score for test in found), default=0.0) >= self.options.threshold:
-                origin = known = self._moved(found, max(origin, until - every), until)
-                self.windows.append(Window(max(self.start, until - every), until, tuple(found)))
-                until, full = min(origin + every, self.end), origin + every
-                if last or origin >= self.end:
-                    break
-                continue
-            if until >= full - 1e-9 or last:
-                self.windows.append(Window(max(origin, until - every), until, tuple(found)))
-                self.baseline = self.baseline.with_scatter(found)
-                full += every
-            if last:
-                break
-            until = min(until + step, self.end)
-        self.tell(STAGE, total, total)
-        return Watched(self.names, tuple(self.moves), tuple(self.windows), self.start, self.end)
+    def _tested(self, from_s: float, until_s: float) -> list[MotionTest]:
+        # A stretch counts as soon as it is over.
+        over = until_s if until_s >= self.end else until_s - STRETCH_S + 1e-9
+        window, quiet = self.scores.between(from_s, over), self.scores.between(self.known, from_s)
+        self.baseline, self.known = self.baseline.with_quiet(quiet), max(self.known, from_s)
+        return run_motion_tests(window, self.baseline, (), self.options.threshold)
+
+    def _learn(self, found: Sequence[MotionTest]) -> None:
+        self.baseline = self.baseline.with_scatter(found)
 
     def _scores(self, from_s: float) -> Scores:
         """The clusters from a time on, by the poses as they are now."""
@@ -188,7 +88,6 @@ class _Run:
         return Scores.joined(parts) if parts else nothing
 
     def _moved(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
-        """Who moved, when and by how much; returns the time at which watching begins anew."""
         every = self.options.every_s
         cameras, others = self._culprits(found, self.scores.between(from_s, until_s))
         moments = self._moments(cameras, from_s, until_s)
@@ -200,18 +99,8 @@ class _Run:
         score = max(test.score for test in found)
         for camera, moment in zip(cameras, moments, strict=True):
             self._settle(camera, cameras, others, moment, until_s, high, score)
-        self.scores = self._scores(high)
+        self.scores, self.known = self._scores(high), high
         return high
-
-    def _moments(self, cameras: Sequence[int], from_s: float, until_s: float) -> list[ChangePoint]:
-        """When each of the cameras moved, by those that did not."""
-        every = self.options.every_s
-        seen = self.seen.between(max(self.start, from_s - every), min(until_s + every / 2, self.end))
-        found = []
-        for camera in cameras:
-            gone = np.isin(self.names, [*self.lost, *(self.names[c] for c in cameras if c != camera)])
-            found.append(estimate_change_point(self.rig, seen.without(gone), self.names[camera], self.baseline, self.ground))
-        return found
 
     def _again(self, from_s: float, until_s: float, cameras: list[int], others: list[int]) -> tuple[list[int], list[int]]:
         """The culprits by all that was seen after the move, within a window."""

@@ -76,18 +76,30 @@ class Freedoms:
         return np.asarray(np.linalg.inv(self.parts.T @ self.moves) @ self.parts.T)
 
 
-def similarity_freedoms(state: AdjustmentState, fixed: Ints | None = None) -> Freedoms:
-    """The freedoms about the mean of the centres of the cameras `fixed` (all when None), which alone tell how far each goes."""
-    n_cameras = len(state.R)
-    fixed = np.arange(n_cameras) if fixed is None else fixed
-    spread = state.centre - state.centre[fixed].mean(axis=0)
-    moves = np.zeros((n_cameras, 6, 7))
+def similarity_moves(R: Floats, centre: Floats, about: Floats) -> Floats:
+    """(C, 6, 7) how each freedom of a similarity moves cameras: centre, then rotation vector in the camera's frame.
+
+    Args:
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+        about: (3,) what is turned and scaled about.
+    """
+    spread = centre - about
+    moves = np.zeros((len(R), 6, 7))
     moves[:, :3, :3] = np.eye(3)
     for axis in range(3):
         turn = np.eye(3)[axis]
         moves[:, :3, TILT_X + axis] = np.cross(turn, spread)
-        moves[:, 3:, TILT_X + axis] = -state.R @ turn
+        moves[:, 3:, TILT_X + axis] = -R @ turn
     moves[:, :3, SCALE] = spread
+    return moves
+
+
+def similarity_freedoms(state: AdjustmentState, fixed: Ints | None = None) -> Freedoms:
+    """The freedoms about the mean of the centres of the cameras `fixed` (all when None), which alone tell how far each goes."""
+    n_cameras = len(state.R)
+    fixed = np.arange(n_cameras) if fixed is None else fixed
+    moves = similarity_moves(state.R, state.centre, state.centre[fixed].mean(axis=0))
     parts = moves.copy()
     parts[:, 3:, :3] = parts[:, 3:, SCALE:] = 0.0
     parts[:, :3, TILT_X:SCALE] = 0.0

@@ -61,6 +61,8 @@ class RigCovariance:
     """(C, L) one sigma of the lenses' unknowns; None where they were not refined."""
     free: Free = field(default_factory=Free)
     """What no evidence constrains; its sigmas are infinite."""
+    together: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    """(6 C, 6 C) as `shape`, of all cameras at once; along what is free, where the variance is infinite, 0."""
 
     def sigma(self, camera: int) -> PoseSigma:
         """One camera's one-sigma figures in the metric world."""
@@ -126,6 +128,7 @@ def rig_covariance(
         np.inf if free.vertical else float(np.degrees(np.sqrt(tilt))),
         np.inf if free.scale else float(np.sqrt(max(of_freedoms[SCALE, SCALE] + beyond, 0.0))), inflation, distances,
         _time_sigmas(covariance, size, n_cameras) if size - state.lens.shape[1] > TIME else None, lens_sigma, free,
+        shape,
     )  # fmt: skip
 
 

@@ -46,7 +46,7 @@ def monitor(
     from passerby.interchange.storage.json_text import to_json
     from passerby.monitoring.given_rig import read_given, rig_text
     from passerby.monitoring.monitor import monitor as run_monitor
-    from passerby.monitoring.watching import WatchOptions
+    from passerby.monitoring.watched import WatchOptions
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
@@ -85,7 +85,7 @@ def _show(found: MonitoringResult, verbose: bool) -> None:
         rows.append([name, found.state(name), told, number(metres, 2), number(degrees, 1)])
     span = f"{clock_time(watched.from_s)} to {clock_time(watched.until_s)}"
     show_table(
-        f"monitored from {span}",
+        f"monitored from {span}, by joints and boxes" if watched.by_joints else f"monitored from {span}",
         ["camera", "state", f"windows of {found.options.every_s:g} s", "detection limit m", "limit deg"],
         rows,
     )

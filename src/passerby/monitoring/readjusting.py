@@ -1,0 +1,168 @@
+"""From boxes and joints to moves: each window's cameras are adjusted anew, all of them, and held against the rig.
+
+The test of `watching` holds all cameras but one. That is quick and works for hours of boxes; but it is blind where the others
+have moved as well, and knows no joints, of which half a minute is enough to calibrate by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from passerby.common.progress import Progress, silent
+from passerby.core.cameras import PoseSigma, Rig
+from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
+from passerby.monitoring.comparison import (
+    FEWEST_STRETCHES,
+    Comparison,
+    Displacement,
+    Estimate,
+    compare,
+    sigma_share,
+    untestable,
+)
+from passerby.monitoring.evidence import Baseline, MotionTest, model_covariance
+from passerby.monitoring.moments import ChangePoint
+from passerby.monitoring.watched import Move, Watched, WatchOptions
+from passerby.monitoring.windows import FIRST_S, WindowRun
+from passerby.people.held_cameras import GroundPlane
+from passerby.people.rig_observations import RigObservations, poses_of
+from passerby.people.scores import STRETCH_S
+from passerby.solver.readjustment import readjust
+
+SEED = 0
+"""Of the draw among too many observations."""
+ENOUGH = 0.05
+"""Of the people whom two cameras see at once, the share whose joints both have found: below, joints are the exception."""
+
+
+def joints_are_shared(observations: Observations) -> bool:
+    """Whether cameras found joints of the same people at the same time steps, and not just now and then."""
+    both = {"boxes": 0, "keypoints": 0}
+    for part in both:
+        rows = [
+            np.column_stack([p.frame, p.identity]) for seen in observations.cameras.values() for p in (getattr(seen, part),)
+        ]
+        rows = [np.unique(own[own[:, 1] != UNKNOWN], axis=0) for own in rows]
+        if rows:
+            both[part] = int(np.count_nonzero(np.unique(np.concatenate(rows), axis=0, return_counts=True)[1] > 1))
+    return both["keypoints"] > 0 and both["keypoints"] >= ENOUGH * both["boxes"]
+
+
+def watch_adjusted(
+    rig: Rig, observations: Observations, seen: RigObservations, options: WatchOptions | None = None, *,
+    ground: GroundPlane | None = None, tell: Progress = silent,
+) -> Watched:  # fmt: skip
+    """Watch footage with joints.
+
+    Args:
+        rig: poses, and their sigmas, as they were calibrated.
+        observations: people with identities over all cameras, at common time steps.
+        seen: the same people as rays (`gather_rig_observations`): they date a move.
+        options: see `WatchOptions`.
+        ground: where feet are; z = 0 where None.
+        tell: told how many windows are done.
+    """
+    run = _AdjustedRun(rig, observations, seen, options or WatchOptions(), ground or GroundPlane(), tell)
+    return replace(run.result(), by_joints=True)
+
+
+class _AdjustedRun(WindowRun):
+    """Windows tested by adjusting all cameras to each."""
+
+    def __init__(
+        self, rig: Rig, observations: Observations, seen: RigObservations, options: WatchOptions, ground: GroundPlane,
+        tell: Progress,
+    ) -> None:  # fmt: skip
+        super().__init__(rig, seen, options, ground, tell)
+        self.observations = observations
+        self.clock = next(iter(observations.clocks.values()), None) or Clock(observations.fps or 1.0)
+        self.comparison: Comparison | None = None
+        self.weighed = False
+
+    def _tested(self, from_s: float, until_s: float) -> list[MotionTest]:
+        self.comparison = self._compared(from_s, until_s)
+        if self.comparison is None:
+            return [untestable(camera) for camera in range(len(self.names))]
+        return list(self.comparison.tests)
+
+    def _learn(self, found: Sequence[MotionTest]) -> None:
+        if self.comparison is not None:
+            self.baseline = self.baseline.with_estimate(self.comparison.shift, self.comparison.information)
+
+    def _moved(self, found: Sequence[MotionTest], from_s: float, until_s: float) -> float:
+        assert self.comparison is not None
+        every, moved = self.options.every_s, self.comparison.moved
+        moments = self._dated(moved, from_s, until_s)
+        known = [moment.seconds for moment in moments.values()]
+        after = max([from_s, *known])
+        high = min(max(after + every, until_s), self.end)
+        if after > from_s + FIRST_S:
+            # Some of the window shows the cameras where they were before.
+            again = self._compared(after, high)
+            if again is not None and again.moved:
+                moved, moments = again.moved, self._dated(again.moved, from_s, until_s)
+        for one in moved:
+            self._settle(one, moments.get(one.camera), until_s)
+        return high
+
+    def _dated(self, moved: Sequence[Displacement], from_s: float, until_s: float) -> dict[int, ChangePoint]:
+        """When cameras moved; nothing of those whose people no camera saw that stood still."""
+        cameras, found = [one.camera for one in moved], dict[int, ChangePoint]()
+        for camera in cameras:
+            seen = self._without(camera, cameras, from_s, until_s)
+            several = np.bincount(seen.group, minlength=seen.n_groups)[seen.group] > 1
+            if several[seen.camera == camera].any():
+                found[camera] = self._moment(camera, seen)
+        return found
+
+    def _settle(self, one: Displacement, moment: ChangePoint | None, noticed: float) -> None:
+        """Note a move, and go on with the camera's new pose."""
+        name = self.names[one.camera]
+        if moment is not None and moment.seconds - self.start < FIRST_S:
+            moment = None
+        sigma = PoseSigma.from_covariance(one.pose_covariance)
+        others = tuple(self.names[c] for c in one.others)
+        self.moves.append(Move(name, noticed, moment, one.score, one.shift, one.covariance, one.pose, sigma, others))
+        self.baseline = self.baseline.replaced(one.camera, one.pose_covariance)
+        cameras = [replace(c, pose=one.pose, sigma=sigma) if c.name == name else c for c in self.rig.cameras]
+        self.rig = replace(self.rig, cameras=tuple(cameras))
+
+    def _compared(self, from_s: float, until_s: float) -> Comparison | None:
+        """The rig against what a stretch of footage shows; None where that is nothing."""
+        use = list(range(len(self.names)))
+        seen = self._between(from_s, until_s)
+        while len(use) > 1:
+            found = readjust(self._level(use), seen, np.random.default_rng(SEED), stretch_s=STRETCH_S)
+            if found is None:
+                return None
+            kept = [k for k in range(len(use)) if found.stretches[k] >= FEWEST_STRETCHES and k not in found.loose]
+            if len(kept) == len(use):
+                # In every stretch of time people walk elsewhere, and are seen otherwise.
+                covariance = found.covariance + np.kron(np.eye(len(use)), model_covariance())
+                estimate = Estimate(np.array(use), found.R, found.centre, covariance, found.stretches)
+                R, centre = poses_of(self.rig, self.names)
+                if not self.weighed:
+                    share = sigma_share(centre, self.baseline.estimate()[1], estimate)
+                    self.baseline, self.weighed = Baseline.of_rig(self.rig, self.names, share), True
+                return compare(R, centre, self.baseline.estimate(), estimate, self.options.threshold)
+            use = [use[k] for k in kept]
+        return None
+
+    def _between(self, from_s: float, until_s: float) -> Observations:
+        """The footage at times of [from, until)."""
+
+        def part(seen: CameraObservations) -> CameraObservations:
+            rows = [(s >= from_s) & (s < until_s) for s in map(self.clock.seconds, (seen.boxes.frame, seen.keypoints.frame))]
+            return CameraObservations(seen.boxes.take(rows[0]), seen.keypoints.take(rows[1]))
+
+        return replace(self.observations, cameras={name: part(seen) for name, seen in self.observations.cameras.items()})
+
+    def _level(self, use: Sequence[int]) -> Rig:
+        """Some of the cameras where the baseline has them, the ground under them at about z = 0."""
+        cameras = tuple(self.rig[self.names[c]] for c in use)
+        places = np.array([camera.pose.centre[:2] for camera in cameras if camera.pose is not None])
+        height = float(self.ground.at(places.mean(axis=0)[None])[0])
+        return Rig(cameras).moved(np.eye(3), np.array([0.0, 0.0, -height]))

@@ -1,0 +1,157 @@
+"""Two estimates of a rig held against each other: who moved, who may have, and what would have been seen."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.core.cameras import Pose
+from passerby.geometry.rotations import exp_rotation, log_rotation
+from passerby.monitoring.comparison import LEAST_SHARE, Estimate, compare, sigma_share
+from passerby.people.rig_observations import poses_of
+from reliability.room import room_rig
+
+PLACE_SD, TURN_SD = 0.01, np.radians(0.06)
+"""Of each direction, of the rig and of an estimate alike."""
+THRESHOLD = 4.7
+
+
+def poses(cameras=4, seed=0):
+    rig = room_rig(seed, cameras)
+    return poses_of(rig, rig.names)
+
+
+def covariance(cameras, share=1.0):
+    return share**2 * np.diag(np.tile(np.repeat([PLACE_SD**2, TURN_SD**2], 3), cameras))
+
+
+def estimate(R, centre, turns=None, shifts=None, rng=None, stretches=30):
+    """Of cameras that were turned (rotation vectors, degrees) and shifted, with noise where there is a generator."""
+    n = len(R)
+    noise = np.zeros((n, 6)) if rng is None else rng.standard_normal((n, 6)) * np.repeat([PLACE_SD, TURN_SD], 3)
+    R, centre = R.copy(), centre + noise[:, :3]
+    for c in range(n):
+        R[c] = exp_rotation(noise[c, 3:] + np.radians((turns or {}).get(c, np.zeros(3)))) @ R[c]
+        centre[c] = centre[c] + (shifts or {}).get(c, np.zeros(3))
+    return Estimate(np.arange(n), R, centre, covariance(n), np.full(n, stretches))
+
+
+def compared(R, centre, found, share=1.0):
+    """Beside a rig whose sigmas are a share of the estimate's."""
+    return compare(R, centre, (np.zeros(6 * len(R)), covariance(len(R), share)), found, THRESHOLD)
+
+
+def test_one_camera_is_named_and_gets_its_pose():
+    R, centre = poses()
+    found = compared(R, centre, estimate(R, centre, {2: [0, 1.5, 0.5]}, {2: [0.05, 0, 0.1]}, np.random.default_rng(1)))
+    (moved,) = found.moved
+    assert (moved.camera, moved.others) == (2, ())
+    off = moved.shift - np.concatenate([[0.05, 0, 0.1], np.radians([0, 1.5, 0.5])])
+    assert off @ np.linalg.solve(moved.covariance, off) < 22.5  # 99.9 % of a chi squared of six
+    miss = np.concatenate([moved.pose.centre - centre[2] - [0.05, 0, 0.1],
+                           log_rotation(moved.pose.R_cw @ (exp_rotation(np.radians([0, 1.5, 0.5])) @ R[2]).T)])  # fmt: skip
+    assert miss @ np.linalg.solve(moved.pose_covariance, miss) < 22.5
+    # The new pose does not rest on the old one.
+    assert np.trace(moved.pose_covariance) < np.trace(moved.covariance)
+
+
+def test_most_cameras_turned_are_named_by_the_places_of_all():
+    R, centre = poses()
+    turns = {0: [0, 1, 0], 1: [0.8, -0.9, 0], 3: [0, 0.5, -2.5]}
+    found = compared(R, centre, estimate(R, centre, turns, rng=np.random.default_rng(2)))
+    assert [(one.camera, one.others) for one in found.moved] == [(0, ()), (1, ()), (3, ())]
+    for one in found.moved:
+        assert np.degrees(one.shift[3:]) == pytest.approx(turns[one.camera], abs=0.5)
+    assert found.tests[2].score < 2
+
+
+def test_two_cameras_alone_cannot_say_which():
+    R, centre = poses(2)
+    found = compared(R, centre, estimate(R, centre, {0: [0, 3, 1]}, {0: [0.1, 0, 0.1]}))
+    assert found.moved
+    assert {c for one in found.moved for c in (one.camera, *one.others)} == {0, 1}
+    assert all(one.others for one in found.moved)
+
+
+def test_a_large_rig_half_of_which_was_turned():
+    R, centre = poses(9)
+    rng = np.random.default_rng(3)
+    turns = {c: 2 * v / np.linalg.norm(v) for c, v in zip((0, 3, 4, 8), rng.standard_normal((4, 3)), strict=True)}
+    found = compared(R, centre, estimate(R, centre, turns, rng=rng))
+    assert [one.camera for one in found.moved] == [0, 3, 4, 8]
+    assert all(one.others == () for one in found.moved)
+
+
+def test_noise_as_stated_moves_nobody():
+    R, centre = poses()
+    found = [compared(R, centre, estimate(R, centre, rng=np.random.default_rng((4, seed)))) for seed in range(25)]
+    assert not any(one.moved for one in found)
+    scores = np.array([test.score for one in found for test in one.tests])
+    # A hundred scores: one in a hundred is above 2 by chance, of the two that are tried, and none above 4.
+    assert scores.max() < 4
+    assert np.mean(scores > 1) < 0.3
+
+
+def test_a_move_of_the_stated_limit_is_seen():
+    R, centre = poses()
+    quiet = compared(R, centre, estimate(R, centre))
+    limit = quiet.tests[1].smallest_deg
+    assert limit[0] < limit[1] < 3
+    seen = 0
+    for seed in range(25):
+        rng = np.random.default_rng((5, seed))
+        turn = rng.standard_normal(3)
+        # As large as the worst direction needs: seen in 95 % of the cases or more.
+        turned = estimate(R, centre, {1: limit[1] * turn / np.linalg.norm(turn)}, rng=rng)
+        seen += 1 in [one.camera for one in compared(R, centre, turned).moved]
+    assert seen >= 22
+
+
+def test_few_stretches_make_tails_long():
+    R, centre = poses()
+    few, some, many = (compared(R, centre, estimate(R, centre, stretches=n), 0.1).tests[0].smallest_deg[0] for n in (3, 6, 30))
+    assert few > 1.5 * some > 1.6 * many
+    # Of what is known beforehand they say nothing.
+    few, many = (compared(R, centre, estimate(R, centre, stretches=n), 10.0).tests[0].smallest_deg[0] for n in (3, 30))
+    assert few == pytest.approx(many, rel=0.05)
+
+
+def test_a_similarity_is_no_move():
+    R, centre = poses()
+    there = estimate(R, centre, {2: [0, 2, 0]})
+    turn, scale = exp_rotation(np.array([0.02, -0.01, 0.15])), 1.12
+    moved = replace(
+        there, R=np.array([Pose.from_centre(own, np.zeros(3)).moved(turn, np.zeros(3)).R_cw for own in there.R]),
+        centre=scale * there.centre @ turn.T + [1.0, -2.0, 0.5],
+    )  # fmt: skip
+    found = compared(R, centre, moved)
+    assert [one.camera for one in found.moved] == [2]
+    assert np.degrees(found.moved[0].shift) == pytest.approx(np.degrees(compared(R, centre, there).moved[0].shift), abs=0.05)
+
+
+def test_cameras_left_out_are_untestable():
+    R, centre = poses()
+    there = estimate(R, centre, {1: [0, 2, 0]})
+    some = np.array([0, 1, 3])
+    rows = (6 * some[:, None] + np.arange(6)).ravel()
+    part = Estimate(some, there.R[some], there.centre[some], there.covariance[np.ix_(rows, rows)], there.stretches[some])
+    found = compared(R, centre, part)
+    assert [one.camera for one in found.moved] == [1]
+    assert found.tests[2].smallest_deg == (np.inf, np.inf)
+    assert not found.information[12:18].any()
+
+
+def test_places_say_how_good_a_rig_is():
+    R, centre = poses()
+    turned = estimate(R, centre, {0: [0, 2, 0], 1: [1, 0, 1], 2: [0, -2, 0]})
+    assert sigma_share(centre, covariance(4, 5.0), turned) == LEAST_SHARE
+    # Errors as large as stated are taken for smaller ones in a twentieth of the cases.
+    shares = [
+        sigma_share(centre, covariance(4), estimate(R, centre, rng=np.random.default_rng((6, seed)))) for seed in range(40)
+    ]
+    assert np.mean(np.array(shares) < 0.95) < 0.3
+
+
+def test_two_places_say_nothing_of_a_rig():
+    R, centre = poses(2)
+    assert sigma_share(centre, covariance(2, 5.0), estimate(R, centre)) == 1.0
