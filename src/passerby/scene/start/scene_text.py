@@ -141,7 +141,12 @@ def _perception(cameras: Sequence[SceneCamera]) -> str:
             'describes the appearance of people. auto: a neural network, or "stripes" if none is available; stripes: colour\n'
             "histograms of horizontal stripes, needs no network; none. Or a name, or a path.",
         )
-        + _setting("keypoints", defaults.keypoints, "detects keypoints of people. none. Or a name, or a path.")
+        + _setting(
+            "keypoints",
+            defaults.keypoints,
+            "detects keypoints of people. auto: the best network on this computer, or one that is downloaded; none. Or a\n"
+            "name, or a path.",
+        )
         + _setting("min_score", defaults.min_score, "detections with a lower score are dropped.")
         + _setting("tiles", defaults.tiles, "overlapping tiles in which small people are detected: auto, none, or [3, 2].")
         + _setting(
