@@ -58,7 +58,7 @@ class JointBudget:
     @property
     def identity(self) -> dict[str, Any]:
         """What decides the choice, the boxes aside."""
-        return {"budget": 1, "per_s": self.per_s, "rate": self.rate, "images": self.images}
+        return {"budget": 1, "per_s": self.per_s, "at_least": CROPS_AT_LEAST, "rate": self.rate, "images": self.images}
 
     def choose(self, seconds: float, ltwh: Floats, score: Floats, size: tuple[int, int]) -> Ints:
         """The rows of the boxes to measure keypoints in.

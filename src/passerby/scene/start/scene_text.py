@@ -11,6 +11,7 @@ from pathlib import Path
 
 from passerby.interchange.storage import toml_text
 from passerby.interchange.storage.toml_text import comment, key, value
+from passerby.perception.joint_budget import CROPS_PER_S
 from passerby.scene.start.folders import SOURCES, FoundCamera
 from passerby.scene.tables import SEARCHED_S, WATCHED_FPS, AssociationTable, PerceptionTable, ScaleTable, SolverTable
 
@@ -146,6 +147,11 @@ def _perception(cameras: Sequence[SceneCamera]) -> str:
             defaults.keypoints,
             "detects keypoints of people. auto: the best network on this computer, or one that is downloaded; none. Or a\n"
             "name, or a path.",
+        )
+        + _setting(
+            "keypoints_per_s",
+            CROPS_PER_S,
+            "people whose keypoints are measured, per second of video. Without it, everybody if `keypoints` names a network.",
         )
         + _setting("min_score", defaults.min_score, "detections with a lower score are dropped.")
         + _setting("tiles", defaults.tiles, "overlapping tiles in which small people are detected: auto, none, or [3, 2].")
