@@ -220,9 +220,9 @@ def _tell(what: str, found: str) -> None:
 
 _HEAD = """# From pixels
 
-Videos in, rig out: `passerby calibrate` on videos, identities to be found (mode combined). *networks*: `{detector}` and
-`{embedder}`; *weight-free*: background subtraction and stripes of colour. Similarity errors, mean over the registered cameras;
-a run that lacks a camera has missed its goal.""".format(**NETWORKS)
+Videos in, rig out: `passerby calibrate` on videos, identities to be found (mode combined). *networks*: `{detector}`,
+`{embedder}` and, for keypoints, the best network at hand; *weight-free*: background subtraction and stripes of colour.
+Similarity errors, mean over the registered cameras; a run that lacks a camera has missed its goal.""".format(**NETWORKS)
 
 _FIGURES = {
     "seconds": SECONDS,

@@ -29,8 +29,8 @@ from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
 
 CRASHED = "crashed"
-WEIGHT_FREE = {"detector": "background", "embedder": "stripes"}
-NETWORKS = {"detector": "yolox-nano", "embedder": "person-reid-retail-0248"}
+WEIGHT_FREE = {"detector": "background", "embedder": "stripes", "keypoints": "none"}
+NETWORKS = {"detector": "yolox-nano", "embedder": "person-reid-retail-0248", "keypoints": "auto"}
 BOXES = "boxes"
 METHODS = {"weight-free": WEIGHT_FREE, "networks": NETWORKS}
 PETS_FPS = 7.0

@@ -26,6 +26,9 @@ for profile, examples in (("quick", 25), ("thorough", 100)):
     )
 settings.load_profile(os.environ.get("PASSERBY_EXAMPLES", "quick"))
 
+# Tests name the networks that they want (`support.paths.MODELS`): what else lies on this computer decides none of them.
+os.environ.pop("PASSERBY_MODELS", None)
+
 EVIDENCE = ("benchmarks/baselines", "benchmarks/paper", "benchmarks/peers", "benchmarks/reliability", "docs/test_examples.py",
             "docs/test_site.py", "real")  # fmt: skip
 """Where the tests are evidence: of real data, of the benchmark's pages, of other programs, of the documentation's examples."""

@@ -53,7 +53,7 @@ def make(folder: Path) -> None:
     for command in (box, video):
         _must(command, folder)
     scene = folder / "video" / "scene.toml"
-    scene.write_text(f'{scene.read_text()}\n[perception]\ndetector = "background"\nembedder = "stripes"\n')
+    scene.write_text(f'{scene.read_text()}\n[perception]\ndetector = "background"\nembedder = "stripes"\nkeypoints = "none"\n')
     _must(("calibrate", folder / "box" / "scene.toml", "-o", folder / "out", "--no-report"), folder)
     _must(("calibrate", folder / "box" / "scene.toml", "-o", folder / "other", "--no-report", "--seed", "7"), folder)
     _must(("align", folder / "other", "-o", folder / "other", "--camera", "C2"), folder)

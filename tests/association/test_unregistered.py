@@ -178,3 +178,15 @@ def test_standing_people_are_told_of() -> None:
     for cameras in ([walk, stand, walk], [stand, stand, walk]):
         (doubt,) = nobody_walks(cameras, poses)
         assert doubt.code == "people_stand_still"
+
+
+def test_who_paces_up_and_down_walks() -> None:
+    """A tracklet that ends where it began is not one of somebody who stands."""
+    poses: list[Pose | None] = [looking_at((8, 0, 4), (0, 0, 1)), looking_at((0, 8, 4), (0, 0, 1))]
+    times = np.linspace(0.0, SECONDS, 601)
+    back_and_forth = Walker(times, (1.6 * np.cos(2 * np.pi * 6 * times / SECONDS)).astype(np.complex128))
+    pacing = [camera(name, station, [back_and_forth]) for name, station in (("C1", EAST), ("C2", WEST))]
+    for one in pacing:
+        assert one.tracks is not None
+        assert abs(one.tracks.position[-1] - one.tracks.position[0]) < 1.0
+    assert nobody_walks(pacing, poses) == []

@@ -1,5 +1,6 @@
 """From videos to a rig: mixed sources, rates, clocks, networks, and what is told meanwhile."""
 
+import hashlib
 import io
 import multiprocessing
 import re
@@ -25,6 +26,7 @@ from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import read_rig
 from passerby.interchange.storage.json_text import to_json
 from passerby.perception.video import probe
+from passerby.scene.check import check_scene
 from passerby.scene.inputs import read_inputs
 from passerby.scene.reading import read_camera
 from passerby.scene.scene import Scene
@@ -309,8 +311,10 @@ def test_no_video_is_watched_where_nothing_is_wanted_of_it(place):
         assert videos.figures == {}
 
 
-def test_networks_by_path_and_joints(place):
-    """A detector that finds what is bright blue; a network whose joints stand over each other in the middle of its crop."""
+def blue_scene(place):
+    """Two videos of somebody blue, a detector that finds what is bright blue, and a network whose joints stand over each other
+    in the middle of its crop. Returns the cameras.
+    """
     yolox_files.bright_file(place / "people.onnx", 8.0, 16.0)
     heights = np.linspace(0.25, 0.75, 17)
     answer = np.column_stack([heights, np.full(17, 0.5), np.full(17, 0.9)])
@@ -325,8 +329,58 @@ def test_networks_by_path_and_joints(place):
 
     for name, step in (("blue1", 4), ("blue2", 6)):
         write_video(place / f"{name}.mp4", pictures_of(step), FPS)
+    return {"C1": "blue1.mp4", "C2": "blue2.mp4"}
+
+
+def test_joints_by_default(place, tmp_path, monkeypatch):
+    """Where a network for joints is at hand it is used, on a budget; `check` says so."""
+    cameras = blue_scene(place)
+    perception = 'detector = "people.onnx"\nembedder = "none"\nmin_score = 0.6\n'
+    path = scene_file(place, cameras, perception=perception)
+    keep_to(tmp_path, monkeypatch)
+    know_only([], monkeypatch)
+    monkeypatch.setattr("passerby.perception.plan.catalogue", lambda: known)
+    known = ()
+    monkeypatch.setattr("passerby.perception.plan.default_of", lambda role: None)
+    without, videos = inputs(path)
+    assert videos.figures["keypoints"] == "none"
+    assert videos.notes == []
+    assert check_scene(path).perception["keypoints"] == "none"
+
+    content = (place / "joints.onnx").read_bytes()
+    sha256 = hashlib.sha256(content).hexdigest()
+    known = (entry("points", "keypoints", sha256=sha256, bytes=len(content), input={"padding": 0}),)
+    know_only(known, monkeypatch)
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "points.onnx").write_bytes(content)
+    monkeypatch.setenv("PASSERBY_MODELS", str(tmp_path / "models"))
+    assert check_scene(path).perception["keypoints"]["network"] == "points"
+    seen, videos = inputs(path)
+    assert videos.figures["keypoints"]["network"] == "points"
+    for name in cameras:
+        # A short recording: there is enough for nearly all times, and of boxes that lie over each other the nearest.
+        assert len(without.observations[name].boxes) > 100
+        assert 10 <= len(seen.observations[name].keypoints) <= 12
+
+    monkeypatch.setattr("passerby.perception.joint_budget.CROPS_AT_LEAST", 0.5)
+    thrifty = scene_file(place, cameras, perception=f"{perception}keypoints_per_s = 1")
+    times = [inputs(thrifty)[0].observations[name].keypoints.frame.tolist() for name in cameras]
+    assert 0 < len(times[0]) < 10
+    assert times[0] == times[1], "both cameras at the same times"
+    everybody = scene_file(place, cameras, perception=f"{perception}keypoints = 'points'")
+    assert len(inputs(everybody)[0].observations["C1"].keypoints) == len(without.observations["C1"].boxes)
+    few = scene_file(place, cameras, perception=f"{perception}keypoints = 'points'\nkeypoints_per_s = 1")
+    assert inputs(few)[0].observations["C1"].keypoints.frame.tolist() == times[0]
+
+    # One camera's joints are no points in space.
+    alone = scene_file(place, {"C1": cameras["C1"], "C2": 'tracks = "C2.txt"\nfps = 5'}, perception=perception)
+    assert inputs(alone)[1].figures["keypoints"] == "none"
+    assert check_scene(alone).perception["keypoints"] == "none"
+
+
+def test_networks_by_path_and_joints(place):
     perception = 'detector = "people.onnx"\nembedder = "none"\nkeypoints = "joints.onnx"\nmin_score = 0.6'
-    seen, videos = inputs(scene_file(place, {"C1": "blue1.mp4", "C2": "blue2.mp4"}, perception=perception))
+    seen, videos = inputs(scene_file(place, blue_scene(place), perception=perception))
     assert videos.figures["detector"]["network"] == "people.onnx"
     assert videos.figures["keypoints"]["network"] == "joints.onnx"
     for name, step in (("C1", 4), ("C2", 6)):
@@ -402,7 +456,7 @@ def test_a_log_tells_at_once_what_cannot_be_had(place, tmp_path, monkeypatch, ca
     nothing_to_be_had(tmp_path, monkeypatch)
     scene = Scene.load(scene_file(place, BOTH, perception='detector = "auto"\nembedder = "none"\nfps = 1'))
     with stages(verbose) as tell:
-        plan_of(scene, tell)
+        plan_of(scene, (), tell)
     lines = capsys.readouterr().err.splitlines()
     assert "people are detected by background subtraction, without a neural network" in lines[-1]
     assert lines[:-1] == (["fetching tiny.onnx (kB): 300", "fetching tiny.onnx (kB): failed"] if verbose else [])
@@ -415,7 +469,7 @@ def test_a_bar_shows_a_download_that_failed_as_failed(monkeypatch, capsys, place
     scene = Scene.load(scene_file(place, BOTH, perception='detector = "auto"\nembedder = "none"\nfps = 1'))
     with stages() as tell:
         tell("reading")
-        plan_of(scene, tell)
+        plan_of(scene, (), tell)
     lines = [line for line in re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().err).splitlines() if "fetching" in line]
     assert [line for line in lines if "✗ fetching tiny.onnx (kB): failed" in line]
     assert not [line for line in lines if "•" in line]
@@ -430,11 +484,6 @@ def test_a_network_that_was_named_is_not_left_out(place, tmp_path, monkeypatch, 
         f"error: {scene}: [perception] detector = 'tiny': tiny is not on this computer and cannot be fetched"
     )
     assert not (tmp_path / "out").exists()
-
-
-def test_joints_by_a_network_that_nobody_chose(place):
-    with pytest.raises(InputError, match="keypoints = 'auto': there is no default network for keypoints: name one by path"):
-        inputs(scene_file(place, BOTH, perception='detector = "background"\nkeypoints = "auto"'))
 
 
 @pytest.mark.slow

@@ -302,7 +302,7 @@ def test_check_tells_what_is_to_be_fetched(scene, tmp_path, capsys, monkeypatch)
     path = scene({"C1": "C1.mp4", "C2": "C2.mp4"}, perception='detector = "auto"\nembedder = "none"')
     assert run(["check", str(path)]) == 0
     out = capsys.readouterr().out
-    assert "from the videos: people by yolox-nano\n" in out
+    assert "from the videos: people by yolox-nano, keypoints by rtmpose-m-halpe26\n" in out
     assert (
         "note: yolox-nano is not on this computer: `passerby models fetch` downloads it, and so does `passerby calibrate`; "
         "background" in out

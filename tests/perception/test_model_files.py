@@ -1,8 +1,11 @@
 """Which file a name means, where it is looked for, and what is done where it lies nowhere."""
 
+import hashlib
+import io
 import os
 import re
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
@@ -44,20 +47,57 @@ def test_the_manifest_is_complete():
     for key in ("name", "file", "sha256"):
         assert len({getattr(item, key) for item in entries}) == len(entries)
     pinned = re.compile(r"https://raw\.githubusercontent\.com/[\w.-]+/[\w.-]+/[0-9a-f]{40}/[\w./-]+\.onnx")
+    dated = re.compile(r"https://download\.openmmlab\.com/[\w./-]+-[0-9a-f]{8}_20[0-9]{6}\.zip")
     for item in entries:
         assert re.fullmatch(r"[a-z0-9-]+", item.name)
         assert re.fullmatch(r"[0-9a-f]{64}", item.sha256)
         assert re.fullmatch(r"[\w-]+\.onnx", item.file)
-        assert item.url is None or pinned.fullmatch(item.url)
+        assert item.url is None or (dated if item.archive else pinned).fullmatch(item.url)
         assert (item.url is None) == ("has no download address" in item.note)
         assert item.licence == "Apache-2.0"
         assert item.publisher
         assert not (item.default and item.url is None)
-        assert item.output in {"detector": ["yolox"], "embedder": ["embedding"], "keypoints": ["movenet"]}[item.role]
-    assert [item.name for item in entries if item.default] == ["yolox-nano", "person-reid-retail-0248"]
+        assert item.output in {"detector": ["yolox"], "embedder": ["embedding"], "keypoints": ["movenet", "simcc"]}[item.role]
+    assert [item.name for item in entries if item.default] == ["yolox-nano", "person-reid-retail-0248", "rtmpose-m-halpe26"]
     assert default_of("detector").name == "yolox-nano"
     assert default_of("embedder").name == "person-reid-retail-0248"
-    assert default_of("keypoints") is None
+    assert default_of("keypoints").name == "rtmpose-m-halpe26"
+
+
+def packed(members):
+    """A zip archive, with what its entry in a manifest says of it."""
+    content = io.BytesIO()
+    with ZipFile(content, "w") as archive:
+        for name, body in members.items():
+            archive.writestr(name, body)
+    body = content.getvalue()
+    return body, {"member": "end2end.onnx", "sha256": hashlib.sha256(body).hexdigest(), "bytes": len(body)}
+
+
+def test_fetched_in_an_archive(server, cache, monkeypatch):
+    server.body, archive = packed({"sdk/pipeline.json": b"{}", "sdk/end2end.onnx": BODY})
+    know_only([entry("packed", "keypoints", url=server.url, archive=archive)], monkeypatch)
+    network, _ = find_model("packed", "keypoints")
+    assert network.path == cache / "packed.onnx"
+    assert network.path.read_bytes() == BODY
+    assert [path.suffix for path in cache.iterdir() if not path.name.startswith(".")] == [".onnx"]
+    find_model("packed", "keypoints")
+    assert len(server.asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("members", "told"),
+    [
+        ({"sdk/end2end.onnx": BODY[:-1]}, "holds another end2end.onnx: SHA-256 [0-9a-f]{64} instead of"),
+        ({"sdk/readme.txt": BODY}, "holds no readable end2end.onnx"),
+    ],
+)
+def test_an_archive_of_something_else(server, cache, monkeypatch, members, told):
+    server.body, archive = packed(members)
+    know_only([entry("packed", "keypoints", url=server.url, archive=archive)], monkeypatch)
+    with pytest.raises(InputError, match=told):
+        find_model("packed", "keypoints")
+    assert not [path for path in cache.iterdir() if path.suffix in (".onnx", ".zip")]
 
 
 def test_the_manifest_is_frozen():

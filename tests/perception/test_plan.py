@@ -1,5 +1,7 @@
 """What people are found with: what was asked for, or what takes its place."""
 
+import hashlib
+
 import pytest
 
 from passerby.common.errors import InputError
@@ -7,7 +9,7 @@ from passerby.findings.texts import text_of, texts_of
 from passerby.perception.networks import Network
 from passerby.perception.plan import STRIPES, Plan, foresee, make_plan
 from support.networks.crop_networks import stripe_means
-from support.networks.model_server import entry, keep_to, know_only
+from support.networks.model_server import BODY, entry, keep_to, know_only
 from support.networks.yolox import constant_file, raw_rows
 
 
@@ -67,11 +69,77 @@ def test_networks_by_path(files):
     assert len(told["sha256"]) == 64
 
 
-def test_joints_are_never_left_out_silently():
-    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': there is no default network for keypoints"):
-        planned(keypoints="auto")
-    with pytest.raises(InputError, match=r"\[perception\] keypoints = 'auto': there is no default network for keypoints"):
-        foresee("", "", "auto", models=None, base=None)
+@pytest.fixture
+def joints(nowhere, monkeypatch):
+    """Networks for joints that are known: a small and a large one, and a default that an address would serve."""
+    known = [
+        entry("small", "keypoints"),
+        entry("large", "keypoints", sha256=LARGE_SHA256, bytes=len(LARGE)),
+        entry("served", "keypoints", url="http://127.0.0.1:9/served.onnx"),
+        entry("tiny", url="http://127.0.0.1:9/tiny.onnx"),
+    ]
+    for module in ("plan", "model_files", "catalogue"):
+        monkeypatch.setattr(f"passerby.perception.{module}.catalogue", lambda: tuple(known))
+    default = {"keypoints": known[2], "detector": known[3]}
+    for module in ("plan", "model_files"):
+        monkeypatch.setattr(f"passerby.perception.{module}.default_of", default.get)
+    return nowhere
+
+
+LARGE = b"large" * 70_000
+LARGE_SHA256 = hashlib.sha256(LARGE).hexdigest()
+
+
+def test_auto_means_the_largest_network_for_joints_at_hand(joints):
+    folder = joints / "kept" / "cache" / "models"
+    folder.mkdir(parents=True)
+    (folder / "small.onnx").write_bytes(BODY)
+    assert planned(keypoints="auto").keypoints.name == "small"
+    (folder / "large.onnx").write_bytes(LARGE)
+    assert planned(keypoints="auto").keypoints.name == "large"
+    assert foresee("", "", "auto", models=None, base=None)[0]["keypoints"]["network"] == "large"
+    # A file of its name that is another is no network at hand.
+    (folder / "large.onnx").write_bytes(LARGE[:-1])
+    assert planned(keypoints="auto").keypoints.name == "small"
+    assert planned(keypoints="auto").notes == ()
+
+
+def test_without_a_network_at_hand_auto_means_none(joints):
+    """Nothing is fetched for people who work without networks, and nothing is said of it."""
+    assert planned(keypoints="auto") == Plan(None, None, None)
+    assert foresee("background", "none", "auto", models=None, base=None) == (
+        {"detector": "background", "embedder": "none", "keypoints": "none"},
+        [],
+    )
+
+
+def test_one_reason_is_enough_where_nothing_can_be_fetched(joints):
+    plan = planned("auto", keypoints="auto")
+    assert (plan.detector, plan.keypoints) == (None, None)
+    assert [note.values["role"] for note in plan.notes] == ["detector"]
+
+
+def test_joints_that_cannot_be_fetched_are_done_without(joints, files):
+    plan = planned("people.onnx", keypoints="auto", base=files)
+    assert plan.detector is not None
+    assert plan.keypoints is None
+    (told,) = texts_of(plan.notes)
+    assert told.startswith("served is not on this computer and cannot be fetched")
+    assert told.endswith(": keypoints are not detected")
+
+
+def test_joints_to_be_fetched_are_foreseen(joints, monkeypatch):
+    choices, notes = foresee("", "", "auto", models=None, base=None)
+    assert choices == {"keypoints": {"network": "served"}}
+    assert texts_of(notes)[0].endswith("; no keypoints are used if it is unavailable")
+    monkeypatch.setenv("PASSERBY_OFFLINE", "1")
+    assert foresee("", "", "auto", models=None, base=None) == ({"keypoints": "none"}, [])
+
+
+@pytest.mark.parametrize("name", ["small", "joints.onnx", "unheard-of"])
+def test_joints_that_were_named_are_never_left_out_silently(joints, name):
+    with pytest.raises(InputError, match=rf"\[perception\] keypoints = '{name}': "):
+        planned(keypoints=name)
 
 
 def test_a_fault_names_the_key(files):

@@ -12,7 +12,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes
 from passerby.findings.texts import text_of
 from passerby.interchange.video_writer import VideoWriter
-from passerby.perception import watching
+from passerby.perception import joint_budget, watching
 from passerby.perception.networks import Network
 from passerby.perception.pictures import Detections
 from passerby.perception.plan import Plan
@@ -234,6 +234,34 @@ def test_segments_decide_nothing(job, calls, monkeypatch, tmp_path, segment):
     assert facts(watch_camera(replace(job, shelf=tmp_path / "other"), silent)) == eights
     # On the same shelf as well: parts of another length are not taken for these.
     assert facts(watch_camera(job, silent)) == eights
+
+
+@pytest.fixture
+def thrifty(job, monkeypatch):
+    """A budget that does not last for all people of the video."""
+    monkeypatch.setattr(joint_budget, "CROPS_AT_LEAST", 2.0)
+    monkeypatch.setattr(joint_budget, "MIN_HEIGHT_PX", 20.0)
+    monkeypatch.setattr(joint_budget, "SLOT_S", 0.2)
+    return replace(job, plan=replace(job.plan, keypoints_per_s=2.0, min_score=0.5))
+
+
+def test_a_budget_of_joints(job, thrifty, calls):
+    everybody = watch_camera(job, silent)
+    some = watch_camera(thrifty, silent)
+    np.testing.assert_array_equal(some.boxes.ltwh, everybody.boxes.ltwh)
+    assert 0 < len(some.keypoints) < 0.7 * len(everybody.keypoints)
+    same = np.isin(everybody.keypoints.frame, some.keypoints.frame)
+    np.testing.assert_array_equal(everybody.keypoints.xy[same], some.keypoints.xy)
+    other = replace(thrifty, plan=replace(thrifty.plan, keypoints_per_s=4.0))
+    assert len(watch_camera(other, silent).keypoints) > len(some.keypoints)
+
+
+def test_what_is_kept_changes_no_choice(thrifty, calls):
+    whole = facts(watch_camera(thrifty, silent))
+    for stage, names in (("joints", ["000002.npz"]), ("people", ["000001.npz"]), ("joints", ["000003.npz", "000005.npz"])):
+        for name in names:
+            (stages(thrifty)[stage] / name).unlink()
+        assert facts(watch_camera(thrifty, silent)) == whole
 
 
 def test_what_is_damaged_or_lost_is_made_again_and_no_more(job, calls):

@@ -264,7 +264,8 @@ def test_a_refusal_names_the_joints_that_can_be_had(brief: Path, tmp_path: Path,
 
 def test_joints_that_an_address_serves_can_be_had(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keep_to(tmp_path, monkeypatch)
-    served = entry("served", "keypoints", url="http://127.0.0.1:9/served.onnx")
+    served = entry("served", "keypoints", url="http://127.0.0.1:9/served.onnx", default=True)
+    know_only([entry("absent", "keypoints"), served], monkeypatch)
     monkeypatch.setattr("passerby.perception.plan.catalogue", lambda: (entry("absent", "keypoints"), served))
     assert keypoints_to_be_had(None) == "served"
     monkeypatch.setenv("PASSERBY_OFFLINE", "1")

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.clocks.far_offsets import far_registration
@@ -18,8 +19,10 @@ from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
 from passerby.association.ground.registration import BELIEVED_SHARE, Registration, register_pair
 from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose
 from passerby.findings.finding import Finding, doubt, notice
+from passerby.geometry.groups import group_numbers
 
 MISTAKEN_RATES = tuple(
     ratio
@@ -29,7 +32,7 @@ MISTAKEN_RATES = tuple(
 """Mistaken for each other: 25 and 50, 25 and 30, 24 and 30, 24 and 25, 25 and 60, 30 and 50, 10 and 25 frames per second."""
 PACE_RATIO = 1.4
 """People of two cameras walk equally fast; the medians of some seconds agree within this."""
-WALK_M = 1.0
+WALK_M, WALK_BLOCK_S = 1.0, 1.0
 NEAR_LAG_S = 60.0
 """Every lag up to this, or half of the shorter recording, is searched in full: some 3 s of computing."""
 CLEAR_SHARE, CLEAR_SCORE = 0.5, 30.0
@@ -109,16 +112,30 @@ def nobody_walks(cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None
 
 
 def _someone_walks(camera: CameraTracklets) -> bool:
-    """Whether a tracklet ends elsewhere than it began, beyond what its ground positions are off by."""
+    """Whether a tracklet has been at two places that are farther apart than its ground positions are off.
+
+    Its ends alone say little: who paces up and down a room for half a minute ends anywhere, often where it began.
+    """
     tracks = camera.tracks
     if tracks is None or not len(tracks):
         return False
-    order = np.lexsort((tracks.step, tracks.tracklet))
-    place, off = tracks.position[order], tracks.sigma[0][order]
-    first = np.flatnonzero(np.diff(tracks.tracklet[order], prepend=-1))
-    last = np.append(first[1:], len(order)) - 1
-    apart = np.abs(place[last] - place[first])
-    return bool((apart > WALK_M + 2 * np.maximum(off[first], off[last])).any())
+    # Means of a second or so: single samples jump where a foot is hidden.
+    block = group_numbers(tracks.tracklet, tracks.step // max(1, round(WALK_BLOCK_S / STEP_S)))
+    size = np.bincount(block)
+    place = (np.bincount(block, tracks.position.real) + 1j * np.bincount(block, tracks.position.imag)) / size
+    off = np.bincount(block, tracks.sigma[0]) / size
+    tracklet = tracks.tracklet[np.unique(block, return_index=True)[1]]
+    return any(_walked(place[tracklet == one], off[tracklet == one]) for one in np.unique(tracklet).tolist())
+
+
+def _walked(place: NDArray[np.complex128], off: Floats) -> bool:
+    """Whether the farthest places (N,) of a tracklet, each off by (N,) metres, are apart by a walk.
+
+    The farthest from the first, and the farthest from that one.
+    """
+    one = int(np.argmax(np.abs(place - place[0])))
+    apart = np.abs(place - place[one])
+    return bool((apart > WALK_M + 2 * np.maximum(off, off[one])).any())
 
 
 def what_would_fit(a: CameraTracklets, b: CameraTracklets, max_lag_s: float) -> Finding | None:

@@ -211,7 +211,7 @@ def show_check(report: SceneCheck) -> None:
         columns = ("camera", "size", *video, "span", "frames", "boxes", "keypoints", *last, "faults")
         show_table(report.name, columns, [_check_row(camera, given, filmed) for camera in report.cameras])
     if report.perception:
-        told = (f"{FOUND_IN_VIDEOS[role]} by {_choice(choice)}" for role, choice in report.perception.items())
+        told = (_chosen(FOUND_IN_VIDEOS[role], choice) for role, choice in report.perception.items())
         print("from the videos: " + ", ".join(told))
     _show_intrinsics(report.cameras)
     for finding in report.findings:
@@ -264,9 +264,11 @@ def _show_intrinsics(cameras: Sequence[CameraCheck]) -> None:
 FOUND_IN_VIDEOS = {"detector": "people", "embedder": "appearance", "keypoints": "keypoints"}
 
 
-def _choice(choice: Mapping[str, Any] | str) -> str:
-    """What does the work of a role, in words."""
-    return choice if isinstance(choice, str) else str(choice["network"])
+def _chosen(found: str, choice: Mapping[str, Any] | str) -> str:
+    """What is found in videos, and by what."""
+    if choice == "none":
+        return f"no {found}"
+    return f"{found} by {choice if isinstance(choice, str) else choice['network']}"
 
 
 def _check_row(camera: CameraCheck, given: bool, filmed: bool) -> list[str]:

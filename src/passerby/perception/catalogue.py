@@ -43,6 +43,15 @@ class InputTable(Table):
         )
 
 
+class ArchiveTable(Table):
+    """A zip archive in which a network is published."""
+
+    member: str
+    """The name of the network's file ends so in the archive."""
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    bytes: Annotated[int, Field(gt=0)]
+
+
 class ModelEntry(Table):
     """What the manifest says of one network."""
 
@@ -52,6 +61,8 @@ class ModelEntry(Table):
     """Its name on a user's disk; a file is known by it in the folders where models are looked for."""
     url: str | None = None
     """Where its publisher keeps exactly these bytes; None where nobody does."""
+    archive: ArchiveTable | None = None
+    """What the address serves where it is not the network's file itself."""
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     bytes: Annotated[int, Field(gt=0)]
     licence: str
@@ -77,5 +88,5 @@ def catalogue() -> tuple[ModelEntry, ...]:
 
 
 def default_of(role: Role) -> ModelEntry | None:
-    """What "auto" means for a role; None for keypoints, which nobody pays for without having asked for them."""
+    """What "auto" means for a role where no choice is on this computer; None where the manifest names none."""
     return next((entry for entry in catalogue() if entry.role == role and entry.default), None)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
+from zipfile import BadZipFile, ZipFile
 
 import platformdirs
 
 from passerby.common.errors import InputError
 from passerby.common.progress import Progress, silent
-from passerby.perception.catalogue import ModelEntry, catalogue, default_of
+from passerby.interchange.storage.atomic import write_bytes
+from passerby.perception.catalogue import ArchiveTable, ModelEntry, catalogue, default_of
 from passerby.perception.fetching import UnreachableError, fetch, sha256_of
 from passerby.perception.networks import InputConvention, Network, Role
 
@@ -125,9 +128,30 @@ def fetch_model(entry: ModelEntry, tell: Progress = silent) -> Path:
     if entry.url is None:
         raise InputError(f"{entry.name}: has no download address: put {entry.file} into a folder that {MODELS} names")
     path = cache_folder() / entry.file
-    fetch(entry.url, path, entry.sha256, entry.bytes, tell)
+    if entry.archive is None:
+        fetch(entry.url, path, entry.sha256, entry.bytes, tell)
+    elif not path.is_file():
+        _fetch_unpacked(entry, entry.url, entry.archive, path, tell)
     Copy(entry, path, sha256_of(path)).check()
     return path
+
+
+def _fetch_unpacked(entry: ModelEntry, url: str, archive: ArchiveTable, path: Path, tell: Progress) -> None:
+    """Fetch a zip archive, and keep of it the network's file alone, if that is the right one."""
+    packed = path.with_suffix(".zip")
+    fetch(url, packed, archive.sha256, archive.bytes, tell)
+    try:
+        with ZipFile(packed) as opened:
+            member = next(name for name in opened.namelist() if name.endswith(archive.member))
+            content = opened.read(member)
+    except (StopIteration, BadZipFile, OSError):
+        raise InputError(f"{url}: holds no readable {archive.member}: get {entry.file} elsewhere") from None
+    finally:
+        packed.unlink(missing_ok=True)
+    found = hashlib.sha256(content).hexdigest()
+    if found != entry.sha256:
+        raise InputError(f"{url}: holds another {archive.member}: SHA-256 {found} instead of {entry.sha256}")
+    write_bytes(path, content)
 
 
 def copies_of(entry: ModelEntry, folder: Path | None = None) -> Iterator[Copy]:

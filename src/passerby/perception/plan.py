@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +19,8 @@ from passerby.perception.tiles import Tiling
 
 BACKGROUND, NONE = "background", "none"
 STRIPES: Literal["stripes"] = "stripes"
+_OTHERWISE: Mapping[Role, str] = {"detector": BACKGROUND, "embedder": STRIPES, "keypoints": NONE}
+"""What takes the place of a network that "auto" means and that cannot be had."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,8 @@ class Plan:
     """None: no embeddings."""
     keypoints: Network | None
     """None: no joints."""
+    keypoints_per_s: float | None = None
+    """People whose joints are found, in a second of video; None: everybody."""
     min_score: float = 0.25
     tiles: Tiling = "auto"
     notes: tuple[Finding, ...] = ()
@@ -59,7 +64,7 @@ def make_plan(
     Args:
         detector: "auto", "background", a model's name or the path of an ONNX file.
         embedder: "auto", "stripes", "none", a name or a path.
-        keypoints: "none", a name or a path.
+        keypoints: "auto", "none", a name or a path.
         models: a folder of models to look in first.
         base: the folder that relative paths start from.
         tell: told how far a download is and, at once, what is used in place of a network that cannot be had.
@@ -85,10 +90,15 @@ def make_plan(
         if appearance is None:
             lack("embedder", reason)
         described = appearance or STRIPES
-    if keypoints != NONE:
-        joints, reason = _found(keypoints, "keypoints", models, base, tell)
-        if joints is None:
-            raise InputError(f"[perception] keypoints = {keypoints!r}: {reason}")
+    if keypoints == AUTO:
+        # Where the detector could not be fetched, a second attempt would fail as the first did.
+        keypoints = keypoints_to_be_had(models, fetched=boxes is not None) or NONE
+        if keypoints != NONE:
+            joints, reason = _asked(keypoints, "keypoints", models, base, tell)
+            if joints is None:
+                lack("keypoints", reason)
+    elif keypoints != NONE:
+        joints = _found(keypoints, "keypoints", models, base, tell).network
     return Plan(boxes, described, joints, notes=tuple(notes))
 
 
@@ -103,30 +113,35 @@ def foresee(
     notes = []
     roles: tuple[tuple[Role, str], ...] = (("detector", detector), ("embedder", embedder), ("keypoints", keypoints))
     for role, wanted in roles:
-        if wanted in ("", BACKGROUND, STRIPES, NONE):
-            choices |= {role: wanted} if wanted else {}
+        named = wanted
+        if role == "keypoints" and wanted == AUTO:
+            named = keypoints_to_be_had(models, fetched=detector != BACKGROUND) or NONE
+        if named in ("", BACKGROUND, STRIPES, NONE):
+            choices |= {role: named} if named else {}
             continue
-        network, reason = _asked(wanted, role, models, base, silent, download=False)
-        entry = default_of(role) if wanted == AUTO else None
-        if network is None and wanted == AUTO and entry is None:
-            raise InputError(f"[perception] {role} = {wanted!r}: {reason}")
-        choices[role] = _told(network) if network else {"network": entry.name if entry else wanted}
+        network, reason = _asked(named, role, models, base, silent, download=False)
+        entry = default_of(role) if named == AUTO else None
+        choices[role] = _told(network) if network else {"network": entry.name if entry else named}
         if network is None:
-            otherwise = BACKGROUND if role == "detector" else STRIPES
-            notes.append(notice("network_to_fetch", role=role, why=reason, otherwise=otherwise if wanted == AUTO else None))
+            notes.append(
+                notice("network_to_fetch", role=role, why=reason, otherwise=_OTHERWISE[role] if wanted == AUTO else None)
+            )
     return choices, notes
 
 
-def keypoints_to_be_had(models: Path | None) -> str | None:
+def keypoints_to_be_had(models: Path | None, *, fetched: bool = True) -> str | None:
     """The name of the best network for joints that is on this computer, or that can be fetched; None where there is none.
 
-    `models` is a folder of models to look in first. Of several the largest is the most accurate one.
+    `models` is a folder of models to look in first. Of several on this computer the largest is the most accurate one. What is
+    `fetched`, unless it shall not be, is the catalogue's default.
     """
-    known = [entry for entry in catalogue() if entry.role == "keypoints"]
-    here = [entry for entry in known if any(copy.right for copy in copies_of(entry, models))]
-    served = [entry for entry in known if entry.url is not None and not offline()]
-    best = max(here or served, key=lambda entry: entry.bytes, default=None)
-    return None if best is None else best.name
+    here = [
+        entry for entry in catalogue() if entry.role == "keypoints" and any(copy.right for copy in copies_of(entry, models))
+    ]
+    if here:
+        return max(here, key=lambda entry: entry.bytes).name
+    served = default_of("keypoints")
+    return served.name if served is not None and served.url is not None and fetched and not offline() else None
 
 
 def _found(wanted: str, role: Role, models: Path | None, base: Path | None, tell: Progress) -> Found:

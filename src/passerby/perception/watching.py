@@ -24,6 +24,7 @@ from passerby.common.errors import InputError
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Vectors
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.toml_text import key
+from passerby.perception.joint_budget import JointBudget
 from passerby.perception.kept import Arrays, StageCache, cache_lock, forget_others, hash_of_arrays
 from passerby.perception.opening import (
     background_count,
@@ -33,7 +34,7 @@ from passerby.perception.opening import (
     open_embedder,
     open_estimator,
 )
-from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator
+from passerby.perception.pictures import Detections, Detector, Embedder, Frame, KeypointEstimator, Picture
 from passerby.perception.plan import Plan
 from passerby.perception.source_state import VideoFilesState, video_identity
 from passerby.perception.steadiness import SteadinessWatcher
@@ -184,13 +185,15 @@ class _Watch:
         self._embedder: Embedder | None = None if job.plan.embedder is None else open_embedder(job.plan.embedder)
         self._estimator: KeypointEstimator | None = None if job.plan.keypoints is None else open_estimator(job.plan.keypoints)
         self._looks_every = max(1, round(LOOKS_EVERY_S * job.rate))
+        self._budget = _budget_of(job)
         self._people = self._stage("people", video | {"detector": dict(self._detector.identity)})
         people = {"people": self._people.kept.key}
         self._looks = self._joints = None
         if self._embedder is not None:
             self._looks = self._stage("looks", people | {"embedder": dict(self._embedder.identity), "every": self._looks_every})
         if self._estimator is not None:
-            self._joints = self._stage("joints", people | {"estimator": dict(self._estimator.identity)})
+            chosen = {} if self._budget is None else {"chosen": self._budget.identity}
+            self._joints = self._stage("joints", people | {"estimator": dict(self._estimator.identity)} | chosen)
 
     @property
     def _stages(self) -> list[_Stage]:
@@ -277,19 +280,30 @@ class _Watch:
                 people = self._detector(frame)
             # Boxes of a file are as cameras project to them, or as another detector has them: they stay as they are.
             ltwh = people.ltwh if isinstance(self._detector, _Given) else people.centred
-            self._people.rows.append(_row_of(frame, ltwh, people.score))
+            score = people.score
+            self._people.rows.append(_row_of(frame, ltwh, score))
         else:
             first = int(self._people.part["count"][:place].sum())
-            ltwh = self._people.part["ltwh"][first : first + int(self._people.part["count"][place])]
+            rows = slice(first, first + int(self._people.part["count"][place]))
+            ltwh, score = self._people.part["ltwh"][rows], self._people.part["score"][rows]
         if self._looks is not None and self._embedder is not None and self._looks.part is None:
             with self._timed("embedding"):
                 wanted = len(ltwh) > 0 and index % self._looks_every == 0
                 vectors = self._embedder(frame.picture, ltwh) if wanted else _nothing(len(ltwh), self._embedder.dimensions)
             self._looks.rows.append({"vectors": vectors})
-        if self._joints is not None and self._estimator is not None and self._joints.part is None:
-            with self._timed("keypoints"):
-                xy, score = self._estimator(frame.picture, ltwh)
-            self._joints.rows.append({"xy": xy, "score": score})
+        if self._joints is not None and self._estimator is not None:
+            # Chosen also where the result is kept: the choice depends on all images before.
+            chosen = self._chosen(frame, ltwh, score)
+            if self._joints.part is None:
+                with self._timed("keypoints"):
+                    self._joints.rows.append(_joints_of(self._estimator, frame.picture, ltwh, chosen))
+
+    def _chosen(self, frame: Frame, ltwh: Floats, score: Floats) -> Ints:
+        """The people of a picture whose joints are to be found."""
+        if self._budget is None:
+            return np.arange(len(ltwh))
+        height, width = frame.picture.shape[:2]
+        return self._budget.choose(frame.seconds, ltwh, score, (width, height))
 
     def _parts(self, pictures: int) -> list[Arrays] | None:
         """What each stage has kept, its segments put together; None where something is missing."""
@@ -362,6 +376,21 @@ class _Given:
     def _rows(self, number: int) -> Ints:
         low, high = np.searchsorted(self._frames, (number, number + 1))
         return np.asarray(self._order[low:high])
+
+
+def _budget_of(job: CameraJob) -> JointBudget | None:
+    """What chooses the people whose joints are found; None: it is everybody."""
+    if job.plan.keypoints is None or job.plan.keypoints_per_s is None:
+        return None
+    return JointBudget(job.plan.keypoints_per_s, job.rate, expected_count(job.info, job.rate))
+
+
+def _joints_of(estimator: KeypointEstimator, picture: Picture, ltwh: Floats, chosen: Ints) -> Arrays:
+    """What is kept of the joints of a picture's people: those of all, with nothing found in people who are not chosen."""
+    xy, score = np.zeros((len(ltwh), len(estimator.joints), 2)), np.zeros((len(ltwh), len(estimator.joints)))
+    if len(chosen):
+        xy[chosen], score[chosen] = estimator(picture, ltwh[chosen])
+    return {"xy": xy, "score": score}
 
 
 def _row_of(frame: Frame, ltwh: Floats, score: Floats) -> Arrays:

@@ -27,7 +27,7 @@ from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.inputs import observations_of, read_cameras, scene_doubts, scene_faults, scene_findings
 from passerby.scene.reading import needs_embeddings, needs_keypoints
 from passerby.scene.scene import Scene
-from passerby.scene.video_inputs import keypoints_for
+from passerby.scene.video_inputs import keypoints_for, wanted_keypoints
 
 SHORTEST_S = MIN_TRACK_S + 2 * STEP_S
 """Of a recording by whose tracks cameras can be tied: a tracklet has no direction below `MIN_TRACK_S`, and up to a grid step at
@@ -186,7 +186,7 @@ def check_scene(path: str | Path) -> SceneCheck:
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     notices = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     perception, faults_of_networks, notes = _foreseen(scene, readings)
-    short = too_short(scene, readings)
+    short = too_short(scene, readings, with_keypoints=perception.get("keypoints", "none") != "none")
     faults, notices = faults + faults_of_networks, notices + notes
     doubts = () if faults else (*scene_doubts(scene, readings), *(missing_overlap(shared) if given else ()), *short)
     return SceneCheck(
@@ -199,12 +199,16 @@ def check_scene(path: str | Path) -> SceneCheck:
     )
 
 
-def too_short(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
-    """A doubt where recordings are too short for people to be followed, and joints, which need less, are not used."""
+def too_short(scene: Scene, readings: Sequence[CameraInput], *, with_keypoints: bool = False) -> list[Finding]:
+    """A doubt where recordings are too short for people to be followed, and joints, which need less, are not used.
+
+    `with_keypoints`: whether there is a network that would measure them in the videos.
+    """
     if scene.association.mode not in ("combined", "trajectory"):
         return []
     with_joints = sum(
-        len(reading.keypoints) > 0 or (reading.awaiting and needs_keypoints(scene, reading)) for reading in readings
+        len(reading.keypoints) > 0 or (with_keypoints and reading.awaiting and needs_keypoints(scene, reading))
+        for reading in readings
     )
     short = {
         reading.name: seconds
@@ -240,7 +244,7 @@ def _foreseen(scene: Scene, readings: list[CameraInput]) -> tuple[dict[str, Any]
 
     models = None if wanted.models is None else scene.resolve(wanted.models)
     detector = of(lambda _, reading: reading.awaiting, wanted.detector)
-    appearance, joints = of(needs_embeddings, wanted.embedder), of(needs_keypoints, wanted.keypoints)
+    appearance, joints = of(needs_embeddings, wanted.embedder), of(needs_keypoints, wanted_keypoints(scene, readings))
     try:
         choices, notes = foresee(detector, appearance, joints, models=models, base=scene.resolve(Path()))
     except InputError as error:

@@ -128,8 +128,12 @@ def needs_embeddings(scene: Scene, reading: CameraInput) -> bool:
 
 
 def needs_keypoints(scene: Scene, reading: CameraInput) -> bool:
-    """Whether a camera's boxes lack joints that are asked for."""
-    return scene.perception.keypoints != "none" and reading.keypoints_path is None
+    """Whether a camera's boxes lack joints that are asked for, or that its video may give by the way."""
+    wanted = scene.perception.keypoints
+    if wanted == "none" or reading.keypoints_path is not None:
+        return False
+    # Nobody who gave boxes has a video read for keypoints that were not asked for.
+    return wanted != "auto" or reading.awaiting or needs_embeddings(scene, reading)
 
 
 def add_video_results(scene: Scene, reading: CameraInput, boxes: Boxes, keypoints: Keypoints) -> None:

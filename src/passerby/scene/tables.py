@@ -222,8 +222,12 @@ class PerceptionTable(Table):
     embedder: str = "auto"
     """auto: the default network, or "stripes" if it is unavailable; stripes: colour histograms of horizontal
     stripes; none."""
-    keypoints: str = "none"
-    """none, or a network that detects the keypoints of each detected person."""
+    keypoints: str = "auto"
+    """The network that detects the keypoints of detected people. auto: the best one on this computer, or else one that is
+    downloaded, and no keypoints if there is neither; none: no keypoints."""
+    keypoints_per_s: FramesPerSecond | None = None
+    """Detected people whose keypoints are measured, per second of video and camera. None: `CROPS_PER_S` where `keypoints` is
+    auto, everybody where it names a network."""
     fps: FramesPerSecond | None = None
     """Frames processed per second of video. None: `WATCHED_FPS`, and more in videos shorter than a minute."""
     min_score: Annotated[float, Field(ge=0, le=1)] = 0.25

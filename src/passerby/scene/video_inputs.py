@@ -20,6 +20,8 @@ from passerby.common.parallel import interrupted_later
 from passerby.common.progress import Forward, Progress
 from passerby.findings.finding import Finding, doubt
 from passerby.interchange.storage.faults import faults_of
+from passerby.perception.joint_budget import CROPS_PER_S
+from passerby.perception.model_files import AUTO
 from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
 from passerby.perception.video_error import VideoError
@@ -32,6 +34,8 @@ from passerby.scene.tables import WATCHED_FPS
 KEPT_FOLDER = "perception"
 ENOUGH_PICTURES = 300
 """Short videos are looked at more often than `WATCHED_FPS`, until there are so many pictures: a minute's worth."""
+ENOUGH_CAMERAS = 2
+"""The joints of one camera alone are no points in space."""
 TOLD_EVERY_S = 0.25
 
 
@@ -52,7 +56,7 @@ class SceneVideoProcessor:
 
     def __call__(self, scene: Scene, readings: Sequence[CameraInput]) -> None:
         """Complete the readings; faults and findings are added to them. Raises `InputError` where a model cannot be used."""
-        plan = plan_of(scene, self.tell)
+        plan = plan_of(scene, readings, self.tell)
         self.notes += plan.notes
         wanting = [reading for reading in readings if needs_video(scene, reading)]
         with _shelves(self.keep) as shelf:
@@ -91,24 +95,36 @@ class SceneVideoProcessor:
         return results
 
 
-def plan_of(scene: Scene, tell: Progress) -> Plan:
+def plan_of(scene: Scene, readings: Sequence[CameraInput], tell: Progress) -> Plan:
     """What a scene's videos are watched with. Raises `InputError` where a model that it names cannot be used."""
     wanted = scene.perception
     models = None if wanted.models is None else scene.resolve(wanted.models)
-    base = scene.resolve(Path())
+    base, keypoints = scene.resolve(Path()), wanted_keypoints(scene, readings)
     try:
-        plan = make_plan(wanted.detector, wanted.embedder, wanted.keypoints, models=models, base=base, tell=tell)
+        plan = make_plan(wanted.detector, wanted.embedder, keypoints, models=models, base=base, tell=tell)
     except InputError as error:
         raise InputError(f"{scene.place}: {error}") from None
-    return replace(plan, min_score=wanted.min_score, tiles=wanted.tiles)
+    per_s = wanted.keypoints_per_s or (CROPS_PER_S if wanted.keypoints == AUTO else None)
+    return replace(plan, keypoints_per_s=per_s, min_score=wanted.min_score, tiles=wanted.tiles)
+
+
+def wanted_keypoints(scene: Scene, readings: Sequence[CameraInput]) -> str:
+    """The scene's choice of keypoints; "none" where it is left to us and fewer than two cameras would have any."""
+    choice = scene.perception.keypoints
+    with_joints = sum(reading.keypoints_path is not None or _measurable(scene, reading) for reading in readings)
+    return "none" if choice == AUTO and with_joints < ENOUGH_CAMERAS else choice
+
+
+def _measurable(scene: Scene, reading: CameraInput) -> bool:
+    return reading.video is not None and not reading.faults and needs_keypoints(scene, reading)
 
 
 def keypoints_for(scene: Scene) -> str | None:
-    """The network that would find joints in a scene's videos, where none is asked for: one that is on this computer or can be
-    fetched. None where there is none, or fewer than two videos.
+    """The network that would find joints in a scene's videos, where the scene wants none: one that is on this computer or can
+    be fetched. None where there is none, or fewer than two videos.
     """
     filmed = [table for table in scene.cameras.values() if table.video is not None and table.keypoints is None]
-    if scene.perception.keypoints != "none" or len(filmed) < 2:
+    if scene.perception.keypoints != "none" or len(filmed) < ENOUGH_CAMERAS:
         return None
     return keypoints_to_be_had(None if scene.perception.models is None else scene.resolve(scene.perception.models))
 

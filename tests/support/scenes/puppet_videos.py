@@ -132,7 +132,7 @@ def scene_file(folder: Path, cameras: dict[str, str], extra: str = "", perceptio
     for camera, lines in cameras.items():
         lines = lines if "=" in lines else f'video = "{lines}"'
         text += f'[cameras.{camera}]\nintrinsics = "rig.toml"\n{lines}\n'
-    perception = perception or 'detector = "background"\nembedder = "stripes"'
+    perception = perception or 'detector = "background"\nembedder = "stripes"\nkeypoints = "none"'
     extra = extra or "[association]\nmax_offset_s = 0"
     (folder / name).write_text(f"{text}[perception]\n{perception}\n{extra}\n")
     return folder / name

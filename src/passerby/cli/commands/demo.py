@@ -20,6 +20,7 @@ def demo(
         str, typer.Option(help="Detector of people: background, auto, a model's name or a path.")
     ] = "background",
     embedder: Annotated[str, typer.Option(help="Appearance embedding: stripes, none, auto, a name or a path.")] = "stripes",
+    keypoints: Annotated[str, typer.Option(help="Keypoints of people: none, auto, a model's name or a path.")] = "none",
     intrinsics: Annotated[bool, typer.Option(help="Use the intrinsics; without them they are estimated too.")] = True,
     progress: Annotated[
         ProgressForm,
@@ -53,7 +54,7 @@ def demo(
         with folder_lock(folder / "out", "passerby demo"), processes as executor:
             tell("simulating")
             path = write_scene(simulate(options), folder / "scene", video=RenderOptions(), executor=executor, tell=tell)
-            scene = Scene.load(path).with_perception(PerceptionTable(detector=detector, embedder=embedder))
+            scene = Scene.load(path).with_perception(PerceptionTable(detector=detector, embedder=embedder, keypoints=keypoints))
             scene = scene if intrinsics else scene.without_intrinsics()
             calibration = calibrate(scene, progress=tell, executor=executor, keep=folder / "out")
             write_results(calibration, folder / "out", report=out is not None, progress=tell)

@@ -9,12 +9,15 @@ from passerby.findings.texts.kinds import NOTICE, Fields, Kind
 _INSTEAD = {
     "detector": "people are detected by background subtraction, without a neural network",
     "embedder": "appearance is described by colour histograms of horizontal stripes, without a neural network",
+    "keypoints": "keypoints are not detected",
 }
 
 
 def _to_fetch(v: Fields) -> str:
     text = f"{v['why']}, and so does `passerby calibrate`"
-    return text if v["otherwise"] is None else f"{text}; {v['otherwise']} is used if it is unavailable"
+    if v["otherwise"] is None:
+        return text
+    return f"{text}; {'no keypoints are' if v['otherwise'] == 'none' else v['otherwise'] + ' is'} used if it is unavailable"
 
 
 def _gaps(v: Fields) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from passerby.interchange.storage import toml_text
 from passerby.interchange.storage.toml_text import comment, key, value
+from passerby.perception.joint_budget import CROPS_PER_S
 from passerby.scene.start.folders import SOURCES, FoundCamera
 from passerby.scene.start.recordings_found import ProposedSpan
 from passerby.scene.tables import SEARCHED_S, WATCHED_FPS, AssociationTable, PerceptionTable, ScaleTable, SolverTable
@@ -151,7 +152,17 @@ def _perception(cameras: Sequence[SceneCamera]) -> str:
             'describes the appearance of people. auto: a neural network, or "stripes" if none is available; stripes: colour\n'
             "histograms of horizontal stripes, needs no network; none. Or a name, or a path.",
         )
-        + _setting("keypoints", defaults.keypoints, "detects keypoints of people. none. Or a name, or a path.")
+        + _setting(
+            "keypoints",
+            defaults.keypoints,
+            "detects keypoints of people. auto: the best network on this computer, or one that is downloaded; none. Or a\n"
+            "name, or a path.",
+        )
+        + _setting(
+            "keypoints_per_s",
+            CROPS_PER_S,
+            "people whose keypoints are measured, per second of video. Without it, everybody if `keypoints` names a network.",
+        )
         + _setting("min_score", defaults.min_score, "detections with a lower score are dropped.")
         + _setting("tiles", defaults.tiles, "overlapping tiles in which small people are detected: auto, none, or [3, 2].")
         + _setting(
