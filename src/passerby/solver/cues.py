@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,11 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
 from passerby.core.scale_cues import ScaleCues
+from passerby.geometry.plan_fit import ScalePrior
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.triangulation import triangulate
 from passerby.solver.cue_terms import CueRows
+from passerby.solver.plan_rows import plan_rows
 
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
@@ -24,6 +27,10 @@ boxes are not bodies.
 
 Lengths came out 4 to 11 % short on five real sets, whose boxes and joints reach beyond the bodies; 1 to 2 % off in simulation.
 """
+
+
+LEAST_PEOPLE_SD = 0.02
+"""Relative, of the scale by people as far as it decides which of a plan's placements is wrong: the best that boxes allow."""
 
 
 def expected_heights(cues: ScaleCues, identities: Ints) -> tuple[Floats, Floats]:
@@ -65,7 +72,8 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
         lengths.append((cue.metres, cue.sd_m))
     distances = [cue for cue in cues.distances if set(cue.between) <= set(index)]
     heights = [cue for cue in cues.camera_heights if cue.camera in index]
-    if not (lengths or distances or heights):
+    plan = plan_rows(cues.plan, rig)
+    if not (lengths or distances or heights or plan is not None):
         return None
     sightings.sort(key=lambda sighting: sighting[0])
     marks = None
@@ -83,7 +91,28 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
             *(f"distance {cue.between[0]} to {cue.between[1]}" for cue in distances),
             *(f"height of camera {cue.camera}" for cue in heights),
         ),
+        plan,
     )  # fmt: skip
+
+
+def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats, mean: Floats, sd: Floats) -> CueRows | None:
+    """The cues with the plan's placements that agree under a rig.
+
+    Args:
+        rows: the cues.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+        heights: (P,) of the people by the rig, metres.
+        mean: (P,) what is expected of them.
+        sd: (P,) one sigma of that.
+    """
+    if rows is None or rows.plan is None:
+        return rows
+    weight = (mean / sd) ** 2
+    people = len(heights) and weight.sum() > 0
+    growth = float(np.average(np.log(mean / heights), weights=weight)) if people else 0.0
+    prior = ScalePrior(growth, float(np.hypot(1 / np.sqrt(weight.sum()), LEAST_PEOPLE_SD)) if people else 1.0)
+    return replace(rows, plan=rows.plan.settle(R, centre, prior))
 
 
 def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats:
@@ -100,23 +129,32 @@ def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats
     return points
 
 
-def scale_cue_lengths(rows: CueRows | None, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
-    """(name, measured, stated, standard deviation) of every length, distance and camera height, metres."""
+def scale_cue_lengths(
+    rows: CueRows | None, centre: Floats, marks: Floats, R: Floats | None = None
+) -> list[tuple[str, float, float, float]]:
+    """(name, measured, stated, standard deviation) of every length, distance and camera height, metres; and of the span of a
+    settled plan, last, where the rotations (C, 3, 3) of the cameras are known.
+    """
     if rows is None:
         return []
     values = [float(np.linalg.norm(a - b)) for a, b in marks.reshape(-1, 2, 3)]
     values += [float(np.linalg.norm(centre[i] - centre[j])) for i, j in rows.distance_between]
     values += [float(centre[i, 2]) for i in rows.height_of]
     stated = np.concatenate([rows.lengths, rows.distances, rows.heights])
-    return [
+    found = [
         (name, value, float(metres), float(sd)) for name, value, (metres, sd) in zip(rows.names, values, stated, strict=True)
     ]
+    if rows.plan is not None and R is not None and (span := rows.plan.span(R, centre)) is not None:
+        found.append((f"plan {rows.plan.name}", *span, rows.plan.sigma * span[1]))
+    return found
 
 
-def initial_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
+def initial_scale(
+    rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float, R: Floats | None = None
+) -> float:
     """The factor that brings lengths built on people's height nearest to the cues, all weighed by their relative precision."""
     logs, weights = [0.0], [max(n_people, 1) / population_sd**2]
-    for _, value, stated, sd in scale_cue_lengths(rows, centre, marks):
+    for _, value, stated, sd in scale_cue_lengths(rows, centre, marks, R):
         if value > 1e-3:
             logs.append(np.log(stated / value))
             weights.append((stated / sd) ** 2)
@@ -125,7 +163,7 @@ def initial_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people:
 
 def scale_cue_weights(
     cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints,
-    segments: float = 1.0,
+    segments: float = 1.0, R: Floats | None = None,
 ) -> tuple[list[CueFigures], float]:  # fmt: skip
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
@@ -145,9 +183,10 @@ def scale_cue_weights(
     for i in np.flatnonzero(named):
         kinds.append({"kind": "person", "identity": int(seen[i])})
         found.append((f"height of person {seen[i]}{known[int(seen[i])]}", float(heights[i]), float(mean[i]), float(sd[i])))
-    found += scale_cue_lengths(rows, centre, marks)
+    found += scale_cue_lengths(rows, centre, marks, R)
     if rows is not None:
         kinds += [{"kind": kind} for kind in rows.kinds]
+        kinds += [{"kind": "plan"} for _ in range(len(found) - len(kinds))]
     if rows is not None and rows.world is not None and rows.world.trunk_m is not None:
         usual, spread = rows.world.trunk_m
         kinds.append({"kind": "segments", "count": rows.world.people})

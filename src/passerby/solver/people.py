@@ -22,7 +22,7 @@ from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
 from passerby.solver.bodies_world import placed_by_bodies
 from passerby.solver.contradicted_lenses import contradicted_lenses, contradictions_of
-from passerby.solver.cues import scale_cue_weights
+from passerby.solver.cues import scale_cue_weights, settle_plan
 from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise
 from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages, select_initial_rig
 from passerby.solver.lens_check import check_focals
@@ -113,10 +113,11 @@ def _sure(start: Initialisation, fit: Fit, cues: ScaleCues) -> tuple[RigCovarian
     """The covariance of the cameras, what the scale rests on, and what became of the lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
+    expected = knowledge.height_mean[seen], knowledge.height_sd[seen]
+    rows = settle_plan(knowledge.cues, state.R, state.centre, state.heights[seen], *expected)
     report, sigma = scale_cue_weights(
-        cues, knowledge.cues, state.centre, state.globals[1:].reshape(-1, 3), state.heights[seen], knowledge.height_mean[seen],
-        knowledge.height_sd[seen], start.evidence.identities[seen],
-        1.0 if knowledge.cues is None or knowledge.cues.world is None else knowledge.cues.world.factor(state),
+        cues, rows, state.centre, state.globals[1:].reshape(-1, 3), state.heights[seen], *expected,
+        start.evidence.identities[seen], 1.0 if rows is None or rows.world is None else rows.world.factor(state), state.R,
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
