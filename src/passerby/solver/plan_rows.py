@@ -117,8 +117,8 @@ class PlanRows:
         J = np.zeros((1, 1, layout.n_shared))
         for row, camera in enumerate(self.camera.tolist()):
             J[0, 0, camera * size + 3 : camera * size + 5] += by_place[row]
-        for row in np.flatnonzero(used[k:]):
-            camera = int(o.camera[row])
+        for row in np.flatnonzero(used[k:]).tolist():
+            camera = int(o.camera[int(row)])
             R = state.R[camera]
             ray = R.T @ o.bearing[row]
             # A ray turns with its camera: R' = exp(w) R.
