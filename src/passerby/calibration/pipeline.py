@@ -166,6 +166,7 @@ def _doubts(
     heights = [finding for finding in association.height_findings if finding.severity != "notice"]
     known = combine_heights((*scene.scale_cues().people, *association.known_heights))
     said = {finding.values["cue"] for finding in solution.findings if finding.code == "scale_cue_contradicted"}
+    said |= {cue for found in solution.findings if found.code == "scale_cues_disagree" for cue in found.values["cues"]}
     contradicted = contradicted_heights(solution.rig, association.instants, known)
     heights += [finding for finding in contradicted if finding.values["cue"] not in said]
     return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven), ground

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from passerby.core.scale_cues import ScaleCues
 from passerby.geometry.plan_fit import ScalePrior
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.triangulation import triangulate
+from passerby.people.box_heights import BOX_SD
 from passerby.solver.cue_terms import CueRows
 from passerby.solver.plan_rows import plan_rows
 
@@ -129,11 +131,35 @@ def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats
     return points
 
 
+def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> Floats:
+    """(L,) one sigma of each length between marked points by the clicks on them, metres.
+
+    Args:
+        rows: with the lens rays of the clicks.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+        marks: (2 L, 3) the points, metres.
+    """
+    o = rows.marks
+    if o is None:
+        return np.zeros(0)
+    away = np.linalg.norm(marks[o.point] - centre[o.camera], axis=1)
+    J = o.tangent @ R[o.camera] / (np.maximum(away, 1e-3) * o.sigma_px)[:, None, None]
+    information = np.tile(1e-6 * np.eye(3), (rows.n_points, 1, 1))
+    np.add.at(information, o.point, J.transpose(0, 2, 1) @ J)
+    between = np.linalg.inv(information)
+    line = marks[0::2] - marks[1::2]
+    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
+    return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", line, between[0::2] + between[1::2], line)))
+
+
 def scale_cue_lengths(
     rows: CueRows | None, centre: Floats, marks: Floats, R: Floats | None = None
 ) -> list[tuple[str, float, float, float]]:
-    """(name, measured, stated, standard deviation) of every length, distance and camera height, metres; and of the span of a
-    settled plan, last, where the rotations (C, 3, 3) of the cameras are known.
+    """(name, measured, stated, standard deviation) of every length, distance and camera height, metres.
+
+    Where the rotations (C, 3, 3) of the cameras are known, so is what the clicks on lengths add to their standard deviations,
+    and the span of a settled plan, which comes last.
     """
     if rows is None:
         return []
@@ -141,6 +167,9 @@ def scale_cue_lengths(
     values += [float(np.linalg.norm(centre[i] - centre[j])) for i, j in rows.distance_between]
     values += [float(centre[i, 2]) for i in rows.height_of]
     stated = np.concatenate([rows.lengths, rows.distances, rows.heights])
+    if R is not None and len(rows.lengths):
+        noise = length_noise(rows, R, centre, marks)
+        stated[: len(noise), 1] = np.hypot(stated[: len(noise), 1], noise)
     found = [
         (name, value, float(metres), float(sd)) for name, value, (metres, sd) in zip(rows.names, values, stated, strict=True)
     ]
@@ -163,9 +192,13 @@ def initial_scale(
 
 def scale_cue_weights(
     cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints,
-    segments: float = 1.0, R: Floats | None = None,
+    segments: float = 1.0, R: Floats | None = None, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
 ) -> tuple[list[CueFigures], float]:  # fmt: skip
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
+
+    In the adjustment a person of stated height is as tall as stated, and boxes that say otherwise are outliers; `by_boxes` has
+    the people's heights by their boxes (identity -> metres), which are measured. Distances and camera heights are measured as
+    `freed_measurements` has them, if it does.
 
     The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
     population count as one cue, and so do segments of bodies, which came out `segments` times as long as expected. The sigma is
@@ -182,8 +215,15 @@ def scale_cue_weights(
         found.append((f"population of {count}", float(np.mean(heights[~named])), float(np.mean(mean[~named])), spread))
     for i in np.flatnonzero(named):
         kinds.append({"kind": "person", "identity": int(seen[i])})
-        found.append((f"height of person {seen[i]}{known[int(seen[i])]}", float(heights[i]), float(mean[i]), float(sd[i])))
-    found += scale_cue_lengths(rows, centre, marks, R)
+        boxed = None if by_boxes is None else by_boxes.get(int(seen[i]))
+        tall, spread = (heights[i], sd[i]) if boxed is None else (boxed, np.hypot(sd[i], BOX_SD * mean[i]))
+        found.append((f"height of person {seen[i]}{known[int(seen[i])]}", float(tall), float(mean[i]), float(spread)))
+    lengths = scale_cue_lengths(rows, centre, marks, R)
+    if freed is not None and rows is not None:
+        first = len(rows.lengths)
+        for number, (value, spread) in enumerate(freed.tolist(), start=first):
+            lengths[number] = (lengths[number][0], value, lengths[number][2], float(np.hypot(lengths[number][3], spread)))
+    found += lengths
     if rows is not None:
         kinds += [{"kind": kind} for kind in rows.kinds]
         kinds += [{"kind": "plan"} for _ in range(len(found) - len(kinds))]
