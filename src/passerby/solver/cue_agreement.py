@@ -62,10 +62,15 @@ def find_disputes(log_scale: Floats, sd: Floats) -> list[Dispute]:
 
 
 def argue(cues: Sequence[CueFigures]) -> tuple[list[CueFigures], list[Finding]]:
-    """The cues, each with its own scale and the cues that it contradicts; and a doubt for each contradiction."""
-    telling = [number for number, cue in enumerate(cues) if cue.share > 0 and cue.measured_m > 0 and np.isfinite(cue.sd_m)]
-    log_scale = np.array([np.log(cues[number].stated_m / cues[number].measured_m) for number in telling])
-    sd = np.array([cues[number].sd_m / cues[number].stated_m for number in telling])
+    """The cues, each with those that it contradicts; and a doubt for each contradiction."""
+    known = {
+        number: (cue.own_scale, cue.own_sigma)
+        for number, cue in enumerate(cues)
+        if cue.own_scale is not None and cue.own_sigma is not None
+    }
+    telling = list(known)
+    log_scale = np.log([known[number][0] for number in telling])
+    sd = np.array([known[number][1] for number in telling])
     against: dict[int, list[int]] = {}
     findings = []
     disputes = find_disputes(log_scale, sd)
@@ -83,14 +88,10 @@ def argue(cues: Sequence[CueFigures]) -> tuple[list[CueFigures], list[Finding]]:
         sigmas_percent = [float(100 * sd[number]) for number in (dispute.cue, dispute.other)]
         findings.append(doubt("scale_cues_disagree", cues=[cues[cue].cue, cues[other].cue], sigmas=dispute.sigmas,
                               percent=100 * float(np.expm1(abs(dispute.off))), sigmas_percent=sigmas_percent))  # fmt: skip
-    own = {number: (float(np.exp(scale)), float(sigma)) for number, scale, sigma in zip(telling, log_scale, sd, strict=True)}
     return [
-        cue if number not in own else replace(
-            cue, own_scale=own[number][0], own_sigma=own[number][1],
-            disagrees_with=tuple(cues[other].cue for other in against[number]) if number in against else None,
-        )
+        replace(cue, disagrees_with=tuple(cues[other].cue for other in against[number])) if number in against else cue
         for number, cue in enumerate(cues)
-    ], findings  # fmt: skip
+    ], findings
 
 
 def _against_rest(log_scale: Floats, sd: Floats) -> Floats:

@@ -197,15 +197,16 @@ def scale_cue_weights(
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
     In the adjustment a person of stated height is as tall as stated, and boxes that say otherwise are outliers; `by_boxes` has
-    the people's heights by their boxes (identity -> metres), which are measured. Distances and camera heights are measured as
-    `freed_measurements` has them, if it does.
+    the people's heights by their boxes (identity -> metres), which are measured. The own scale of a distance or a camera height
+    is that of `freed_measurements`, if there is one.
 
-    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
+    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2; the scale's sigma has
+    what the rig's own measurement adds besides. The people of the
     population count as one cue, and so do segments of bodies, which came out `segments` times as long as expected. The sigma is
     infinite where there is no cue.
     """
-    known = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
-    named = np.array([identity in known for identity in seen], dtype=bool)
+    places = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
+    named = np.array([identity in places for identity in seen], dtype=bool)
     found: list[tuple[str, float, float, float]] = []
     kinds: list[dict[str, Any]] = []
     if (~named).any():
@@ -217,13 +218,12 @@ def scale_cue_weights(
         kinds.append({"kind": "person", "identity": int(seen[i])})
         boxed = None if by_boxes is None else by_boxes.get(int(seen[i]))
         tall, spread = (heights[i], sd[i]) if boxed is None else (boxed, np.hypot(sd[i], BOX_SD * mean[i]))
-        found.append((f"height of person {seen[i]}{known[int(seen[i])]}", float(tall), float(mean[i]), float(spread)))
-    lengths = scale_cue_lengths(rows, centre, marks, R)
-    if freed is not None and rows is not None:
-        first = len(rows.lengths)
-        for number, (value, spread) in enumerate(freed.tolist(), start=first):
-            lengths[number] = (lengths[number][0], value, lengths[number][2], float(np.hypot(lengths[number][3], spread)))
-    found += lengths
+        found.append((f"height of person {seen[i]}{places[int(seen[i])]}", float(tall), float(mean[i]), float(spread)))
+    first = len(found) + (0 if rows is None else len(rows.lengths))
+    found += scale_cue_lengths(rows, centre, marks, R)
+    own = [(value, spread) for _, value, _, spread in found]
+    for number, (value, by_rig) in enumerate([] if freed is None else freed.tolist(), start=first):
+        own[number] = value, float(np.hypot(own[number][1], by_rig))
     if rows is not None:
         kinds += [{"kind": kind} for kind in rows.kinds]
         kinds += [{"kind": "plan"} for _ in range(len(found) - len(kinds))]
@@ -231,17 +231,22 @@ def scale_cue_weights(
         usual, spread = rows.world.trunk_m
         kinds.append({"kind": "segments", "count": rows.world.people})
         found.append((f"body segments of {rows.world.people} people", usual * segments, usual, spread))
-    information = np.array([(stated / spread) ** 2 for _, _, stated, spread in found])
+        own.append((usual * segments, spread))
+    stated_m = np.array([stated for _, _, stated, _ in found])
+    sds = [spread for _, _, _, spread in found], [spread for _, spread in own]
+    pull, known = ((stated_m / np.array(sd_m)) ** 2 for sd_m in sds)
     if not len(seen):  # the ground may lie anywhere below a camera if nobody stands on it
-        information[[kind["kind"] == "camera_height" for kind in kinds]] = 0.0
-    total = float(information.sum())
+        pull[[kind["kind"] == "camera_height" for kind in kinds]] = 0.0
+    known = np.where(pull > 0, known, 0.0)
     return [
         CueFigures(
             cue=name, **kind, stated_m=stated, measured_m=value, sd_m=spread, residual_sigmas=(value - stated) / spread,
-            share=float(weight / max(total, 1e-300)),
+            share=float(pull[i] / max(float(pull.sum()), 1e-300)),
+            own_scale=stated / own[i][0] if known[i] > 0 and own[i][0] > 0 else None,
+            own_sigma=float(known[i] ** -0.5) if known[i] > 0 and own[i][0] > 0 else None,
         )
-        for (name, value, stated, spread), kind, weight in zip(found, kinds, information, strict=True)
-    ], float(1 / np.sqrt(total)) if total > 0 else float("inf")  # fmt: skip
+        for i, ((name, value, stated, spread), kind) in enumerate(zip(found, kinds, strict=True))
+    ], float(1 / np.sqrt(known.sum())) if known.sum() > 0 else float("inf")  # fmt: skip
 
 
 def cue_in_words(cue: CueFigures) -> str:
