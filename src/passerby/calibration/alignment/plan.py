@@ -78,7 +78,8 @@ def _figures(rows: PlanRows, settled: Settled, plan: FloorPlan, image: Path, *, 
         "turn_sigma_deg": float(np.degrees(fit.yaw_sd * fit.factor)), "place_sigma_mm": 1000 * fit.shift_sd * fit.factor,
         "scale_sigma": rows.sigma if with_scale else None, "residuals_over_stated": fit.factor,
         "plan": {
-            "image": str(image), "metres_per_pixel": plan.metres_per_pixel, "origin": [float(value) for value in plan.origin],
+            "image": str(image.resolve()), "metres_per_pixel": plan.metres_per_pixel,
+            "origin": [float(value) for value in plan.origin],
         },
     }  # fmt: skip
 
