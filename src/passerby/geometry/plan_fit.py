@@ -169,7 +169,7 @@ def choose_placements(placements: Placements, prior: ScalePrior) -> Choice:
         best = left[0]
         rivals = [group for excess, group, _ in left if group != best[1] and excess < best[0] + SURE]
         if rivals or len(best[2]) < 0.5 * np.count_nonzero(placements.sound):
-            return Choice(used, tuple(dict.fromkeys([best[1], *rivals])))
+            return Choice(used, tuple(sorted({best[1], *rivals})))
         used = np.zeros(len(used), dtype=bool)
         used[best[2]] = True
 
