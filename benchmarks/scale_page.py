@@ -63,9 +63,9 @@ _HEAD = f"""# Scale
 Simulated scenes of the three presets, {simulated.SECONDS:g} s, boxes with {100 * simulated.BOX_NOISE:g} % noise of which
 {100 * simulated.MISSING:g} % are missing; identities are known unless a row says otherwise. *error of lengths*: how far the
 ratio of all distances between cameras to the true ones is off 1, in per cent; *mean, signed*: positive where lengths are too
-long. *stated sigma*: what the calibration says of the scale; *within 2 sigmas*: share of the scenes whose error is within twice that.
-*shape*: error of positions and orientations after similarity alignment, mean over the cameras, median over the scenes; nothing
-that is known of the scale changes it."""
+long. *stated sigma*: what the calibration says of the scale; *within 2 sigmas*: share of the scenes whose error is within twice
+that. *shape*: error of positions and orientations after similarity alignment, mean over the cameras, median over the scenes;
+nothing that is known of the scale changes it."""
 
 
 @dataclass(frozen=True)

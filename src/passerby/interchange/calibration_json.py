@@ -180,6 +180,7 @@ class PlanEntry:
 
     __pydantic_config__: ClassVar[ConfigDict] = _OPEN
     image: str
+    """From the scene file's folder, or absolute."""
     metres_per_pixel: Annotated[float, Field(gt=0)]
     origin: tuple[float, float]
     """The pixel at the world's origin."""

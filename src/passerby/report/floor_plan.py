@@ -39,7 +39,7 @@ def plan_drawing(contents: Contents, fit: Fitted) -> Html | None:
     told += "where the rig has it"
     told += f"; median {figure(float(np.median(off)), 2, ' m')}" if off else ""
     told += f". Red: {left_out} left out." if left_out else "."
-    background, note = _background(world.plan)
+    background, note = _background(world.plan, contents.document.scene_file)
     drawn = plot("rig-plan", _figure(contents, fit, world.plan, residuals, background), told)
     return join(drawn, element("p", f"{told}{note}", class_="note"))
 
@@ -72,10 +72,10 @@ def _figure(
     return {"data": data, "layout": layout}
 
 
-def _background(plan: PlanEntry) -> tuple[dict[str, Any] | None, str]:
+def _background(plan: PlanEntry, scene_file: str | None) -> tuple[dict[str, Any] | None, str]:
     """The picture below the drawing, or why there is none."""
     try:
-        picture = read_plan_picture(Path(plan.image))
+        picture = read_plan_picture(Path(plan.image) if scene_file is None else Path(scene_file).parent / plan.image)
     except InputError:
         return None, " The picture of the plan is not where it was, and is not shown."
     height, width = picture.shape[:2]

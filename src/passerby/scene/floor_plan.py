@@ -46,10 +46,12 @@ def read_plan(path: Path) -> PlanTable:
     try:
         table = PlanTable.model_validate(read_toml(path, "a plan (TOML)"))
     except ValidationError as error:
-        raise FileFaults([f"{path}: {explain_fault(dict(fault), TABLES)}" for fault in error.errors()]) from None
+        # A misspelt key is reported before the key that is missing for it.
+        faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
+        raise FileFaults([f"{path}: {explain_fault(dict(fault), TABLES)}" for fault in faults]) from None
     table = table.model_copy(update={"image": path.parent / table.image})
-    if faults := plan_faults(table, str(path), {}):
-        raise FileFaults(faults)
+    if wrong := plan_faults(table, str(path), {}):
+        raise FileFaults(wrong)
     return table
 
 

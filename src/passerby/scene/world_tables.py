@@ -52,8 +52,8 @@ class PlanPointTable(Table):
 
 
 class PlanTable(Table):
-    """`[world.plan]`: a floor plan or a satellite picture, north or not: x of the world runs to its right, y up, in metres. Two
-    cameras or points of the ground that are placed on it set scale, origin and heading.
+    """`[world.plan]`: a floor plan or a satellite picture. Two cameras or points of the ground that are placed on it set scale,
+    origin and heading: the world's x runs to its right, y up, in metres.
     """
 
     image: Path

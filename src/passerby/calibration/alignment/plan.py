@@ -30,7 +30,7 @@ def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = 
     Args:
         rig: at least one camera has a pose.
         plan: with its origin.
-        image: its picture, which a report shows.
+        image: its picture, which a report shows: absolute, or from the scene file's folder.
         with_scale: whether lengths become those of the plan. Otherwise they stay.
 
     Raises:
@@ -78,7 +78,7 @@ def _figures(rows: PlanRows, settled: Settled, plan: FloorPlan, image: Path, *, 
         "turn_sigma_deg": float(np.degrees(fit.yaw_sd * fit.factor)), "place_sigma_mm": 1000 * fit.shift_sd * fit.factor,
         "scale_sigma": rows.sigma if with_scale else None, "residuals_over_stated": fit.factor,
         "plan": {
-            "image": str(image.resolve()), "metres_per_pixel": plan.metres_per_pixel,
+            "image": str(image), "metres_per_pixel": plan.metres_per_pixel,
             "origin": [float(value) for value in plan.origin],
         },
     }  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from passerby.calibration.alignment.plan import align_to_plan
@@ -30,8 +31,13 @@ class AlignedSolution:
     findings: tuple[Finding, ...] = ()
 
 
-def align_rig(rig: Rig, wanted: WorldTable) -> Aligned:
-    """The rig in the wanted frame; paths as they can be opened.
+def align_rig(rig: Rig, wanted: WorldTable, shown: Path | None = None) -> Aligned:
+    """The rig in the wanted frame.
+
+    Args:
+        rig: as it was calibrated.
+        wanted: the frame; paths as they can be opened.
+        shown: the plan's picture as a scene file names it; None: its absolute path is noted.
 
     Raises:
         InputError: a file that cannot be read, or does not fit the rig.
@@ -50,7 +56,7 @@ def align_rig(rig: Rig, wanted: WorldTable) -> Aligned:
     if wanted.plan is not None:
         image = wanted.plan.image
         height, width = read_plan_picture(image).shape[:2]
-        return align_to_plan(rig, floor_plan(wanted.plan, (width, height)), image, with_scale=wanted.scale)
+        return align_to_plan(rig, floor_plan(wanted.plan, (width, height)), shown or image.resolve(), with_scale=wanted.scale)
     assert wanted.camera is not None
     return align_to_camera(rig, wanted.camera, wanted.towards)
 
@@ -68,7 +74,7 @@ def align_to_scene(scene: Scene, solution: Solution) -> AlignedSolution:
     wanted = table.model_copy(update=paths)
     place = f"{scene.place}: [world]"
     try:
-        aligned = align_rig(solution.rig, wanted)
+        aligned = align_rig(solution.rig, wanted, None if table.plan is None else table.plan.image)
     except (InputError, EvidenceError) as error:
         return AlignedSolution(solution.rig, solution.figures, findings=(notice("world_not_set", place=place, why=str(error)),))
     findings = tuple(replace(one, values={"place": place, **one.values}) for one in aligned.diagnostics)
