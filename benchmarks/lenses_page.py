@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +13,7 @@ from lenses import recorded, simulated
 from lenses_summary import PART_GOALS, TIME_GOAL, Summary
 from lenses_tables import cost_rows, part_goals, recorded_goals, recorded_rows, simulated_rows, time_goal
 from pages.cases import Outcomes, run_cases
+from pages.commit import commit
 from pages.kept import Kept, code_digest
 from pages.page import Page, reached, table
 from pages.sections import Found, Heading, Section, SectionedPage
@@ -99,7 +99,7 @@ def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Pa
 
 def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
     """A part again and again, as its cases are finished."""
-    store, commit = Kept(wanted.kept, CODE), _commit()
+    store, code = Kept(wanted.kept, CODE), commit()
     cases: Mapping[str, Any]
     work: Callable[[Any], dict[str, Any]]
     if part == RECORDED:
@@ -109,13 +109,13 @@ def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
     else:
         cases, work = simulated.cases(part, count), simulated.work
     for done in run_cases(store, part, cases, work, wanted.workers):
-        yield found_in(part, cases, done, commit)
+        yield found_in(part, cases, done, code)
 
 
-def found_in(part: str, cases: Mapping[str, Any], done: Outcomes, commit: str) -> Found:
+def found_in(part: str, cases: Mapping[str, Any], done: Outcomes, code: str) -> Found:
     """A part as far as it is finished."""
     hours = Summary([*done.values()]).cpu_hours
-    note = f"{len(done)} of {len(cases)} cases; {60 * hours:.1f} minutes of processor time; code of commit {commit}."
+    note = f"{len(done)} of {len(cases)} cases; {60 * hours:.1f} minutes of processor time; code of commit {code}."
     if part == RECORDED:
         text = f"{note}\n\n{table(_RECORDED, recorded_rows(cases, done))}"
         absent = [case.key for case in recorded.CASES if case.key not in cases]
@@ -154,16 +154,3 @@ def head(sections: Sequence[Section]) -> str:
 def _time_row(ratio: float) -> list[str]:
     return ["time, the slowest part's median", f"{ratio:.1f} x", *(f"{limit:g} x" for limit in TIME_GOAL),
             reached([ratio], [TIME_GOAL[0]], [TIME_GOAL[1]])]  # fmt: skip
-
-
-def _commit() -> str:
-    """The commit of the code, and whether something in it was changed since."""
-
-    def git(*arguments: str) -> str:
-        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-
-    try:
-        name = f"`{git('rev-parse', '--short=10', 'HEAD')}`"
-        return f"{name}, with changes that are not committed" if git("status", "--porcelain", "src", "benchmarks") else name
-    except (OSError, subprocess.CalledProcessError):
-        return "unknown"

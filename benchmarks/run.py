@@ -17,6 +17,7 @@ import association
 import lenses_page
 import perception
 import reid
+import scale_page
 import speed
 import swaps
 from datasets import ROOT
@@ -47,6 +48,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "perception": perception.run,
     "reid": reid.run,
     "lenses": lenses_page.run,
+    "scale": scale_page.run,
     "peers": _peers,
     "formats": _formats,
 }
@@ -86,9 +88,19 @@ def main() -> None:
     )
     estimated.add_argument("--lens-kept", type=Path, default=lenses_page.KEPT, help="folder of finished cases; build/lenses")
     estimated.add_argument("--lens-workers", type=int, default=2, help="processes; 2")
+    known = parser.add_argument_group("scale")
+    known.add_argument(
+        "--scale-parts", nargs="+", choices=scale_page.HEADINGS, metavar="PART", default=(),
+        help=f"of scale: {', '.join(scale_page.HEADINGS)}; all",
+    )  # fmt: skip
+    known.add_argument("--scale-seeds", type=int, default=scale_page.SEEDS, help=f"seeds of each scene; {scale_page.SEEDS}")
+    known.add_argument("--scale-kept", type=Path, default=scale_page.KEPT, help="folder of finished cases; build/scale")
+    known.add_argument("--scale-workers", type=int, default=2, help="processes; 2")
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
-    earlier = {name: sections_on(None if out is None else out / f"{name}.md") for name in ("perception", "reid", "lenses")}
+    earlier = {
+        name: sections_on(None if out is None else out / f"{name}.md") for name in ("perception", "reid", "lenses", "scale")
+    }
     wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier["perception"])
     sections = SECTIONS | {
         "perception": partial(perception.run, wanted=wanted),
@@ -103,6 +115,12 @@ def main() -> None:
             lenses_page.run,
             wanted=lenses_page.Wanted(
                 arguments.lens_parts, arguments.lens_seeds, arguments.lens_kept, arguments.lens_workers, earlier["lenses"]
+            ),
+        ),
+        "scale": partial(
+            scale_page.run,
+            wanted=scale_page.Wanted(
+                arguments.scale_parts, arguments.scale_seeds, arguments.scale_kept, arguments.scale_workers, earlier["scale"]
             ),
         ),
     }

@@ -188,7 +188,8 @@ def test_a_length_that_makes_people_giants_is_told() -> None:
     assert calibrated(scene, 1.0, scale=right).verdict == "accepted"
     found = calibrated(scene, 1.0, scale=wrong)
     assert found.verdict == "doubtful"
-    assert [doubt.values["cue"] for doubt in found.doubts if doubt.code == "scale_cue_contradicted"] == ["population of 6"]
+    (told,) = [doubt.values["cues"] for doubt in found.doubts if doubt.code == "scale_cues_disagree"]
+    assert told == ["distance C1 to C3", "population of 6"]
 
 
 @pytest.mark.slow

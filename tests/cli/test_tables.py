@@ -138,6 +138,28 @@ def test_what_a_measured_length_would_mend(calibration, capsys):
         assert ("relative positions are known to 2 mm" in shown) is told
 
 
+def test_each_cue_says_its_own_scale_to_those_who_want_to_know_more(calibration, capsys):
+    first = CueFigures(
+        cue="length 1", kind="length", stated_m=3.6, measured_m=3.5, sd_m=0.02, residual_sigmas=-5.0, share=0.9,
+        own_scale=1.031, own_sigma=0.008, disagrees_with=("height of camera A",),
+    )  # fmt: skip
+    second = CueFigures(
+        cue="height of camera A", kind="camera_height", stated_m=2.0, measured_m=2.0, sd_m=0.05, residual_sigmas=0.0, share=0.1
+    )
+    cameras = (SolvedCamera(name="A", shape_position_sigma_mm=1.0),)
+
+    def shown(cues, verbose):
+        figures = AdjustedFigures(scale=ScaleFigures(relative_sigma=0.01, cues=cues), cameras=cameras)
+        show_calibration(replace(calibration(SEARCHED), figures=figures), verbose=verbose)
+        return lines(capsys)
+
+    assert [row for row in shown((first, second), True) if row[:2] == ["length", "1"]] == [
+        ["length", "1", "3.600", "3.500", "+3.1", "0.8", "90", "height", "of", "camera", "A"]
+    ]
+    assert not [row for row in shown((first, second), False) if row[:2] == ["length", "1"]]
+    assert not [row for row in shown((first,), True) if row[:2] == ["length", "1"]]
+
+
 def test_lenses_that_were_estimated_are_shown(calibration, capsys):
     found = calibration(SEARCHED)
     focal = FocalFigures(

@@ -89,8 +89,9 @@ def test_a_measured_length_is_believed_and_a_wrong_one_is_named() -> None:
     )
     assert scale_of(truth, right) == pytest.approx(1, abs=0.005)
     assert right.figures.scale.relative_sigma < 0.01
-    assert "scale_cue_contradicted" not in [finding.code for finding in right.findings]
-    assert "scale_cue_contradicted" in [finding.code for finding in wrong.findings]
+    assert "scale_cues_disagree" not in [finding.code for finding in right.findings]
+    (told,) = [finding for finding in wrong.findings if finding.code == "scale_cues_disagree"]
+    assert [cue.split()[0] for cue in told.values["cues"]] == ["distance", "body"]
 
 
 def test_a_camera_that_shares_nothing_has_no_part_in_it() -> None:

@@ -106,13 +106,15 @@ def calibrate_inputs(
         solution = _with_figures(scene, inputs, repaired, motions, shape)
         placed = align_to_scene(scene, solution)
         doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
-        solution = _decided(scene, solution, association, doubts, placed.rig, inputs.gaps)
+        misplaced = tuple(finding for finding in placed.findings if finding.severity == "doubt")
+        solution = _decided(scene, solution, association, (*doubts, *misplaced), placed.rig, inputs.gaps)
     solved = time.perf_counter()
     lenses, rates = adjusted(solution.figures).lenses, solution.figures.clock_rates or {}
     refined = (*lens_notes(lenses), *clock_skew_findings(rates), *ground)
     unused = tuple(finding for finding in association.height_findings if finding.severity == "notice")
+    frame = tuple(finding for finding in placed.findings if finding.severity == "notice")
     for note in (
-        *texts_of((*refined, *association.notices, *unused, *placed.findings)),
+        *texts_of((*refined, *association.notices, *unused, *frame)),
         f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
     ):
         tell_note(tell, note)
@@ -120,7 +122,7 @@ def calibrate_inputs(
         scene=scene,
         rig=replace(placed.rig, verdict=solution.verdict),
         verdict=solution.verdict,
-        diagnostics=(*solution.findings, *inputs.findings, *association.notices, *unused, *refined, *placed.findings),
+        diagnostics=(*solution.findings, *inputs.findings, *association.notices, *unused, *refined, *frame),
         observations=association.observations,
         seed=seed,
         options=asdict(estimator.options),
@@ -166,6 +168,7 @@ def _doubts(
     heights = [finding for finding in association.height_findings if finding.severity != "notice"]
     known = combine_heights((*scene.scale_cues().people, *association.known_heights))
     said = {finding.values["cue"] for finding in solution.findings if finding.code == "scale_cue_contradicted"}
+    said |= {cue for found in solution.findings if found.code == "scale_cues_disagree" for cue in found.values["cues"]}
     contradicted = contradicted_heights(solution.rig, association.instants, known)
     heights += [finding for finding in contradicted if finding.values["cue"] not in said]
     return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven), ground

@@ -40,6 +40,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     for finding in calibration.findings if not is_interactive() else ():
         print(f"note: {finding}")
     if verbose:
+        show_cues(adjusted(calibration.figures))
         if calibration.association is not None:
             show_pairs(calibration.association.figures.pairs or ())
             for name, why in calibration.association.lost.items():
@@ -86,6 +87,8 @@ def show_pairs(pairs: Sequence[TiedPair]) -> None:
     show_table("pairs of cameras", columns, rows)
 
 
+LENGTH_PAYS = 0.01
+"""Relative sigma of the scale, below which a measured length makes it hardly surer."""
 MOSTLY_SCALE = 0.5
 """Where the sigma within the rig is below this share of the whole, a measured length pays."""
 
@@ -102,11 +105,33 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
     print(f"scale known to {100 * scale.relative_sigma:.1f} %, from {pulls}")
     whole = [1000 * camera.sigma.position_m for camera in rig if camera.sigma is not None]
     within = [sigma for camera in figures.cameras if (sigma := camera.shape_position_sigma_mm) is not None]
-    if whole and within and np.isfinite(whole).all() and max(within) < MOSTLY_SCALE * max(whole):
+    sure = scale.relative_sigma < LENGTH_PAYS
+    if not sure and whole and within and np.isfinite(whole).all() and max(within) < MOSTLY_SCALE * max(whole):
         print(
             f"most of the uncertainty is global scale: relative positions are known to {number(max(within), 0)} mm; one "
             f"measured length under [scale] fixes that"
         )
+
+
+def show_cues(figures: AdjustedFigures) -> None:
+    """What each cue says of the scale by itself, and which contradict each other; nothing where there are not two of them."""
+    cues = figures.scale.cues
+    if len(cues) < 2:
+        return
+    rows = [
+        [
+            cue_in_words(cue),
+            number(cue.stated_m, 3),
+            number(cue.measured_m, 3),
+            MISSING if cue.own_scale is None else f"{100 * (cue.own_scale - 1):+.1f}",
+            MISSING if cue.own_sigma is None else number(100 * cue.own_sigma, 1),
+            number(100 * cue.share, 0),
+            ", ".join(cue.disagrees_with or ()) or MISSING,
+        ]
+        for cue in cues
+    ]
+    columns = ("constraint", "stated m", "measured m", "alone %", "1 sigma %", "weight %", "contradicts")
+    show_table("scale constraints: by how much lengths would change by each alone", columns, rows)
 
 
 def show_lenses(figures: AdjustedFigures, rig: Rig) -> None:

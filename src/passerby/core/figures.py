@@ -114,7 +114,7 @@ class CueFigures:
     cue: str
     """`population of N`, `height of person IDENTITY`, `body segments of N people`, or the name of a measured length."""
     kind: str | None = field(default=None, metadata=ABSENT)
-    """population, person, length, distance, camera_height or segments; None in files of an older Passerby."""
+    """population, person, length, distance, camera_height, plan or segments; None in files of an older Passerby."""
     count: int | None = field(default=None, metadata=ABSENT)
     """Of the population's people, or of those whose segments tell the scale."""
     identity: int | None = field(default=None, metadata=ABSENT)
@@ -125,6 +125,12 @@ class CueFigures:
     residual_sigmas: float
     share: float
     """Of the weight of all cues, 0 to 1."""
+    own_scale: float | None = field(default=None, metadata=ABSENT)
+    """By this cue alone, all lengths would be so many times as long; None where it tells no scale, and in older files."""
+    own_sigma: float | None = field(default=None, metadata=ABSENT)
+    """Relative one sigma of `own_scale`."""
+    disagrees_with: tuple[str, ...] | None = field(default=None, metadata=ABSENT)
+    """The cues that this one contradicts; None where it contradicts none."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.core.floor_plan import FloorPlan
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M
 
 
@@ -72,6 +73,7 @@ class ScaleCues:
     lengths: tuple[KnownLength, ...] = ()
     distances: tuple[CameraDistance, ...] = ()
     camera_heights: tuple[CameraHeight, ...] = ()
+    plan: FloorPlan | None = None
 
 
 def combine_heights(people: Sequence[PersonHeight]) -> tuple[PersonHeight, ...]:

@@ -172,6 +172,22 @@ class ResidualEntry:
     camera: str | None = field(default=None, metadata=ABSENT)
     off_m: Number = None
     used: bool = True
+    stated_m: tuple[float, float] | None = field(default=None, metadata=ABSENT)
+    """Of a placement on a plan: where it was placed, x and y in the world,"""
+    found_m: tuple[float, float] | None = field(default=None, metadata=ABSENT)
+    """and where the rig has it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanEntry:
+    """The floor plan that set the world's frame."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _OPEN
+    image: str
+    """From the scene file's folder, or absolute."""
+    metres_per_pixel: Annotated[float, Field(gt=0)]
+    origin: tuple[float, float]
+    """The pixel at the world's origin."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,6 +200,7 @@ class WorldEntry:
     scale_fitted: bool | None = field(default=None, metadata=ABSENT)
     turn_sigma_deg: Number = field(default=None, metadata=ABSENT)
     place_sigma_mm: Number = field(default=None, metadata=ABSENT)
+    plan: PlanEntry | None = field(default=None, metadata=ABSENT)
     residuals: tuple[ResidualEntry, ...] | None = field(default=None, metadata=ABSENT)
     notes: tuple[str, ...] | None = field(default=None, metadata=ABSENT)
 

@@ -126,8 +126,8 @@ def _in_words(heights: Mapping[str, float], mean: float | None, sd: float | None
 def scale_section(contents: Contents) -> Section:
     """The scale cues, what each says and how much it counts."""
     lead = (
-        "The constraints that determine the scale. The weight is a constraint's share in the estimate. A constraint with a "
-        "residual of more than three sigmas contradicts the others: measure it again."
+        "The constraints that determine the scale. The weight is a constraint's share in the estimate. Alone is by how much "
+        "all lengths would change if it were the only one. If two contradict each other, measure both again."
     )
     cues, figures = contents.figures.scale.cues, contents.document.figures
     if cues:
@@ -155,6 +155,9 @@ def _cue_table(cues: Sequence[CueFigures]) -> Html:
         Column("1 sigma", "m"),
         Column("Residual", "sigmas"),
         Column("Weight", "%"),
+        Column("Alone", "%"),
+        Column("1 sigma", "%"),
+        Column("Contradicts", numeric=False),
     ]
     rows = []
     for cue in cues:
@@ -169,6 +172,9 @@ def _cue_table(cues: Sequence[CueFigures]) -> Html:
                 number(cue.sd_m, 3),
                 number(off, 1, kind="stands-out" if abs(off) > 3 else "", sign=True),
                 type(pull)(join(element("span", bar, class_="pull-box"), pull.shown), percent, "pull-cell", numeric=True),
+                number(None if cue.own_scale is None else 100 * (cue.own_scale - 1), 1, sign=True),
+                number(None if cue.own_sigma is None else 100 * cue.own_sigma, 1),
+                text(", ".join(cue.disagrees_with or ()), kind="stands-out" if cue.disagrees_with else ""),
             ]
         )
     return data_table("scale-table", "Scale constraints", columns, rows)

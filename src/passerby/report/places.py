@@ -6,6 +6,7 @@ from passerby.common.progress import Progress
 from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
+from passerby.report.floor_plan import plan_drawing
 from passerby.report.html import Html, Section, element, join, nothing, plot
 from passerby.report.pictures import camera_picture, residual_map
 from passerby.report.rig_plots import rig_from_above, rig_in_space
@@ -36,7 +37,7 @@ def rig_section(contents: Contents, fit: Fitted) -> Section:
     who = f"{count(len(posed), 'camera')} and the trajectories of the people"
     above = plot("rig-above", rig_from_above(contents, fit), f"The rig from above: {who}")
     space = plot("rig-space", rig_in_space(contents, fit), f"The rig in space: {who}", kind="space")
-    return Section("rig", "The rig", lead, element("div", above, space, class_="stack"))
+    return Section("rig", "The rig", lead, element("div", plan_drawing(contents, fit), above, space, class_="stack"))
 
 
 def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress) -> Section:

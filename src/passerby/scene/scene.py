@@ -20,6 +20,7 @@ from passerby.core.scale_cues import CameraDistance, CameraHeight, KnownLength, 
 from passerby.interchange.storage.faults import FileFaults, read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
 from passerby.scene.errors import explain_fault, find_repeated_key
+from passerby.scene.floor_plan import floor_plan
 from passerby.scene.lens_keys import check_models, models_of, named_camera
 from passerby.scene.tables import (
     AssociationTable,
@@ -33,8 +34,8 @@ from passerby.scene.tables import (
     SceneTable,
     SolverTable,
     Table,
-    WorldTable,
 )
+from passerby.scene.world_tables import PlanDistanceTable, PlanPointTable, PlanTable, WorldTable
 
 CAMERA_NAME = re.compile(r"[\w+@-][\w .+@-]*")
 """Names become TOML tables and file names."""
@@ -95,7 +96,10 @@ class Scene(Table):
 
     def _world_paths(self) -> list[tuple[str, Path | None]]:
         """The files of known places."""
-        return [] if self.world is None else [(f"[world] {key}", getattr(self.world, key)) for key in ("points", "positions")]
+        if self.world is None:
+            return []
+        plan = [] if self.world.plan is None else [("[world.plan] image", self.world.plan.image)]
+        return [*plan, *((f"[world] {key}", getattr(self.world, key)) for key in ("points", "positions"))]
 
     @property
     def path(self) -> Path | None:
@@ -169,6 +173,7 @@ class Scene(Table):
             ),
             distances=tuple(CameraDistance(cue.between, cue.metres, cue.sd_m) for cue in scale.distances),
             camera_heights=tuple(CameraHeight(cue.camera, cue.metres, cue.sd_m) for cue in scale.camera_heights),
+            plan=None if self.world is None or self.world.plan is None else floor_plan(self.world.plan),
         )
 
     @model_validator(mode="after")
@@ -237,6 +242,10 @@ class Scene(Table):
         if self.world is not None:
             named = ("camera", self.world.camera), ("towards", self.world.towards)
             found += [(f"[world] {key}", name) for key, name in named if name is not None]
+        if self.world is not None and self.world.plan is not None:
+            found += [("[world.plan] cameras", name) for name in self.world.plan.cameras]
+            for number, point in enumerate(self.world.plan.points, start=1):
+                found += [(f"[[world.plan.points]] {number} pixels", name) for name in point.pixels]
         return found
 
 
@@ -253,4 +262,7 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     ("scale", "distances", "*"): DistanceTable,
     ("scale", "camera_heights", "*"): CameraHeightTable,
     ("world",): WorldTable,
+    ("world", "plan"): PlanTable,
+    ("world", "plan", "distance"): PlanDistanceTable,
+    ("world", "plan", "points", "*"): PlanPointTable,
 }

@@ -396,34 +396,3 @@ class ScaleTable(Table):
             "person_height_mean_sd_m": prior.mean_sd_m,
         }
         return {**stated, **values}
-
-
-class WorldTable(Table):
-    """`[world]`: the requested world frame. Default: the origin is below the first camera, which faces along y."""
-
-    camera: str | None = None
-    """The origin is on the ground below this camera, the x axis along its viewing direction."""
-    towards: str | None = None
-    """With `camera`: the x axis points towards this other camera."""
-    points: Path | None = None
-    """Points with known coordinates, marked in the images: CSV or TOML."""
-    positions: Path | None = None
-    """Known positions of cameras, in metres or as latitude, longitude and altitude: CSV or TOML."""
-    scale: bool = False
-    """Whether points or positions also set the scale. Otherwise `[scale]` determines it."""
-    tilt: bool = False
-    """Whether they also set the up direction and the height. Otherwise the ground that people walk on stays at z = 0."""
-
-    @model_validator(mode="after")
-    def _one_way(self) -> Self:
-        ways = [key for key in ("camera", "points", "positions") if getattr(self, key) is not None]
-        if len(ways) != 1:
-            told = " and ".join(ways) or "none of them"
-            raise ValueError(f"has {told}: give one of camera, points, positions")
-        if self.towards is not None and self.camera is None:
-            raise ValueError("towards needs camera: name the camera at the origin, or delete towards")
-        if self.towards is not None and self.towards == self.camera:
-            raise ValueError("towards is the camera itself: name another one")
-        if self.camera is not None and (self.scale or self.tilt):
-            raise ValueError("scale and tilt need points or positions: a camera determines neither; delete them")
-        return self

@@ -9,6 +9,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import nearest
 from passerby.interchange.storage.faults import faults_of
 from passerby.interchange.world_files import read_known_points, read_known_positions
+from passerby.scene.floor_plan import plan_faults
 from passerby.scene.scene import Scene
 
 
@@ -20,6 +21,10 @@ def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str
         sizes: camera -> (width, height) of its picture, pixels.
     """
     files = world_file_paths(scene)
+    if scene.world is not None and scene.world.plan is not None:
+        plan = scene.world.plan
+        placed = plan.model_copy(update={"image": scene.resolve(plan.image)})
+        return plan_faults(placed, f"{scene.place}: [world.plan]", sizes)
     try:
         if files["points"] is not None:
             path = scene.resolve(files["points"])

@@ -24,7 +24,7 @@ from passerby.solver.body_segments import (
     segments_agree,
 )
 from passerby.solver.cue_terms import CueRows, WorldRows
-from passerby.solver.cues import expected_heights
+from passerby.solver.cues import expected_heights, settle_plan
 from passerby.solver.gauge import SCALE, TILT_X, TILT_Y, Z, held_system, similarity_freedoms
 from passerby.solver.initialisation import Fit, PeopleOptions
 from passerby.solver.optimizer.least_squares import Stopping
@@ -67,6 +67,7 @@ def placed_by_bodies(
         return fit
     placed, world = _placed(state, tied, rows, bodies, scale, vertical, people, mean)
     known = replace(rows or CueRows(), world=world)
+    known = settle_plan(known, placed.R, placed.centre, np.zeros(0), np.zeros(0), np.zeros(0)) or known
     knowledge = replace(fit.start.knowledge, cues=known)
     model = replace(fit.model, problem=replace(problem, cues=known), state=placed)
     result = minimise_problem(model, Stopping(options.max_iterations, options.tolerance))
@@ -78,7 +79,8 @@ def _placed(
     vertical: BodyVertical | None, people: Ints, height_mean: Floats,
 ) -> tuple[AdjustmentState, WorldRows]:  # fmt: skip
     """The state in the world of the bodies, and rows that hold the cameras `tied` there as surely as bodies do."""
-    measured = rows is not None and len(rows.lengths) + len(rows.distances) > 0
+    planned = rows is not None and rows.plan is not None and len(rows.plan.camera) > 1
+    measured = rows is not None and (len(rows.lengths) + len(rows.distances) > 0 or planned)
     log_factor = 0.0 if scale is None else scale.log_factor
     factor = 1.0 if measured else float(np.exp(log_factor))
     up = np.array([0.0, 0.0, 1.0])

@@ -11,6 +11,7 @@ from passerby.geometry.reprojection import POSE_SIZE, PointObservations, pose_ja
 from passerby.geometry.rotations import log_rotation
 from passerby.solver.optimizer.least_squares import Cauchy, Layout, Term
 from passerby.solver.people_state import AdjustmentState
+from passerby.solver.plan_rows import PlanRows
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +73,14 @@ class CueRows:
     heights: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     names: tuple[str, ...] = ()
     """What each cue is called in reports: lengths, then distances, then heights."""
+    plan: PlanRows | None = None
+    """A floor plan on which cameras or points were placed."""
     world: WorldRows | None = None
     """What bodies tell of the world that nobody is seen whole in."""
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of each cue: `length`, `distance` or `camera_height`."""
+        """Of each cue but the plan: `length`, `distance` or `camera_height`."""
         counts = {"length": len(self.lengths), "distance": len(self.distances), "camera_height": len(self.heights)}
         return tuple(kind for kind, count in counts.items() for _ in range(count))
 
@@ -102,6 +105,8 @@ class CueRows:
             out.append(Term(residual[:, None], by_shared=J))
         if self.world is not None and len(self.world.rows):
             out.append(self.world.term(state, layout))
+        if self.plan is not None:
+            out += self.plan.terms(state, layout)
         if self.marks is not None and self.n_points:
             out += self._length_terms(state, layout, first)
         return out

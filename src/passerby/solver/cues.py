@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +13,12 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
 from passerby.core.scale_cues import ScaleCues
+from passerby.geometry.plan_fit import ScalePrior
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.triangulation import triangulate
+from passerby.people.box_heights import BOX_SD
 from passerby.solver.cue_terms import CueRows
+from passerby.solver.plan_rows import plan_rows
 
 MARK_SIGMA_PX = 1.5
 """How precisely a person marks a point in a picture."""
@@ -24,6 +29,10 @@ boxes are not bodies.
 
 Lengths came out 4 to 11 % short on five real sets, whose boxes and joints reach beyond the bodies; 1 to 2 % off in simulation.
 """
+
+
+LEAST_PEOPLE_SD = 0.02
+"""Relative, of the scale by people as far as it decides which of a plan's placements is wrong: the best that boxes allow."""
 
 
 def expected_heights(cues: ScaleCues, identities: Ints) -> tuple[Floats, Floats]:
@@ -65,7 +74,8 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
         lengths.append((cue.metres, cue.sd_m))
     distances = [cue for cue in cues.distances if set(cue.between) <= set(index)]
     heights = [cue for cue in cues.camera_heights if cue.camera in index]
-    if not (lengths or distances or heights):
+    plan = plan_rows(cues.plan, rig)
+    if not (lengths or distances or heights or plan is not None):
         return None
     sightings.sort(key=lambda sighting: sighting[0])
     marks = None
@@ -83,7 +93,28 @@ def cue_rows(cues: ScaleCues, rig: Rig) -> CueRows | None:
             *(f"distance {cue.between[0]} to {cue.between[1]}" for cue in distances),
             *(f"height of camera {cue.camera}" for cue in heights),
         ),
+        plan,
     )  # fmt: skip
+
+
+def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats, mean: Floats, sd: Floats) -> CueRows | None:
+    """The cues with the plan's placements that agree under a rig.
+
+    Args:
+        rows: the cues.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+        heights: (P,) of the people by the rig, metres.
+        mean: (P,) what is expected of them.
+        sd: (P,) one sigma of that.
+    """
+    if rows is None or rows.plan is None:
+        return rows
+    weight = (mean / sd) ** 2
+    people = len(heights) and weight.sum() > 0
+    growth = float(np.average(np.log(mean / heights), weights=weight)) if people else 0.0
+    prior = ScalePrior(growth, float(np.hypot(1 / np.sqrt(weight.sum()), LEAST_PEOPLE_SD)) if people else 1.0)
+    return replace(rows, plan=rows.plan.settle(R, centre, prior))
 
 
 def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats:
@@ -100,23 +131,59 @@ def triangulate_marks(rows: CueRows | None, R: Floats, centre: Floats) -> Floats
     return points
 
 
-def scale_cue_lengths(rows: CueRows | None, centre: Floats, marks: Floats) -> list[tuple[str, float, float, float]]:
-    """(name, measured, stated, standard deviation) of every length, distance and camera height, metres."""
+def length_noise(rows: CueRows, R: Floats, centre: Floats, marks: Floats) -> Floats:
+    """(L,) one sigma of each length between marked points by the clicks on them, metres.
+
+    Args:
+        rows: with the lens rays of the clicks.
+        R: (C, 3, 3) world to camera.
+        centre: (C, 3) metres.
+        marks: (2 L, 3) the points, metres.
+    """
+    o = rows.marks
+    if o is None:
+        return np.zeros(0)
+    away = np.linalg.norm(marks[o.point] - centre[o.camera], axis=1)
+    J = o.tangent @ R[o.camera] / (np.maximum(away, 1e-3) * o.sigma_px)[:, None, None]
+    information = np.tile(1e-6 * np.eye(3), (rows.n_points, 1, 1))
+    np.add.at(information, o.point, J.transpose(0, 2, 1) @ J)
+    between = np.linalg.inv(information)
+    line = marks[0::2] - marks[1::2]
+    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-9)
+    return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", line, between[0::2] + between[1::2], line)))
+
+
+def scale_cue_lengths(
+    rows: CueRows | None, centre: Floats, marks: Floats, R: Floats | None = None
+) -> list[tuple[str, float, float, float]]:
+    """(name, measured, stated, standard deviation) of every length, distance and camera height, metres.
+
+    Where the rotations (C, 3, 3) of the cameras are known, so is what the clicks on lengths add to their standard deviations,
+    and the span of a settled plan, which comes last.
+    """
     if rows is None:
         return []
     values = [float(np.linalg.norm(a - b)) for a, b in marks.reshape(-1, 2, 3)]
     values += [float(np.linalg.norm(centre[i] - centre[j])) for i, j in rows.distance_between]
     values += [float(centre[i, 2]) for i in rows.height_of]
     stated = np.concatenate([rows.lengths, rows.distances, rows.heights])
-    return [
+    if R is not None and len(rows.lengths):
+        noise = length_noise(rows, R, centre, marks)
+        stated[: len(noise), 1] = np.hypot(stated[: len(noise), 1], noise)
+    found = [
         (name, value, float(metres), float(sd)) for name, value, (metres, sd) in zip(rows.names, values, stated, strict=True)
     ]
+    if rows.plan is not None and R is not None and (span := rows.plan.span(R, centre)) is not None:
+        found.append((f"plan {rows.plan.name}", *span, rows.plan.sigma * span[1]))
+    return found
 
 
-def initial_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float) -> float:
+def initial_scale(
+    rows: CueRows | None, centre: Floats, marks: Floats, n_people: int, population_sd: float, R: Floats | None = None
+) -> float:
     """The factor that brings lengths built on people's height nearest to the cues, all weighed by their relative precision."""
     logs, weights = [0.0], [max(n_people, 1) / population_sd**2]
-    for _, value, stated, sd in scale_cue_lengths(rows, centre, marks):
+    for _, value, stated, sd in scale_cue_lengths(rows, centre, marks, R):
         if value > 1e-3:
             logs.append(np.log(stated / value))
             weights.append((stated / sd) ** 2)
@@ -125,16 +192,21 @@ def initial_scale(rows: CueRows | None, centre: Floats, marks: Floats, n_people:
 
 def scale_cue_weights(
     cues: ScaleCues, rows: CueRows | None, centre: Floats, marks: Floats, heights: Floats, mean: Floats, sd: Floats, seen: Ints,
-    segments: float = 1.0,
+    segments: float = 1.0, R: Floats | None = None, by_boxes: Mapping[int, float] | None = None, freed: Floats | None = None,
 ) -> tuple[list[CueFigures], float]:  # fmt: skip
     """What each cue says about the scale: stated, measured, residual in sigmas and share of the weight; and the scale's sigma.
 
-    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2. The people of the
+    In the adjustment a person of stated height is as tall as stated, and boxes that say otherwise are outliers; `by_boxes` has
+    the people's heights by their boxes (identity -> metres), which are measured. The own scale of a distance or a camera height
+    is that of `freed_measurements`, if there is one.
+
+    The weight of a cue is its information on the logarithm of the scale, (length / standard deviation)^2; the scale's sigma has
+    what the rig's own measurement adds besides. The people of the
     population count as one cue, and so do segments of bodies, which came out `segments` times as long as expected. The sigma is
     infinite where there is no cue.
     """
-    known = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
-    named = np.array([identity in known for identity in seen], dtype=bool)
+    places = {cue.identity: f", {cue.place}" if cue.place else "" for cue in cues.people}
+    named = np.array([identity in places for identity in seen], dtype=bool)
     found: list[tuple[str, float, float, float]] = []
     kinds: list[dict[str, Any]] = []
     if (~named).any():
@@ -144,25 +216,37 @@ def scale_cue_weights(
         found.append((f"population of {count}", float(np.mean(heights[~named])), float(np.mean(mean[~named])), spread))
     for i in np.flatnonzero(named):
         kinds.append({"kind": "person", "identity": int(seen[i])})
-        found.append((f"height of person {seen[i]}{known[int(seen[i])]}", float(heights[i]), float(mean[i]), float(sd[i])))
-    found += scale_cue_lengths(rows, centre, marks)
+        boxed = None if by_boxes is None else by_boxes.get(int(seen[i]))
+        tall, spread = (heights[i], sd[i]) if boxed is None else (boxed, np.hypot(sd[i], BOX_SD * mean[i]))
+        found.append((f"height of person {seen[i]}{places[int(seen[i])]}", float(tall), float(mean[i]), float(spread)))
+    first = len(found) + (0 if rows is None else len(rows.lengths))
+    found += scale_cue_lengths(rows, centre, marks, R)
+    own = [(value, spread) for _, value, _, spread in found]
+    for number, (value, by_rig) in enumerate([] if freed is None else freed.tolist(), start=first):
+        own[number] = value, float(np.hypot(own[number][1], by_rig))
     if rows is not None:
         kinds += [{"kind": kind} for kind in rows.kinds]
+        kinds += [{"kind": "plan"} for _ in range(len(found) - len(kinds))]
     if rows is not None and rows.world is not None and rows.world.trunk_m is not None:
         usual, spread = rows.world.trunk_m
         kinds.append({"kind": "segments", "count": rows.world.people})
         found.append((f"body segments of {rows.world.people} people", usual * segments, usual, spread))
-    information = np.array([(stated / spread) ** 2 for _, _, stated, spread in found])
+        own.append((usual * segments, spread))
+    stated_m = np.array([stated for _, _, stated, _ in found])
+    sds = [spread for _, _, _, spread in found], [spread for _, spread in own]
+    pull, known = ((stated_m / np.array(sd_m)) ** 2 for sd_m in sds)
     if not len(seen):  # the ground may lie anywhere below a camera if nobody stands on it
-        information[[kind["kind"] == "camera_height" for kind in kinds]] = 0.0
-    total = float(information.sum())
+        pull[[kind["kind"] == "camera_height" for kind in kinds]] = 0.0
+    known = np.where(pull > 0, known, 0.0)
     return [
         CueFigures(
             cue=name, **kind, stated_m=stated, measured_m=value, sd_m=spread, residual_sigmas=(value - stated) / spread,
-            share=float(weight / max(total, 1e-300)),
+            share=float(pull[i] / max(float(pull.sum()), 1e-300)),
+            own_scale=stated / own[i][0] if known[i] > 0 and own[i][0] > 0 else None,
+            own_sigma=float(known[i] ** -0.5) if known[i] > 0 and own[i][0] > 0 else None,
         )
-        for (name, value, stated, spread), kind, weight in zip(found, kinds, information, strict=True)
-    ], float(1 / np.sqrt(total)) if total > 0 else float("inf")  # fmt: skip
+        for i, ((name, value, stated, spread), kind) in enumerate(zip(found, kinds, strict=True))
+    ], float(1 / np.sqrt(known.sum())) if known.sum() > 0 else float("inf")  # fmt: skip
 
 
 def cue_in_words(cue: CueFigures) -> str:

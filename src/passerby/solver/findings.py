@@ -35,7 +35,6 @@ from passerby.solver.uncertainty import RigCovariance
 _MAX_POSITION_SHARE = 0.05
 _MAX_ORIENTATION_DEG = 2.0
 _MAX_VERTICAL_DEG = 5.0
-_MAX_CUE_SIGMAS = 4.0
 _MIN_SIGHTINGS = 20
 # Boxes whose heights are off by more than this share of themselves bias what is found: noise of +-50 px on boxes of 60 to 130
 # px (0.3 to 0.7 of them) costs 15 to 50 % of the scale and 1 to 5 degrees, +-20 px (0.15 to 0.27) at most 8 % and 0.35 degrees.
@@ -127,18 +126,6 @@ def height_noise(fit: Fit, evidence: Evidence) -> float:
     # The lower quartile, since where identities are swapped half of the changes are from one person to another.
     flicker = float(np.quantile(change, 0.25)) / (_NORMAL_QUARTILE * np.sqrt(2))
     return float(max(np.median(sigma), flicker))
-
-
-def contradictions(cues: Sequence[CueFigures]) -> list[Finding]:
-    """The scale cues that contradict the rest."""
-    return [
-        doubt(
-            "scale_cue_contradicted", cue=cue.cue, stated_m=cue.stated_m, measured_m=cue.measured_m,
-            sigmas=abs(cue.residual_sigmas),
-        )
-        for cue in cues
-        if abs(cue.residual_sigmas) > _MAX_CUE_SIGMAS
-    ]  # fmt: skip
 
 
 def _finite(value: float) -> float | None:

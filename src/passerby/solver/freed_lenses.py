@@ -140,6 +140,9 @@ def _with_lenses(start: Initialisation, changes: dict[LensHypothesis, Floats]) -
     if cues is not None and cues.marks is not None:
         marks = _UNKNOWNS.points(_UNKNOWNS.points(cues.marks, start.rig, nothing), start.rig, moved)
         cues = replace(cues, marks=replace(marks, **held))
+    if cues is not None and cues.plan is not None:
+        rays = _UNKNOWNS.points(_UNKNOWNS.points(cues.plan.rays, start.rig, nothing), start.rig, moved)
+        cues = replace(cues, plan=replace(cues.plan, rays=replace(rays, **held)))
     evidence = replace(start.evidence, sightings=replace(s, **held), joints=replace(o, **held))
     return _UNKNOWNS.rig(start.rig, moved), evidence, replace(start.knowledge, cues=cues)
 

@@ -22,7 +22,7 @@ from passerby.geometry.similarity import chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.model import Noise, Priors
 from passerby.people.standing import standing_instants
-from passerby.solver.cues import cue_rows, expected_heights, initial_scale, triangulate_marks
+from passerby.solver.cues import cue_rows, expected_heights, initial_scale, settle_plan, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
@@ -191,6 +191,8 @@ class Initialisation:
         unknowns, stated, cues = self.unknowns, self.stated, self.knowledge.cues
         if cues is not None and cues.marks is not None:
             cues = replace(cues, marks=unknowns.points(cues.marks, stated, lens))
+        if cues is not None and cues.plan is not None:
+            cues = replace(cues, plan=replace(cues.plan, rays=unknowns.points(cues.plan.rays, stated, lens)))
         evidence = replace(
             self.evidence, sightings=unknowns.sightings(self.evidence.sightings, stated, lens),
             joints=unknowns.points(self.evidence.joints, stated, lens),
@@ -268,9 +270,11 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
 def _rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
     """A first state with the scale that people and cues agree on."""
     knowledge = start.knowledge
-    marks = triangulate_marks(knowledge.cues, R, centre)
+    expected = knowledge.height_mean
+    rows = settle_plan(knowledge.cues, R, centre, expected, expected, knowledge.height_sd)
+    marks = triangulate_marks(rows, R, centre)
     sd = float(np.mean(knowledge.height_sd / knowledge.height_mean)) if len(knowledge.height_sd) else 0.05
-    factor = initial_scale(knowledge.cues, centre, marks, len(knowledge.height_sd), sd)
+    factor = initial_scale(rows, centre, marks, len(knowledge.height_sd), sd, R)
     state = RigState.start(R, centre * factor, knowledge.height_mean * factor, knowledge.priors, marks * factor, start.lens)
     return state
 

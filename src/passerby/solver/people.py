@@ -20,10 +20,13 @@ from passerby.core.solution import Solution, Verdict
 from passerby.findings.finding import doubt, refusal
 from passerby.findings.refusals import RefusalError
 from passerby.geometry.relative_pose import PairHypothesis
+from passerby.people.box_heights import heights_by_boxes
 from passerby.solver.bodies_world import placed_by_bodies
 from passerby.solver.contradicted_lenses import contradicted_lenses, contradictions_of
-from passerby.solver.cues import scale_cue_weights
-from passerby.solver.findings import apart, contradictions, doubts_about, figures_of, height_noise
+from passerby.solver.cue_agreement import argue
+from passerby.solver.cue_leverage import freed_measurements
+from passerby.solver.cues import scale_cue_weights, settle_plan, triangulate_marks
+from passerby.solver.findings import apart, doubts_about, figures_of, height_noise
 from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages, select_initial_rig
 from passerby.solver.lens_check import check_focals
 from passerby.solver.pairs import MIN_MATCHES
@@ -35,6 +38,8 @@ from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design
 
 __all__ = ["PeopleOptions", "solve_people"]
 
+FEWEST_BOXED = 3
+"""People by whom the size of boxes is known, that of the one who is asked for among them."""
 _RESTARTS = 2
 """First guesses made anew with better lenses, at most."""
 
@@ -86,7 +91,8 @@ def solve_people(
         fit = refine_in_stages(start, choice.state, options, rng)
     fit = placed_by_bodies(fit, observations, cues, options, rng)
     start = fit.start
-    covariance, cues_said, lenses = _sure(start, fit, cues)
+    covariance, cues_said, lenses = _sure(start, fit, cues, observations)
+    cues_said, disagreements = argue(cues_said)
     focals = check_focals(start.rig, fit.model.problem, fit.result.state, covariance.inflation)
     if "focal" in start.unknowns.parts:  # where they would go, they went
         focals = [replace(check, change=0.0) for check in focals]
@@ -100,7 +106,7 @@ def solve_people(
         *findings,
         *choice.doubts,
         *doubts_about(start, fit, covariance),
-        *contradictions(cues_said),
+        *disagreements,
         *contradictions_of(start.rig, wrong),
         *far_lenses(lenses),
     ]
@@ -109,25 +115,42 @@ def solve_people(
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(findings), figures)
 
 
-def _sure(start: Initialisation, fit: Fit, cues: ScaleCues) -> tuple[RigCovariance, list[CueFigures], dict[str, LensFigures]]:
+def _sure(
+    start: Initialisation, fit: Fit, cues: ScaleCues, observations: Observations
+) -> tuple[RigCovariance, list[CueFigures], dict[str, LensFigures]]:
     """The covariance of the cameras, what the scale rests on, and what became of the lenses."""
     state, knowledge = fit.result.state, start.knowledge
     seen = np.unique(fit.model.problem.person)
+    terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
+    inflation = design_effect(fit.model, start.evidence, terms)
+    expected = knowledge.height_mean[seen], knowledge.height_sd[seen]
+    rows = settle_plan(knowledge.cues, state.R, state.centre, state.heights[seen], *expected)
     report, sigma = scale_cue_weights(
-        cues, knowledge.cues, state.centre, state.globals[1:].reshape(-1, 3), state.heights[seen], knowledge.height_mean[seen],
-        knowledge.height_sd[seen], start.evidence.identities[seen],
-        1.0 if knowledge.cues is None or knowledge.cues.world is None else knowledge.cues.world.factor(state),
+        cues, rows, state.centre, triangulate_marks(rows, state.R, state.centre), state.heights[seen], *expected,
+        start.evidence.identities[seen], 1.0 if rows is None or rows.world is None else rows.world.factor(state), state.R,
+        _heights_by_boxes(start, state, observations) if cues.people else None,
+        None if rows is None else freed_measurements(rows, state, fit.model.problem.layout, fit.result.normal, inflation),
     )  # fmt: skip
     # What is found from noisy boxes is biased by about the variance of their heights: 7 % too small a scale at 27 % of noise.
     sigma = float(np.hypot(sigma, height_noise(fit, start.evidence) ** 2))
-    terms = replace(fit.model.problem, lens_weight=np.ones(())).terms(state, jacobians=True)
-    inflation = design_effect(fit.model, start.evidence, terms)
     terms = add_learnt_stance(terms, fit.result.normal)
     lenses = decide_refined_lenses(start.unknowns, start.stated, fit.model.problem, state, inflation)
     refined = "focal" in start.unknowns.parts
     focals = None if refined else StatedFocals.of(start.rig, fit.model.problem, state)
     covariance = rig_covariance(terms, fit.model.problem, state, inflation, sigma, lenses.sigma if lenses else None, focals)
     return covariance, report, lens_figures(lenses, start.stated, start.rig)
+
+
+def _heights_by_boxes(start: Initialisation, state: AdjustmentState, observations: Observations) -> dict[int, float]:
+    """Identity -> height by boxes, metres, at the size that boxes have around the people of this rig."""
+    poses = (Pose.from_centre(R, centre) for R, centre in zip(state.R, state.centre, strict=True))
+    rig = Rig(tuple(replace(camera, pose=pose) for camera, pose in zip(start.rig, poses, strict=True)))
+    boxed = heights_by_boxes(rig, observations)
+    adjusted = dict(zip(start.evidence.identities.tolist(), state.heights.tolist(), strict=True))
+    ratios = [height / adjusted[identity] for identity, height in boxed.items() if identity in adjusted]
+    if len(ratios) < FEWEST_BOXED:
+        return {}
+    return {identity: height / float(np.median(ratios)) for identity, height in boxed.items()}
 
 
 def _with_refined_sigmas(rig: Rig, lenses: Mapping[str, LensFigures]) -> Rig:

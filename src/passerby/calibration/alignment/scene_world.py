@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
+from passerby.calibration.alignment.plan import align_to_plan
 from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, SolvedCamera, SolverFigures
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, notice
+from passerby.interchange.plan_picture import read_plan_picture
 from passerby.interchange.world_files import read_known_points, read_known_positions
+from passerby.scene.floor_plan import floor_plan
 from passerby.scene.scene import Scene
-from passerby.scene.tables import WorldTable
 from passerby.scene.world_files import world_file_paths
+from passerby.scene.world_tables import WorldTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +31,13 @@ class AlignedSolution:
     findings: tuple[Finding, ...] = ()
 
 
-def align_rig(rig: Rig, wanted: WorldTable) -> Aligned:
-    """The rig in the wanted frame; paths as they can be opened.
+def align_rig(rig: Rig, wanted: WorldTable, shown: Path | None = None) -> Aligned:
+    """The rig in the wanted frame.
+
+    Args:
+        rig: as it was calibrated.
+        wanted: the frame; paths as they can be opened.
+        shown: the plan's picture as a scene file names it; None: its absolute path is noted.
 
     Raises:
         InputError: a file that cannot be read, or does not fit the rig.
@@ -44,6 +53,10 @@ def align_rig(rig: Rig, wanted: WorldTable) -> Aligned:
         positions, geodetic = read_known_positions(wanted.positions)
         how, free = f"positions {wanted.positions.name}", {"with_scale": wanted.scale, "tilt": wanted.tilt}
         return align_to_positions(rig, positions, geodetic=geodetic, source=how, **free)
+    if wanted.plan is not None:
+        image = wanted.plan.image
+        height, width = read_plan_picture(image).shape[:2]
+        return align_to_plan(rig, floor_plan(wanted.plan, (width, height)), shown or image.resolve(), with_scale=wanted.scale)
     assert wanted.camera is not None
     return align_to_camera(rig, wanted.camera, wanted.towards)
 
@@ -53,11 +66,15 @@ def align_to_scene(scene: Scene, solution: Solution) -> AlignedSolution:
     table = scene.world
     if table is None or not len(solution.rig.posed()):
         return AlignedSolution(solution.rig, solution.figures)
-    paths = {key: None if path is None else scene.resolve(path) for key, path in world_file_paths(scene).items()}
+    paths: dict[str, Any] = {
+        key: None if path is None else scene.resolve(path) for key, path in world_file_paths(scene).items()
+    }
+    if table.plan is not None:
+        paths["plan"] = table.plan.model_copy(update={"image": scene.resolve(table.plan.image)})
     wanted = table.model_copy(update=paths)
     place = f"{scene.place}: [world]"
     try:
-        aligned = align_rig(solution.rig, wanted)
+        aligned = align_rig(solution.rig, wanted, None if table.plan is None else table.plan.image)
     except (InputError, EvidenceError) as error:
         return AlignedSolution(solution.rig, solution.figures, findings=(notice("world_not_set", place=place, why=str(error)),))
     findings = tuple(replace(one, values={"place": place, **one.values}) for one in aligned.diagnostics)

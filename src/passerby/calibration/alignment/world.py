@@ -81,7 +81,7 @@ def align_to_camera(rig: Rig, name: str, towards: str | None = None) -> Aligned:
     turn = exp_rotation(np.array([0.0, 0.0, -np.arctan2(along[1], along[0])]))
     motion = Similarity(1.0, turn, -turn @ np.array([*pose.centre[:2], 0.0]))
     how = f"camera {name}" + ("" if towards is None else f" towards {towards}")
-    return _aligned(rig, motion, how, {})
+    return aligned_by(rig, motion, how, {})
 
 
 def align_to_points(
@@ -110,10 +110,10 @@ def align_to_points(
         angle_sd=np.array([np.hypot(CLICK_SD_PX / camera.lens.focal, angle_sd(camera)) for _, camera, _ in rows]),
     )
     fit = _fitted(places, with_scale, tilt, "points")
-    aligned = _aligned(rig, fit.motion, source, _fit_figures(fit, with_scale, tilt), tilt=tilt)
+    aligned = aligned_by(rig, fit.motion, source, _fit_figures(fit, with_scale, tilt), tilt=tilt)
     residuals = point_residuals(aligned.rig, rows, places, fit)
     notes += gross_points(residuals) + doubts(places, fit, with_scale, tilt, "points", len(known))
-    return _with(aligned, residuals, notes)
+    return with_residuals(aligned, residuals, notes)
 
 
 def align_to_positions(
@@ -152,10 +152,10 @@ def align_to_positions(
     fit = _fitted(places, with_scale, tilt, "positions")
     metadata = {} if origin is None else {"geodetic_origin": f"{origin[0]:.9f} {origin[1]:.9f} {origin[2]:.3f}"}
     told = _fit_figures(fit, with_scale, tilt) | ({} if origin is None else {"geodetic_origin": origin.tolist()})
-    aligned = _aligned(rig, fit.motion, source, told, metadata, tilt=tilt)
+    aligned = aligned_by(rig, fit.motion, source, told, metadata, tilt=tilt)
     residuals = position_residuals(aligned.rig, rows, target, np.isfinite(place[:, 2]), fit)
     notes += [notice("position_off", row["camera"], off_m=row["off_m"]) for row in residuals if not row["used"]]
-    return _with(aligned, residuals, notes + doubts(places, fit, with_scale, tilt, "positions", len(rows)))
+    return with_residuals(aligned, residuals, notes + doubts(places, fit, with_scale, tilt, "positions", len(rows)))
 
 
 def _posed(rig: Rig, name: str) -> Pose:
@@ -233,7 +233,7 @@ def _fit_figures(fit: WorldFit, with_scale: bool, tilt: bool) -> dict[str, Any]:
     }
 
 
-def _aligned(
+def aligned_by(
     rig: Rig, motion: Similarity, how: str, figures: dict[str, Any], metadata: Mapping[str, str] | None = None, *,
     tilt: bool = False,
 ) -> Aligned:  # fmt: skip
@@ -257,7 +257,7 @@ def _aligned(
     return Aligned(moved, motion, told, tuple(notes))
 
 
-def _with(aligned: Aligned, residuals: list[dict[str, Any]], notes: Sequence[Finding]) -> Aligned:
+def with_residuals(aligned: Aligned, residuals: list[dict[str, Any]], notes: Sequence[Finding]) -> Aligned:
     """With its residuals and further notes."""
     everything = (*notes, *aligned.diagnostics)
     told = {"residuals": residuals, "notes": list(texts_of(everything))}

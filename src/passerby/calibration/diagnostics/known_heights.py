@@ -7,25 +7,16 @@ height of the boxes as nobody else's is has been given somebody else's height.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
-from passerby.core.observations import UNKNOWN, Observations
+from passerby.core.observations import Observations
 from passerby.core.scale_cues import PersonHeight
 from passerby.findings.finding import Finding, doubt
+from passerby.people.box_heights import BOX_SD, heights_by_boxes
 
-WINDOW = 0.06
-"""A person's height is the middle of that span, as a share of itself, which holds most of its boxes: crouching, jumping and
-raised arms differ from box to box, standing does not."""
-FULL = 0.65
-"""Of the windows that hold so much of the fullest one's boxes the tallest counts: some sit longer than they stand."""
-MIN_BOXES = 20
-BOX_SD = 0.02
-"""Of the logarithm of a person's height by boxes, against everybody's: at most 0.01 on eight simulated terraces; on as many
-courts and building sites nine of ten people are within 0.015, but who is never seen to stand upright is off by 0.15 to 0.3."""
 MOST_SIGMAS = 4.0
 """As of a scale cue that contradicts the rest."""
 
@@ -54,47 +45,3 @@ def contradicted_heights(rig: Rig, observations: Observations, known: Sequence[P
             measured = seen[one.identity] * float(np.exp(np.median(others)))
             findings.append(doubt("scale_cue_contradicted", cue=cue, stated_m=one.metres, measured_m=measured, sigmas=sigmas))
     return findings
-
-
-def heights_by_boxes(rig: Rig, observations: Observations) -> Mapping[int, float]:
-    """Identity -> height of its boxes by the rig, metres: from the ground below the lower edge up to the upper edge."""
-    identity, height = [], []
-    for camera in rig.posed():
-        boxes, pose = observations[camera.name].boxes, camera.pose
-        if pose is None or not len(boxes):
-            continue
-        boxes = boxes.take(boxes.inside(camera.lens.size) & (boxes.identity > UNKNOWN))
-        middle = boxes.ltwh[:, 0] + boxes.ltwh[:, 2] / 2
-        foot, head = (
-            camera.lens.bearings(np.column_stack([middle, boxes.ltwh[:, 1] + share * boxes.ltwh[:, 3]])) @ pose.R_cw
-            for share in (1.0, 0.0)
-        )
-        identity.append(boxes.identity)
-        height.append(_heights(pose.centre, foot, head))
-    if not identity:
-        return {}
-    who, tall = np.concatenate(identity), np.concatenate(height)
-    who, tall = who[np.isfinite(tall)], tall[np.isfinite(tall)]
-    own = {int(person): tall[who == person] for person in np.unique(who)}
-    return {person: _densest(all_of) for person, all_of in own.items() if len(all_of) >= MIN_BOXES}
-
-
-def _densest(heights: Floats) -> float:
-    """The median of those heights (N,) that lie in the tallest of the full windows."""
-    tall = np.sort(heights)
-    last = np.searchsorted(tall, tall * (1 + WINDOW), side="right")
-    count = last - np.arange(len(tall))
-    first = int(np.flatnonzero(count >= FULL * count.max())[-1])
-    # The tallest is the upper slope of the heights it belongs to: the fullest that overlaps it is their middle.
-    near = np.flatnonzero(tall >= tall[first] / (1 + WINDOW))
-    first = int(near[np.argmax(count[near])])
-    return float(np.median(tall[first : last[first]]))
-
-
-def _heights(centre: Floats, foot: Floats, head: Floats) -> Floats:
-    """(N,) heights of verticals whose ends lie on rays (N, 3) from a centre (3,), the lower ones at z = 0; NaN for none."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        far = -centre[2] / foot[:, 2]
-        across = far * np.linalg.norm(foot[:, :2], axis=1)
-        top = centre[2] + across * head[:, 2] / np.linalg.norm(head[:, :2], axis=1)
-    return np.where((far > 0) & (top > 0), top, np.nan)

@@ -13,7 +13,7 @@ from passerby.common.errors import EvidenceError, InputError
 
 if TYPE_CHECKING:
     from passerby.calibration.alignment.world import Aligned
-    from passerby.scene.tables import WorldTable
+    from passerby.scene.world_tables import WorldTable
 
 
 def align(
@@ -33,11 +33,14 @@ def align(
         Path | None,
         typer.Option(help="Known positions of cameras: camera, x, y[, z][, sd_m], or camera, lat, lon[, alt] (CSV or TOML)."),
     ] = None,
-    scale: Annotated[bool, typer.Option("--scale", help="Points or positions also set the scale.")] = False,
+    plan: Annotated[
+        Path | None, typer.Option(help="Floor plan or satellite picture with cameras or points placed on it (TOML).")
+    ] = None,
+    scale: Annotated[bool, typer.Option("--scale", help="Points, positions or plan also set the scale.")] = False,
     tilt: Annotated[bool, typer.Option("--tilt", help="Points or positions also set the up direction and the height.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
-    """Set the origin and heading of the world frame by a camera, by clicked points, or by known positions of cameras.
+    """Set the origin and heading of the world frame by a camera, clicked points, known positions of cameras, or a plan.
 
     The ground stays at z = 0, and the up direction and the scale stay as they are, unless --tilt or --scale is given.
     Uncertainties and the verdict are kept. Residuals are reported for each point and camera. One gross error among enough
@@ -52,7 +55,7 @@ def align(
     from passerby.interchange.storage.json_text import to_json
     from passerby.interchange.storage.transaction import folder_lock
 
-    wanted = _wanted(camera, towards, points, positions, scale, tilt)
+    wanted = _wanted(camera, towards, points, positions, plan, scale, tilt)
     folder = rig if rig.is_dir() else rig.parent if (rig.parent / CALIBRATION_FILE).is_file() and rig.name == RIG_FILE else None
     source = rig / RIG_FILE if rig.is_dir() else rig
     to_file = out.suffix.lower() == ".toml" and not out.is_dir()
@@ -62,7 +65,7 @@ def align(
         try:
             aligned = align_rig(read_rig(source) if folder is None else read_folder_rig(folder), wanted)
         except EvidenceError as error:
-            raise EvidenceError(f"{points or positions or source}: {error}", error.reasons) from None
+            raise EvidenceError(f"{points or positions or plan or source}: {error}", error.reasons) from None
         notes = list(aligned.notes)
         if to_file:
             write_rig(out, aligned.rig)
@@ -80,23 +83,34 @@ def align(
 
 
 def _wanted(
-    camera: str | None, towards: str | None, points: Path | None, positions: Path | None, scale: bool, tilt: bool
+    camera: str | None,
+    towards: str | None,
+    points: Path | None,
+    positions: Path | None,
+    plan: Path | None,
+    scale: bool,
+    tilt: bool,
 ) -> WorldTable:
     """What the options ask for. Raises `InputError` where they contradict each other."""
-    from passerby.scene.tables import WorldTable
+    from passerby.scene.floor_plan import read_plan
+    from passerby.scene.world_tables import WorldTable
 
-    given = [
-        name for name, value in (("--camera", camera), ("--points", points), ("--positions", positions)) if value is not None
-    ]
+    options = {"--camera": camera, "--points": points, "--positions": positions, "--plan": plan}
+    given = [name for name, value in options.items() if value is not None]
     if len(given) != 1:
-        raise InputError(f"{' and '.join(given) or 'nothing'} given: give one of --camera, --points, --positions")
+        raise InputError(f"{' and '.join(given) or 'nothing'} given: give one of {', '.join(options)}")
     if towards is not None and camera is None:
         raise InputError("--towards needs --camera: name the camera at the origin")
     if towards is not None and towards == camera:
         raise InputError("--towards names the camera of --camera itself: name another one")
     if camera is not None and (scale or tilt):
         raise InputError("--scale and --tilt need --points or --positions: a camera determines neither")
-    return WorldTable(camera=camera, towards=towards, points=points, positions=positions, scale=scale, tilt=tilt)
+    if plan is not None and tilt:
+        raise InputError("--tilt needs --points or --positions: a plan knows no heights")
+    return WorldTable(
+        camera=camera, towards=towards, points=points, positions=positions, plan=None if plan is None else read_plan(plan),
+        scale=scale, tilt=tilt,
+    )  # fmt: skip
 
 
 def _check_target(source: Path, out: Path, folder: Path | None, to_file: bool) -> None:
@@ -124,7 +138,7 @@ def _show(aligned: Aligned) -> None:
 
     figures, motion = aligned.figures, aligned.motion
     if aligned.residuals:
-        of_points = "point" in aligned.residuals[0]
+        of_points = any("point" in row for row in aligned.residuals)
         rows = [_row(row, of_points) for row in aligned.residuals]
         last = ("residual px", "height residual m", "used") if of_points else ("height residual m", "used")
         columns = ("point", "camera") if of_points else ("camera",)
@@ -144,8 +158,8 @@ def _show(aligned: Aligned) -> None:
 
 def _row(row: dict[str, Any], of_points: bool) -> list[str]:
     """One line of the residuals."""
-    from passerby.cli.terminal import number
+    from passerby.cli.terminal import MISSING, number
 
-    names = [row["point"], row["camera"]] if of_points else [row["camera"]]
+    names = [row.get("point", MISSING), row["camera"]] if of_points else [row["camera"]]
     pixels = [number(row["off_px"])] if of_points else []
     return [*names, number(row["off_m"], 3), *pixels, number(row["height_off_m"], 3), "yes" if row["used"] else "no"]

@@ -3,8 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
-from passerby.findings.texts.kinds import NOTICE, Kind
+from passerby.findings.texts.kinds import DOUBT, NOTICE, Kind
+
+
+def _placements(values: Mapping[str, Any]) -> str:
+    """Cameras and points on a plan, in words."""
+    cameras, points = values["on_plan"], values["points"]
+    named = [f"camera{'s' if len(cameras) > 1 else ''} {', '.join(cameras)}"] if cameras else []
+    named += [f"point{'s' if len(points) > 1 else ''} {', '.join(points)}"] if points else []
+    return " and ".join(named)
+
 
 ALIGNMENT: Mapping[str, Kind] = {
     "world_not_set": Kind(
@@ -30,6 +40,15 @@ ALIGNMENT: Mapping[str, Kind] = {
     "position_without_pose": Kind(
         NOTICE, "The camera has no pose, so that its known position is left out.",
         "camera {camera} has no pose: its position is left out",
+    ),
+    "point_above_horizon": Kind(
+        NOTICE, "A point of the plan does not lie on the ground by its pixel in the camera, and was left out there.",
+        "point {point} of the plan is above the horizon of camera {camera}: check its pixel; it was left out",
+    ),
+    "plan_contradicts_itself": Kind(
+        DOUBT, "Cameras (`on_plan`) and points placed on the plan contradict each other; which of them is wrong is not known.",
+        lambda v: f"{_placements(v)} contradict each other on the plan, by {v['off_m']:.2f} m",
+        "check them, or place more cameras or points on it, by which the wrong one is found", subjects=("scale",),
     ),
     "places_fit_poorly": Kind(
         NOTICE, "The known points or positions fit worse than their stated accuracy.",

@@ -116,4 +116,10 @@ SOLVER: Mapping[str, Kind] = {
         "sigmas away",
         "check it", subjects=("scale",),
     ),
+    "scale_cues_disagree": Kind(
+        DOUBT, "Two scale constraints contradict each other, and nothing says which is wrong; the more certain is first.",
+        lambda v: f"the scale constraints '{v['cues'][0]}' (1 sigma {v['sigmas_percent'][0]:.1f} %) and '{v['cues'][1]}' "
+        f"(1 sigma {v['sigmas_percent'][1]:.1f} %) disagree by {v['percent']:.0f} %, {v['sigmas']:.1f} sigmas",
+        "check both, or state a third length, which decides between them", subjects=("scale",),
+    ),
 }  # fmt: skip

@@ -1,0 +1,225 @@
+"""`docs/results/scale.md`: what each thing that is known of the scale buys, beside the goals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datasets import ROOT
+from pages.cases import Outcomes, run_cases
+from pages.commit import commit
+from pages.kept import Kept, code_digest
+from pages.page import Page, errors, number, reached, table
+from pages.sections import Found, Heading, Section, SectionedPage
+from scale import simulated
+
+CODE = ("scale",)
+"""Folders of the benchmarks that the outcomes depend on, beside the package; how they are shown is not among them."""
+SEEDS = 10
+"""Of each preset."""
+KEPT = ROOT / "build" / "scale"
+
+HEADINGS: Mapping[str, Heading] = {
+    "nobody": Heading(
+        "Nobody known",
+        "Boxes only. The simulated people are drawn from the population that is assumed, and boxes reach no further than "
+        "bodies: real crowds and detectors add to this error, see the page on [pixels](perception.md).",
+    ),
+    "person": Heading(
+        "One person of known height",
+        "One person, drawn at random, is pointed at in one frame of one camera, and the true height is stated "
+        "(`[[scale.people]]`). *identities found*: ids mean nothing in another camera, and association finds who is who.",
+    ),
+    "plan": Heading(
+        "A plan",
+        f"A plan of {simulated.PLAN_PX} x {simulated.PLAN_PX} pixels that covers all cameras (`[world.plan]`), with two "
+        "cameras placed on it, the farthest apart, or two points of the ground at opposite corners of the area, clicked in the "
+        f"cameras that see them. Clicks on the plan and in the images are off by {simulated.CLICK_PX:g} px in each direction "
+        "(one standard deviation).",
+    ),
+    "length": Heading(
+        "One marked length",
+        f"A length across the middle of the area (`[[scale.lengths]]`), its ends clicked to {simulated.CLICK_PX:g} px in the "
+        f"cameras that see them, stated without an error, with a standard deviation of {100 * simulated.LENGTH_SD_M:g} cm.",
+    ),
+    "upper": Heading(
+        "Upper bodies",
+        "Nine keypoints from the nose down to hips and wrists, no boxes; three cameras, five people, nothing known of anybody.",
+    ),
+}
+"""Of the parts, in their order on the page."""
+
+_COLUMNS = ("known", "scenes", "registered", "verdicts", "error of lengths, median", "90 %", "largest", "mean, signed",
+            "stated sigma, median", "within 2 sigmas", "largest, in sigmas", "shape")  # fmt: skip
+
+_HEAD = f"""# Scale
+
+Simulated scenes of the three presets, {simulated.SECONDS:g} s, boxes with {100 * simulated.BOX_NOISE:g} % noise of which
+{100 * simulated.MISSING:g} % are missing; identities are known unless a row says otherwise. *error of lengths*: how far the
+ratio of all distances between cameras to the true ones is off 1, in per cent; *mean, signed*: positive where lengths are too
+long. *stated sigma*: what the calibration says of the scale; *within 2 sigmas*: share of the scenes whose error is within twice
+that. *shape*: error of positions and orientations after similarity alignment, mean over the cameras, median over the scenes;
+nothing that is known of the scale changes it."""
+
+
+@dataclass(frozen=True)
+class Goal:
+    """A figure of some cases that is asked for: (acceptable, aim)."""
+
+    text: str
+    known: str
+    figure: Callable[[Sequence[Mapping[str, Any]]], float]
+    limits: tuple[float, float]
+    unit: str = " %"
+    more: bool = False
+    """Whether more is better."""
+
+
+def _errors(cases: Sequence[Mapping[str, Any]]) -> list[float]:
+    """Signed errors of the scale, per cent; infinite where there is none."""
+    found = [case.get("scale_percent") for case in cases]
+    return [math.inf if value is None or not math.isfinite(value) else float(value) for value in found]
+
+
+def _in_sigmas(cases: Sequence[Mapping[str, Any]]) -> list[float]:
+    """Errors over their stated sigmas; infinite where either is missing."""
+    pairs = zip(_errors(cases), cases, strict=True)
+    return [abs(off) / case["sigma_percent"] if case["sigma_percent"] else math.inf for off, case in pairs]
+
+
+def _median(cases: Sequence[Mapping[str, Any]]) -> float:
+    return float(np.median(np.abs(_errors(cases))))
+
+
+def _signed(cases: Sequence[Mapping[str, Any]]) -> float:
+    return abs(float(np.mean(_errors(cases))))
+
+
+def _largest_in_sigmas(cases: Sequence[Mapping[str, Any]]) -> float:
+    return max(_in_sigmas(cases))
+
+
+def _within(cases: Sequence[Mapping[str, Any]]) -> float:
+    return 100 * float(np.mean(np.array(_in_sigmas(cases)) <= 2))
+
+
+def _shape(cases: Sequence[Mapping[str, Any]], key: str) -> float:
+    return float(np.median([case.get(key, math.inf) for case in cases]))
+
+
+def _unknown(cases: Sequence[Mapping[str, Any]]) -> float:
+    values = [value for case in cases for value in case.values() if value is None or isinstance(value, float)]
+    return float(sum(value is None or not math.isfinite(value) for value in values))
+
+
+GOALS: Mapping[str, Sequence[Goal]] = {
+    "nobody": (
+        Goal("nobody known, boxes: error of lengths, median", "nothing", _median, (4.0, 3.0)),
+        Goal("nobody known, boxes: mean signed error", "nothing", _signed, (2.5, 1.5)),
+        Goal("nobody known, boxes: largest error in stated sigmas", "nothing", _largest_in_sigmas, (2.5, 2.0), ""),
+    ),
+    "person": (
+        Goal("one person, boxes: error of lengths, median", "person", _median, (2.5, 2.0)),
+        Goal("one person, boxes, identities found: median", "person, identities found", _median, (2.5, 2.0)),
+        Goal("one person, keypoints: error of lengths, median", "person and keypoints", _median, (1.5, 1.0)),
+    ),
+    "plan": (
+        Goal("a plan with two points: error of lengths, median", "two points", _median, (0.6, 0.4)),
+        Goal("a plan with two cameras: error of lengths, median", "two cameras", _median, (0.6, 0.4)),
+    ),
+    "length": (Goal("one marked length: error of lengths, median", "length", _median, (0.6, 0.4)),),
+    "upper": (
+        Goal("upper bodies: position, median", "upper bodies", partial(_shape, key="mm"), (60.0, 40.0), " mm"),
+        Goal("upper bodies: orientation, median", "upper bodies", partial(_shape, key="deg"), (1.5, 1.0), "°"),
+        Goal("upper bodies: error of lengths, median", "upper bodies", _median, (8.0, 5.0)),
+        Goal("upper bodies: within two stated sigmas", "upper bodies", _within, (90.0, 90.0), " %", more=True),
+        Goal("upper bodies: figures that are no numbers", "upper bodies", _unknown, (0.0, 0.0), ""),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the user asks of the benchmark."""
+
+    parts: Sequence[str] = ()
+    """Names of `HEADINGS`; all where none is named."""
+    seeds: int = SEEDS
+    kept: Path = KEPT
+    workers: int = 2
+    earlier: Mapping[str, Section] | None = None
+    """Sections of the page as it was, for the parts that are not run."""
+
+
+def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
+    """The page after each finished case; one seed of each preset in a quick run."""
+    del scratch
+    wanted = wanted or Wanted()
+    count = 1 if quick else wanted.seeds
+    runs: dict[str, Callable[[], Iterable[Found | str]]] = {
+        part: partial(_part, part, wanted, count) for part in wanted.parts or HEADINGS
+    }
+    return SectionedPage("scale", head, HEADINGS, code_digest(*CODE), timed=False).grow(runs, wanted.earlier or {})
+
+
+def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
+    """A part again and again, as its cases are finished."""
+    store, code = Kept(wanted.kept, CODE), commit()
+    cases = simulated.cases(part, count)
+    for done in run_cases(store, part, cases, simulated.work, wanted.workers):
+        yield found_in(part, cases, done, code)
+
+
+def found_in(part: str, cases: Mapping[str, simulated.ScaleCase], done: Outcomes, code: str) -> Found:
+    """A part as far as it is finished."""
+    minutes = sum(case["cpu_s"] for case in done.values()) / 60
+    note = f"{len(done)} of {len(cases)} cases; {minutes:.1f} minutes of processor time; code of commit {code}."
+    rows = []
+    for known in dict.fromkeys(case.known for case in cases.values()):
+        for preset in (None, *dict.fromkeys(case.preset for case in cases.values())):
+            if some := _of(done, known, preset):
+                rows.append(_row(f"{known}, {preset or 'all'}", some))
+    goals = [_goal_row(goal, some) for goal in GOALS[part] if (some := _of(done, goal.known))]
+    return Found(f"{note}\n\n{table(_COLUMNS, rows)}", {"goals": goals})
+
+
+def _of(done: Outcomes, known: str, preset: str | None = None) -> list[Mapping[str, Any]]:
+    return [one for one in done.values() if one["about"]["known"] == known and preset in (None, one["about"]["preset"])]
+
+
+def _row(name: str, cases: Sequence[Mapping[str, Any]]) -> list[str]:
+    """One line of a part's table."""
+    off, of = np.array(_errors(cases)), [case["verdict"] for case in cases]
+    sigma = [case["sigma_percent"] for case in cases if case["sigma_percent"] is not None]
+    return [
+        name, str(len(cases)), f"{sum(case['registered'] for case in cases)} of {sum(case['cameras'] for case in cases)}",
+        ", ".join(f"{of.count(verdict)} {verdict}" for verdict in ("accepted", "doubtful", "refused") if verdict in of),
+        f"{number(_median(cases), 2)} %", f"{number(float(np.sort(np.abs(off))[math.ceil(0.9 * len(off)) - 1]), 2)} %",
+        f"{number(float(np.abs(off).max()), 2)} %", f"{number(float(np.mean(off)), 2)} %",
+        f"{number(float(np.median(sigma)) if sigma else None, 2)} %", f"{number(_within(cases), 0)} %",
+        number(_largest_in_sigmas(cases), 1), errors(_shape(cases, "mm"), _shape(cases, "deg")),
+    ]  # fmt: skip
+
+
+def _goal_row(goal: Goal, cases: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A figure against what is asked of it."""
+    value = goal.figure(cases)
+    sign = -1 if goal.more else 1
+    limits = [[sign * limit] for limit in goal.limits]
+    verdict = reached([sign * value if math.isfinite(value) else None], *limits)
+    measured = f"{number(value, 2)}{goal.unit} ({len(cases)} scenes)"
+    return [goal.text, measured, *(f"{limit:g}{goal.unit}" for limit in goal.limits), verdict]
+
+
+def head(sections: Sequence[Section]) -> str:
+    """What stands above the parts: the goals."""
+    goals: list[list[str]] = []
+    for section in sections:
+        goals += section.facts.get("goals", [[section.title, "not run", "", "", ""]])
+    return f"{_HEAD}\n\n## Goals\n\n{table(('case', 'measured', 'acceptable', 'aim', 'reached'), goals)}"

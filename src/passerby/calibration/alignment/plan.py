@@ -1,0 +1,142 @@
+"""A rig laid upon a floor plan: origin, heading and, where it is asked for, the scale."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from passerby.calibration.alignment.places import camera_of
+from passerby.calibration.alignment.residuals import POOR_FIT, TELLING_SCALE
+from passerby.calibration.alignment.world import WEAK_TURN_DEG, Aligned, aligned_by, with_residuals
+from passerby.common.arrays import Floats
+from passerby.common.errors import EvidenceError
+from passerby.core.cameras import Rig
+from passerby.core.floor_plan import FloorPlan
+from passerby.findings.finding import Finding, doubt, notice
+from passerby.geometry.plan_fit import ScalePrior
+from passerby.geometry.rotations import exp_rotation
+from passerby.geometry.similarity import Similarity
+from passerby.solver.plan_rows import PlanRows, Settled, plan_rows
+
+RIG_SCALE_SD = 0.05
+"""Relative, of the scale of a rig that stands by people's heights; it decides which of three placements is wrong."""
+
+
+def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = False) -> Aligned:
+    """The rig in the frame of a plan: x to the right and y up on it, metres, z = 0 the ground that people walk on.
+
+    Args:
+        rig: at least one camera has a pose.
+        plan: with its origin.
+        image: its picture, which a report shows: absolute, or from the scene file's folder.
+        with_scale: whether lengths become those of the plan. Otherwise they stay.
+
+    Raises:
+        InputError: a camera that the rig does not have, or a pixel outside what its lens can see.
+        EvidenceError: fewer than two placements of registered cameras are left, or they do not fix the heading.
+    """
+    for name in (*(one.camera for one in plan.cameras), *(name for point in plan.points for name in point.pixels)):
+        camera_of(rig, name)
+    posed, notes = rig.posed(), list[Finding]()
+    lost = [one.camera for one in plan.cameras if one.camera not in posed.names]
+    notes += [notice("position_without_pose", name) for name in lost]
+    seen = [name for point in plan.points for name in point.pixels if name not in posed.names]
+    notes += [notice("points_without_pose", name, count=seen.count(name)) for name in dict.fromkeys(seen)]
+    rows = plan_rows(plan, posed)
+    if rows is not None:
+        R, centre = (np.array([getattr(camera.pose, part) for camera in posed]) for part in ("R_cw", "centre"))
+        rows = rows.settle(R, centre, ScalePrior(0.0, RIG_SCALE_SD))
+    if rows is None or rows.settled is None:
+        raise EvidenceError(
+            "fewer than two cameras or points that are registered and on the ground are placed on the plan: place more of "
+            "them, metres apart, and points below the horizon"
+        )
+    fit, settled = rows.settled.fit, rows.settled
+    turn = float(np.degrees(fit.yaw_sd * fit.factor))
+    if turn > WEAK_TURN_DEG:
+        raise EvidenceError(f"the plan fixes the heading to {turn:.0f} degrees only: place cameras or points farther apart")
+    scale = 1 / fit.scale if with_scale else 1.0
+    placements = rows.placements(R, centre)
+    rotation = exp_rotation(np.array([0.0, 0.0, -fit.yaw]))
+    middle = placements.target[settled.used].mean(axis=0)
+    there = fit.shift + fit.scale * middle @ exp_rotation(np.array([0.0, 0.0, fit.yaw]))[:2, :2].T
+    motion = Similarity(scale, rotation, np.append(middle, 0.0) - scale * rotation @ np.append(there, 0.0))
+    moved = motion.apply(np.column_stack([placements.place, np.zeros(len(placements.place))]))[:, :2]
+    aligned = aligned_by(rig, motion, f"plan {plan.name}", _figures(rows, settled, plan, image, with_scale=with_scale))
+    residuals = _residuals(rows, plan, moved, placements.target)
+    return with_residuals(aligned, residuals, notes + _findings(rows, settled, residuals, with_scale=with_scale))
+
+
+def _figures(rows: PlanRows, settled: Settled, plan: FloorPlan, image: Path, *, with_scale: bool) -> dict[str, Any]:
+    """What there is to say of the fit, JSON-ready."""
+    fit = settled.fit
+    return {
+        "scale_fitted": with_scale, "tilt_fitted": False,
+        "used": int(np.count_nonzero(settled.used)), "left_out": int(np.count_nonzero(~settled.used)),
+        "turn_sigma_deg": float(np.degrees(fit.yaw_sd * fit.factor)), "place_sigma_mm": 1000 * fit.shift_sd * fit.factor,
+        "scale_sigma": rows.sigma if with_scale else None, "residuals_over_stated": fit.factor,
+        "plan": {
+            "image": str(image), "metres_per_pixel": plan.metres_per_pixel,
+            "origin": [float(value) for value in plan.origin],
+        },
+    }  # fmt: skip
+
+
+def _residuals(rows: PlanRows, plan: FloorPlan, moved: Floats, target: Floats) -> list[dict[str, Any]]:
+    """One row for each camera on the plan and each observation of a point: where the rig has it, and how far off."""
+    assert rows.settled is not None
+    out = []
+    for row, (place, wanted) in enumerate(zip(moved, target, strict=True)):
+        ray = row - len(rows.camera)
+        camera = int(rows.camera[row]) if ray < 0 else int(rows.rays.camera[ray])
+        off = float(np.linalg.norm(place - wanted))
+        found = np.isfinite(off)
+        out.append({
+            **({} if ray < 0 else {"point": rows.point_names[int(rows.rays.point[ray])]}),
+            "camera": rows.camera_names[camera], "off_m": off if found else None,
+            "off_px": off / plan.metres_per_pixel if found else None, "height_off_m": None,
+            "used": bool(rows.settled.used[row]), "stated_m": wanted.tolist(), "found_m": place.tolist() if found else None,
+        })  # fmt: skip
+    return out
+
+
+def _findings(rows: PlanRows, settled: Settled, residuals: list[dict[str, Any]], *, with_scale: bool) -> list[Finding]:
+    """Placements that were left out, those that contradict each other, and a scale that is not the plan's."""
+    out, fit = list[Finding](), settled.fit
+    for number in dict.fromkeys(row["point"] for row in residuals if "point" in row):
+        own = [row for row in residuals if row.get("point") == number]
+        wrong = [row for row in own if not row["used"] and row["off_m"] is not None]
+        out += [notice("point_above_horizon", row["camera"], point=number) for row in own if row["off_m"] is None]
+        if len(wrong) == len(own) > 1:
+            off = float(np.median([row["off_m"] for row in wrong]))
+            out.append(notice("point_off_everywhere", point=number, off_m=off, count=len(wrong)))
+        else:
+            out += [notice("point_off", row["camera"], point=number, off_m=row["off_m"]) for row in wrong]
+    out += [
+        notice("position_off", row["camera"], off_m=row["off_m"]) for row in residuals if "point" not in row and not row["used"]
+    ]
+    if settled.suspects:
+        out.append(doubt("plan_contradicts_itself", **_suspects(rows, settled, residuals)))
+    elif fit.factor > POOR_FIT:
+        size = float(np.sqrt(np.mean([row["off_m"] ** 2 for row in residuals if row["used"]])))
+        out.append(notice("places_fit_poorly", what="plan", off_m=size, times=fit.factor))
+    growth = -np.log(fit.scale)
+    if not with_scale and abs(growth) > max(TELLING_SCALE, 3 * rows.sigma):
+        percent, sigma_percent = 100 * abs(float(np.expm1(growth))), 100 * rows.sigma
+        larger = bool(growth > 0)
+        out.append(notice("places_want_scale", what="plan", percent=percent, larger=larger, sigma_percent=sigma_percent))
+    return out
+
+
+def _suspects(rows: PlanRows, settled: Settled, residuals: list[dict[str, Any]]) -> dict[str, Any]:
+    """Cameras and points that contradict each other, and by how much at most."""
+    k = len(rows.camera)
+    cameras = [rows.camera_names[int(rows.camera[number])] for number in settled.suspects if number < k]
+    points = [rows.point_names[number - k] for number in settled.suspects if number >= k]
+    named = [
+        row["off_m"] for row in residuals
+        if row["used"] and (row["point"] in points if "point" in row else row["camera"] in cameras)
+    ]  # fmt: skip
+    return {"on_plan": cameras, "points": points, "off_m": float(max(named))}
