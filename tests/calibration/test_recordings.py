@@ -15,6 +15,8 @@ from passerby.cli.main import run
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from passerby.perception.video import VideoReader
+from passerby.scene.inputs import read_cameras
+from passerby.scene.scene import Scene
 from support.scenes.puppet_videos import film, puppets, scene_file
 
 pytestmark = pytest.mark.slow
@@ -36,8 +38,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def cut(video: Path, folder: Path, camera: str, start_s: float) -> list[Path]:
-    """Pieces as Frigate has them: packets copied, cut at key frames, named by the whole second in which they begin."""
+def cut(video: Path, folder: Path, camera: str, start_s: float) -> dict[Path, float]:
+    """Pieces as Frigate has them: packets copied, cut at key frames, named by the whole second in which they begin.
+
+    Path -> when it begins, seconds since 1970.
+    """
     pieces: list[list[av.Packet]] = []
     with av.open(str(video)) as source:
         stream = source.streams.video[0]
@@ -48,7 +53,7 @@ def cut(video: Path, folder: Path, camera: str, start_s: float) -> list[Path]:
             if packet.is_keyframe and second >= PIECE_S * len(pieces) - 0.01:
                 pieces.append([])
             pieces[-1].append(packet)
-        paths = []
+        begins = {}
         for packets in pieces:
             first = packets[0].dts
             time = BEGIN + timedelta(seconds=start_s + float(packets[0].pts * packets[0].time_base))
@@ -59,8 +64,8 @@ def cut(video: Path, folder: Path, camera: str, start_s: float) -> list[Path]:
                 for packet in packets:
                     packet.pts, packet.dts, packet.stream = packet.pts - first, packet.dts - first, copy
                     target.mux(packet)
-            paths.append(path)
-    return paths
+            begins[path] = time.timestamp()
+    return begins
 
 
 def calibrated(scene: Path) -> tuple[Path, float]:
@@ -81,9 +86,12 @@ def whole(folder: Path) -> float:
 
 
 def test_pieces_of_a_recorder(folder: Path, whole: float) -> None:
+    begins: dict[Path, float] = {}
     for name, start_s in zip(CAMERAS, STARTS_S, strict=True):
-        pieces = cut(folder / f"{name}.mp4", folder / "recordings", name, start_s)
-        assert len(pieces) == SECONDS / PIECE_S
+        own = cut(folder / f"{name}.mp4", folder / "recordings", name, start_s)
+        pieces = list(own)
+        assert SECONDS / PIECE_S - 1 <= len(pieces) <= SECONDS / PIECE_S
+        begins |= own
         for number in MISSING[name]:
             pieces[number].unlink()
         if name == BROKEN[0]:
@@ -97,23 +105,25 @@ def test_pieces_of_a_recorder(folder: Path, whole: float) -> None:
     gaps = [one for one in document["diagnostics"] if one["code"] == "recording_gaps"]
     assert [one["cameras"] for one in gaps] == [[name] for name in CAMERAS]
     assert [one["values"]["count"] for one in gaps] == [1, 2, 1]
-    assert [round(one["values"]["seconds"]) for one in gaps] == [10, 20, 10]
+    # Key frames where the picture changes much make some pieces two seconds longer.
+    assert all(10 * one["values"]["count"] <= round(one["values"]["seconds"]) <= 12 * one["values"]["count"] for one in gaps)
     # Names tell begins to a second; what is left of that is found.
     offsets = np.array([camera["time_offset_s"] for camera in document["cameras"]])
-    starts = np.array([_first_second(folder, name) for name in CAMERAS])
-    np.testing.assert_allclose(offsets - offsets[0] + starts - starts[0], STARTS_S, atol=0.05)
+    late = np.array([late_s(folder / "pieces.toml", name, begins) for name in CAMERAS])
+    assert (np.abs(late) < 0.6).all()
+    np.testing.assert_allclose(offsets - offsets[0], late[0] - late, atol=0.08)
+    assert "data:image/jpeg" in (out / "report.html").read_text()
+    assert run(["report", str(out)]) == 0
     assert "data:image/jpeg" in (out / "report.html").read_text()
 
 
-def _first_second(folder: Path, name: str) -> float:
-    """When the first picture is taken to be, from the common origin."""
-    from passerby.scene.inputs import read_cameras
-    from passerby.scene.scene import Scene
-
-    readings = {reading.name: reading for reading in read_cameras(Scene.load(folder / "pieces.toml"))}
+def late_s(scene: Path, name: str, begins: dict[Path, float]) -> float:
+    """By how much most of a camera's pieces are taken to begin later than they do."""
+    readings = {reading.name: reading for reading in read_cameras(Scene.load(scene))}
     video = readings[name].video
     assert video is not None
-    return video.begin_s
+    assert video.wall is not None
+    return float(np.median([video.wall.seconds + piece.begin_s - begins[piece.path] for piece in video.pieces]))
 
 
 def test_pictures(folder: Path, whole: float) -> None:
