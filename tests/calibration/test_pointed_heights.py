@@ -58,6 +58,7 @@ def test_given_identities(small):
     assert named == [f"height of person {identity}, [[scale.people]] 1"]
 
 
+@pytest.mark.slow
 def test_time_and_frame_say_the_same(small):
     identity, table = pointed_at(small, "C2", skip=(1, 2))
     timed = {key: value for key, value in table.items() if key != "frame"} | {"time_s": (table["frame"] - 1) / FPS}
@@ -67,6 +68,7 @@ def test_time_and_frame_say_the_same(small):
     assert by_frame[1] == by_time[1]
 
 
+@pytest.mark.slow
 def test_two_heights_of_one_person_that_differ_let_no_rig_be_accepted(small):
     _, table = pointed_at(small, "C1")
     calibration, _ = scale_by(small, [table, {**table, "height_m": table["height_m"] - 0.2}])
@@ -136,6 +138,7 @@ def test_a_time_without_a_frame_rate_is_an_error(small):
         calibrate_observations(small.rig, boxes, association={"mode": "given"}, scale={"people": [{**table, "time_s": 1.0}]})
 
 
+@pytest.mark.slow
 def test_people_who_overlap_are_a_notice(small):
     boxes = small.observations["C1"].boxes
     for frame in np.unique(boxes.frame):

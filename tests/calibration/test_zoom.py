@@ -57,6 +57,7 @@ def test_a_zoom_is_dated_and_measured(factor, given):
     assert change.metres < 0.5
 
 
+@pytest.mark.slow
 def test_the_stretch_of_a_stated_lens_is_the_part_that_it_does_not_hold_for():
     """However long that is; of a lens that is estimated, the longer part stays."""
     scene = filmed((Zoom("C2", 8.0, 1.3),))
@@ -100,6 +101,7 @@ def test_zoomed_correspondences_are_those_of_the_zoomed_lens():
     np.testing.assert_allclose(np.einsum("nij,nj->ni", seen.tangent, along), moved, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_gradual_zoom_takes_its_time():
     scene = filmed(())
     steps = gradual_zoom("C2", 4.0, 8.0, 1.5)

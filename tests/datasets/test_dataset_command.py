@@ -40,7 +40,9 @@ def test_a_sequence_becomes_a_scene_that_calibrates(sequence, tmp_path, capsys):
     assert all(camera.pose is None for camera in read_rig(scene / "intrinsics.toml"))
 
 
-def test_scene_of_boxes_and_scene_of_videos(sequence, tmp_path, capsys):
+def test_scene_of_boxes_and_scene_of_videos(sequence, tmp_path, capsys, monkeypatch):
+    # Keypoints would do with a second; no network for them can be fetched.
+    monkeypatch.setenv("PASSERBY_OFFLINE", "1")
     assert run(["dataset", "epfl", str(sequence), "-o", str(tmp_path / "scene")]) == 0
     scene = tomllib.loads((tmp_path / "scene" / "scene.toml").read_text())
     assert scene["association"]["mode"] == "given"

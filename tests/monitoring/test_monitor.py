@@ -23,6 +23,7 @@ def moved(tmp_path_factory):
     return write_watched(tmp_path_factory.mktemp("moved"), GIVEN, walkers(RIG, 160, knocks={"C2": (90.0, AFTER)}), known=False)
 
 
+@pytest.mark.slow
 def test_a_knock_without_identities(moved, tmp_path, capsys):
     rig, scene = moved
     assert run(["monitor", str(rig), str(scene), "-o", str(tmp_path / "out")]) == 3

@@ -90,6 +90,7 @@ def test_guesses_may_err_alike_or_each_on_its_own() -> None:
     np.testing.assert_allclose(covariance_of_guesses(np.array([0.0, 0.1])), np.diag([0.0, 0.01]))
 
 
+@pytest.mark.slow
 def test_the_stated_sigma_is_the_prior_of_the_refinement() -> None:
     rig = Rig((Camera("A", replace(LENS, focal_sd=0.2)), Camera("B", LENS)))
     unknowns = LensUnknowns(("focal", "principal_point"))

@@ -96,6 +96,7 @@ def stated(preset: str, factors: tuple[float, ...]) -> tuple[Solution, Rig]:
 
 
 @thinned("factors", [(1.0, 1.0, 1.0, 1.0), (1.0, 1.1, 1.0, 1.0), (1.0, 0.8, 1.0, 1.0), (1.15,) * 4], quick=2)
+@pytest.mark.slow
 def test_steps_of_focal_lengths_lead_to_the_true_ones(factors: tuple[float, ...]) -> None:
     """Columns at the observed points would add the noise's own square: +0.01 to +0.05 here, and +1 where people tell little."""
     solution, _ = stated("basketball", factors)
@@ -164,6 +165,7 @@ def unbent(lens: Lens) -> Lens:
     return replace(lens, distortions=lens.distortions + np.array([0.15, *np.zeros(len(lens.distortions) - 1)]))
 
 
+@pytest.mark.slow
 def test_a_wrong_distortion_is_named() -> None:
     solution = with_lens("basketball", "C2", unbent)
     assert accused(solution) == [("lens_part_contradicted", ("C2",))]

@@ -178,6 +178,7 @@ def test_a_focal_length_wrong_by_a_fifth_in_all_cameras_is_found() -> None:
     assert compare(refined.rig, truth).scale_ratio == pytest.approx(1, abs=0.07)
 
 
+@pytest.mark.slow
 def test_right_lenses_stay() -> None:
     stated, truth = solved((), ())
     refined, _ = solved((), ("focal",))

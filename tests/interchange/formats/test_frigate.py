@@ -90,6 +90,7 @@ def test_the_file_is_a_part_of_frigates_configuration(tmp_path):
     assert "# low: Frigate's speeds are off by -" in text
 
 
+@pytest.mark.slow
 def test_a_camera_without_ground_is_a_loss(tmp_path):
     rig = Rig((looking(60, "down"), looking(-60, "up")))
     with pytest.raises(InputError, match="camera up sees too little ground"):
