@@ -246,6 +246,8 @@ def test_pictures_to_look_at_in_a_second(place, fps, count):
         (20.0, 30.0, None, 15.0),  # three hundred in all
         (2.0, 30.0, None, 30.0),  # all there are
         (None, 30.0, None, 5.0),
+        (3600.0, 12.5, None, 6.25),
+        (3600.0, 12.5 * (1 + 1e-12), None, 6.25),  # of images, one over their step
         # The scene file says that the video runs at half its speed: 10 of its seconds are 20.
         (3600.0, 30.0, 15.0, 10.0),
     ],

@@ -144,7 +144,8 @@ def picture_rate(scene: Scene, reading: CameraInput, info: VideoInfo) -> float:
     if wanted is None:
         seconds = info.seconds / pace if info.seconds else None
         wanted = max(WATCHED_FPS, ENOUGH_PICTURES / seconds) if seconds else WATCHED_FPS
-    return info.average_fps / max(1, round(info.average_fps * pace / wanted))
+    # The rate of images is a quotient: 12.500000001 a second are 12.5.
+    return info.average_fps / max(1, round(round(info.average_fps * pace / wanted, 6)))
 
 
 def _job(scene: Scene, reading: CameraInput, plan: Plan, shelf: Path) -> CameraJob:
