@@ -60,7 +60,8 @@ def test_scene_of_boxes_and_scene_of_videos(sequence, tmp_path, capsys, monkeypa
 
 
 @pytest.mark.slow
-def test_pictures_are_filmed_where_identities_are_to_be_found(tmp_path, capsys):
+def test_pictures_are_filmed_where_identities_are_to_be_found(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("PASSERBY_OFFLINE", "1")
     recording = tsai_sets.write_pets(tmp_path / "set", views=False, pictures=9)
     scene = tmp_path / "scene"
     assert run(["dataset", "pets2009", str(recording), "-o", str(scene)]) == 0

@@ -220,9 +220,18 @@ def _as_training(_: dict[str, Any], text: str, folder: Path) -> None:
     train_options("small", folder / "run.toml")
 
 
+def _as_recording(_: dict[str, Any], text: str, folder: Path) -> None:
+    from passerby.recording.settings import read_plan
+
+    (folder / "secrets.env").write_text("CAMERA_USER=a\nCAMERA_PASSWORD=b\n")
+    (folder / "cameras.toml").write_text(text)
+    assert read_plan(folder / "cameras.toml", {}).streams
+
+
 READERS: dict[str, Callable[[dict[str, Any], str, Path], None]] = {
     "scene": _as_scene,
     "rig": _as_rig,
     "model": _as_model,
     "training": _as_training,
+    "recording": _as_recording,
 }

@@ -85,7 +85,13 @@ def named(solution: Solution) -> list[str]:
 
 
 QUICK_PAIRS = (("camera_height", "plan"), ("person", "length"), ("plan", "distance"))
-PAIRS = [pytest.param(*pair, marks=() if pair in QUICK_PAIRS else pytest.mark.slow) for pair in permutations(KINDS, 2)]
+TWO_PER_CENT = ("length", "distance", "person", "plan")
+"""Cues that tell the scale to 2 %. A camera's height does not: boxes of eight seconds measure it to 3 %."""
+PAIRS = [
+    pytest.param(*pair, marks=() if pair in QUICK_PAIRS else pytest.mark.slow)
+    for pair in permutations(KINDS, 2)
+    if pair[1] in TWO_PER_CENT
+]
 SOUND = [pytest.param(kind, marks=() if kind in ("camera_height", "plan") else pytest.mark.slow) for kind in KINDS]
 
 
