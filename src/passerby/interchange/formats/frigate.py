@@ -136,7 +136,7 @@ def speed_errors(camera: Camera, corners: Floats, sides_m: Floats) -> Floats:
     Args:
         camera: with a pose.
         corners: (4, 2) pixels, in order around the zone.
-        sides_m: (4,) what Frigate is told of its sides.
+        sides_m: (4,) lengths of its sides, as configured in Frigate.
 
     Returns:
         (N,) Frigate's speed over the true one, less 1; NaN where the zone shows no ground.
