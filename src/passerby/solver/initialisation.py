@@ -20,7 +20,7 @@ from passerby.geometry.relative_pose import PairHypothesis
 from passerby.geometry.rotations import angle_between
 from passerby.geometry.similarity import chordal_mean_rotation
 from passerby.geometry.single_view import Level, level_camera
-from passerby.people.model import Noise, Priors
+from passerby.people.model import JOINED_FOOT_SHIFT_SD, Noise, Priors
 from passerby.people.standing import standing_instants
 from passerby.solver.cues import cue_rows, expected_heights, initial_scale, settle_plan, triangulate_marks
 from passerby.solver.evidence import Evidence, gather_evidence
@@ -154,7 +154,7 @@ class Initialisation:
         never_calibrated = "distortion" in unknowns.parts
         groups = tuple(tuple(group) for group in shared_lenses(stated) if len(group) > 1) if never_calibrated else ()
         knowledge = PriorKnowledge(
-            mean, sd, Priors(), cue_rows(cues, rig), lens_core, lens_normal=never_calibrated, lens_groups=groups
+            mean, sd, usual_priors(evidence), cue_rows(cues, rig), lens_core, lens_normal=never_calibrated, lens_groups=groups
         )
         return cls(rig, evidence, levels, hypotheses, knowledge, stated, unknowns, lens).with_lenses(lens)
 
@@ -230,6 +230,12 @@ def _with_rays_of(rig: Rig, stated: Rig, evidence: Evidence, unknowns: LensUnkno
     pixels = np.zeros((len(stated), unknowns.size))
     seen, joints = unknowns.sightings(evidence.sightings, stated, pixels), unknowns.points(evidence.joints, stated, pixels)
     return replace(evidence, sightings=unknowns.sightings(seen, rig, pixels), joints=unknowns.points(joints, rig, pixels))
+
+
+def usual_priors(evidence: Evidence) -> Priors:
+    """What people and detectors usually do, by how much the evidence tells of it."""
+    boxes = bool((evidence.sightings.has_foot > 0).any())
+    return Priors(foot_shift_sd=JOINED_FOOT_SHIFT_SD) if boxes and evidence.n_joints else Priors()
 
 
 def level_of(evidence: Evidence, camera: int, person_height_m: float, rng: np.random.Generator) -> Level | None:

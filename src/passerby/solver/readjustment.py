@@ -13,10 +13,10 @@ from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues
-from passerby.people.model import Noise, Priors
+from passerby.people.model import Noise
 from passerby.solver.cues import POPULATION_BIAS, expected_heights
 from passerby.solver.evidence import Evidence, gather_evidence
-from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages
+from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages, usual_priors
 from passerby.solver.lens_unknowns import LensUnknowns
 from passerby.solver.optimizer.least_squares import Stopping
 from passerby.solver.refinement import PriorKnowledge, RigState, build_problem, minimise_problem, rig_of
@@ -82,7 +82,7 @@ def _start(rig: Rig, evidence: Evidence) -> Initialisation:
     mean, sd = expected_heights(ScaleCues(), evidence.identities)
     none = np.zeros((len(rig), 0))
     return Initialisation(
-        rig, evidence, [None] * len(rig), [], PriorKnowledge(mean, sd, Priors()), rig, LensUnknowns(), none
+        rig, evidence, [None] * len(rig), [], PriorKnowledge(mean, sd, usual_priors(evidence)), rig, LensUnknowns(), none
     )  # fmt: skip
 
 
