@@ -80,6 +80,7 @@ def test_import_loads_nothing_heavy():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
 
 
+@pytest.mark.slow
 def test_arrays_give_what_files_give(made, calibration):
     found = passerby.calibrate_observations(lenses(made), arrays(made), fps=made.options.fps, association={"mode": "given"})
     assert found.accepted
@@ -110,6 +111,7 @@ def test_a_calibration_from_arrays_is_written_and_read(made, tmp_path):
     assert run(["track", str(tmp_path / "out")]) == 0
 
 
+@pytest.mark.slow
 def test_identities_are_found_from_arrays():
     made = simulate(SimulationOptions(seconds=15.0, unrelated_ids=True, embeddings="distinct", cameras=3, seed=1))
     boxes = {name: made.observations[name].boxes for name in made.rig.names}

@@ -73,6 +73,7 @@ def calibrated(rig, rng, shown, exchanged=()):
     return solve_with_unknown_identities(bare, observations, AssociationOptions(), solve, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 @thinned("exchanged", [(), ("C3",)], ids=["as they are", "left and right exchanged in C3"])
 def test_a_rig_from_one_person_on_the_spot(exchanged):
     rng = np.random.default_rng(3)

@@ -35,6 +35,7 @@ def two_views(seed, places, *, strangers=False, moving=1.0, seconds=3.0, exchang
     return register_joints(0, 1, *tracks, np.random.default_rng(seed)), R_ba, second.pose.t_cw - R_ba @ first.pose.t_cw
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("places", [ONE, THREE], ids=["one person", "three people"])
 def test_people_who_move_on_the_spot_register_two_cameras(places):
     for seed in range(3):

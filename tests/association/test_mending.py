@@ -137,6 +137,7 @@ def test_nobody_is_joined_with_whom_he_was_seen() -> None:
     assert numbers(boxes, 1, 2) == [[1], [2]]
 
 
+@pytest.mark.slow
 @thinned(
     ("preset", "embeddings", "people", "least", "purity"),
     [

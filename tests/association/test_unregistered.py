@@ -122,6 +122,7 @@ def test_nothing_is_tried_where_the_clocks_are_in_step() -> None:
     assert what_would_fit(camera("C1", EAST, people), wrong, 0.0) is None
 
 
+@pytest.mark.slow
 def test_each_camera_that_is_lost_has_its_own_finding() -> None:
     """Two that fit; one whose clock is far off, one that sees others, one that sees nobody, one whose people are too few."""
     people = crowd()

@@ -186,7 +186,6 @@ def test_a_camera_that_saw_nobody_is_named(tmp_path, capsys):
     assert [camera["registered"] for camera in report["cameras"]] == [True, True, False, True]
 
 
-@pytest.mark.smoke
 def test_ids_that_change_from_frame_to_frame_are_detections(tmp_path):
     simulated, path = scene(tmp_path)
     edit(path, "C3", lambda boxes: replace(boxes, identity=np.arange(1, len(boxes) + 1)))

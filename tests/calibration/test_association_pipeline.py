@@ -130,13 +130,11 @@ def test_detections_only(tmp_path):
     assert_near_truth(passerby.calibrate(path), simulated)
 
 
-@pytest.mark.smoke
 def test_looks_alone(tmp_path):
     simulated, path = terrace(tmp_path, {"mode": "appearance"}, embeddings="distinct")
     assert_near_truth(passerby.calibrate(path), simulated)
 
 
-@pytest.mark.smoke
 def test_looks_and_motion(tmp_path):
     simulated, path = terrace(tmp_path, embeddings="distinct")
     assert_near_truth(passerby.calibrate(path), simulated)

@@ -95,7 +95,6 @@ def test_boxes_of_somebody_else_are_out_of_line():
     assert not len(find_regular_boxes(Boxes.empty()))
 
 
-@pytest.mark.smoke
 def test_joints_tell_the_time_alone(tmp_path):
     simulated = simulate(SimulationOptions(seconds=12.0, joint_noise_px=1.0, clock_offsets=(0.0, 2.3, -1.4, 3.0)))
     path = write_scene(simulated, tmp_path / "scene", keypoints=True)

@@ -49,6 +49,7 @@ def out(calibrations, tmp_path):
     return tmp_path / "out"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["kill", "full"])
 def test_the_old_calibration_or_the_new_one(calibrations, out, tmp_path, fault):
     first, second = calibrations

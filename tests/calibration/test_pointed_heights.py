@@ -77,6 +77,7 @@ def test_two_heights_of_one_person_that_differ_let_no_rig_be_accepted(small):
     assert calibration.verdict == "doubtful"
 
 
+@pytest.mark.slow
 def test_a_height_that_contradicts_the_others_is_named_by_its_table(small):
     """In the adjustment it bends the rig and makes its person's boxes outliers: its residual there is below 4 sigmas."""
     first, one = pointed_at(small, "C1")

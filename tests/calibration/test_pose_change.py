@@ -76,6 +76,7 @@ def test_a_move_is_dated_and_measured(move, given):
     assert change.metres == pytest.approx(true_m, abs=0.3 * true_m + 0.1)
 
 
+@pytest.mark.slow
 def test_a_knock_and_back_is_found():
     change = changes(moved(Move("C2", 12.0, turn_deg=(0.0, 3.0, 0.0), until_s=20.0)))["C2"]
     assert change is not None

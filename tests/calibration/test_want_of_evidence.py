@@ -30,6 +30,7 @@ def calibrate(simulated, folder, method):
     return status, json.loads((folder / "out" / "calibration.json").read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_camera_that_shares_nobody_is_named(terrace, tmp_path, capsys, method):
     seen = dict(terrace.observations.cameras)
@@ -43,6 +44,7 @@ def test_a_camera_that_shares_nobody_is_named(terrace, tmp_path, capsys, method)
     assert [camera["registered"] for camera in report["cameras"]] == [True, True, False, True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_people_on_one_straight_line_are_told(terrace, tmp_path, capsys, method):
     way = np.linspace(-1, 1, 150)

@@ -46,6 +46,7 @@ def found(scene: SimulatedScene, name: str, *, given: bool = True) -> PoseChange
     return change if change is not None and change.sure else None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("factor", [0.8, 1.1, 2.0])
 def test_a_zoom_is_dated_and_measured(factor, given):
@@ -71,6 +72,7 @@ def test_the_stretch_of_a_stated_lens_is_the_part_that_it_does_not_hold_for():
     assert estimated.zoom == pytest.approx(1 / 1.3, rel=0.04)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "move", [Move("C2", 12.0, turn_deg=(1.0, 3.0, 0.0), shift_m=(0.2, 0.0, 0.0)), Move("C2", 12.0, shift_m=(0.7, 0.7, -0.3))]
 )

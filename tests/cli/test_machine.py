@@ -107,6 +107,7 @@ def test_any_byte_of_a_summary_that_rots_is_found_out(stage):
         assert stage.summary() is None
 
 
+@pytest.mark.slow
 def test_damaged_outcomes_of_a_benchmark_are_made_again(tmp_path):
     Kept(tmp_path).put("a", {"mm": 12.5, "inf": float("inf")})
     [path] = tmp_path.iterdir()
@@ -161,6 +162,7 @@ def test_a_video_that_changes_while_it_is_watched_is_told(video, tmp_path, monke
 JUMPING = "import random, time\nrng, true = random.Random(0), time.time\ntime.time = lambda: true() + rng.uniform(-1e9, 1e9)\n"
 
 
+@pytest.mark.slow
 def test_a_clock_that_jumps_changes_nothing(tmp_path):
     outs = []
     for name, site in (("steady", ""), ("jumping", JUMPING)):

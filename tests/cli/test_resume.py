@@ -55,7 +55,6 @@ def test_killed_again_and_again_it_ends_in_the_same_bits(scene, whole, tmp_path)
     assert content(tmp_path) == files
 
 
-@pytest.mark.smoke
 def test_no_more_than_a_segment_is_made_twice(scene, whole, tmp_path):
     ended, files = whole
     assert calibrate(scene, tmp_path, ("detection", 40)).killed

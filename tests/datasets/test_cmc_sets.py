@@ -20,6 +20,7 @@ from support.datasets.cmc import write_cmc
 from support.tiers import thinned
 
 
+@pytest.mark.slow
 @thinned(
     ("name", "left_handed", "scale", "matrices"),
     [("CMC1", False, 1.0, "mat"), ("CMC2", False, -0.3, "txt"), ("CMC3", True, 2.0, "mat"), ("CMC5", True, -1.0, "mat")],
@@ -54,6 +55,7 @@ def test_cmc_is_what_was_put_in(tmp_path, name, left_handed, scale, matrices) ->
     assert any("left-handed" in note for note in found.notes) == left_handed
 
 
+@pytest.mark.slow
 def test_from_the_published_files_to_a_calibration(tmp_path) -> None:
     """Measured: 25.6 mm and 0.52 degrees: square cylinders, seen from above at 3 to 6 m, are no people."""
     write_cmc(tmp_path / "CMC1")

@@ -24,6 +24,7 @@ def sequence(tmp_path_factory):
     return tsai_sets.write_epfl(tmp_path_factory.mktemp("epfl"))
 
 
+@pytest.mark.slow
 def test_a_sequence_becomes_a_scene_that_calibrates(sequence, tmp_path, capsys):
     scene, out = tmp_path / "scene", tmp_path / "rig"
     assert run(["dataset", "epfl", str(sequence), "-o", str(scene)]) == 0

@@ -132,6 +132,7 @@ def test_tum_is_what_was_put_in(tmp_path, separator, scale, calibration, cameras
     assert any("not from the set's own" in note for note in found.notes) == (calibration != "P")
 
 
+@pytest.mark.slow
 @thinned(("name", "cameras"), [("panoptic", 4), ("campus", 3)])
 def test_from_the_published_files_to_a_calibration(name, cameras, tmp_path) -> None:
     """Measured: panoptic 0.0095 mm and 0.00007 degrees, campus 0.0019 mm and 0.00004 degrees; joints are rounded at most."""

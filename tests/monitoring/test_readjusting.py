@@ -100,6 +100,7 @@ def test_the_limit_is_what_twelve_seconds_calibrate_to(found):
     assert 0.02 < metres < 0.5
 
 
+@pytest.mark.slow
 def test_a_camera_that_sees_nobody_is_left_out(turned):
     seen = replace(turned, cameras={**turned.cameras, "C4": CameraObservations()})
     found = watched(seen)

@@ -26,6 +26,7 @@ def solved(preset: str, corner_noise_px: float) -> tuple[Solution, Comparison]:
     return solution, compare(solution.rig, truth.rig)
 
 
+@pytest.mark.slow
 @thinned("preset", ["terrace", "basketball"])
 def test_noise_as_large_as_a_third_of_the_people_leaves_the_rig_good(preset: str) -> None:
     # The paper fails from 20 px on (Xu et al., CVPR 2021, table 3: 1692 mm and 28.5 degrees, 3093 mm and 49.2 degrees).
@@ -44,6 +45,7 @@ def test_pixels_that_every_box_is_off_by_are_learnt() -> None:
     assert clean.box_px < 1.0
 
 
+@pytest.mark.slow
 @thinned("preset", ["terrace", "basketball"])
 def test_boxes_that_hardly_show_people_are_not_relied_upon(preset: str) -> None:
     solution, found = solved(preset, 50.0)

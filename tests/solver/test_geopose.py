@@ -82,6 +82,7 @@ def test_reaches_the_papers_level(preset: str) -> None:
     assert found.ground_error_mm < 50
 
 
+@pytest.mark.slow
 def test_scale_is_proportional_to_the_height_of_people() -> None:
     rigs = [solve(scene(), replace(BOXES, person_height_m=height)).rig for height in (1.6, 1.8)]
     assert compare(rigs[1], rigs[0], "C1").scale_ratio == pytest.approx(1.8 / 1.6, rel=1e-6)

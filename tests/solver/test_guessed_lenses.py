@@ -40,6 +40,7 @@ def solved(preset: str, factors: tuple[float, ...], sd: float | None, refine: tu
     return solve(guessed(truth.rig, factors, sd), part(truth.observations), options=options)
 
 
+@pytest.mark.slow
 @thinned("preset", ["terrace", "basketball"])
 @thinned("factors", [(1.1,) * 4, (1.0, 1.1, 1.0, 1.0), (1.1, 0.9, 1.05, 0.95)])
 def test_sigmas_cover_what_a_guess_is_off_by(preset: str, factors: tuple[float, ...]) -> None:

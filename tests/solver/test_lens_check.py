@@ -71,6 +71,7 @@ def accused(solution: Solution) -> list[tuple[str, tuple[str, ...]]]:
     return [(finding.code, finding.cameras) for finding in solution.findings if finding.code in codes]
 
 
+@pytest.mark.slow
 @thinned(
     "scene",
     [
@@ -105,6 +106,7 @@ def test_steps_of_focal_lengths_lead_to_the_true_ones(factors: tuple[float, ...]
         assert abs(camera.focal_change + np.log(factor)) < 3 * camera.focal_change_sigma
 
 
+@pytest.mark.slow
 @thinned(("factors", "camera"), [((1.0, 1.05, 1.0, 1.0), "C2"), ((1.05,) * 4, ""), ((1.0, 1.3, 1.0, 1.0), "C2")], quick=2)
 def test_a_wrong_focal_length_is_named_with_its_size_and_nothing_else(factors: tuple[float, ...], camera: str) -> None:
     solution, _ = stated("basketball", factors)
@@ -136,6 +138,7 @@ def off_centre(lens: Lens, share: float) -> Lens:
     return replace(lens, matrix=matrix)
 
 
+@pytest.mark.slow
 @thinned(("share", "side"), [(0.08, "left"), (-0.05, "right")])
 def test_an_image_cropped_on_one_side_is_named_as_such(share: float, side: str) -> None:
     """People put the principal point nearer to the side that was cut than where it is stated."""

@@ -45,6 +45,7 @@ def put(folder, text="new"):
             write_text(new / name, text)
 
 
+@pytest.mark.slow
 @FAULTS
 def test_files_of_a_folder_that_change_together(tmp_path, fault):
     folder = tmp_path / "out"
@@ -107,6 +108,7 @@ def make(target, text="new"):
             write_text(new / name, text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fault", "at_once"), [("kill", True), ("kill", False), ("full", True)])
 def test_a_whole_folder(tmp_path, monkeypatch, fault, at_once):
     """Also where folders cannot change places at once: what was moved away comes back with the next run."""

@@ -42,6 +42,7 @@ class Trap:
         return os.mkdir, (str(self.path),)
 
 
+@pytest.mark.slow
 def test_small_files_that_stand_for_much_are_refused_in_little_memory(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "support.untrusted.bombs", str(tmp_path)],
