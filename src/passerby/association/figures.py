@@ -23,9 +23,12 @@ def association_figures(
     offset_s: Floats,
 ) -> AssociationFigures:  # fmt: skip
     """Figures of cameras, pairs, people."""
+    starts = None if initial is None else initial.starts
     return AssociationFigures(
         cameras=tuple(_camera(c, camera, tracklets, appearance) for c, camera in enumerate(cameras)),
         pairs=tuple(_pairs(cameras, tracklets, appearance, initial, person, offset_s)),
+        starts=None if starts is None else starts.differences,
+        searched_s=None if starts is None else starts.searched_s,
         people=len(np.unique(person[np.isfinite(tracklets.start_s)])),
     )
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Pairs, Tracklets, cluster_by_appearance_votes, cluster_by_pairwise_poses
 from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.clocks.starts import NEAR_S, Starts, shifted, with_lag
 from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.association.ground.registration import PairRegistration, register_pair
@@ -57,6 +58,8 @@ class InitialAssociation:
     """What joints say of who is who."""
     mirrored: Bools | None = None
     """(T,) in which tracklets the joints of left and right are exchanged; None where that is not known."""
+    starts: Starts | None = None
+    """When the recordings began; None where all clock offsets were searched in full."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,7 @@ class JointEvidence:
 def associate_by_ground_tracks(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, max_lag_s: float, affinity: Mapping[tuple[int, int], Floats],
     executor: Executor | None = None, tell: Progress = silent, joints: JointEvidence | None = None,
+    starts: Starts | None = None,
 ) -> InitialAssociation:  # fmt: skip
     """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
 
@@ -87,22 +91,24 @@ def associate_by_ground_tracks(
         executor: runs the pairs in parallel; one after the other where it is None.
         tell: told of every pair that is done.
         joints: what it takes to use joints; None: they are not used.
+        starts: when the recordings began, where that has been found before: each pair is searched about it.
 
     Raises:
         RefusalError: no two cameras can be registered.
     """
     jobs = [
-        _Job(a, b, first.tracks, second.tracks, max_lag_s, affinity.get((a, b)))
+        job
         for a, first in enumerate(cameras)
         for b, second in enumerate(cameras)
         if a < b and first.tracks is not None and second.tracks is not None
+        if (job := _job(a, b, first.tracks, second.tracks, max_lag_s, affinity.get((a, b)), starts)) is not None
     ]
     pairs = side_by_side(_registered, jobs, executor, tell, "registering camera pairs")
-    graph = view_graph(pairs, len(cameras))
+    graph = _with_starts(view_graph(pairs, len(cameras)), starts)
     by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell)
     graph = add_joint_edges(graph, by_joints)
     if len(graph.groups[0]) < 2:
-        raise RefusalError(_no_pair(cameras, graph, max_lag_s))
+        raise RefusalError(_no_pair(cameras, graph, max_lag_s, starts))
     used = [one for one in by_joints if one.used]
     known = known_pairs(tracklets, used) if used else None
     person = cluster_by_pairwise_poses(tracklets, [camera.tracks for camera in cameras], graph, affinity, known)
@@ -111,7 +117,7 @@ def associate_by_ground_tracks(
         guesses += [joint_hypothesis(one, cameras[one.a], cameras[one.b], joints.person_height_m) for one in used]
     mirrored = find_mirrored_tracklets(tracklets, used) if used else None
     told_guesses = tuple(guess for guess in guesses if guess is not None)
-    return InitialAssociation(person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored)
+    return InitialAssociation(person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored, starts)
 
 
 def _registered_by_joints(
@@ -149,20 +155,47 @@ class _Job:
     tracks_b: GroundTracks
     max_lag_s: float
     affinity: Floats | None
+    lag: int = 0
+    """Grid steps, known before: the search is about it."""
+
+
+def _job(
+    a: int, b: int, first: GroundTracks, second: GroundTracks, max_lag_s: float, affinity: Floats | None, starts: Starts | None
+) -> _Job | None:
+    """What to search for a pair; None where its recordings may begin at any times, hours apart."""
+    if starts is None:
+        return _Job(a, b, first, second, max_lag_s, affinity)
+    lag = starts.lag_steps(a, b)
+    if lag is not None:
+        return _Job(a, b, first, shifted(second, lag), min(NEAR_S, max_lag_s), affinity, lag)
+    return None if starts.far else _Job(a, b, first, second, max_lag_s, affinity)
 
 
 def _registered(job: _Job) -> PairRegistration:
-    return register_pair(job.a, job.b, job.tracks_a, job.tracks_b, job.max_lag_s, job.affinity)
+    return with_lag(register_pair(job.a, job.b, job.tracks_a, job.tracks_b, job.max_lag_s, job.affinity), job.lag)
 
 
-def _no_pair(cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float) -> list[Finding]:
+def _with_starts(graph: ViewGraph, starts: Starts | None) -> ViewGraph:
+    """The graph with offsets of its groups as the recordings began, so that cameras it leaves apart are compared by that."""
+    if starts is None:
+        return graph
+    offset_s = graph.offset_s.copy()
+    for group in graph.groups:
+        offset_s[list(group)] += starts.offset_s[group[0]]
+    return replace(graph, offset_s=offset_s)
+
+
+def _no_pair(
+    cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, starts: Starts | None = None
+) -> list[Finding]:
     """Why no two cameras can be registered."""
     found = [refusal("no_pair_registered")]
+    found += [] if starts is None else [replace(one, severity="refusal") for one in starts.doubts.values()]
     found += [empty for camera in cameras if (empty := sees_too_little(camera)) is not None]
     edges = sorted((edge for edge in graph.edges if edge.guess), key=lambda edge: -edge.guess.merit if edge.guess else 0.0)
     for number, edge in enumerate(edges[:6]):
         a, b = cameras[edge.a], cameras[edge.b]
-        better = what_would_fit(a, b, max_lag_s) if number < TRIED else None
+        better = what_would_fit(a, b, max_lag_s) if number < TRIED and starts is None else None
         found.append(refusal("pair_unregistered", a.name, b.name, **fit_of(edge), **fixed_by(better)))
     return found
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.clocks.far_offsets import far_registration
+from passerby.association.clocks.starts import Starts
 from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
 from passerby.association.ground.registration import BELIEVED_SHARE, Registration, register_pair
@@ -56,7 +57,7 @@ def fit_of(edge: Edge) -> dict[str, Any]:
 
 
 def unregistered_cameras(
-    cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, *, timed: bool = True
+    cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, *, timed: bool = True, starts: Starts | None = None
 ) -> dict[str, Finding]:
     """A doubt for each camera that no registration joins to another, by name.
 
@@ -65,23 +66,30 @@ def unregistered_cameras(
         graph: their registrations.
         max_lag_s: largest difference of two clocks that was searched for.
         timed: whether the clocks of such cameras are known all the same.
+        starts: when the recordings began, where that was searched for first.
     """
     inside = graph.groups[0]
     alone = [group[0] for group in graph.groups if len(group) == 1]
-    return {cameras[c].name: _unregistered(c, cameras, graph, inside, max_lag_s, timed) for c in alone if c not in inside}
+    return {
+        cameras[c].name: _unregistered(c, cameras, graph, inside, max_lag_s, timed, starts) for c in alone if c not in inside
+    }
 
 
 def _unregistered(
-    c: int, cameras: Sequence[CameraTracklets], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, timed: bool
-) -> Finding:
+    c: int, cameras: Sequence[CameraTracklets], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, timed: bool,
+    starts: Starts | None,
+) -> Finding:  # fmt: skip
     camera = cameras[c]
     if (empty := sees_too_little(camera)) is not None:
         return empty
+    if starts is not None and c in starts.doubts:
+        return starts.doubts[c]
     edges = [edge for edge in graph.edges if c in (edge.a, edge.b) and edge.a + edge.b - c in inside]
     best = max(edges, key=lambda edge: -1.0 if edge.guess is None else edge.guess.share, default=None)
     fit = {"fit": "nobody"} if best is None else fit_of(best)
     other = None if best is None else cameras[best.a + best.b - c].name
     partners = sorted(inside, key=lambda p: -_samples(cameras[p]))[:PARTNERS]
+    partners = partners if starts is None else []
     better = next((one for p in partners if (one := what_would_fit(cameras[p], camera, max_lag_s)) is not None), None)
     return doubt("camera_unregistered", camera.name, to=other, timed=timed, **fit, **fixed_by(better))
 

@@ -22,6 +22,7 @@ from passerby.association.clocks.offsets import (
     snap_to_whole_frames,
     synchronise,
 )
+from passerby.association.clocks.starts import FULL_SEARCH_S, NEAR_S, MeasuredStart, Starts, find_starts
 from passerby.association.figures import association_figures
 from passerby.association.focal_search import search_focals_by_tracks
 from passerby.association.initial_association import (
@@ -89,6 +90,8 @@ class AssociationOptions:
     """Mean standing height, metres."""
     pointed: tuple[PointedPerson, ...] = ()
     """People of known height, each named by a pixel."""
+    measured: tuple[MeasuredStart, ...] = ()
+    """Differences of two cameras' clocks that something else than people tells."""
 
 
 def solve_with_unknown_identities(
@@ -114,7 +117,8 @@ def solve_with_unknown_identities(
     clocks = _clocks(rig, observations, options.person_height_m, rng)
     cameras = build_tracklets(rig, observations, clocks, options.person_height_m, rng, executor, tell=tell)
     if needs_focal_search(rig) and options.mode != "appearance":
-        rig = search_focals_by_tracks(rig, cameras, search_s, options.person_height_m, rng, tell, executor)
+        at_start, near_s = _from_their_starts(cameras, search_s, options)
+        rig = search_focals_by_tracks(rig, at_start, near_s, options.person_height_m, rng, tell, executor)
         cameras = _with_lenses(cameras, rig, options.person_height_m)
     tell("appearance")
     appearance = AppearanceAffinity.of(cameras, rng) if options.mode != "trajectory" else None
@@ -126,13 +130,39 @@ def solve_with_unknown_identities(
         else:
             affinity = appearance.affinity() if appearance else {}
             joints = JointEvidence([camera.lens for camera in rig], options.person_height_m, rng)
-            initial = associate_by_ground_tracks(cameras, tracklets, search_s, affinity, executor, tell, joints)
+            starts = _starts(cameras, search_s, options, affinity, tell)
+            initial = associate_by_ground_tracks(cameras, tracklets, search_s, affinity, executor, tell, joints, starts)
             run = replace(run, cameras=_unmirrored(cameras, tracklets, initial))
             _tell_pairs(tell, initial)
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", findings_of(error)), nobody
     return _alternate(run, initial, solve, refine=search_s > 0, tell=tell)
+
+
+def _starts(
+    cameras: Sequence[CameraTracklets], search_s: float, options: AssociationOptions,
+    affinity: Mapping[tuple[int, int], Floats], tell: Progress,
+) -> Starts | None:  # fmt: skip
+    """When the recordings began; None where nothing was measured and all clock offsets can be searched in full."""
+    if search_s <= 0 or (search_s <= FULL_SEARCH_S and not options.measured):
+        return None
+    tell("starts of the recordings")
+    return find_starts(cameras, search_s, options.measured, affinity)
+
+
+def _from_their_starts(
+    cameras: Sequence[CameraTracklets], search_s: float, options: AssociationOptions
+) -> tuple[Sequence[CameraTracklets], float]:
+    """The cameras with clocks set by what is beyond doubt of their starts, and what is left to search, seconds."""
+    if search_s <= FULL_SEARCH_S:
+        return cameras, search_s
+    starts = find_starts(cameras, search_s, options.measured, by_tracks=False)
+    moved = [
+        replace(camera, clock=replace(camera.clock, offset_s=float(offset)))
+        for camera, offset in zip(cameras, starts.offset_s, strict=True)
+    ]
+    return moved, NEAR_S
 
 
 def _with_lenses(cameras: Sequence[CameraTracklets], rig: Rig, person_height_m: float) -> list[CameraTracklets]:
@@ -265,7 +295,8 @@ class _Run:
         return Association(
             identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
-            {} if graph is None else unregistered_cameras(self.cameras, graph, self.options.search_s),
+            {} if graph is None or initial is None
+            else unregistered_cameras(self.cameras, graph, self.options.search_s, starts=initial.starts),
             *self._told(solution, initial, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
             heights.people, heights.findings,
         )  # fmt: skip
@@ -287,6 +318,8 @@ class _Run:
         graph = initial.graph if initial is not None else None
         walked = graph is not None and any(edge.used for edge in graph.edges)
         joined = joined_by_joints(self.cameras, initial.by_joints) if initial is not None else []
+        if initial is not None and initial.starts is not None:
+            notices = [*initial.starts.notices, *notices]
         return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *notices)
 
 

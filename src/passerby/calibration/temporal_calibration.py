@@ -18,6 +18,7 @@ from passerby.association.clocks.offsets import (
     snap_to_whole_frames,
     synchronise,
 )
+from passerby.association.clocks.starts import FULL_SEARCH_S, MeasuredStart, find_starts
 from passerby.association.figures import association_figures
 from passerby.association.initial_association import InitialAssociation, associate_by_ground_tracks
 from passerby.association.registration_failures import unregistered_cameras
@@ -44,7 +45,7 @@ strays so far from an even walk."""
 def solve_with_unknown_offsets(
     rig: Rig, observations: Observations, max_offset_s: float, person_height_m: float, solve: RigSolver,
     rng: np.random.Generator,
-    *, tell: Progress = silent, executor: Executor | None = None,
+    *, measured: Sequence[MeasuredStart] = (), tell: Progress = silent, executor: Executor | None = None,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Find the cameras' clocks by people whose identities are known, and solve the rig.
 
@@ -55,6 +56,7 @@ def solve_with_unknown_offsets(
         person_height_m: mean standing height, metres.
         solve: the solver; where its figures hold `clocks`, their corrections are taken.
         rng: drives sampling.
+        measured: differences of two cameras' clocks that something else than people tells.
         tell: told each stage as it begins.
         executor: works on cameras and on pairs of them side by side.
 
@@ -66,14 +68,14 @@ def solve_with_unknown_offsets(
     seen = Observations({name: _renumbered(camera, numbers) for name, camera in observations.cameras.items()})
     cameras = build_tracklets(rig, seen, observations.clocks, person_height_m, rng, executor, given=True, tell=tell)
     try:
-        initial = _begin(cameras, max_offset_s, executor, tell)
+        initial = _begin(cameras, max_offset_s, measured, executor, tell)
     except EvidenceError as error:
         refused = Solution("association", rig, "refused", findings_of(error))
         return refused, _association(rig, observations, cameras, None, np.zeros(len(cameras)), refused)
     assert initial.graph is not None
     timed = [cameras[c].name for c in initial.graph.groups[0]]
     lost = {name: doubt("clock_unknown", name) for name in rig.names if name not in timed}
-    lost |= unregistered_cameras(cameras, initial.graph, max_offset_s, timed=False)
+    lost |= unregistered_cameras(cameras, initial.graph, max_offset_s, timed=False, starts=initial.starts)
     return _refined(rig, observations, cameras, initial, lost, solve, tell)
 
 
@@ -102,8 +104,9 @@ def _refined(
 
 
 def _begin(
-    cameras: Sequence[CameraTracklets], max_offset_s: float, executor: Executor | None, tell: Progress
-) -> InitialAssociation:
+    cameras: Sequence[CameraTracklets], max_offset_s: float, measured: Sequence[MeasuredStart], executor: Executor | None,
+    tell: Progress,
+) -> InitialAssociation:  # fmt: skip
     """Register the pairs by people who are the same."""
     people = np.arange(max((camera.n_tracklets for camera in cameras), default=0))
     same = np.where(people[:, None] == people, 0.0, SOMEBODY_ELSE)
@@ -113,7 +116,11 @@ def _begin(
         for b, second in enumerate(cameras)
         if a < b
     }
-    return associate_by_ground_tracks(cameras, Tracklets.of(cameras), max_offset_s, affinity, executor, tell)
+    starts = None
+    if max_offset_s > FULL_SEARCH_S or measured:
+        tell("starts of the recordings")
+        starts = find_starts(cameras, max_offset_s, measured, affinity, known=True)
+    return associate_by_ground_tracks(cameras, Tracklets.of(cameras), max_offset_s, affinity, executor, tell, starts=starts)
 
 
 def _numbers(observations: Observations) -> Ints:
@@ -189,6 +196,8 @@ def _association(
     poses = [camera.pose for camera in solution.rig]
     drifts = clock_drifts(cameras, poses, people, offset_s) if any(poses) else {}
     doubts, notices = drift_findings(cameras, drifts)
+    if initial is not None and initial.starts is not None:
+        notices = [*initial.starts.notices, *notices]
     sigma_s = {name: clock.sigma_s for name, clock in adjusted(solution.figures).clocks.items()}
     instants = synchronise(rig, cameras, observations, offset_s)
     clocks = clocks_with(cameras, offset_s)

@@ -48,6 +48,19 @@ class TiedPair:
 
 
 @dataclass(frozen=True, kw_only=True)
+class StartDifference:
+    """What tells when the recording of one camera began against that of another, before the two are registered."""
+
+    cameras: tuple[str, str]
+    offset_s: float
+    """When the second began, less when the first did."""
+    found_by: str
+    """`activity`, `wall clock` or `sound`."""
+    significance: float | None
+    """Of activity: how far the lag stands out from all others, in their standard deviations."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class AssociationRound:
     """A turn of solver and association."""
 
@@ -65,6 +78,10 @@ class AssociationFigures:
     """As the scene file has it; association itself leaves it out."""
     cameras: tuple[CameraTracks, ...] | None = field(default=None, metadata=ABSENT)
     pairs: tuple[TiedPair, ...] | None = field(default=None, metadata=ABSENT)
+    starts: tuple[StartDifference, ...] | None = field(default=None, metadata=ABSENT)
+    """What tells when recordings began; None where all clock offsets were searched in full."""
+    searched_s: float | None = field(default=None, metadata=ABSENT)
+    """The largest clock offset that was searched for, beside `starts`."""
     people: int | None = field(default=None, metadata=ABSENT)
     rounds: tuple[AssociationRound, ...] | None = field(default=None, metadata=ABSENT)
     """None where identities were given."""

@@ -49,6 +49,30 @@ def _clock(v: Fields) -> str:
     return f"the clock of {v['camera']} is {abs(v['ahead_s']):.1f} s {side} the clock of {v['second']}"
 
 
+def _minutes(seconds: float) -> str:
+    """A time of seconds up to hours."""
+    return f"{seconds:.1f} s" if seconds < 600 else f"{seconds:.0f} s ({seconds / 60:.0f} min)"
+
+
+def _starts_apart(v: Fields) -> str:
+    later = ", ".join(f"{name} {_minutes(seconds)}" for name, seconds in v["later_s"].items())
+    return f"recordings begin apart, by {' and '.join(v['found_by'])}: after {v['camera']} begin {later}"
+
+
+def _start_unknown(v: Fields) -> str:
+    why = "no clock offset fits its tracks to another camera's beyond doubt"
+    if v["lags_s"]:
+        why = f"clock offsets of {' and '.join(map(_minutes, v['lags_s']))} fit its tracks equally well"
+    return f"the start of the recording of camera {v['camera']} is unknown: {why}, of all up to {_minutes(v['searched_s'])}"
+
+
+def _start_contradicted(v: Fields) -> str:
+    return (
+        f"by {v['found_by']} the recording of {v['camera']} begins {v['measured_s']:.2f} s after that of {v['second']}, by the "
+        f"tracks of people {v['people_s']:.2f} s: the tracks were used"
+    )
+
+
 def _nobody_shared(v: Fields) -> str:
     several = len(v["names"]) > 1
     separate = " and form a separate group" if several else ""
@@ -103,6 +127,20 @@ ASSOCIATION: Mapping[str, Kind] = {
     "clock_far_off": Kind(
         NOTICE, "With a larger clock offset than was searched for the two cameras fit.",
         _clock, "search for larger clock offsets: under [association] set max_offset_s = {search_s}",
+    ),
+    "starts_apart": Kind(
+        NOTICE, "Recordings begin more than a minute apart; `later_s` says how long after the first camera's each begins.",
+        _starts_apart,
+    ),
+    "start_unknown": Kind(
+        _ANY, "Recordings may begin minutes or hours apart, and the camera's people fit no other camera's at one offset alone.",
+        _start_unknown,
+        "record for a longer time together, or state the times: name the files by their times, or cut the recordings to the "
+        "same time and set max_offset_s = 5 under [association]",
+    ),
+    "start_contradicted": Kind(
+        NOTICE, "A wall clock or sound says otherwise than the tracks of people when a recording began.",
+        _start_contradicted, "check the clocks of the recorders",
     ),
     "people_stand_still": Kind(
         DOUBT, "Fewer than two registered cameras saw anybody walk.",

@@ -1,0 +1,196 @@
+"""When two cameras' recordings began, by when people are where: cost nearly linear in the time that is searched.
+
+Each camera's ground is cut into regions with equally many people. How many there are in each, over time, is a signal. People
+whom two cameras share make the signals of some pairs of regions rise together, at one lag and no other. All lags of all pairs
+of regions come from fast Fourier transforms. Nothing is known of where the cameras are, or who is who. Where identities are
+known, the times at which the same people are there leave a minute or so of lags.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.ndimage import gaussian_filter1d
+
+from passerby.association.ground.ground_tracks import GroundTracks
+from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Floats, Ints
+
+BEARINGS, RANGES = 4, 4
+"""Regions: so many sectors, each cut at so many distances. With 1, 2, 4 and 6 of each a true lag stands out by about 5, 20, 27
+and 20 times the spread of the others (`simulation.passing_crowd`, seed 1)."""
+SMOOTH_STEPS, TREND_STEPS = 1.0, 20.0
+"""Standard deviations of the Gaussians between which the signals are kept, in grid steps: places of people are off by half a
+second of walking, and what changes over a minute is the crowd's coming and going, which other hours resemble."""
+LEAST_OVERLAP_S = 60.0
+"""Recordings that overlap by less are not compared: so few people are there that chance makes any peak."""
+SPREAD_LAGS = 240
+"""The spread of the values is that of so many neighbouring lags: it grows where recordings overlap for a short time."""
+CORRELATED_STEPS = 200
+"""Lags over which a signal may resemble itself, for the variance of the correlations (Bartlett's formula)."""
+SAME_PEAK = 10
+"""Grid steps within which two lags are one peak."""
+UPPER_DECILE = 1.2816
+"""The upper decile of the normal distribution, in standard deviations."""
+ABSENT_S = 5.0
+"""Who is not seen for longer has left, and comes again."""
+VISIT_REACH_S = 45.0
+"""People pass one camera's view before another's: in a place of some 30 m their visits are so far apart, by one clock."""
+LEAST_VISITORS, VISITORS_SHARE = 4, 0.5
+"""The lag of so many people, and of so large a share of them, agrees within `VISIT_REACH_S` where it means something."""
+
+
+@dataclass(frozen=True, eq=False)
+class Activity:
+    """Signals of one camera over even steps of time."""
+
+    first: int
+    """The grid time of the first row."""
+    signals: NDArray[np.float32]
+    """(N, K) without mean or trend, of unit variance."""
+
+
+@dataclass(frozen=True)
+class LagPeak:
+    """A lag at which two cameras' activities agree."""
+
+    lag: int
+    """Grid steps: camera b's clock shows so much more."""
+    significance: float
+    """How far above the values at other lags, in their standard deviations."""
+
+
+def region_activity(tracks: GroundTracks) -> Activity | None:
+    """How many people are in each region of a camera's ground; None without people."""
+    if not len(tracks):
+        return None
+    region = _regions(tracks.position)
+    return _activity(tracks.step, region, BEARINGS * RANGES)
+
+
+def lag_of_visits(a: GroundTracks, b: GroundTracks) -> tuple[int, int] | None:
+    """The lags, from and to, in grid steps, at which known people visit both cameras' views at about the same time.
+
+    None where too few people come and go to tell: who is there all the time says nothing of the clocks.
+
+    Args:
+        a: of the first camera; tracklet numbers are identities that hold in both.
+        b: of the second.
+    """
+    first, second = _visits(a), _visits(b)
+    lag, weight = [], []
+    for person in sorted(first.keys() & second.keys()):
+        apart = (second[person][None] - first[person][:, None]).ravel()
+        lag.append(apart)
+        weight.append(np.full(len(apart), 1.0 / len(apart)))
+    if len(lag) < LEAST_VISITORS:
+        return None
+    lags, weights = np.concatenate(lag), np.concatenate(weight)
+    order = np.argsort(lags, kind="stable")
+    lags, total = lags[order], np.concatenate([[0.0], np.cumsum(weights[order])])
+    reach = VISIT_REACH_S / STEP_S
+    end = np.searchsorted(lags, lags + 2 * reach, side="right")
+    inside = total[end] - total[:-1]
+    best = int(np.argmax(inside))
+    if inside[best] < max(LEAST_VISITORS, VISITORS_SHARE * len(lag)):
+        return None
+    centre = float(np.median(lags[best : end[best]]))
+    return round(centre - reach), round(centre + reach)
+
+
+def _visits(tracks: GroundTracks) -> dict[int, Floats]:
+    """By person the middles of the times at which somebody is there, in grid steps."""
+    order = np.lexsort((tracks.step, tracks.tracklet))
+    who, step = tracks.tracklet[order], tracks.step[order]
+    new = (np.diff(who) != 0) | (np.diff(step) > ABSENT_S / STEP_S)
+    begin, end = np.append(0, np.flatnonzero(new) + 1), np.append(np.flatnonzero(new), len(who) - 1)
+    out: dict[int, list[float]] = {}
+    for k, low, high in zip(who[begin].tolist(), step[begin].tolist(), step[end].tolist(), strict=True):
+        out.setdefault(k, []).append(0.5 * (low + high))
+    return {person: np.array(middles) for person, middles in out.items()}
+
+
+def _regions(position: NDArray[np.complex128]) -> Ints:
+    """(N,) the region of each place: sectors by bearing, each cut by distance, all with equally many people."""
+    bearing, reach = np.angle(position), np.abs(position)
+    sector = np.searchsorted(np.quantile(bearing, np.arange(1, BEARINGS) / BEARINGS), bearing)
+    region = np.zeros(len(position), dtype=np.int64)
+    for number in range(BEARINGS):
+        inside = sector == number
+        if inside.any():
+            cuts = np.quantile(reach[inside], np.arange(1, RANGES) / RANGES)
+            region[inside] = number * RANGES + np.searchsorted(cuts, reach[inside])
+    return region
+
+
+def _activity(step: Ints, signal: Ints, count: int) -> Activity:
+    first = int(step.min())
+    length = int(step.max()) - first + 1
+    people = np.bincount((step - first) * count + signal, minlength=length * count).reshape(length, count)
+    # The variance of a root of a count does not depend on how crowded a region is.
+    values = np.sqrt(people).astype(np.float32)
+    values = gaussian_filter1d(values, SMOOTH_STEPS, axis=0) - gaussian_filter1d(values, TREND_STEPS, axis=0)
+    spread = values.std(axis=0)
+    return Activity(first, np.asarray(values / np.where(spread > 0, spread, 1.0), dtype=np.float32))
+
+
+def find_lag_peaks(a: Activity, b: Activity, low: int, high: int, most: int) -> tuple[LagPeak, ...]:
+    """The lags at which activities agree most, the best first, each apart from the others.
+
+    Args:
+        a: of the first camera.
+        b: of the second.
+        low: smallest lag that is looked at, grid steps.
+        high: the largest.
+        most: number of peaks.
+    """
+    n_a, n_b = len(a.signals), len(b.signals)
+    shift = np.arange(-(n_a - 1), n_b)
+    overlap = np.minimum(n_a, n_b - shift) - np.maximum(0, -shift)
+    lag = shift + b.first - a.first
+    long = overlap >= LEAST_OVERLAP_S / STEP_S
+    if not (long & (lag >= low) & (lag <= high)).any():
+        return ()
+    shift, lag, overlap = shift[long], lag[long], overlap[long]
+    # What is usual is learned from all lags, however few are asked for.
+    value = _standardised(_agreement(a, b)[shift] / overlap)
+    inside = np.flatnonzero((lag >= low) & (lag <= high))
+    peaks: list[LagPeak] = []
+    for k in inside[np.argsort(-value[inside], kind="stable")].tolist():
+        if len(peaks) == most or value[k] <= 0:
+            break
+        if all(abs(int(lag[k]) - one.lag) > SAME_PEAK for one in peaks):
+            peaks.append(LagPeak(int(lag[k]), float(value[k])))
+    return tuple(peaks)
+
+
+def _agreement(a: Activity, b: Activity) -> Floats:
+    """(length,) by shift, which may be negative: squared correlations in their variances, summed over all pairs of signals."""
+    length = next_fast_len(len(a.signals) + len(b.signals), real=True)
+    at_a, at_b = (rfft(side.signals, length, axis=0) for side in (a, b))
+    variance = _self_resemblance(at_a, length, len(a.signals)).T @ _self_resemblance(at_b, length, len(b.signals))
+    total = np.zeros(length)
+    for k in range(at_a.shape[1]):
+        correlation = irfft(at_a[:, k, None].conj() * at_b, length, axis=0)
+        total += (correlation**2 / np.maximum(variance[k], 1e-9)).sum(axis=1)
+    return total
+
+
+def _self_resemblance(transformed: NDArray[np.complex64], length: int, count: int) -> Floats:
+    """(lags, K) of signals with themselves."""
+    lags = np.arange(-CORRELATED_STEPS + 1, CORRELATED_STEPS) % length
+    return np.asarray(irfft(np.abs(transformed) ** 2, length, axis=0)[lags] / count)
+
+
+def _standardised(value: Floats) -> Floats:
+    """(N,) how far each is above the median of its neighbours, in standard deviations by their upper decile."""
+    blocks = np.array_split(np.arange(len(value)), max(1, len(value) // SPREAD_LAGS))
+    centre = np.array([block.mean() for block in blocks])
+    middle = np.array([np.median(value[block]) for block in blocks])
+    upper = np.array([np.percentile(value[block], 90.0) for block in blocks])
+    at = np.arange(len(value))
+    spread = np.interp(at, centre, upper - middle) / UPPER_DECILE
+    return np.asarray((value - np.interp(at, centre, middle)) / np.maximum(spread, 1e-9))

@@ -1,0 +1,299 @@
+"""When the cameras' recordings began, minutes or hours apart: what is found before any two cameras are registered.
+
+Candidates come from what was measured, or from people's activity (`activity`); the tracks of people decide between them. Of the
+pairs that agree a spanning forest is made, the clearest first, so that every other pair is searched about one lag only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.clocks.activity import Activity, LagPeak, find_lag_peaks, lag_of_visits, region_activity
+from passerby.association.graph import ALONE_RUNNER_UP
+from passerby.association.ground.ground_tracks import GroundTracks
+from passerby.association.ground.registration import PairRegistration, Registration, register_pair
+from passerby.association.sampling import STEP_S
+from passerby.common.arrays import Floats, Ints
+from passerby.core.association_figures import StartDifference
+from passerby.findings.finding import Finding, doubt, notice
+
+FULL_SEARCH_S = 60.0
+"""Lags up to this are all searched by tracks; above it, candidates are sought first."""
+NEAR_S = 2.0
+"""Each candidate, and each pair once the recordings' starts are known, is searched so far on either side."""
+CANDIDATES = 5
+"""Lags of a pair that tracks are tried at. Of 25 simulated pairs that share people (`simulation.passing_crowd`, seeds 100 to
+104 with 1.5 to 25 people a minute) the true lag was the first of them in 23."""
+LEAST_SIGNIFICANCE = 3.0
+"""Peaks below it are not tried: there is one in any two recordings."""
+CLEAR_SIGNIFICANCE = 7.0
+"""No two cameras that see different people reach it: the best of 50 simulated pairs (the same scenes) had 5.2."""
+MUCH_CLEARER = 2.0
+"""A peak that much higher than the next one is tried alone."""
+CLEAR_SHARE, CLEAR_SCORE = 0.5, 60.0
+"""What tracks must reach, of what both cameras should see and in samples of walkers. Strangers' best score over all lags is 30
+(120 simulated pairs, 1 to 5 people for 1 to 3 minutes)."""
+MEASURED_SIGMAS = 3.0
+
+
+@dataclass(frozen=True)
+class MeasuredStart:
+    """A difference of two clocks that something else than people tells."""
+
+    cameras: tuple[str, str]
+    offset_s: float
+    """When the second recording began, less when the first did."""
+    sigma_s: float
+    found_by: str
+    """`wall clock` or `sound`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """When the recordings began, as far as it is known."""
+
+    searched_s: float
+    """The largest difference that was searched for."""
+    offset_s: Floats
+    """(C,) what to add to each camera's clock, in whole grid steps; 0 for the first of each group."""
+    group: Ints
+    """(C,) cameras of one group have clocks that are known against each other."""
+    differences: tuple[StartDifference, ...] = ()
+    """What they rest on, pair by pair."""
+    doubts: Mapping[int, Finding] = field(default_factory=dict)
+    """By camera outside the largest group: why its start is unknown."""
+    notices: tuple[Finding, ...] = ()
+    """What is odd."""
+
+    @property
+    def far(self) -> bool:
+        """Whether pairs whose starts are unknown cannot be searched in full."""
+        return self.searched_s > FULL_SEARCH_S
+
+    def lag_steps(self, a: int, b: int) -> int | None:
+        """How much more camera b's clock shows than camera a's, in grid steps; None where it is not known."""
+        if self.group[a] != self.group[b]:
+            return None
+        return round(float(self.offset_s[a] - self.offset_s[b]) / STEP_S)
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """Two cameras whose clocks agree at a lag."""
+
+    a: int
+    b: int
+    lag: int
+    """Grid steps."""
+    lag_s: float
+    found_by: str
+    peak: LagPeak | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """What there is to try for two cameras, the best first."""
+
+    a: int
+    b: int
+    measured: tuple[MeasuredStart, ...]
+    peaks: tuple[LagPeak, ...]
+
+    @property
+    def clarity(self) -> tuple[float, float]:
+        """Pairs are tried in the order of it: first those that were measured, the most exact of them first."""
+        if self.measured:
+            return 1.0, -min(one.sigma_s for one in self.measured)
+        return 0.0, self.peaks[0].significance if self.peaks else 0.0
+
+
+def find_starts(
+    cameras: Sequence[CameraTracklets], max_lag_s: float, measured: Sequence[MeasuredStart] = (),
+    affinity: Mapping[tuple[int, int], Floats] | None = None,
+    *, known: bool = False, by_tracks: bool = True,
+) -> Starts:  # fmt: skip
+    """Find when the cameras' recordings began, as far as that needs to be known before pairs are searched.
+
+    Args:
+        cameras: all cameras.
+        max_lag_s: largest difference of two clocks that is searched for.
+        measured: differences that something else tells; tracks must agree with them.
+        affinity: by pair of cameras, of tracklets being one person.
+        known: whether tracklet numbers are identities that hold in all cameras.
+        by_tracks: whether tracks decide. Else only what is beyond doubt without them is taken: where focal lengths are unknown
+            tracks fit nothing yet.
+    """
+    pairs = sorted(
+        (_pair(a, b, cameras, max_lag_s, measured, known) for a in range(len(cameras)) for b in range(a + 1, len(cameras))),
+        key=lambda pair: pair.clarity, reverse=True,
+    )  # fmt: skip
+    group = np.arange(len(cameras))
+    offset = np.zeros(len(cameras), dtype=np.int64)
+    edges: list[_Edge] = []
+    notices: list[Finding] = []
+    unclear: dict[tuple[int, int], tuple[Registration, ...]] = {}
+    for pair in pairs:
+        if group[pair.a] == group[pair.b]:
+            continue
+        edge, rest = _try(pair, cameras, (affinity or {}).get((pair.a, pair.b)), by_tracks)
+        if edge is None:
+            unclear[pair.a, pair.b] = rest
+            continue
+        edges.append(edge)
+        notices += _contradicted(pair, edge, cameras)
+        members = group == group[pair.b]
+        offset[members] += offset[pair.a] - edge.lag - offset[pair.b]
+        group[members] = group[pair.a]
+    for one in np.unique(group):
+        members = np.flatnonzero(group == one)
+        group[members] = members[0]
+        offset[members] -= offset[members[0]]
+    differences = tuple(_difference(edge, cameras) for edge in edges)
+    doubts = _doubts(cameras, group, unclear, max_lag_s) if max_lag_s > FULL_SEARCH_S else {}
+    return Starts(max_lag_s, offset * STEP_S, group, differences, doubts, (*_apart(cameras, group, offset, edges), *notices))
+
+
+def shifted(tracks: GroundTracks, lag: int) -> GroundTracks:
+    """The tracks of a camera whose clock shows `lag` grid steps more than another's, by the other's clock."""
+    return tracks if lag == 0 else replace(tracks, step=tracks.step - lag)
+
+
+def _pair(
+    a: int, b: int, cameras: Sequence[CameraTracklets], max_lag_s: float, measured: Sequence[MeasuredStart], known: bool
+) -> _Pair:
+    """What was measured of two cameras, and the peaks of their activity where lags are too many to be searched in full."""
+    names = cameras[a].name, cameras[b].name
+    own = [one for one in measured if one.cameras == names]
+    own += [replace(one, cameras=names, offset_s=-one.offset_s) for one in measured if one.cameras == names[::-1]]
+    own.sort(key=lambda one: one.sigma_s)
+    first, second = cameras[a].tracks, cameras[b].tracks
+    if max_lag_s <= FULL_SEARCH_S or first is None or second is None:
+        return _Pair(a, b, tuple(own), ())
+    return _Pair(a, b, tuple(own), _peaks(first, second, max_lag_s, known))
+
+
+def _peaks(first: GroundTracks, second: GroundTracks, max_lag_s: float, known: bool) -> tuple[LagPeak, ...]:
+    most = int(max_lag_s / STEP_S)
+    low, high = -most, most
+    visits = lag_of_visits(first, second) if known else None
+    if visits is not None:
+        low, high = max(low, visits[0]), min(high, visits[1])
+    activities: list[Activity] = [one for side in (first, second) if (one := region_activity(side)) is not None]
+    if len(activities) < 2:
+        return ()
+    peaks = find_lag_peaks(*activities, low, high, CANDIDATES)
+    return tuple(one for one in peaks if visits is not None or one.significance >= LEAST_SIGNIFICANCE)
+
+
+def _try(
+    pair: _Pair, cameras: Sequence[CameraTracklets], affinity: Floats | None, by_tracks: bool
+) -> tuple[_Edge | None, tuple[Registration, ...]]:
+    """The lag at which two cameras agree beyond doubt; without one, what was found in place of it."""
+    first, second = cameras[pair.a].tracks, cameras[pair.b].tracks
+    if first is None or second is None or not len(first) or not len(second):
+        return None, ()
+    for one in pair.measured:
+        lag = round(-one.offset_s / STEP_S)
+        reach = max(NEAR_S, MEASURED_SIGMAS * one.sigma_s)
+        found = _at(pair, first, second, lag, reach, affinity) if by_tracks else None
+        if not by_tracks or (found is not None and _is_clear(found)):
+            return _Edge(pair.a, pair.b, lag, -one.offset_s, one.found_by, None), ()
+    clear = bool(pair.peaks) and _stands_alone(pair.peaks)
+    if not by_tracks:
+        best = pair.peaks[0] if clear else None
+        return (None if best is None else _Edge(pair.a, pair.b, best.lag, best.lag * STEP_S, "activity", best)), ()
+    tried: list[tuple[Registration, LagPeak, bool]] = []
+    for peak in pair.peaks[:1] if clear else pair.peaks:
+        found = _at(pair, first, second, peak.lag, NEAR_S, affinity)
+        if found.candidates:
+            tried.append((found.candidates[0], peak, _is_clear(found)))
+    tried.sort(key=lambda entry: -entry[0].score)
+    rest = tuple(registration for registration, _, _ in tried)
+    if not tried or not tried[0][2] or any(one.score >= ALONE_RUNNER_UP * rest[0].score for one in rest[1:]):
+        return None, rest
+    best = tried[0][1]
+    return _Edge(pair.a, pair.b, round(rest[0].lag_s / STEP_S), rest[0].lag_s, "activity", best), ()
+
+
+def _stands_alone(peaks: Sequence[LagPeak]) -> bool:
+    """Whether the first peak is beyond doubt."""
+    after = peaks[1].significance if len(peaks) > 1 else 0.0
+    return peaks[0].significance >= max(CLEAR_SIGNIFICANCE, MUCH_CLEARER * after)
+
+
+def _at(
+    pair: _Pair, first: GroundTracks, second: GroundTracks, lag: int, reach_s: float, affinity: Floats | None
+) -> PairRegistration:
+    """The registrations near a lag, with their whole lags."""
+    found = register_pair(pair.a, pair.b, first, shifted(second, lag), reach_s, affinity)
+    return with_lag(found, lag)
+
+
+def with_lag(found: PairRegistration, lag: int) -> PairRegistration:
+    """A registration of tracks that were `shifted`, with the whole lags."""
+    if lag == 0:
+        return found
+    return replace(found, candidates=tuple(replace(one, lag_s=one.lag_s + lag * STEP_S) for one in found.candidates))
+
+
+def _is_clear(found: PairRegistration) -> bool:
+    """Whether the best registration is beyond doubt, though several lags are tried."""
+    if not found.candidates or found.runner_up >= ALONE_RUNNER_UP or found.candidates[0].score < CLEAR_SCORE:
+        return False
+    return found.candidates[0].share >= CLEAR_SHARE or found.clear_of_chance
+
+
+def _difference(edge: _Edge, cameras: Sequence[CameraTracklets]) -> StartDifference:
+    return StartDifference(
+        cameras=(cameras[edge.a].name, cameras[edge.b].name), offset_s=-edge.lag_s, found_by=edge.found_by,
+        significance=None if edge.peak is None else edge.peak.significance,
+    )  # fmt: skip
+
+
+def _contradicted(pair: _Pair, edge: _Edge, cameras: Sequence[CameraTracklets]) -> list[Finding]:
+    """A notice of each measured difference that people contradict."""
+    return [
+        notice(
+            "start_contradicted", cameras[pair.b].name, cameras[pair.a].name,
+            found_by=one.found_by, measured_s=one.offset_s, people_s=-edge.lag_s,
+        )
+        for one in pair.measured
+        if abs(one.offset_s + edge.lag_s) > max(NEAR_S, MEASURED_SIGMAS * one.sigma_s)
+    ]  # fmt: skip
+
+
+def _apart(cameras: Sequence[CameraTracklets], group: Ints, offset: Ints, edges: Sequence[_Edge]) -> list[Finding]:
+    """A notice of recordings that begin farther apart than is searched for in full."""
+    found = []
+    for one in np.unique(group).tolist():
+        members = np.flatnonzero(group == one)
+        if len(members) < 2 or np.ptp(offset[members]) * STEP_S <= FULL_SEARCH_S:
+            continue
+        earliest = members[np.argmin(offset[members])]
+        later = {cameras[c].name: float((offset[c] - offset[earliest]) * STEP_S) for c in members.tolist() if c != earliest}
+        names = [cameras[earliest].name, *later]
+        by = sorted({edge.found_by for edge in edges if edge.a in members})
+        found.append(notice("starts_apart", *names, later_s=later, found_by=by))
+    return found
+
+
+def _doubts(
+    cameras: Sequence[CameraTracklets], group: Ints, unclear: Mapping[tuple[int, int], tuple[Registration, ...]],
+    searched_s: float,
+) -> dict[int, Finding]:  # fmt: skip
+    """Why the start of each camera outside the largest group is unknown; of every camera, where there is no group."""
+    size = np.bincount(group, minlength=len(cameras))
+    main = int(np.argmax(size)) if size.max() > 1 else -1
+    out = {}
+    for c, camera in enumerate(cameras):
+        if group[c] == main or camera.tracks is None or not len(camera.tracks):
+            continue
+        rivals = [rest for pair, rest in unclear.items() if c in pair and len(rest) > 1 and rest[0].score >= CLEAR_SCORE]
+        best = max(rivals, key=lambda rest: rest[0].score, default=())
+        lags = None if not best else [abs(one.lag_s) for one in best[:2]]
+        out[c] = doubt("start_unknown", camera.name, searched_s=searched_s, lags_s=lags)
+    return out
