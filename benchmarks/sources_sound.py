@@ -1,4 +1,4 @@
-"""Two recordings of one place by their sound: simulated pairs with delay, reverberation and noise, and pairs without common sound."""
+"""Two recordings by their sound: simulated pairs with delay, reverberation and noise, and pairs without common sound."""
 
 from __future__ import annotations
 

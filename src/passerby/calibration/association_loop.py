@@ -22,7 +22,7 @@ from passerby.association.clocks.offsets import (
     snap_to_whole_frames,
     synchronise,
 )
-from passerby.association.clocks.starts import FULL_SEARCH_S, NEAR_S, MeasuredStart, Starts, find_starts
+from passerby.association.clocks.starts import FULL_SEARCH_S, NEAR_S, MeasuredStart, Starts, contradicted_starts, find_starts
 from passerby.association.figures import association_figures
 from passerby.association.focal_search import search_focals_by_tracks
 from passerby.association.initial_association import (
@@ -297,7 +297,7 @@ class _Run:
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
             {} if graph is None or initial is None
             else unregistered_cameras(self.cameras, graph, self.options.search_s, starts=initial.starts),
-            *self._told(solution, initial, drifts), {self.cameras[c].name: drift for c, drift in drifts.items()},
+            *self._told(solution, initial, drifts, offset_s), {self.cameras[c].name: drift for c, drift in drifts.items()},
             heights.people, heights.findings,
         )  # fmt: skip
 
@@ -308,7 +308,7 @@ class _Run:
         return clock_drifts(self.cameras, poses, own, offset_s)
 
     def _told(
-        self, solution: Solution | None, initial: InitialAssociation | None, drifts: Mapping[int, Drift]
+        self, solution: Solution | None, initial: InitialAssociation | None, drifts: Mapping[int, Drift], offset_s: Floats
     ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
         """What speaks against relying on the association, and what is odd about it."""
         if solution is None:
@@ -319,7 +319,9 @@ class _Run:
         walked = graph is not None and any(edge.used for edge in graph.edges)
         joined = joined_by_joints(self.cameras, initial.by_joints) if initial is not None else []
         if initial is not None and initial.starts is not None:
-            notices = [*initial.starts.notices, *notices]
+            registered = [pose is not None for pose in poses]
+            contradicted = contradicted_starts(initial.starts, self.rig.names, offset_s, registered)
+            notices = [*initial.starts.notices, *contradicted, *notices]
         return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *notices)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from passerby.association.clocks.starts import FULL_SEARCH_S, WALL_CLOCK
 from passerby.association.result import Association
 from passerby.calibration.association_loop import AssociationOptions, solve_with_unknown_identities
 from passerby.calibration.pointed_heights import identity_in, pointed_heights
@@ -45,9 +46,11 @@ class Estimator:
         solver = self.solver(rig)
         rng = solver.rng  # one stream for association and solver
         search_s = scene.association.search_s if seen.clocks else 0.0
+        # What recorders' clocks say is within the offsets that are searched in full.
+        measured = tuple(one for one in inputs.measured if one.found_by != WALL_CLOCK or search_s > FULL_SEARCH_S)
         height_m = scene.scale.person_height_m
         if not scene.association.given:
-            wanted = AssociationOptions(scene.association.mode, search_s, height_m, inputs.pointed)
+            wanted = AssociationOptions(scene.association.mode, search_s, height_m, inputs.pointed, measured)
             return Estimate(
                 *solve_with_unknown_identities(rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor)
             )
@@ -55,7 +58,7 @@ class Estimator:
         solver = replace(solver, known=heights.people)
         if search_s > 0:
             solution, association = solve_with_unknown_offsets(
-                rig, seen, search_s, height_m, solver, rng, tell=self.progress, executor=self.executor
+                rig, seen, search_s, height_m, solver, rng, measured=measured, tell=self.progress, executor=self.executor
             )
         else:
             synchronised = _synchronised(rig, seen)

@@ -18,7 +18,7 @@ from passerby.association.clocks.offsets import (
     snap_to_whole_frames,
     synchronise,
 )
-from passerby.association.clocks.starts import FULL_SEARCH_S, MeasuredStart, find_starts
+from passerby.association.clocks.starts import FULL_SEARCH_S, MeasuredStart, contradicted_starts, find_starts
 from passerby.association.figures import association_figures
 from passerby.association.initial_association import InitialAssociation, associate_by_ground_tracks
 from passerby.association.registration_failures import unregistered_cameras
@@ -197,7 +197,8 @@ def _association(
     drifts = clock_drifts(cameras, poses, people, offset_s) if any(poses) else {}
     doubts, notices = drift_findings(cameras, drifts)
     if initial is not None and initial.starts is not None:
-        notices = [*initial.starts.notices, *notices]
+        contradicted = contradicted_starts(initial.starts, rig.names, offset_s, [pose is not None for pose in poses])
+        notices = [*initial.starts.notices, *contradicted, *notices]
     sigma_s = {name: clock.sigma_s for name, clock in adjusted(solution.figures).clocks.items()}
     instants = synchronise(rig, cameras, observations, offset_s)
     clocks = clocks_with(cameras, offset_s)

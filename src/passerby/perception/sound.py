@@ -1,8 +1,8 @@
 """The clock offset of two recordings by what their microphones heard.
 
 A recording's sound becomes the onsets in some bands of frequency, every few milliseconds: reverberation, gain and noise change
-them little, and they need little memory. Their cross-correlation over all lags has one narrow peak where both heard the same, and
-none where they did not. Sound travels 3 ms a metre, so that an offset is never better than the distances allow.
+them little, and they need little memory. Their cross-correlation over all lags has one narrow peak where both heard the same,
+and none where they did not. Sound travels 3 ms a metre, so that an offset is never better than the distances allow.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ LARGEST_ONSET = 3.0
 LEAST_OVERLAP_S = 20.0
 """Recordings that overlap by less are not compared."""
 CLEAR_SIGNIFICANCE, CLEAR_SECOND = 10.0, 0.6
-"""A peak is beyond doubt that stands out by so many standard deviations of the values at other lags, and of which the next has no
-more than this share: sounds that repeat, as machines' do, have many alike. Of 25 simulated pairs without common sound the best
-peak had 5.6, of 25 with common sound the least 27 (`benchmarks/sources_sound.py`, seeds 0 to 49)."""
+"""A peak is beyond doubt that stands out by so many standard deviations of the values at other lags, and of which the next has
+no more than this share: sounds that repeat, as machines' do, have many alike. Of 25 simulated pairs without common sound the
+best peak had 5.6, of 25 with common sound the least 27 (`benchmarks/sources_sound.py`, seeds 0 to 49)."""
 SAME_PEAK_S = 0.25
 """Peaks so near to each other are one: echoes."""
 SPREAD_LAGS = 4000

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
+from passerby.association.clocks.starts import WALL_CLOCK, MeasuredStart
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
@@ -27,6 +29,7 @@ from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
 from passerby.scene.seen_lenses import add_seen_lenses
+from passerby.scene.sound import measure_by_sound
 from passerby.scene.upside_down import doubt_of_upside_down
 from passerby.scene.wall_clock import WallClock, align_wall_clocks, chosen_span, wall_clock_of
 from passerby.scene.world_files import world_faults
@@ -37,6 +40,8 @@ SPAN_RATIO = 1.5
 """Recordings whose lengths in seconds differ by more are told: a frame rate is mostly mistaken for half or twice itself (25 and
 50, 30 and 60). People who are there for a part of the time only make a recording look short too, so that it is no fault."""
 
+WALL_SIGMA_S = 1.7
+"""One standard deviation of the difference of two recorders' clocks; three of them are the 5 s that are searched by default."""
 SHORT_VIDEO = 0.2
 """A video of less than this share of the longest one's time is cut short, mostly by a copy that broke off or a full disk. Where
 the difference is smaller it is told, and what was seen together is used."""
@@ -58,6 +63,8 @@ class SceneInputs:
     """People of known height at whom the scene file points."""
     wall_clock: WallClock | None = None
     """Wall time of frame numbers, where it is known."""
+    measured: tuple[MeasuredStart, ...] = ()
+    """Differences of two cameras' clocks that something else than people tells."""
     gaps: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     """By camera with gaps in its recording, spans of its own frame numbers at which it recorded nothing."""
 
@@ -81,7 +88,16 @@ def read_inputs(scene: Scene, watch: VideoProcessor | None = None) -> SceneInput
     if watch is not None and any(needs_video(scene, reading) for reading in readings):
         watch(scene, readings)
         _raise_faults(scene, readings)
-    return assemble_inputs(scene, readings)
+    inputs = assemble_inputs(scene, readings)
+    by_sound, odd = measure_by_sound(scene, readings)
+    by_clock = _measured_by_clock(inputs.wall_clock)
+    return replace(inputs, findings=(*inputs.findings, *odd), measured=(*by_sound, *by_clock))
+
+
+def _measured_by_clock(clock: WallClock | None) -> tuple[MeasuredStart, ...]:
+    """Frames of recordings with wall times count from one second: their clocks agree, as far as the recorders' do."""
+    cameras = () if clock is None else clock.cameras
+    return tuple(MeasuredStart(pair, 0.0, WALL_SIGMA_S, WALL_CLOCK) for pair in combinations(cameras, 2))
 
 
 def assemble_inputs(scene: Scene, readings: list[CameraInput]) -> SceneInputs:
@@ -91,8 +107,7 @@ def assemble_inputs(scene: Scene, readings: list[CameraInput]) -> SceneInputs:
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
     return SceneInputs(
         rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)),
-        pointed_people(scene, readings), wall_clock_of(scene, readings),
-        _gaps(readings),
+        pointed_people(scene, readings), wall_clock_of(scene, readings), gaps=_gaps(readings),
     )  # fmt: skip
 
 

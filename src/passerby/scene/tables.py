@@ -250,7 +250,10 @@ class AssociationTable(Table):
     belongs to one camera: the same number in two cameras has no meaning."""
     max_offset_s: Seconds | None = None
     """The largest clock offset between two cameras that is searched for. None: `SEARCHED_S` in modes combined and trajectory, 0
-    in modes appearance and given. 0: the cameras are synchronised."""
+    in modes appearance and given. 0: the cameras are synchronised. Above 60, the starts of the recordings are found first, by
+    the people's activity over time."""
+    sound: Literal["auto", "off"] | None = None
+    """Clock offsets by the sound of the videos, where two cameras have any. None: auto; off: nothing is listened to."""
 
     @property
     def given(self) -> bool:

@@ -26,6 +26,8 @@ class WallClock:
     """The beginning of the span that is used; None where none is chosen."""
     last: WallTime | None = None
     """Its end."""
+    cameras: tuple[str, ...] = ()
+    """Those whose frames count from the origin."""
 
 
 def source_of(scene: Scene, name: str, span: WallSpan | None = None) -> VideoSource | None:
@@ -152,11 +154,14 @@ def align_wall_clocks(scene: Scene, readings: Sequence[CameraInput]) -> None:
 
 def wall_clock_of(scene: Scene, readings: Sequence[CameraInput]) -> WallClock | None:
     """The wall time that frames count from; None where no wall times are used."""
-    for reading in readings:
+    timed = [
+        one for one in readings if one.video is not None and one.video.wall is not None and scene.cameras[one.name].watched
+    ]
+    for reading in timed:
         video = reading.video
-        if video is None or video.wall is None or not scene.cameras[reading.name].watched:
-            continue
+        assert video is not None
+        assert video.wall is not None
         ends = (video.wall.seconds + end for end in video.used)
         first, last = (WallTime(end, video.wall.utc) if math.isfinite(end) else None for end in ends)
-        return WallClock(video.wall, first, last)
+        return WallClock(video.wall, first, last, tuple(one.name for one in timed))
     return None

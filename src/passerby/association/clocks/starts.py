@@ -37,7 +37,9 @@ MUCH_CLEARER = 2.0
 CLEAR_SHARE, CLEAR_SCORE = 0.5, 60.0
 """What tracks must reach, of what both cameras should see and in samples of walkers. Strangers' best score over all lags is 30
 (120 simulated pairs, 1 to 5 people for 1 to 3 minutes)."""
-MEASURED_SIGMAS = 3.0
+MEASURED_SIGMAS, LEAST_MISS_S = 3.0, 0.25
+"""People contradict what was measured if it is off by more than so many standard deviations, and seconds."""
+ACTIVITY, SOUND, WALL_CLOCK = "activity", "sound", "wall clock"
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class MeasuredStart:
     """When the second recording began, less when the first did."""
     sigma_s: float
     found_by: str
-    """`wall clock` or `sound`."""
+    """`WALL_CLOCK` or `SOUND`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +70,8 @@ class Starts:
     """By camera outside the largest group: why its start is unknown."""
     notices: tuple[Finding, ...] = ()
     """What is odd."""
+    measured: tuple[MeasuredStart, ...] = ()
+    """What something else than people told."""
 
     @property
     def far(self) -> bool:
@@ -134,17 +138,15 @@ def find_starts(
     group = np.arange(len(cameras))
     offset = np.zeros(len(cameras), dtype=np.int64)
     edges: list[_Edge] = []
-    notices: list[Finding] = []
     unclear: dict[tuple[int, int], tuple[Registration, ...]] = {}
     for pair in pairs:
         if group[pair.a] == group[pair.b]:
             continue
-        edge, rest = _try(pair, cameras, (affinity or {}).get((pair.a, pair.b)), by_tracks)
+        edge, rest = _try(pair, cameras, (affinity or {}).get((pair.a, pair.b)), by_tracks, max_lag_s)
         if edge is None:
             unclear[pair.a, pair.b] = rest
             continue
         edges.append(edge)
-        notices += _contradicted(pair, edge, cameras)
         members = group == group[pair.b]
         offset[members] += offset[pair.a] - edge.lag - offset[pair.b]
         group[members] = group[pair.a]
@@ -154,7 +156,8 @@ def find_starts(
         offset[members] -= offset[members[0]]
     differences = tuple(_difference(edge, cameras) for edge in edges)
     doubts = _doubts(cameras, group, unclear, max_lag_s) if max_lag_s > FULL_SEARCH_S else {}
-    return Starts(max_lag_s, offset * STEP_S, group, differences, doubts, (*_apart(cameras, group, offset, edges), *notices))
+    notices = tuple(_begin_apart(cameras, group, offset, edges))
+    return Starts(max_lag_s, offset * STEP_S, group, differences, doubts, notices, tuple(measured))
 
 
 def shifted(tracks: GroundTracks, lag: int) -> GroundTracks:
@@ -190,8 +193,9 @@ def _peaks(first: GroundTracks, second: GroundTracks, max_lag_s: float, known: b
 
 
 def _try(
-    pair: _Pair, cameras: Sequence[CameraTracklets], affinity: Floats | None, by_tracks: bool
-) -> tuple[_Edge | None, tuple[Registration, ...]]:
+    pair: _Pair, cameras: Sequence[CameraTracklets], affinity: Floats | None, by_tracks: bool,
+    max_lag_s: float,
+) -> tuple[_Edge | None, tuple[Registration, ...]]:  # fmt: skip
     """The lag at which two cameras agree beyond doubt; without one, what was found in place of it."""
     first, second = cameras[pair.a].tracks, cameras[pair.b].tracks
     if first is None or second is None or not len(first) or not len(second):
@@ -199,13 +203,29 @@ def _try(
     for one in pair.measured:
         lag = round(-one.offset_s / STEP_S)
         reach = max(NEAR_S, MEASURED_SIGMAS * one.sigma_s)
-        found = _at(pair, first, second, lag, reach, affinity) if by_tracks else None
-        if not by_tracks or (found is not None and _is_clear(found)):
+        if not by_tracks:
             return _Edge(pair.a, pair.b, lag, -one.offset_s, one.found_by, None), ()
+        found = _at(pair, first, second, lag, reach, affinity)
+        if _is_clear(found):
+            return _Edge(pair.a, pair.b, round(found.candidates[0].lag_s / STEP_S), -one.offset_s, one.found_by, None), ()
     clear = bool(pair.peaks) and _stands_alone(pair.peaks)
     if not by_tracks:
         best = pair.peaks[0] if clear else None
-        return (None if best is None else _Edge(pair.a, pair.b, best.lag, best.lag * STEP_S, "activity", best)), ()
+        return (None if best is None else _Edge(pair.a, pair.b, best.lag, best.lag * STEP_S, ACTIVITY, best)), ()
+    edge, rest = _by_activity(pair, first, second, clear, affinity)
+    # Sound is beyond doubt by itself: where nothing else can find the offset, what follows is to check it.
+    beyond = [
+        one for one in pair.measured if one.found_by == SOUND and (max_lag_s > FULL_SEARCH_S or abs(one.offset_s) > max_lag_s)
+    ]
+    if edge is None and beyond:
+        return _Edge(pair.a, pair.b, round(-beyond[0].offset_s / STEP_S), -beyond[0].offset_s, SOUND, None), ()
+    return edge, rest
+
+
+def _by_activity(
+    pair: _Pair, first: GroundTracks, second: GroundTracks, clear: bool, affinity: Floats | None
+) -> tuple[_Edge | None, tuple[Registration, ...]]:
+    """The lag among the peaks of activity at which tracks agree beyond doubt; else the best of what they found."""
     tried: list[tuple[Registration, LagPeak, bool]] = []
     for peak in pair.peaks[:1] if clear else pair.peaks:
         found = _at(pair, first, second, peak.lag, NEAR_S, affinity)
@@ -216,7 +236,7 @@ def _try(
     if not tried or not tried[0][2] or any(one.score >= ALONE_RUNNER_UP * rest[0].score for one in rest[1:]):
         return None, rest
     best = tried[0][1]
-    return _Edge(pair.a, pair.b, round(rest[0].lag_s / STEP_S), rest[0].lag_s, "activity", best), ()
+    return _Edge(pair.a, pair.b, round(rest[0].lag_s / STEP_S), rest[0].lag_s, ACTIVITY, best), ()
 
 
 def _stands_alone(peaks: Sequence[LagPeak]) -> bool:
@@ -254,19 +274,31 @@ def _difference(edge: _Edge, cameras: Sequence[CameraTracklets]) -> StartDiffere
     )  # fmt: skip
 
 
-def _contradicted(pair: _Pair, edge: _Edge, cameras: Sequence[CameraTracklets]) -> list[Finding]:
-    """A notice of each measured difference that people contradict."""
-    return [
-        notice(
-            "start_contradicted", cameras[pair.b].name, cameras[pair.a].name,
-            found_by=one.found_by, measured_s=one.offset_s, people_s=-edge.lag_s,
-        )
-        for one in pair.measured
-        if abs(one.offset_s + edge.lag_s) > max(NEAR_S, MEASURED_SIGMAS * one.sigma_s)
-    ]  # fmt: skip
+def contradicted_starts(
+    starts: Starts | None, names: Sequence[str], offset_s: Floats, registered: Sequence[bool]
+) -> list[Finding]:
+    """A notice of each measured difference that the rig's clocks contradict.
+
+    Args:
+        starts: with what was measured.
+        names: of all cameras.
+        offset_s: (C,) what to add to each camera's clock, by people.
+        registered: (C,) whether people tell it.
+    """
+    number = {name: c for c, name in enumerate(names)}
+    found = []
+    for one in () if starts is None else starts.measured:
+        a, b = (number[name] for name in one.cameras)
+        by_people = float(offset_s[b] - offset_s[a])
+        if not (registered[a] and registered[b]):
+            continue
+        if abs(by_people - one.offset_s) > max(LEAST_MISS_S, MEASURED_SIGMAS * one.sigma_s):
+            values = {"found_by": one.found_by, "measured_s": one.offset_s, "people_s": by_people}
+            found.append(notice("start_contradicted", names[b], names[a], **values))
+    return found
 
 
-def _apart(cameras: Sequence[CameraTracklets], group: Ints, offset: Ints, edges: Sequence[_Edge]) -> list[Finding]:
+def _begin_apart(cameras: Sequence[CameraTracklets], group: Ints, offset: Ints, edges: Sequence[_Edge]) -> list[Finding]:
     """A notice of recordings that begin farther apart than is searched for in full."""
     found = []
     for one in np.unique(group).tolist():

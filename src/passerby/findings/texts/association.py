@@ -142,6 +142,15 @@ ASSOCIATION: Mapping[str, Kind] = {
         NOTICE, "A wall clock or sound says otherwise than the tracks of people when a recording began.",
         _start_contradicted, "check the clocks of the recorders",
     ),
+    "offset_by_sound": Kind(
+        NOTICE, "The sound of two cameras' videos tells when the recording of the first began after that of the second.",
+        lambda v: f"by sound the recording of {v['camera']} begins {abs(v['offset_s']):.2f} s "
+        f"{'after' if v['offset_s'] > 0 else 'before'} that of {v['second']} (1 sigma {v['sigma_s']:.2f} s)",
+    ),
+    "sound_unusable": Kind(
+        NOTICE, "The camera's video has sound that tells nothing about its clock; `why` says what it lacks.",
+        "camera {camera}: {why}: its clock offset is not determined by sound",
+    ),
     "people_stand_still": Kind(
         DOUBT, "Fewer than two registered cameras saw anybody walk.",
         "the people stand still, so neither their identities nor the clock offsets are reliable", WALK,

@@ -1,0 +1,137 @@
+"""Recordings that begin minutes apart: their starts are found by people's activity, or nothing is claimed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from passerby.association.associate import Tracklets
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
+from passerby.association.clocks.activity import find_lag_peaks, lag_of_visits, region_activity
+from passerby.association.clocks.starts import (
+    SOUND,
+    WALL_CLOCK,
+    MeasuredStart,
+    Starts,
+    contradicted_starts,
+    find_starts,
+)
+from passerby.association.initial_association import associate_by_ground_tracks
+from passerby.association.registration_failures import unregistered_cameras
+from passerby.association.sampling import STEP_S
+from passerby.core.stature import PERSON_HEIGHT_M
+from passerby.findings.refusals import RefusalError, findings_of
+from passerby.simulation.passing_crowd import CrowdOptions, simulate_crowd
+
+STARTS_S, SECONDS = (0.0, 300.0, 150.0), 700.0
+
+
+@lru_cache(maxsize=4)
+def seen(
+    seed: int = 4, *, known: bool = False, strangers: tuple[int, ...] = (), seconds: float = SECONDS
+) -> list[CameraTracklets]:
+    options = CrowdOptions(
+        seed, starts_s=STARTS_S, seconds=seconds, per_minute=8.0, identities_known=known, strangers=strangers
+    )  # fmt: skip
+    crowd = simulate_crowd(options)
+    clocks, rng = crowd.observations.clocks, np.random.default_rng(0)
+    return build_tracklets(crowd.rig, crowd.observations, clocks, PERSON_HEIGHT_M, rng, given=True)
+
+
+def test_the_activity_of_shared_people_peaks_at_the_true_lag() -> None:
+    first, second = (region_activity(camera.tracks) for camera in seen()[:2] if camera.tracks is not None)
+    assert first is not None
+    assert second is not None
+    best, after = find_lag_peaks(first, second, -2000, 2000, 2)
+    assert best.lag * STEP_S == pytest.approx(-300.0, abs=1.0)
+    assert best.significance > 1.5 * after.significance
+    assert find_lag_peaks(first, second, 500, 2000, 1)[0].lag >= 500
+    assert find_lag_peaks(first, second, 5000, 6000, 1) == ()
+
+
+def test_starts_are_found_and_pairs_registered_about_them() -> None:
+    cameras = seen()
+    starts = find_starts(cameras, 600.0)
+    np.testing.assert_allclose(starts.offset_s, STARTS_S, atol=0.6)
+    assert [one.found_by for one in starts.differences] == ["activity", "activity"]
+    apart = starts.notices[0]
+    assert (apart.code, apart.cameras) == ("starts_apart", ("C1", "C2", "C3"))
+    found = associate_by_ground_tracks(cameras, Tracklets.of(cameras), 600.0, {}, starts=starts)
+    assert found.graph is not None
+    assert found.graph.groups == ((0, 1, 2),)
+    np.testing.assert_allclose(found.offset_s, STARTS_S, atol=0.05)
+
+
+def test_known_identities_leave_a_minute_of_lags() -> None:
+    cameras = seen(known=True)
+    first, second = cameras[0].tracks, cameras[1].tracks
+    assert first is not None
+    assert second is not None
+    visits = lag_of_visits(first, second)
+    assert visits is not None
+    assert visits[0] * STEP_S < -300.0 < visits[1] * STEP_S
+    assert (visits[1] - visits[0]) * STEP_S <= 90.0
+    np.testing.assert_allclose(find_starts(cameras, 600.0, known=True).offset_s, STARTS_S, atol=0.6)
+
+
+def test_people_who_are_always_there_tell_no_lag() -> None:
+    tracks = seen(known=True)[0].tracks
+    assert tracks is not None
+    steps = np.arange(400)
+    few = replace(
+        tracks, step=np.repeat(steps, 2), tracklet=np.tile([0, 1], 400), position=np.ones(800, complex), velocity=np.ones(800, complex)
+    )  # fmt: skip
+    assert lag_of_visits(few, few) is None
+
+
+def test_a_camera_that_sees_other_people_has_an_unknown_start() -> None:
+    cameras = seen(strangers=(2,))
+    starts = find_starts(cameras, 600.0)
+    assert starts.group.tolist() == [0, 0, 2]
+    assert starts.lag_steps(0, 2) is None
+    found = associate_by_ground_tracks(cameras, Tracklets.of(cameras), 600.0, {}, starts=starts)
+    assert found.graph is not None
+    lost = unregistered_cameras(cameras, found.graph, 600.0, starts=starts)
+    assert {name: one.code for name, one in lost.items()} == {"C3": "start_unknown"}
+    assert lost["C3"].values == {"searched_s": 600.0, "lags_s": None}
+
+
+def test_nothing_is_claimed_where_no_two_cameras_share_people() -> None:
+    cameras = seen(strangers=(1,))[:2]
+    starts = find_starts(cameras, 600.0)
+    with pytest.raises(RefusalError) as caught:
+        associate_by_ground_tracks(cameras, Tracklets.of(cameras), 600.0, {}, starts=starts)
+    assert [one.code for one in findings_of(caught.value)] == ["no_pair_registered", "start_unknown", "start_unknown"]
+    assert all(one.severity == "refusal" for one in findings_of(caught.value))
+
+
+def test_a_measured_start_is_tried_first_and_people_decide() -> None:
+    """A wall clock that is right to a second is taken; one that is an hour off is passed over, and contradicted."""
+    cameras = seen()[:2]
+    right = find_starts(cameras, 600.0, [MeasuredStart(("C2", "C1"), -299.0, 1.0, WALL_CLOCK)])
+    assert [one.found_by for one in right.differences] == ["wall clock"]
+    np.testing.assert_allclose(right.offset_s, STARTS_S[:2], atol=0.6)
+    wrong = find_starts(cameras, 600.0, [MeasuredStart(("C1", "C2"), 100.0, 1.0, WALL_CLOCK)])
+    assert [one.found_by for one in wrong.differences] == ["activity"]
+    assert contradicted_starts(right, ["C1", "C2"], right.offset_s, [True, True]) == []
+    (found,) = contradicted_starts(wrong, ["C1", "C2"], wrong.offset_s, [True, True])
+    assert (found.code, found.cameras) == ("start_contradicted", ("C2", "C1"))
+    assert found.values["people_s"] == pytest.approx(300.0, abs=0.6)
+    assert contradicted_starts(wrong, ["C1", "C2"], wrong.offset_s, [True, False]) == []
+
+
+def test_sound_alone_is_taken_where_offsets_are_not_searched_in_full() -> None:
+    cameras = seen(strangers=(1,))[:2]
+    sound = [MeasuredStart(("C1", "C2"), 42.0, 0.01, SOUND)]
+    assert find_starts(cameras, 600.0, sound).lag_steps(0, 1) == -84
+    assert find_starts(cameras, 5.0, sound).lag_steps(0, 1) == -84
+    assert find_starts(cameras, 60.0, sound).lag_steps(0, 1) is None
+
+
+def test_unknown_starts_are_not_searched_hours_apart() -> None:
+    """Where all offsets can be searched in full, a pair whose start is unknown is searched as ever."""
+    near, far = (Starts(searched, np.zeros(2), np.arange(2)) for searched in (60.0, 61.0))
+    assert (near.far, far.far) == (False, True)

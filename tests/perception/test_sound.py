@@ -1,0 +1,101 @@
+"""The offset of two recordings by their sound: right to some milliseconds, or none."""
+
+from __future__ import annotations
+
+import wave
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from passerby.common.arrays import Floats
+from passerby.perception.sound import HOP_S, Onsets, listen, offset_by_sound
+from passerby.perception.video import Piece, VideoInfo
+from sources_sound import RATE, SoundCase, cases, rows, simulated_pair, work
+
+
+def info(path: Path) -> VideoInfo:
+    return VideoInfo(path, (2, 2), "none", 25.0, False, 25.0, None, None)
+
+
+def written(path: Path, sound: Floats) -> VideoInfo:
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(RATE)
+        file.writeframes((32767 * np.clip(sound, -1, 1)).astype("<i2").tobytes())
+    return info(path)
+
+
+def heard(video: VideoInfo) -> Onsets:
+    found = listen(video)
+    assert isinstance(found, Onsets)
+    return found
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_common_sound_gives_the_offset_and_other_sound_none(seed: int, tmp_path: Path) -> None:
+    outcome = work(SoundCase(seed), tmp_path)
+    assert (outcome.error_s is not None) == outcome.shared
+    assert not outcome.wrong
+    assert outcome.error_s is None or abs(outcome.error_s) < 0.005
+
+
+@pytest.mark.slow
+def test_fifty_pairs_are_never_wrong(tmp_path: Path) -> None:
+    outcomes = [work(case, tmp_path) for case in cases(50)]
+    assert not any(one.wrong for one in outcomes)
+    assert rows(outcomes)[0].figure == "50 of 50"
+
+
+def test_sound_that_repeats_is_ambiguous(tmp_path: Path) -> None:
+    """A machine that knocks every second fits at every second."""
+    rng = np.random.default_rng(0)
+    knock = rng.standard_normal(400) * np.exp(-np.arange(400) / 80)
+    beat = np.zeros(60 * RATE)
+    for at in range(0, len(beat) - 400, RATE):
+        beat[at : at + 400] = 0.3 * knock
+    noise = 0.001 * rng.standard_normal((2, len(beat)))
+    a, b = (heard(written(tmp_path / f"{k}.wav", beat + noise[k])) for k in range(2))
+    assert offset_by_sound(a, b) is None
+
+
+@pytest.mark.parametrize(
+    ("sound", "why"),
+    [(np.zeros(20 * RATE), "silent"), (0.3 * np.random.default_rng(0).standard_normal(3 * RATE), "only 3.0 s")],
+)
+def test_sound_that_tells_nothing_is_named(sound: Floats, why: str, tmp_path: Path) -> None:
+    found = listen(written(tmp_path / "one.wav", sound))
+    assert isinstance(found, str)
+    assert why in found
+
+
+def test_a_file_without_sound_has_none_and_a_broken_one_says_so(tmp_path: Path) -> None:
+    silent = tmp_path / "silent.mp4"
+    with av.open(str(silent), "w") as container:
+        stream = container.add_stream("mpeg4", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 32, 32, "yuv420p"
+        for _ in range(5):
+            container.mux(stream.encode(av.VideoFrame(32, 32, "yuv420p")))
+        container.mux(stream.encode())
+    assert listen(info(silent)) is None
+    broken = tmp_path / "broken.wav"
+    broken.write_bytes(b"RIFF" + bytes(3000))
+    assert listen(info(broken)) == "its sound cannot be decoded"
+
+
+def test_pieces_of_a_recording_lie_where_their_times_say(tmp_path: Path) -> None:
+    """The same sound in one file, and in two of which the first lacks its last three seconds."""
+    a, b, lag_s = simulated_pair(SoundCase(2))
+    cut = 30 * RATE
+    first, second = written(tmp_path / "b1.wav", b[: cut - 3 * RATE]), written(tmp_path / "b2.wav", b[cut:])
+    pieces = (Piece(first.path, 7.0, None, 27.0), Piece(second.path, 37.0, None, 30.0))
+    onsets = heard(replace(first, pieces=pieces))
+    assert onsets.begin_s == pytest.approx(7.0, abs=0.1)
+    assert len(onsets.values) * HOP_S == pytest.approx(len(b) / RATE, abs=0.2)
+    found = offset_by_sound(heard(written(tmp_path / "a.wav", a)), onsets)
+    assert found is not None
+    assert found.lag_s == pytest.approx(lag_s + 7.0, abs=0.02)
+    assert found.sigma_s >= 0.01
