@@ -29,6 +29,8 @@ class SoundCase:
     """One pair of recordings."""
 
     seed: int
+    seconds: tuple[float, float] = SECONDS
+    """From and to: how long they are is drawn."""
 
     @property
     def shared(self) -> bool:
@@ -94,7 +96,7 @@ def rows(outcomes: list[SoundOutcome]) -> list[Row]:
 def simulated_pair(case: SoundCase) -> tuple[Floats, Floats, float]:
     """What two microphones record, at `RATE`, and how much more the second one's clock shows, seconds."""
     rng = np.random.default_rng((case.seed, 77))
-    seconds = rng.uniform(*SECONDS)
+    seconds = rng.uniform(*case.seconds)
     lag_s = rng.uniform(-1.0, 1.0) * min(LARGEST_LAG_S, seconds / 3)
     length = round((seconds + abs(lag_s) + 1.0) * RATE)
     place = _scene(length, rng)

@@ -196,7 +196,7 @@ def _try(
     pair: _Pair, cameras: Sequence[CameraTracklets], affinity: Floats | None, by_tracks: bool,
     max_lag_s: float,
 ) -> tuple[_Edge | None, tuple[Registration, ...]]:  # fmt: skip
-    """The lag at which two cameras agree beyond doubt; without one, what was found in place of it."""
+    """The lag at which two cameras agree beyond doubt; without one, what fits at several lags as well."""
     first, second = cameras[pair.a].tracks, cameras[pair.b].tracks
     if first is None or second is None or not len(first) or not len(second):
         return None, ()
@@ -225,7 +225,7 @@ def _try(
 def _by_activity(
     pair: _Pair, first: GroundTracks, second: GroundTracks, clear: bool, affinity: Floats | None
 ) -> tuple[_Edge | None, tuple[Registration, ...]]:
-    """The lag among the peaks of activity at which tracks agree beyond doubt; else the best of what they found."""
+    """The lag among the peaks of activity at which tracks agree beyond doubt; else what they fit at, the best first."""
     tried: list[tuple[Registration, LagPeak, bool]] = []
     for peak in pair.peaks[:1] if clear else pair.peaks:
         found = _at(pair, first, second, peak.lag, NEAR_S, affinity)
@@ -233,7 +233,9 @@ def _by_activity(
             tried.append((found.candidates[0], peak, _is_clear(found)))
     tried.sort(key=lambda entry: -entry[0].score)
     rest = tuple(registration for registration, _, _ in tried)
-    if not tried or not tried[0][2] or any(one.score >= ALONE_RUNNER_UP * rest[0].score for one in rest[1:]):
+    if not tried or not tried[0][2]:
+        return None, ()
+    if any(one.score >= ALONE_RUNNER_UP * rest[0].score for one in rest[1:]):
         return None, rest
     best = tried[0][1]
     return _Edge(pair.a, pair.b, round(rest[0].lag_s / STEP_S), rest[0].lag_s, ACTIVITY, best), ()
@@ -324,7 +326,7 @@ def _doubts(
     for c, camera in enumerate(cameras):
         if group[c] == main or camera.tracks is None or not len(camera.tracks):
             continue
-        rivals = [rest for pair, rest in unclear.items() if c in pair and len(rest) > 1 and rest[0].score >= CLEAR_SCORE]
+        rivals = [rest for pair, rest in unclear.items() if c in pair and len(rest) > 1]
         best = max(rivals, key=lambda rest: rest[0].score, default=())
         lags = None if not best else [abs(one.lag_s) for one in best[:2]]
         out[c] = doubt("start_unknown", camera.name, searched_s=searched_s, lags_s=lags)
