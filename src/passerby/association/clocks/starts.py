@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from passerby.association.camera_tracklets import CameraTracklets
-from passerby.association.clocks.activity import Activity, LagPeak, find_lag_peaks, lag_of_visits, region_activity
+from passerby.association.clocks.activity import LagPeak, find_lag_peaks, lag_of_visits, region_activity
 from passerby.association.graph import ALONE_RUNNER_UP
 from passerby.association.ground.ground_tracks import GroundTracks
 from passerby.association.ground.registration import PairRegistration, Registration, register_pair
@@ -157,7 +157,9 @@ def find_starts(
     differences = tuple(_difference(edge, cameras) for edge in edges)
     doubts = _doubts(cameras, group, unclear, max_lag_s) if max_lag_s > FULL_SEARCH_S else {}
     notices = tuple(_begin_apart(cameras, group, offset, edges))
-    return Starts(max_lag_s, offset * STEP_S, group, differences, doubts, notices, tuple(measured))
+    return Starts(
+        max_lag_s, np.asarray(offset * STEP_S, dtype=np.float64), group, differences, doubts, notices, tuple(measured)
+    )
 
 
 def shifted(tracks: GroundTracks, lag: int) -> GroundTracks:
@@ -185,10 +187,10 @@ def _peaks(first: GroundTracks, second: GroundTracks, max_lag_s: float, known: b
     visits = lag_of_visits(first, second) if known else None
     if visits is not None:
         low, high = max(low, visits[0]), min(high, visits[1])
-    activities: list[Activity] = [one for side in (first, second) if (one := region_activity(side)) is not None]
-    if len(activities) < 2:
+    activity_a, activity_b = region_activity(first), region_activity(second)
+    if activity_a is None or activity_b is None:
         return ()
-    peaks = find_lag_peaks(*activities, low, high, CANDIDATES)
+    peaks = find_lag_peaks(activity_a, activity_b, low, high, CANDIDATES)
     return tuple(one for one in peaks if visits is not None or one.significance >= LEAST_SIGNIFICANCE)
 
 

@@ -56,7 +56,9 @@ def _minutes(seconds: float) -> str:
 
 def _starts_apart(v: Fields) -> str:
     later = ", ".join(f"that of {name} {_minutes(seconds)}" for name, seconds in v["later_s"].items())
-    return f"the recordings begin at different times, found by {' and '.join(v['found_by'])}: {later} after that of {v['camera']}"
+    return (
+        f"the recordings begin at different times, found by {' and '.join(v['found_by'])}: {later} after that of {v['camera']}"
+    )
 
 
 def _start_unknown(v: Fields) -> str:
