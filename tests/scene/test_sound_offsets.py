@@ -60,7 +60,7 @@ def test_the_sound_of_two_videos_tells_when_they_began(films: tuple[Path, list[C
     assert found.values["offset_s"] == measured.offset_s
 
 
-@pytest.mark.parametrize("key", ['sound = "off"', "max_offset_s = 0", 'mode = "given"'])
+@pytest.mark.parametrize("key", ['sound = "off"', "max_offset_s = 0", 'mode = "appearance"'])
 def test_nothing_is_listened_to_where_no_offset_is_wanted(key: str, films: tuple[Path, list[CameraInput], float]) -> None:
     folder, readings, _ = films
     assert measure_by_sound(scene(folder, key), readings) == ((), ())
