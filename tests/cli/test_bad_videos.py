@@ -10,6 +10,7 @@ import pytest
 from passerby.cli.main import run
 from passerby.common import parallel
 from passerby.scene.scene import Scene
+from sources.packaging import PACKAGINGS, pack
 from support.scenes.puppet_videos import film, pictures, puppets, scene_file, wall, write_video
 from support.tiers import thinned
 
@@ -134,6 +135,16 @@ def test_pictures_of_another_size_than_the_lens(scene, tmp_path, capsys, command
     write_video(tmp_path / "bad.mp4", (change(picture) for picture in still()), 5.0)
     refused(capsys, scene(), command, f"{tmp_path}/bad.mp4: camera C1: its frames are ",
             told.format(", its intrinsics are for 360 x 288: "), "rig.toml, [C1])")  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_intrinsics_of_the_frames_as_a_phone_stores_them(scene, tmp_path, capsys, command):
+    rotated = next(packaging for packaging in PACKAGINGS if packaging.rotation == 90)
+    upright = [cv2.rotate(picture, cv2.ROTATE_90_CLOCKWISE) for picture in still()]
+    pack(rotated, upright, len(upright), 5.0, tmp_path, "bad")
+    path = scene({"C1": "bad.MOV", "C2": "C2.mp4"})
+    refused(capsys, path, command, f"{tmp_path}/bad.MOV: camera C1: its frames are 288 x 360, its intrinsics are for 360 x 288",
+            "the file's metadata rotate its frames by 90 degrees", "rig.toml, [C1])")  # fmt: skip
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])

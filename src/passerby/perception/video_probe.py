@@ -160,7 +160,7 @@ def probe(path: str | Path) -> VideoInfo:
     path = Path(path)
     with open_video(path) as (container, stream):
         seconds = _duration(container, stream)
-        timestamps = _timestamps(container, stream)
+        timestamps, cut = _timestamps(container, stream)
         camera = read_recording_camera(path, container)
     with open_video(path) as (container, stream):
         first = _first_picture(path, container, stream)
@@ -169,6 +169,7 @@ def probe(path: str | Path) -> VideoInfo:
             raise VideoError(path, f"the file does not state its frames per second: {_remedy(path)}")
         average = _average(timestamps) if variable or rate is None else rate
         rotation = first.rotation % 360 if first.rotation % 90 == 0 else 0
+        held = stream.frames - cut if stream.frames > cut else 0
         return VideoInfo(
             path=path,
             size=(first.height, first.width) if rotation in (90, 270) else (first.width, first.height),
@@ -176,8 +177,8 @@ def probe(path: str | Path) -> VideoInfo:
             clock_fps=VARIABLE_CLOCK_FPS if variable or rate is None else rate,
             variable=variable,
             average_fps=average,
-            frames=stream.frames or (None if seconds is None else max(1, round(seconds * average))),
-            seconds=seconds if seconds is not None else (stream.frames / average if stream.frames else None),
+            frames=held or (None if seconds is None else max(1, round(seconds * average))),
+            seconds=seconds if seconds is not None else (held / average if held else None),
             rotation=rotation,
             camera=camera,
         )
@@ -295,20 +296,22 @@ def _duration(container: InputContainer, stream: VideoStream) -> float | None:
     return None if container.duration is None else container.duration / av.time_base
 
 
-def _timestamps(container: InputContainer, stream: VideoStream) -> Floats:
-    """(N,) seconds, ascending, of the first packets that are shown; empty where they carry none."""
+def _timestamps(container: InputContainer, stream: VideoStream) -> tuple[Floats, int]:
+    """(N,) seconds, ascending, of the first packets that are shown, none where they carry none; how many an edit list leaves out."""
     shown: list[int] = []
+    cut = 0
     try:
         for packet in islice(container.demux(stream), PROBED_PACKETS):
+            cut += packet.is_discard
             if packet.pts is not None and not packet.is_discard:
                 shown.append(packet.pts)
     except FFmpegError:
         pass  # what could be read before decides; the pictures themselves will tell what is broken
     if stream.time_base is None:
-        return np.zeros(0)
+        return np.zeros(0), cut
     # Packets come in the order of decoding: the last few, cut off, may belong before others that were not read.
     ticks = np.unique(np.array(shown, dtype=np.int64))[: max(2, len(shown) - 32) if len(shown) == PROBED_PACKETS else None]
-    return np.asarray(ticks * float(stream.time_base))
+    return np.asarray(ticks * float(stream.time_base)), cut
 
 
 def _rate(stream: VideoStream, timestamps: Floats) -> tuple[float | None, bool]:
@@ -337,7 +340,7 @@ def _average(timestamps: Floats) -> float:
     return float((len(timestamps) - 1) / (timestamps[-1] - timestamps[0]))
 
 
-def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int]) -> Literal["same", "cropped"]:
+def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int], rotation: int = 0) -> Literal["same", "cropped"]:
     """Whether a video's pictures are those that a lens was calibrated for.
 
     A lens whose size is rounded up to whole macroblocks of H.264 (1088 for 1080) was calibrated on the coded picture: the video
@@ -346,6 +349,7 @@ def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int]) -> Lite
     Args:
         video_size: (width, height), pixels, upright.
         lens_size: (width, height), pixels.
+        rotation: degrees by which the file's metadata rotate its frames.
 
     Returns:
         "same", or "cropped": up to 15 columns or rows are missing right or below.
@@ -360,6 +364,11 @@ def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int]) -> Lite
         return "cropped"
     told = f"its frames are {video_size[0]} x {video_size[1]}, its intrinsics are for {lens_size[0]} x {lens_size[1]}"
     factors = (video_size[0] / lens_size[0], video_size[1] / lens_size[1])
+    if video_size == lens_size[::-1] and rotation in (90, 270):
+        raise InputError(
+            f"{told}: the file's metadata rotate its frames by 90 degrees, and the upright frames are used; give the intrinsics "
+            "of the upright frames, for example calibrated from a video that the same device took in the same position"
+        )
     if video_size == lens_size[::-1]:
         raise InputError(
             f"{told}: the video is rotated by 90 degrees; rotate it back, or give the intrinsics of the rotated frames"

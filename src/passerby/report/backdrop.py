@@ -51,7 +51,7 @@ def backdrop(contents: Contents, name: str) -> Backdrop:
         return blank
     try:
         info = open_source(source, name).info
-        fit_of_size(info.size, camera.lens.size)
+        fit_of_size(info.size, camera.lens.size, info.rotation)
         found = still(info, frames, worth)
     except VideoError as error:
         return Backdrop(best, None, camera.lens.size, f"no image: {error.what}")

@@ -196,7 +196,7 @@ def _check_video(scene: Scene, reading: CameraInput, video: VideoInfo) -> None:
     place = str(video.path)
     if reading.lens is not None:
         try:
-            if fit_of_size(video.size, reading.lens.size) == "cropped":
+            if fit_of_size(video.size, reading.lens.size, video.rotation) == "cropped":
                 sizes = {"video_size": list(video.size), "size": list(reading.lens.size)}
                 reading.findings.append(notice("video_cropped", reading.name, place=place, **sizes))
         except InputError as error:

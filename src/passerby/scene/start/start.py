@@ -211,7 +211,7 @@ def _state(
         remarks += ("ASSUMED: that file does not say for which image size it is valid; the size of the video is written.",)
     if camera.info is not None:
         try:
-            fit = fit_of_size(camera.info.size, lens.lens.size)
+            fit = fit_of_size(camera.info.size, lens.lens.size, camera.info.rotation)
         except InputError as error:
             return "WRONG SIZE", (*remarks, f"TO DO: {error}"), f"camera {camera.name}: {error} (intrinsics in {place})"
         if fit == "cropped":

@@ -1,0 +1,1 @@
+"""What the page on sources is made of: films as phones, recorders and streams give them."""

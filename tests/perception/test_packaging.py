@@ -1,0 +1,82 @@
+"""One small film in every container and codec of the benchmark: the same pictures at the same times and in the same size."""
+
+import tomllib
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from passerby.perception.sources.files import VideoSource
+from passerby.perception.sources.recording import open_source
+from passerby.perception.video import VideoInfo, VideoReader, probe
+from sources.packaging import PACKAGINGS, PLAIN, Packaging, available, pack, shown
+
+SIZE, FPS, COUNT, CAMERA = (128, 96), 12.5, 30, "C1"
+MOST_OFF = 4.0
+"""Grey levels, mean over a picture: what colours at half resolution and coarse coding cost. The wrong picture is off by 20."""
+
+
+def film() -> list[np.ndarray]:
+    """A pattern that moves through all pictures, with nothing symmetric about it."""
+    rng = np.random.default_rng(8)
+    wide = cv2.resize(rng.integers(30, 226, (6, 20, 3), dtype=np.uint8), (SIZE[0] + 8 * COUNT, SIZE[1]))
+    return [wide[:, 8 * number : 8 * number + SIZE[0]].copy() for number in range(COUNT)]
+
+
+def packed(packaging: Packaging, folder: Path, camera: str = CAMERA) -> VideoInfo:
+    if not available(packaging):
+        pytest.skip(f"this PyAV has no {packaging.encoder}")
+    table = tomllib.loads(pack(packaging, film(), COUNT, FPS, folder, camera))
+    return open_source(VideoSource((folder / table["video"],), fps=table.get("fps"))).info
+
+
+@pytest.mark.parametrize("packaging", [PLAIN, *PACKAGINGS], ids=lambda packaging: packaging.key)
+def test_pictures_times_and_size(packaging: Packaging, tmp_path: Path) -> None:
+    info, expected = packed(packaging, tmp_path), shown(packaging, COUNT, FPS)
+    assert info.size == (SIZE[0] - packaging.less, SIZE[1] - packaging.less)
+    assert info.rotation == packaging.rotation
+    assert info.variable == (packaging.share < 1)
+    assert info.variable or info.clock_fps == pytest.approx(FPS)
+    if packaging.codec and packaging.share == 1:
+        assert info.frames == len(expected)
+        assert info.seconds == pytest.approx(len(expected) / FPS, abs=0.05)
+    read = list(VideoReader(info))
+    times = [float((number - expected[0]) / Fraction(FPS)) for number in expected]
+    np.testing.assert_allclose([frame.seconds for frame in read], times, atol=0.006)
+    clock = 100.0 if info.variable else FPS
+    np.testing.assert_allclose([frame.number for frame in read], [round(time * clock) + 1 for time in times])
+    original = film()
+    for frame, number in zip(read, expected, strict=True):
+        whole = original[number][: info.size[1], : info.size[0]].astype(int)
+        assert np.abs(frame.picture - whole).mean() < MOST_OFF
+
+
+def test_packagings_are_what_they_say(tmp_path: Path) -> None:
+    """Files that were written another way would be read without showing anything."""
+    import av
+
+    by_key = {packaging.key: packaging for packaging in PACKAGINGS}
+    with av.open(str(packed(by_key["hdr"], tmp_path / "hdr").path)) as container:
+        frame = next(container.decode(video=0))
+        assert (frame.format.name, frame.colorspace) == ("yuv420p10le", 9)
+    with av.open(str(packed(by_key["rotated"], tmp_path / "rotated").path)) as container:
+        frame = next(container.decode(video=0))
+        assert (frame.width, frame.height) == SIZE[::-1]
+    with av.open(str(packed(by_key["edited"], tmp_path / "edited").path)) as container:
+        assert sum(packet.is_discard for packet in container.demux(video=0)) == 10
+    with av.open(str(packed(by_key["sound"], tmp_path / "sound").path)) as container:
+        assert len(container.streams.audio) == 1
+    with av.open(str(packed(by_key["sound"], tmp_path / "silent", "C2").path)) as container:
+        assert len(container.streams.audio) == 0
+
+
+def test_a_piece_with_an_edit_list_is_as_long_as_it_shows(tmp_path: Path) -> None:
+    edited = next(packaging for packaging in PACKAGINGS if packaging.cut_s)
+    packed(edited, tmp_path, "part1")
+    packed(edited, tmp_path, "part2")
+    info = open_source(VideoSource((tmp_path,))).info
+    shown_s = len(shown(edited, COUNT, FPS)) / FPS
+    assert [piece.begin_s for piece in info.pieces] == pytest.approx([0.0, shown_s])
+    assert probe(tmp_path / "part1.mp4").seconds == pytest.approx(shown_s)
