@@ -297,7 +297,9 @@ def _duration(container: InputContainer, stream: VideoStream) -> float | None:
 
 
 def _timestamps(container: InputContainer, stream: VideoStream) -> tuple[Floats, int]:
-    """(N,) seconds, ascending, of the first packets that are shown, none where they carry none; how many an edit list leaves out."""
+    """(N,) seconds, ascending, of the first packets that are shown; empty where they carry none. And how many an edit list
+    leaves out.
+    """
     shown: list[int] = []
     cut = 0
     try:
@@ -366,8 +368,8 @@ def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int], rotatio
     factors = (video_size[0] / lens_size[0], video_size[1] / lens_size[1])
     if video_size == lens_size[::-1] and rotation in (90, 270):
         raise InputError(
-            f"{told}: the file's metadata rotate its frames by 90 degrees, and the upright frames are used; give the intrinsics "
-            "of the upright frames, for example calibrated from a video that the same device took in the same position"
+            f"{told}: the file's metadata rotate its frames by 90 degrees, and the upright frames are used; give the "
+            "intrinsics of the upright frames, for example calibrated from a video that the same device took in the same position"
         )
     if video_size == lens_size[::-1]:
         raise InputError(
