@@ -228,10 +228,19 @@ def _as_recording(_: dict[str, Any], text: str, folder: Path) -> None:
     assert read_plan(folder / "cameras.toml", {}).streams
 
 
+def _as_streams(_: dict[str, Any], text: str, folder: Path) -> None:
+    from passerby.recording.scene_streams import read_streamed
+
+    (folder / "secrets.env").write_text("CAMERA_USER=a\nCAMERA_PASSWORD=b\n")
+    (folder / "scene.toml").write_text(f"{text}\n[cameras.gate]\nvideo = '/dev/video0'\n")
+    assert read_streamed(folder / "scene.toml", {}) is not None
+
+
 READERS: dict[str, Callable[[dict[str, Any], str, Path], None]] = {
     "scene": _as_scene,
     "rig": _as_rig,
     "model": _as_model,
     "training": _as_training,
     "recording": _as_recording,
+    "streams": _as_streams,
 }

@@ -170,7 +170,7 @@ def calibrate(
     progress: Form = ProgressForm.auto,
     verbose: Verbose = False,
 ) -> None:
-    """Calibrate the cameras of a scene.
+    """Calibrate the cameras of a scene. Streams are recorded first if the scene has a table [recording].
 
     The output folder caches what was detected in videos: an interrupted run continues from there, and a run with other
     options repeats only what depends on them.
@@ -179,15 +179,18 @@ def calibrate(
     """
     from passerby.calibration.calibration import WORK, write_results
     from passerby.calibration.pipeline import calibrate as run_calibration
+    from passerby.cli.streams import recorded
     from passerby.cli.tables import show_calibration, tell_reasons
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
     from passerby.interchange.output_folder import REPORT_FILE
     from passerby.interchange.storage.transaction import folder_lock
+    from passerby.recording.scene_streams import read_streamed
     from passerby.scene.scene import Scene
 
     verbose = verbose or bool(context.obj)
-    loaded = Scene.load(scene)
+    streamed = read_streamed(scene)
+    loaded = Scene.load(scene) if streamed is None else recorded(streamed, out, verbose, progress)
     processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
     with stages(verbose, progress) as tell, folder_lock(out, WORK), processes as executor:
         calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
@@ -236,10 +239,10 @@ def check(scene: SceneFile, json: AsJson = False) -> None:
 
     Exit status 2: something cannot be used; 3: everything can be used, but it does not connect all cameras.
     """
+    from passerby.cli.streams import checked
     from passerby.cli.tables import show_check
-    from passerby.scene.check import check_scene
 
-    report = check_scene(scene)
+    report = checked(scene)
     if json:
         _print_json(report.to_dict())
     else:

@@ -369,7 +369,7 @@ def fit_of_size(video_size: tuple[int, int], lens_size: tuple[int, int], rotatio
     if video_size == lens_size[::-1] and rotation in (90, 270):
         raise InputError(
             f"{told}: the file's metadata rotate its frames by 90 degrees, and the upright frames are used; give the "
-            "intrinsics of the upright frames, for example calibrated from a video that the same device took in the same position"
+            "intrinsics of the upright frames, for example from a video that the same device took in the same position"
         )
     if video_size == lens_size[::-1]:
         raise InputError(

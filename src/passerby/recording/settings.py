@@ -83,46 +83,46 @@ def read_plan(path: Path, environment: Mapping[str, str] | None = None) -> Recor
         raise InputError(f"{path}: [recording] {unknown}: unknown; the only key is secrets")
     known = dict(os.environ if environment is None else environment)
     if "secrets" in own:
-        known |= _secrets(path.parent / str(own["secrets"]))
+        known |= read_secrets(path.parent / str(own["secrets"]))
     cameras = content.pop("cameras", {})
     if not isinstance(cameras, dict) or not cameras:
         raise InputError(f'{path}: names no cameras: add a table [cameras.NAME] with stream = "rtsp://..." for each')
-    streams = tuple(_stream(path, name, table, known) for name, table in cameras.items())
+    streams = tuple(stream_of(path, name, table, known) for name, table in cameras.items())
     others = {name: {key: value for key, value in table.items() if key not in KEYS} for name, table in cameras.items()}
     return RecordingPlan(path, streams, others, content)
 
 
-def _stream(path: Path, name: str, table: Any, known: Mapping[str, str]) -> Stream:
-    """One camera's. No message repeats an address."""
+def stream_of(path: Path, name: str, table: Any, known: Mapping[str, str], key: str = "stream") -> Stream:
+    """The stream that a key of one camera's table names. Raises `InputError`; no message repeats an address."""
     place = f"{path}: [cameras.{shortened(name)}]"
     if not CAMERA_NAME.fullmatch(name):
         raise InputError(f"{place}: this name cannot be that of a folder: use letters, digits and . _ + @ -")
-    if not isinstance(table, dict) or "stream" not in table:
-        near = f" ({nearest('stream', list(table))})" if isinstance(table, dict) and table else ""
-        raise InputError(f'{place} has no stream{near}: add stream = "rtsp://HOST/PATH", or "/dev/video0"')
-    address, transport = table["stream"], table.get("transport", "tcp")
+    if not isinstance(table, dict) or key not in table:
+        near = f" ({nearest(key, list(table))})" if isinstance(table, dict) and table else ""
+        raise InputError(f'{place} has no {key}{near}: add {key} = "rtsp://HOST/PATH", or "/dev/video0"')
+    address, transport = table[key], table.get("transport", "tcp")
     if transport not in ("tcp", "udp"):
         raise InputError(f'{place} transport is {shortened(transport)}: write "tcp" or "udp"')
     if not isinstance(address, str):
-        raise InputError(f"{place} stream is not a text: write an address in quotes")
+        raise InputError(f"{place} {key} is not a text: write an address in quotes")
     for variable in VARIABLE.findall(address):
         if variable not in known:
             where = "in the environment, or in the file that [recording] secrets names"
-            raise InputError(f"{place} stream: ${{{variable}}} is not set: set it {where}")
+            raise InputError(f"{place} {key}: ${{{variable}}} is not set: set it {where}")
     address = VARIABLE.sub(lambda found: known[found[1]], address)
     found = ADDRESS.match(address)
     scheme = found[1].split(":")[0].lower() if found else None
     if DEVICE.fullmatch(address) is None and (scheme not in SCHEMES or "://" not in address):
         kind = f"{scheme}://..." if scheme else "this text"
         raise InputError(
-            f"{place} stream: {kind} is no address that can be recorded: use rtsp, rtsps, http or https, or /dev/video0"
+            f"{place} {key}: {kind} is no address that can be recorded: use rtsp, rtsps, http or https, or /dev/video0"
         )
     if scheme is not None and not address.partition("://")[2].rpartition("@")[2].split("/")[0]:
-        raise InputError(f"{place} stream: the address names no host")
+        raise InputError(f"{place} {key}: the address names no host")
     return Stream(name, address, transport)
 
 
-def _secrets(path: Path) -> dict[str, str]:
+def read_secrets(path: Path) -> dict[str, str]:
     """Variables of a file of `NAME=VALUE` lines; its values are never shown."""
     found = {}
     for number, line in enumerate(read_text(path, "a file of secrets").splitlines(), start=1):

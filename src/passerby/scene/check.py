@@ -175,12 +175,18 @@ class SceneCheck:
         }
 
 
-def check_scene(path: str | Path) -> SceneCheck:
-    """Read a scene file and all that it names; nothing is raised for what is wrong, all of it is gathered."""
+def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) -> SceneCheck:
+    """Read a scene file and all that it names; nothing is raised for what is wrong, all of it is gathered.
+
+    Args:
+        source: a scene file, or the scene that was read from it.
+        findings: what is known of it beforehand.
+    """
     try:
-        scene = Scene.load(path)
+        scene = source if isinstance(source, Scene) else Scene.load(source)
     except InputError as error:
-        return SceneCheck(Path(path).stem, None, (), faults_of(error), ())
+        assert not isinstance(source, Scene)
+        return SceneCheck(Path(source).stem, None, (), faults_of(error), ())
     readings = read_cameras(scene)
     given = scene.association.given
     shared = count_shared_observations(_counted_alike(observations_of(scene, readings))) if given else {}
@@ -196,7 +202,7 @@ def check_scene(path: str | Path) -> SceneCheck:
         mode=scene.association.mode,
         cameras=tuple(_camera_check(reading, shared.get(reading.name, {})) for reading in readings),
         faults=tuple(dict.fromkeys(faults)),
-        diagnostics=(*doubts, *notices),
+        diagnostics=(*doubts, *findings, *notices),
         perception=perception,
     )
 

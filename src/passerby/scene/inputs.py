@@ -123,6 +123,11 @@ def _gaps(readings: Sequence[CameraInput]) -> dict[str, tuple[tuple[float, float
     return {name: spans for name, spans in found.items() if spans}
 
 
+def check_files(scene: Scene) -> None:
+    """Raise `FileFaults` (an `InputError`) with everything that is wrong with what a scene names; no video is watched."""
+    _raise_faults(scene, read_cameras(scene))
+
+
 def _raise_faults(scene: Scene, readings: list[CameraInput]) -> None:
     faults = [fault for reading in readings for fault in reading.faults] + scene_faults(scene, readings)
     if faults:
@@ -135,7 +140,7 @@ def read_cameras(scene: Scene) -> list[CameraInput]:
     span = None
     faults: tuple[str, ...] = ()
     try:
-        span = chosen_span(scene)
+        span = None if scene.unrecorded else chosen_span(scene)
     except InputError as error:
         faults = faults_of(error)
     own = {name: read_camera(scene, name, span=span) for name in scene.cameras if scene.models[name][0] == name}
@@ -286,7 +291,7 @@ def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         return faults
     remedy = 'give each camera embeddings or a video, or use another mode: under [association] set mode = "combined"'
     without = [reading for reading in readings if scene.cameras[reading.name].embeddings is None and reading.dimensions is None]
-    without = [reading for reading in without if not needs_video(scene, reading)]
+    without = [one for one in without if not needs_video(scene, one) and one.name not in scene.unrecorded]
     wanting = [reading.name for reading in without if reading.people]
     if len(without) == len(readings):
         return [*faults, f'{scene.place}: mode "appearance" needs embeddings, and no camera has any: {remedy}']

@@ -74,8 +74,10 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     reading.keypoints_path = path_of(table.keypoints)
     reading.keypoints = _attempt(joints_of, reading.keypoints_path, reading.faults) or reading.keypoints
     _settle_doubles(reading)
-    _open_video(scene, reading, span)
-    if table.intrinsics is None:
+    unrecorded = name in scene.unrecorded
+    if not unrecorded:
+        _open_video(scene, reading, span)
+    if table.intrinsics is None and not unrecorded:
         find_lens(scene, reading, model)
     elif reading.lens is not None and reading.lens.uncalibrated and len(scene.models[name]) > 1:
         reading.lens = replace(reading.lens, group=name)

@@ -7,6 +7,7 @@ remedy. Paths are relative to the scene file, or absolute.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -30,6 +31,7 @@ from passerby.scene.tables import (
     LengthTable,
     PerceptionTable,
     PersonTable,
+    RecordingTable,
     ScaleTable,
     SceneTable,
     SolverTable,
@@ -54,7 +56,9 @@ class Scene(Table):
     solver: SolverTable = Field(default_factory=SolverTable)
     scale: ScaleTable = Field(default_factory=ScaleTable)
     world: WorldTable | None = None
+    recording: RecordingTable | None = None
     _path: Path | None = PrivateAttr(default=None)
+    _unrecorded: frozenset[str] = PrivateAttr(default=frozenset())
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
@@ -68,15 +72,18 @@ class Scene(Table):
         return cls.of_content(content, path)
 
     @classmethod
-    def of_content(cls, content: dict[str, Any], path: Path) -> Scene:
-        """The scene of what a file holds, or will hold. Raises `FileFaults` as `load` does."""
+    def of_content(cls, content: dict[str, Any], path: Path, unrecorded: Iterable[str] = ()) -> Scene:
+        """The scene of what a file holds, or will hold. Raises `FileFaults` as `load` does.
+
+        `unrecorded` are the cameras whose videos are still to be recorded.
+        """
         try:
             scene = cls.model_validate(content)
         except ValidationError as error:
             # A misspelt key is told before the key that is missing for it.
             faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
             raise FileFaults([f"{path}: {explain_fault(dict(fault), TABLES)}" for fault in faults]) from None
-        scene._path = path
+        scene._path, scene._unrecorded = path, frozenset(unrecorded)
         scene._check_paths()
         return scene
 
@@ -105,6 +112,11 @@ class Scene(Table):
     def path(self) -> Path | None:
         """The file that the scene was read from."""
         return self._path
+
+    @property
+    def unrecorded(self) -> frozenset[str]:
+        """Cameras whose videos are not there yet: their streams are recorded first."""
+        return self._unrecorded
 
     @property
     def name(self) -> str:
@@ -252,6 +264,7 @@ class Scene(Table):
 TABLES: dict[tuple[str, ...], type[Table]] = {
     (): Scene,
     ("scene",): SceneTable,
+    ("recording",): RecordingTable,
     ("cameras", "*"): CameraTable,
     ("perception",): PerceptionTable,
     ("association",): AssociationTable,

@@ -58,6 +58,8 @@ Moment = Annotated[datetime | time, BeforeValidator(_moment)]
 Mode = Literal["combined", "trajectory", "appearance", "given"]
 Population = Literal["adults", "children", "mixed"]
 
+LONGEST_RECORDING_S = 7 * 86400.0
+RECORDED_BY_CALIBRATE = "or add [recording] seconds = 600: then `passerby calibrate` records it first"
 WATCHED_FPS = 5.0
 """People walk a third of a step in a fifth of a second: neighbouring frames add little independent evidence."""
 SEARCHED_S = 5.0
@@ -116,6 +118,19 @@ class SceneTable(Table):
         return self
 
 
+class RecordingTable(Table):
+    """`[recording]`: how `passerby calibrate` records the cameras whose `video` is a stream, before anything else."""
+
+    seconds: Annotated[float, Field(ge=1, le=LONGEST_RECORDING_S)]
+    """Length of the recording."""
+    folder: Path | None = None
+    """Where the recording is written. A finished one that is there is used again. None: `recording` in the output folder."""
+    secrets: Path | None = None
+    """A file of lines NAME=VALUE: `${NAME}` in an address stands for the value. None: variables of the environment only."""
+    without_missing: bool = False
+    """Whether the other cameras are recorded if one cannot be reached."""
+
+
 class CameraTable(Table):
     """`[cameras.NAME]`: one camera and its observations."""
 
@@ -131,7 +146,7 @@ class CameraTable(Table):
     video: Path | tuple[Path, ...] | None = None
     """A video file; or the pieces of one recording, or images: a folder, a pattern ("recordings/*/*/north/*.mp4"), or a list of
     files, folders and patterns. People are detected in it if there are neither boxes nor keypoints; boxes get their embeddings
-    from it. Streams and devices are recorded first: `passerby record`."""
+    from it. Or a stream or device ("rtsp://...", "https://...", "/dev/video0") that is recorded first: see `[recording]`."""
     video_names: Annotated[str, AfterValidator(_name_pattern)] | None = None
     """How the ends of the files' paths tell their wall times: text with directives of strptime, and * for any text in one name,
     as "%Y-%m-%d/%H/north/%M.%S.mp4". None: the usual names are recognised."""
@@ -184,7 +199,7 @@ class CameraTable(Table):
         named = value if isinstance(value, list | tuple) else [value]
         why = next((why for one in named if isinstance(one, str | Path) and (why := not_a_file(str(one)))), None)
         if why is not None:
-            raise ValueError(why)
+            raise ValueError(why if why.startswith("is an address") else f"{why}; {RECORDED_BY_CALIBRATE}")
         if not named or not all(isinstance(one, str | Path) and str(one).strip(" .") for one in named):
             raise ValueError("a path, a pattern or a list of these is needed: a video, or the pieces of one")
         return tuple(value) if isinstance(value, list) else value

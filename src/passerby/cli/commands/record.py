@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from passerby.recording.capture import Recording
 
 INTERRUPTED = 130
-RECORDING_FILE = "recording.json"
 _ENDED = {
     "stopped": "stopped before its time; what was recorded is kept",
     "space": "stopped: it is as large as --max-gb allows",
@@ -48,12 +47,12 @@ def record(
     `passerby calibrate OUT/scene.toml` calibrates what was recorded.
     """
     from passerby.cli.terminal import stages
-    from passerby.interchange.storage.atomic import write_text
     from passerby.interchange.storage.json_text import to_json
     from passerby.interchange.storage.transaction import folder_lock
     from passerby.recording.capture import CaptureOptions
     from passerby.recording.capture import record as capture
     from passerby.recording.scene_file import write_scene_file
+    from passerby.recording.scene_streams import write_recording
     from passerby.recording.settings import read_plan
 
     plan = read_plan(cameras)
@@ -61,9 +60,9 @@ def record(
     stop = threading.Event()
     with folder_lock(out, "passerby record"):
         scene = write_scene_file(plan, out)
-        with stages(form=progress) as tell, _stopping(stop):
+        with stages(form=progress) as tell, stopping(stop):
             found = capture(plan.streams, out, options, tell, stop)
-        write_text(out / RECORDING_FILE, to_json(found.to_dict()))
+        write_recording(found, out)
     if json:
         print(to_json({**found.to_dict(), "scene": str(scene)}), end="")
     else:
@@ -96,7 +95,7 @@ def _show(found: Recording) -> None:
 
 
 @contextmanager
-def _stopping(stop: threading.Event) -> Iterator[None]:
+def stopping(stop: threading.Event) -> Iterator[None]:
     """Ctrl-C, and a request to end (SIGTERM), set `stop` in place of breaking off."""
     if threading.current_thread() is not threading.main_thread():
         yield

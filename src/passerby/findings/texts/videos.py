@@ -51,6 +51,11 @@ VIDEOS: Mapping[str, Kind] = {
         NOTICE, "Some frames of the video could not be decoded.",
         "camera {camera}: {broken} frames or packets could not be decoded, the first after {first_s:.1f} s",
     ),
+    "stream_unrecorded": Kind(
+        NOTICE, "The camera's video is a stream, which a calibration records first.",
+        "camera {camera}: its stream ({stream}) is not recorded yet: `passerby calibrate` records {seconds:.0f} s of it first, "
+        "into {folder}",
+    ),
     "pieces_unreadable": Kind(
         NOTICE, "Some files of a recording in pieces cannot be read; the others are used.",
         "camera {camera}: {count} of {files} files cannot be read and are left out; the first is {first}: {why}",

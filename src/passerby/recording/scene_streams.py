@@ -1,0 +1,166 @@
+"""Streams as the videos of a scene: which cameras have one, where it is recorded, and the scene of what was recorded.
+
+The scene that is calibrated names folders of the recording, never an address.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from passerby.common.addresses import ADDRESS
+from passerby.common.errors import InputError
+from passerby.common.progress import Progress, silent
+from passerby.findings.finding import Finding, notice
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.json_text import to_json
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.interchange.storage.toml_text import relative
+from passerby.recording.capture import CaptureOptions, Ended, Recording, record
+from passerby.recording.settings import DEVICE, SCHEMES, Stream, read_secrets, stream_of
+from passerby.scene.inputs import check_files
+from passerby.scene.scene import Scene
+
+RECORDING_FOLDER = "recording"
+"""In the output folder of a calibration."""
+RECORDING_FILE = "recording.json"
+"""Written when a recording has ended: a folder with it is used again."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StreamedScene:
+    """A scene file with streams for videos."""
+
+    path: Path
+    streams: tuple[Stream, ...]
+    plain: Scene
+    """The same scene with the cameras' folders in `recording` for videos: nothing is there yet."""
+    content: Mapping[str, Any]
+    """Of the file, without the addresses."""
+    folder: Path | None
+    """Where the scene file wants the recording."""
+    seconds: float
+    without_missing: bool
+
+    def folder_for(self, out: Path) -> Path:
+        """Where the recording is, or will be, with the output folder `out`."""
+        return self.folder or out / RECORDING_FOLDER
+
+    def findings(self, folder: Path | None) -> list[Finding]:
+        """What will be recorded, for `passerby check`; `folder` is None where only the output folder decides it."""
+        place = f"{RECORDING_FOLDER}/ in the output folder" if folder is None else str(folder)
+        return [
+            notice(
+                "stream_unrecorded", stream.camera, place=str(self.path), stream=stream.shown, seconds=self.seconds,
+                folder=place,
+            )
+            for stream in self.streams
+        ]  # fmt: skip
+
+
+def read_streamed(path: Path, environment: Mapping[str, str] | None = None) -> StreamedScene | None:
+    """The streams of a scene file; None where it has none, does not say how long to record, or cannot be read at all.
+
+    Raises `InputError` (`FileFaults`) for whatever is wrong with such a scene, without repeating an address.
+    """
+    try:
+        content = parse_toml(read_text(path, "a scene file (TOML)"))
+    except (InputError, NotParsed):
+        return None
+    cameras, wanted = content.get("cameras"), content.get("recording")
+    if not isinstance(cameras, dict) or not isinstance(wanted, dict) or "seconds" not in wanted:
+        return None
+    named = [name for name, table in cameras.items() if isinstance(table, dict) and _is_stream(table.get("video"))]
+    if not named:
+        return None
+    secrets = wanted.get("secrets")
+    known = dict(os.environ if environment is None else environment)
+    if isinstance(secrets, str):
+        known |= read_secrets(path.parent / secrets)
+    streams = tuple(stream_of(path, name, cameras[name], known, key="video") for name in named)
+    others = {
+        **content,
+        "cameras": {
+            name: {**table, "video": f"{RECORDING_FOLDER}/{name}"} if name in named else table
+            for name, table in cameras.items()
+        },
+    }
+    plain = Scene.of_content(others, path, unrecorded=named)
+    table = plain.recording
+    assert table is not None
+    folder = None if table.folder is None else plain.resolve(table.folder)
+    return StreamedScene(path, streams, plain, others, folder, table.seconds, table.without_missing)
+
+
+def _is_stream(video: Any) -> bool:
+    if not isinstance(video, str):
+        return False
+    found = ADDRESS.match(video)
+    return DEVICE.fullmatch(video) is not None or (found is not None and found[1].split(":")[0].lower() in SCHEMES)
+
+
+def recorded_scene(streamed: StreamedScene, folder: Path) -> Scene:
+    """The scene with what was recorded in `folder` for videos.
+
+    Raises `InputError` where a camera was not recorded; one that could not be reached is left out if the scene allows that.
+    """
+    known = _recorded_cameras(folder)
+    names = [stream.camera for stream in streamed.streams]
+    missing = [name for name in names if name not in known]
+    if missing:
+        raise InputError(
+            f"{folder}: a recording without camera {missing[0]} is there: to record anew, remove that folder or name another "
+            "one (-o, or [recording] folder)"
+        )
+    empty = [name for name in names if not known[name]]
+    if empty and not streamed.without_missing:
+        raise InputError(
+            f"{folder}: nothing was recorded of camera {empty[0]}: remove that folder to record anew, or delete "
+            f"[cameras.{empty[0]}] from {streamed.path}"
+        )
+    content = dict(streamed.content)
+    content["cameras"] = {
+        name: {**table, "video": relative(folder / name, streamed.path)} if name in names else table
+        for name, table in content["cameras"].items()
+        if name not in empty
+    }
+    return Scene.of_content(content, streamed.path)
+
+
+def is_recorded(folder: Path) -> bool:
+    """Whether a finished recording is in a folder."""
+    return (folder / RECORDING_FILE).is_file()
+
+
+def record_scene(streamed: StreamedScene, folder: Path, tell: Progress = silent, stop: threading.Event | None = None) -> Ended:
+    """Record the streams of a scene; returns why the recording ended. One that was stopped is not a finished one.
+
+    Raises `InputError` as `record` does, and for what is wrong with the scene's other files, before anything is recorded.
+    """
+    check_files(streamed.plain)
+    options = CaptureOptions(streamed.seconds, without_missing=streamed.without_missing)
+    found = record(streamed.streams, folder, options, tell, stop)
+    if found.ended != "stopped":
+        write_recording(found, folder)
+    return found.ended
+
+
+def write_recording(found: Recording, folder: Path) -> None:
+    """Write what was recorded, with its times and gaps."""
+    write_text(folder / RECORDING_FILE, to_json(found.to_dict()))
+
+
+def _recorded_cameras(folder: Path) -> dict[str, bool]:
+    """By camera, whether anything of it was recorded. Raises `InputError` for a file that is not of a recording."""
+    path = folder / RECORDING_FILE
+    try:
+        content = json.loads(read_text(path, "the list of a recording (JSON)"))
+        return {str(camera["name"]): bool(camera["pieces"]) for camera in content["cameras"]}
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: is not the list of a recording: remove {folder} to record anew") from None
