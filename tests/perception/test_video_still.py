@@ -2,12 +2,13 @@
 
 import itertools
 
+import av
 import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
 from passerby.perception.video import VideoReader, probe
-from passerby.perception.video_still import still
+from passerby.perception.video_still import key_picture, still
 from support.scenes.puppet_videos import wall, write_video
 
 SIZE = (160, 96)
@@ -91,3 +92,18 @@ def test_a_file_that_went_away_is_told_of(tmp_path):
     path.unlink()
     with pytest.raises(InputError, match="no such file"):
         still(info, np.array([3]), np.ones(1))
+
+
+@pytest.mark.parametrize("second", [0.0, 9.9, 10.01, 19.9, 20.1, 500.0])
+def test_the_key_frame_before_a_second(steady, second):
+    with av.open(str(steady.path)) as container:
+        keys = [float(packet.pts * packet.time_base) for packet in container.demux(video=0) if packet.is_keyframe]
+    found, picture = key_picture(steady.path, second)
+    assert found == pytest.approx(max(key for key in keys if key <= second))
+    assert number_of(picture) == round(found * 25) + 1
+
+
+def test_a_file_without_a_picture_has_no_key_frame(tmp_path):
+    (tmp_path / "a.mp4").write_bytes(b"nothing")
+    with pytest.raises(InputError):
+        key_picture(tmp_path / "a.mp4", 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from av.container import InputContainer
@@ -13,7 +14,7 @@ from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 
 from passerby.common.arrays import Floats, Ints
-from passerby.perception.pictures import Frame
+from passerby.perception.pictures import Frame, Picture
 from passerby.perception.video import VideoInfo, VideoReader, decoded_picture, upright
 from passerby.perception.video_probe import open_video
 
@@ -50,6 +51,35 @@ def still(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float = MOS
         if found is not None:
             return found
     return _from_the_start(info, number, worth, most)
+
+
+def key_picture(path: Path, second: float) -> tuple[float, Picture] | None:
+    """The key frame before a second of a video file, or its first one; nothing else of the file is decoded.
+
+    Args:
+        path: the file.
+        second: from its beginning; behind the end it is the last key frame.
+
+    Returns:
+        Its own second, and (H, W, 3) BGR, upright. None where nothing can be decoded there.
+
+    Raises:
+        InputError: the file cannot be opened.
+    """
+    with open_video(path) as (container, stream):
+        stream.codec_context.thread_count = 1
+        stream.codec_context.skip_frame = "NONKEY"
+        begin = 0.0 if stream.start_time is None or stream.time_base is None else float(stream.start_time * stream.time_base)
+        if second > 0 and stream.time_base is not None:
+            try:
+                container.seek(int((begin + second) / float(stream.time_base)), stream=stream, backward=True)
+            except (FFmpegError, OverflowError):
+                container.seek(0)
+        frame = next(_decoded(container, stream), None)
+        if frame is None:
+            return None
+        rotation = frame.rotation % 360 if frame.rotation % 90 == 0 else 0
+        return (_time(frame) or begin) - begin, upright(VideoReformatter(), frame, rotation)
 
 
 def _in_pieces(info: VideoInfo, number: Ints, worth: Floats, most_pixels: float) -> Frame | None:

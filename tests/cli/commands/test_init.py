@@ -368,7 +368,7 @@ def test_a_part_of_long_recordings_is_proposed(folder, capsys):
     init(place)
     scene = Scene.load(place / "scene.toml")
     assert (str(scene.scene.from_), str(scene.scene.until)) == ("2024-05-01 16:00:00", "2024-05-01 16:15:00")
-    assert "without a look at who is in them" in told(capsys)
+    assert "too few images can be looked at: choose a time with many people" in told(capsys)
 
 
 @pytest.mark.parametrize(

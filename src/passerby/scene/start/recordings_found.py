@@ -1,6 +1,6 @@
 """Cameras whose videos are in pieces, or are images: of Frigate's layout, with a folder each, or told apart by their names.
 
-Only one file of each is opened; the rest is told by names.
+Only one file of each is opened; the rest is told by names, but for a quick look at when people are seen.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from passerby.perception.sources.files import MOST_FILES, VideoSource, list_file
 from passerby.perception.sources.name_times import usual_time
 from passerby.perception.sources.recording import open_source
 from passerby.perception.video_probe import VideoInfo, WallTime
+from passerby.scene.start.quick_look import look_at
 from passerby.scene.start.recordings import Length, is_numbered_series, pieces_among, time_in
 
 PROPOSED_S = 900.0
@@ -56,6 +57,8 @@ class RecordingSurvey:
     files: int
     begins: tuple[float, ...] = ()
     """Wall times of the files, seconds since 1970, ascending; none where they are not known."""
+    paths: tuple[Path, ...] = ()
+    """The files that begin then; none of images."""
     utc: bool = False
     unknown_rate: bool = False
     """Whether these are numbered images, whose rate nothing tells."""
@@ -150,15 +153,20 @@ def survey_recording(video: Path, probe: Callable[[Path], VideoInfo]) -> Recordi
     files = list_files(VideoSource((video,)))
     rate = ASSUMED_FPS if files.kind == "pictures" else None
     times = times_of(VideoSource((video,), fps=rate), files)
-    begins = () if times is None or not times.wall else tuple(np.sort(times.begin).tolist())
+    timed = times is not None and times.wall
+    order = np.argsort(times.begin, kind="stable") if times is not None and timed else np.zeros(0, dtype=np.int64)
+    begins = () if times is None else tuple(times.begin[order].tolist())
+    paths = tuple(files.paths[number] for number in order) if files.kind == "videos" else ()
     unknown = times is not None and times.numbered
     if files.kind == "pictures":
         info = open_source(VideoSource((video,), fps=rate)).info
-        return RecordingSurvey(replace(info, seconds=None) if unknown else info, len(files.paths), begins, _utc(times), unknown)
+        return RecordingSurvey(
+            replace(info, seconds=None) if unknown else info, len(files.paths), begins, (), _utc(times), unknown
+        )
     info = _first_readable(files.paths, probe)
     length = info.seconds or 0.0
     seconds = begins[-1] - begins[0] + length if begins else length * len(files.paths)
-    return RecordingSurvey(replace(info, seconds=seconds or None), len(files.paths), begins, _utc(times))
+    return RecordingSurvey(replace(info, seconds=seconds or None), len(files.paths), begins, paths, _utc(times))
 
 
 def _utc(times: object) -> bool:
@@ -187,7 +195,10 @@ class ProposedSpan:
 
 
 def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
-    """The last quarter of an hour that all cameras have; None where recordings are about as short, or no times are known."""
+    """The quarter of an hour with most people that all cameras have, by a quick look; the last one where nobody is seen.
+
+    None where recordings are about as short, or no times are known.
+    """
     if not surveys or not all(len(survey.begins) > 1 for survey in surveys):
         return None
     begins = [np.array(survey.begins) for survey in surveys]
@@ -206,10 +217,25 @@ def propose_span(surveys: Sequence[RecordingSurvey]) -> ProposedSpan | None:
     full = (counts > 0).all(axis=0) & (counts >= FULL * counts.max(axis=1, keepdims=True)).all(axis=0)
     if not full.any():
         return None
-    end = float(ends[np.argmax(full)])
+    cameras = [(survey.paths, survey.begins) for survey in surveys if survey.paths]
+    look = look_at(cameras, min(times[0] for times in begins), max(times[-1] for times in begins))
+    candidates = ends[full]
+    means = np.array([look.mean_in(end - PROPOSED_S, end) for end in candidates])
+    # The latest of equals.
+    end = float(candidates[np.argmax(means)])
     first, last = (WallTime(time, False).text.replace("T", " ") for time in (end - PROPOSED_S, end))
-    why = (
-        f"the recordings last {whole / 3600.0:.1f} hours: the last {PROPOSED_S / 60:.0f} minutes that all cameras have are "
-        "proposed, without a look at who is in them: choose a time with many people"
-    )
+    long = f"the recordings last {whole / 3600.0:.1f} hours"
+    if means.max() > 0:
+        why = (
+            f"{long}: in these {PROPOSED_S / 60:.0f} minutes a quick look at {len(look.people)} images saw most people, "
+            f"{means.max():.1f} in an image, and {look.people.mean():.1f} over all of them"
+        )
+    else:
+        seen = (
+            f"a quick look at {len(look.people)} images saw nobody" if len(look.people) else "too few images can be looked at"
+        )
+        why = (
+            f"{long}: the last {PROPOSED_S / 60:.0f} minutes that all cameras have are proposed; {seen}: choose a time with "
+            "many people"
+        )
     return ProposedSpan(first, last, why)
