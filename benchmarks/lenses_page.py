@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,10 @@ from datasets import ROOT
 from lenses import recorded, simulated
 from lenses_summary import PART_GOALS, TIME_GOAL, Summary
 from lenses_tables import cost_rows, part_goals, recorded_goals, recorded_rows, simulated_rows, time_goal
-from pages.cases import Outcomes, run_cases
-from pages.commit import commit
-from pages.kept import Kept, code_digest
+from pages.cases import Outcomes
 from pages.page import Page, reached, table
-from pages.sections import Found, Heading, Section, SectionedPage
+from pages.parts import Wanted, finished, grown
+from pages.sections import Found, Heading, Section
 
 CODE = ("lenses",)
 """Folders of the benchmarks that the outcomes depend on, beside the package; how they are shown is not among them."""
@@ -72,34 +70,16 @@ camera whose principal point is assumed to be in the centre is turned by as much
 accepted although a focal length is off by more than 8 %. A dash: undefined, or infinite."""
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What the user asks of the benchmark."""
-
-    parts: Sequence[str] = ()
-    """Names of `HEADINGS`; all where none is named."""
-    seeds: int = SEEDS
-    kept: Path = KEPT
-    workers: int = 2
-    earlier: Mapping[str, Section] | None = None
-    """Sections of the page as it was, for the parts that are not run."""
-
-
 def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
     """The page after each finished case; one seed of each preset in a quick run."""
     del scratch
-    wanted = wanted or Wanted()
+    wanted = wanted or Wanted(KEPT, seeds=SEEDS)
     count = 1 if quick else wanted.seeds
-    runs: dict[str, Callable[[], Iterable[Found | str]]] = {
-        part: partial(_part, part, wanted, count) for part in wanted.parts or HEADINGS
-    }
-    page = SectionedPage("lenses", head, HEADINGS, code_digest(*CODE), timed=False)
-    return page.grow(runs, wanted.earlier or {})
+    return grown("lenses", head, HEADINGS, partial(_part, wanted=wanted, count=count), wanted, CODE)
 
 
 def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
     """A part again and again, as its cases are finished."""
-    store, code = Kept(wanted.kept, CODE), commit()
     cases: Mapping[str, Any]
     work: Callable[[Any], dict[str, Any]]
     if part == RECORDED:
@@ -108,8 +88,7 @@ def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
         cases, work = {recorded.DEMO: recorded.DEMO}, recorded.work_demo
     else:
         cases, work = simulated.cases(part, count), simulated.work
-    for done in run_cases(store, part, cases, work, wanted.workers):
-        yield found_in(part, cases, done, code)
+    return finished(part, cases, work, found_in, wanted, CODE)
 
 
 def found_in(part: str, cases: Mapping[str, Any], done: Outcomes, code: str) -> Found:

@@ -18,10 +18,12 @@ import lenses_page
 import perception
 import reid
 import scale_page
+import sources_page
 import speed
 import swaps
 from datasets import ROOT
 from pages.page import Page, publish
+from pages.parts import Wanted
 from pages.sections import sections_on
 
 
@@ -49,6 +51,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "reid": reid.run,
     "lenses": lenses_page.run,
     "scale": scale_page.run,
+    "sources": sources_page.run,
     "peers": _peers,
     "formats": _formats,
 }
@@ -96,10 +99,19 @@ def main() -> None:
     known.add_argument("--scale-seeds", type=int, default=scale_page.SEEDS, help=f"seeds of each scene; {scale_page.SEEDS}")
     known.add_argument("--scale-kept", type=Path, default=scale_page.KEPT, help="folder of finished cases; build/scale")
     known.add_argument("--scale-workers", type=int, default=2, help="processes; 2")
+    given = parser.add_argument_group("sources")
+    given.add_argument(
+        "--source-parts", nargs="+", choices=sources_page.RUNNABLE, metavar="PART", default=sources_page.RUNNABLE,
+        help=f"of sources: {', '.join(sources_page.RUNNABLE)}; all",
+    )  # fmt: skip
+    given.add_argument("--source-seeds", type=int, default=sources_page.SEEDS, help=f"seeds; {sources_page.SEEDS}")
+    given.add_argument("--source-kept", type=Path, default=sources_page.KEPT, help="folder of finished cases; build/sources")
+    given.add_argument("--source-workers", type=int, default=2, help="processes; 2")
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
     earlier = {
-        name: sections_on(None if out is None else out / f"{name}.md") for name in ("perception", "reid", "lenses", "scale")
+        name: sections_on(None if out is None else out / f"{name}.md")
+        for name in ("perception", "reid", "lenses", "scale", "sources")
     }
     wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier["perception"])
     sections = SECTIONS | {
@@ -113,14 +125,24 @@ def main() -> None:
         ),
         "lenses": partial(
             lenses_page.run,
-            wanted=lenses_page.Wanted(
-                arguments.lens_parts, arguments.lens_seeds, arguments.lens_kept, arguments.lens_workers, earlier["lenses"]
+            wanted=Wanted(
+                arguments.lens_kept, arguments.lens_parts, arguments.lens_seeds, arguments.lens_workers, earlier["lenses"]
             ),
         ),
         "scale": partial(
             scale_page.run,
-            wanted=scale_page.Wanted(
-                arguments.scale_parts, arguments.scale_seeds, arguments.scale_kept, arguments.scale_workers, earlier["scale"]
+            wanted=Wanted(
+                arguments.scale_kept, arguments.scale_parts, arguments.scale_seeds, arguments.scale_workers, earlier["scale"]
+            ),
+        ),
+        "sources": partial(
+            sources_page.run,
+            wanted=Wanted(
+                arguments.source_kept,
+                arguments.source_parts,
+                arguments.source_seeds,
+                arguments.source_workers,
+                earlier["sources"],
             ),
         ),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from datasets import ROOT
-from pages.cases import Outcomes, run_cases
-from pages.commit import commit
-from pages.kept import Kept, code_digest
+from pages.cases import Outcomes
 from pages.page import Page, errors, number, reached, table
-from pages.sections import Found, Heading, Section, SectionedPage
+from pages.parts import Wanted, finished, grown
+from pages.sections import Found, Heading, Section
 from scale import simulated
 
 CODE = ("scale",)
@@ -144,36 +143,16 @@ GOALS: Mapping[str, Sequence[Goal]] = {
 }
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What the user asks of the benchmark."""
-
-    parts: Sequence[str] = ()
-    """Names of `HEADINGS`; all where none is named."""
-    seeds: int = SEEDS
-    kept: Path = KEPT
-    workers: int = 2
-    earlier: Mapping[str, Section] | None = None
-    """Sections of the page as it was, for the parts that are not run."""
-
-
 def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
     """The page after each finished case; one seed of each preset in a quick run."""
     del scratch
-    wanted = wanted or Wanted()
+    wanted = wanted or Wanted(KEPT, seeds=SEEDS)
     count = 1 if quick else wanted.seeds
-    runs: dict[str, Callable[[], Iterable[Found | str]]] = {
-        part: partial(_part, part, wanted, count) for part in wanted.parts or HEADINGS
-    }
-    return SectionedPage("scale", head, HEADINGS, code_digest(*CODE), timed=False).grow(runs, wanted.earlier or {})
+    return grown("scale", head, HEADINGS, partial(_part, wanted=wanted, count=count), wanted, CODE)
 
 
 def _part(part: str, wanted: Wanted, count: int) -> Iterator[Found]:
-    """A part again and again, as its cases are finished."""
-    store, code = Kept(wanted.kept, CODE), commit()
-    cases = simulated.cases(part, count)
-    for done in run_cases(store, part, cases, simulated.work, wanted.workers):
-        yield found_in(part, cases, done, code)
+    return finished(part, simulated.cases(part, count), simulated.work, found_in, wanted, CODE)
 
 
 def found_in(part: str, cases: Mapping[str, simulated.ScaleCase], done: Outcomes, code: str) -> Found:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import scale_page
+from pages.sections import Section, SectionedPage
 from passerby.simulation import simulate
 from scale import simulated
 
@@ -46,8 +47,8 @@ def test_upper_bodies_want_many_within_two_sigmas() -> None:
 
 
 def test_the_page_has_all_parts() -> None:
-    page = scale_page.SectionedPage("scale", scale_page.head, scale_page.HEADINGS, "", timed=False).page(
-        [scale_page.Section(part, heading.title, "not run") for part, heading in scale_page.HEADINGS.items()]
+    page = SectionedPage("scale", scale_page.head, scale_page.HEADINGS, "", timed=False).page(
+        [Section(part, heading.title, "not run") for part, heading in scale_page.HEADINGS.items()]
     )
     for heading in scale_page.HEADINGS.values():
         assert f"## {heading.title}" in page.text
