@@ -121,8 +121,8 @@ PARTS: Mapping[str, Part] = {
             "Containers and codecs",
             f"A rendered film ({containers.PRESET}, {containers.CAMERAS} cameras, {containers.SECONDS:g} s, "
             f"{containers.FPS:g} frames per second, seed {containers.SEED}) packed in twelve ways and calibrated from the "
-            "videos without networks, with clocks that agree. *error*: positions and orientations after similarity alignment, mean "
-            "over the cameras. *ratio*: of positions, to the plain MP4.",
+            "videos without networks, with clocks that agree. *error*: positions and orientations after similarity alignment, "
+            "mean over the cameras. *ratio*: of positions, to the plain MP4.",
         ),
         [GOAL_CONTAINERS], lambda _: containers.cases(SCENES), containers.work, containers_found,
     ),

@@ -24,6 +24,7 @@ from av.video.stream import VideoStream
 
 from passerby.common.errors import InputError
 from passerby.perception.pictures import Frame, Picture
+from passerby.perception.sparse_packets import PassedOver, sparse
 from passerby.perception.video_error import VideoError
 from passerby.perception.video_probe import GRID_TOLERANCE_S, Piece, VideoInfo, fit_of_size, open_video, probe
 
@@ -43,6 +44,9 @@ SOUGHT_FROM_S, SOUGHT_BEFORE_S = 20.0, 2.0
 
 # Timestamps that fall back by more belong to another recording behind the first: it is taken to follow at once.
 JUMP_BACK_S = 1.0
+
+# Where fewer pictures a second are wanted, groups of pictures that hold none of them are not decoded.
+SPARSE_RATE = 1.0
 
 TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
 
@@ -95,8 +99,10 @@ class VideoReader:
 
     def __iter__(self) -> Iterator[Frame]:
         self.decoded = None
-        reading = _Recording(self.info, self.threads, self.after if self.rate is None else 0) if self.info.pieces else None
-        file = _Reading(self.info)
+        is_wanted = self._chooser() if self.rate is not None and self.rate < SPARSE_RATE else None
+        after = self.after if self.rate is None else 0
+        reading = _Recording(self.info, self.threads, after, is_wanted) if self.info.pieces else None
+        file = _Reading(self.info, is_wanted)
         pictures = _one_file(self.info, file, self.threads) if reading is None else reading.pictures()
         last_tick, yielded = -1, 0
         for number, seconds, picture in pictures:
@@ -109,6 +115,19 @@ class VideoReader:
                 yield Frame(number, seconds, picture())
         self.decoded = file.summary(yielded) if reading is None else reading.summary(yielded)
 
+    def _chooser(self) -> IsWanted:
+        """What tells of each picture in turn, before it is decoded, whether it will be chosen."""
+        last_tick = -1
+
+        def is_wanted(number: int, seconds: float) -> bool:
+            nonlocal last_tick
+            tick = self._tick(number, seconds)
+            chosen = tick > last_tick
+            last_tick = max(tick, last_tick)
+            return chosen
+
+        return is_wanted
+
     def _tick(self, number: int, seconds: float) -> int:
         """The last tick of the wanted rate that a picture is at or after."""
         if self.rate is None:
@@ -118,6 +137,8 @@ class VideoReader:
         return math.floor((number - 1) * self.rate / self.info.clock_fps + 1e-6)
 
 
+IsWanted = Callable[[int, float], bool]
+"""Of a picture's number and seconds."""
 Taken = tuple[int, float, Callable[[], Picture]]
 """Number and seconds of a picture, and what converts it when it is chosen."""
 
@@ -136,8 +157,8 @@ def _one_file(info: VideoInfo, reading: _Reading, threads: int, skipped_s: float
 class _Recording:
     """One pass over a recording in pieces, or over pictures; what cannot be read is left out and counted."""
 
-    def __init__(self, info: VideoInfo, threads: int, after: int) -> None:
-        self._info, self._threads, self._after = info, threads, after
+    def __init__(self, info: VideoInfo, threads: int, after: int, is_wanted: IsWanted | None = None) -> None:
+        self._info, self._threads, self._after, self._is_wanted = info, threads, after, is_wanted
         self._last, self._seconds, self._pictures = 0, 0.0, 0
         self._broken, self._cut, self._failed = 0, 0, 0
         self._first_broken_s: float | None = None
@@ -174,7 +195,7 @@ class _Recording:
             else:
                 yield before + 1, before / clock, partial(np.asarray, picture)
             return
-        reading = _Reading(piece.info)
+        reading = _Reading(piece.info, None if self._is_wanted is None else partial(self._is_wanted_of_piece, before))
         try:
             ahead = max(self._info.used[0], (self._after - 1) / clock) - piece.begin_s
             skipped_s = ahead - SOUGHT_BEFORE_S if ahead > SOUGHT_FROM_S else 0.0
@@ -187,6 +208,12 @@ class _Recording:
         if found.first_broken_s is not None and self._first_broken_s is None:
             self._first_broken_s = before / clock + found.first_broken_s
         self._cut += found.ended_early is not None and found.pictures > 0
+
+    def _is_wanted_of_piece(self, before: int, number: int, seconds: float) -> bool:
+        """Of a picture of the piece that has so many numbers before it: those that are past already are not wanted."""
+        assert self._is_wanted is not None
+        number, seconds = before + number, before / self._info.clock_fps + seconds
+        return number > self._last and seconds >= self._info.used[0] and self._is_wanted(number, seconds)
 
     def _fail(self, piece: Piece, why: str) -> None:
         self._failed += 1
@@ -214,8 +241,8 @@ def decoded_picture(path: Path, size: tuple[int, int]) -> Picture | None:
 class _Reading:
     """One pass over the pictures of a file, and what was noticed on the way."""
 
-    def __init__(self, info: VideoInfo) -> None:
-        self._info = info
+    def __init__(self, info: VideoInfo, is_wanted: IsWanted | None = None) -> None:
+        self._info, self._is_wanted = info, is_wanted
         self._origin: float | None = None
         self._size: tuple[int, int] | None = None
         self._number = 0
@@ -228,8 +255,12 @@ class _Reading:
     def pictures(self, container: InputContainer, stream: VideoStream) -> Iterator[tuple[int, float, VideoFrame]]:
         """Number, seconds and picture, the numbers ascending."""
         self._of_stream = stream.duration is not None
-        for packet in self._packets(container, stream):
-            for frame in self._decode(stream, packet):
+        packets = self._packets(container, stream)
+        if container.format.name == "avi":
+            # Its packets have times of decoding only: a picture's own is not known before.
+            self._is_wanted = None
+        for packet in packets if self._is_wanted is None else sparse(packets, self._is_wanted_at):
+            for frame in self._drained(stream) if isinstance(packet, PassedOver) else self._decode(stream, packet):
                 self._check_size(frame)
                 self._pictures += 1
                 previous = self._number
@@ -238,8 +269,34 @@ class _Reading:
                     self._note_broken()
                 if self._number > previous:
                     yield self._number, self._seconds, frame
+            if isinstance(packet, PassedOver):
+                self._pass_over(packet.last_s)
         if self._pictures == 0:
             raise VideoError(self._info.path, "nothing of it can be decoded: copy the video again")
+
+    def _drained(self, stream: VideoStream) -> list[VideoFrame]:
+        """The pictures that the decoder still holds; it begins anew afterwards."""
+        frames = self._decode(stream, None)
+        stream.codec_context.flush_buffers()
+        for frame in frames:
+            if frame.time_base is None and stream.time_base is not None:
+                frame.time_base = stream.time_base
+        return frames
+
+    def _is_wanted_at(self, time: float) -> bool | None:
+        """Whether the picture of a time of the stream will be chosen; None before the first picture."""
+        if self._origin is None or self._is_wanted is None:
+            return None
+        seconds = time - self._origin
+        return self._is_wanted(round(seconds * self._info.clock_fps) + 1, seconds)
+
+    def _pass_over(self, time: float) -> None:
+        """Count pictures up to a time of the stream that are not decoded."""
+        if self._origin is None:
+            return
+        number = round((time - self._origin) * self._info.clock_fps) + 1
+        if number > self._number:
+            self._number, self._seconds = number, time - self._origin
 
     def skip(self, container: InputContainer, stream: VideoStream, seconds: float) -> None:
         """Go to the last key frame before so many seconds, where the file has timestamps and can seek; else stay."""

@@ -292,8 +292,8 @@ FORMATS: Mapping[str, Format] = {
         tools=("NVIDIA DeepStream",),
         target="folder",
         conventions="camInfo: projection matrices from the world to pixels (3 x 4), metres; pinhole without distortion, so "
-        "rectify videos first. map.png and transforms.yml: a plan of the ground with the cameras, and the matrix from metres "
-        "to its pixels.",
+        "rectify videos first; no file of distortions is written, since no description of one was found. map.png and "
+        "transforms.yml: a plan of the ground with the cameras, and the matrix from metres to its pixels.",
         companions=frozenset({MAP, TRANSFORMS}),
         write=_write_mv3dt,
         read=_read_mv3dt,
