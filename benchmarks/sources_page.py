@@ -61,7 +61,7 @@ def containers_found(part: str, cases: Mapping[str, Any], done: Outcomes, code: 
         said = case.get("unsupported") or f"{case['verdict']}, {case['registered']} cameras"
         rows.append([case["about"]["text"], said, errors(case["mm"], case["deg"]), number(ratio, 2)])
     count = len(cases) - 1
-    verdict = reached([-same if len(done) == len(cases) else None], [-count], [-count])
+    verdict = reached([-same], [-count], [-count]) if len(done) == len(cases) else f"{len(done)} of {len(cases)} run"
     goal = [GOAL_CONTAINERS[0], f"{same} of {count}", *GOAL_CONTAINERS[1:], verdict]
     text = f"{_note(cases, done, code)}\n\n{table(('container and codec', 'result', 'error', 'ratio'), rows)}"
     return Found(text, {"goals": [goal]})

@@ -51,14 +51,14 @@ def work(case: ZoneCase) -> dict[str, Any]:
         scene.rig, fps=options.fps, association={"mode": "given"}, boxes=boxes, scale={"distances": [known]}
     )
     posed = found.rig.posed()
-    errors = _errors(posed, scene.rig, np.random.default_rng((case.seed, 4))) if len(posed) else []
+    errors = zone_errors(posed, scene.rig, np.random.default_rng((case.seed, 4))) if len(posed) else []
     return {
         "about": {"preset": case.preset}, "cpu_s": time.process_time() - began, "verdict": found.verdict,
         "zones": len(errors) // 4, "percent": errors,
     }  # fmt: skip
 
 
-def _errors(rig: Any, truth: Any, rng: np.random.Generator) -> list[float]:
+def zone_errors(rig: Any, truth: Any, rng: np.random.Generator) -> list[float]:
     """Of all sides of `ZONES` zones, how far each is off, per cent; a side that the rig gives no length is infinitely wrong."""
     found: list[float] = []
     names = rig.names
