@@ -27,6 +27,7 @@ from passerby.cli.commands.import_ import import_
 from passerby.cli.commands.init import init
 from passerby.cli.commands.models import models_app
 from passerby.cli.commands.monitor import monitor
+from passerby.cli.commands.open_ import open_
 from passerby.cli.commands.record import record
 from passerby.cli.commands.reid import reid_app
 from passerby.cli.commands.report import report
@@ -259,6 +260,7 @@ def _print_json(value: object) -> None:
 
 
 app.command()(init)
+app.command("open")(open_)
 app.command()(record)
 app.command()(simulate)
 app.command()(demo)

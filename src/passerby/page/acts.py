@@ -1,0 +1,194 @@
+"""The acts of the page: what a browser sends, checked, and made into a change of the scene file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.interchange.world_files import read_known_points
+from passerby.page.geometry import ground_point, measure_length
+from passerby.page.scene_edits import (
+    POINTS_FILE,
+    GroundClick,
+    with_length,
+    with_person,
+    with_world_points,
+    without_camera,
+    without_entry,
+    write_points,
+)
+from passerby.page.session import Session
+from passerby.scene.scene import Scene
+
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
+Pixel = tuple[Coordinate, Coordinate]
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+ORIGIN, ALONG_X = "origin", "x axis"
+NEAREST_M = 0.5
+"""Between the two clicks of a frame: closer ones give no heading."""
+
+
+class Act(BaseModel):
+    """What a browser asks for, with the version of the scene file that it saw."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    version: Annotated[str, Field(max_length=40)]
+
+
+class MarkLength(Act):
+    """A known length, its ends marked in two or more cameras."""
+
+    act: Literal["length"]
+    metres: Annotated[float, Field(gt=0, le=1e4)]
+    sd_m: Annotated[float, Field(gt=0, le=100)] = 0.02
+    points: Annotated[dict[Name, tuple[Pixel, Pixel]], Field(min_length=2, max_length=1000)]
+
+
+class PointAtPerson(Act):
+    """A person's height."""
+
+    act: Literal["person"]
+    camera: Name
+    frame: Annotated[int, Field(ge=0, le=10**10)]
+    at: Pixel
+    height_m: Annotated[float, Field(gt=0.3, lt=3)]
+    sd_m: Annotated[float, Field(gt=0, le=1)] = 0.01
+
+
+class GroundAt(BaseModel):
+    """A pixel on the ground."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    camera: Name
+    at: Pixel
+
+
+class SetWorld(Act):
+    """The world's origin, and a point of its x axis."""
+
+    act: Literal["world"]
+    origin: GroundAt
+    along_x: GroundAt
+
+
+class Remove(Act):
+    """A length or a person less."""
+
+    act: Literal["remove"]
+    key: Literal["lengths", "people"]
+    number: Annotated[int, Field(ge=1, le=10**6)]
+
+
+class LeaveOut(Act):
+    """A camera less."""
+
+    act: Literal["leave_out"]
+    camera: Name
+
+
+class Undo(Act):
+    """The last act taken back."""
+
+    act: Literal["undo"]
+
+
+AnyAct = Annotated[MarkLength | PointAtPerson | SetWorld | Remove | LeaveOut | Undo, Field(discriminator="act")]
+_ACTS: TypeAdapter[AnyAct] = TypeAdapter(AnyAct)
+
+
+def read_as(kind: Any, content: Any) -> Any:
+    """A value that a browser sent. Raises `InputError` where it is not of its kind."""
+    try:
+        return TypeAdapter(kind).validate_python(content)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise InputError(f"{'.'.join(map(str, fault['loc'])) or 'the request'}: {fault['msg']}") from None
+
+
+def perform(session: Session, content: Any) -> None:
+    """Do what a browser asks for. Raises `InputError` (`StaleError` for an act on an older scene file)."""
+    act = read_as(AnyAct, content)
+    if isinstance(act, Undo):
+        session.undo(act.version)
+    else:
+        session.act(act.version, lambda text: _changed(session, act, text))
+
+
+def _changed(session: Session, act: AnyAct, text: str) -> str:
+    """The scene file's text after an act."""
+    if isinstance(act, MarkLength):
+        measure_or_leave(session, act)
+        return _with_rescaled_world(session, with_length(text, act.metres, act.sd_m, act.points), act)
+    if isinstance(act, PointAtPerson):
+        return with_person(text, act.camera, act.frame, act.at, act.height_m, act.sd_m)
+    if isinstance(act, SetWorld):
+        return with_world_points(text, _world_points(session, act))
+    if isinstance(act, Remove):
+        return without_entry(text, act.key, act.number)
+    assert isinstance(act, LeaveOut)
+    return without_camera(text, act.camera)
+
+
+def measure_or_leave(session: Session, act: MarkLength) -> None:
+    """Refuse marks whose rays do not meet, as far as there is a rig by which that can be said."""
+    try:
+        rig = session.rig()
+    except InputError:
+        return
+    if all(name in rig.names and rig[name].pose is not None for name in act.points):
+        measure_length(rig, act.points)
+
+
+def _world_points(session: Session, act: SetWorld) -> str:
+    """The file of the two points of a frame."""
+    rig, (scene, _) = session.rig(), session.scene()
+    ends = [ground_point(rig, one.camera, one.at) for one in (act.origin, act.along_x)]
+    far = float(np.linalg.norm(ends[1] - ends[0]))
+    if far < NEAREST_M:
+        raise InputError(f"the two clicks are {100 * far:.0f} cm from each other: click a point of the x axis farther away")
+    along = far * scale_of_lengths(scene, rig)
+    clicks = [
+        GroundClick(ORIGIN, act.origin.camera, act.origin.at, 0.0),
+        GroundClick(ALONG_X, act.along_x.camera, act.along_x.at, along),
+    ]
+    return write_points(session.scene_file.parent, clicks)
+
+
+def _with_rescaled_world(session: Session, text: str, act: MarkLength) -> str:
+    """A frame by two clicks states their distance, which a new length corrects: the origin stays where it was clicked."""
+    scene, _ = session.scene()
+    points = None if scene.world is None else scene.world.points
+    if points is None or not points.match(POINTS_FILE.format("*")):
+        return text
+    known = {one.name: one for one in read_known_points(scene.resolve(points))}
+    if set(known) != {ORIGIN, ALONG_X}:
+        return text
+    clicked = {name: GroundAt(camera=camera, at=at) for name, one in known.items() for camera, at in one.pixels.items()}
+    rig = session.rig()
+    ends = [ground_point(rig, clicked[name].camera, clicked[name].at) for name in (ORIGIN, ALONG_X)]
+    factors = [*_factors(scene, rig), act.metres / measure_length(rig, act.points).metres]
+    along = float(np.linalg.norm(ends[1] - ends[0]) * np.median(factors))
+    clicks = [GroundClick(name, clicked[name].camera, clicked[name].at, x) for name, x in ((ORIGIN, 0.0), (ALONG_X, along))]
+    return with_world_points(text, write_points(session.scene_file.parent, clicks))
+
+
+def scale_of_lengths(scene: Scene, rig: Rig) -> float:
+    """What a rig's lengths have to be multiplied by, as its scene's marked lengths say; 1 without any."""
+    factors = _factors(scene, rig)
+    return float(np.median(factors)) if factors else 1.0
+
+
+def _factors(scene: Scene, rig: Rig) -> list[float]:
+    """Of each marked length that the rig can measure: as stated, over as measured."""
+    found = []
+    for one in scene.scale.lengths:
+        points = {name: ends for name, ends in one.points.items() if name in rig.names and rig[name].pose is not None}
+        try:
+            found.append(one.metres / measure_length(rig, points).metres)
+        except InputError:
+            continue
+    return found

@@ -1,0 +1,164 @@
+"""The addresses of the page. Nothing that a client sends is ever a path: cameras are names of the scene."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from importlib import resources
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from passerby.common.errors import InputError, PasserbyError
+from passerby.interchange.motchallenge import read_boxes
+from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
+from passerby.page.acts import Name, Pixel, perform, read_as
+from passerby.page.geometry import epipolar_lines, ground_point, measure_length
+from passerby.page.security import Guard
+from passerby.page.session import Session, StaleError
+
+TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+REPORT_POLICY = "sandbox allow-scripts; frame-ancestors 'self'"
+"""The report has its own policy; here it runs apart from the page, without its cookie."""
+Answer = Callable[[Request], Any]
+
+
+def make_app(session: Session, token: str, port: int) -> ASGIApp:
+    """The page of a session, guarded."""
+    routes = [
+        *(_static(name) for name in _static_names()),
+        Route("/api/state", _answering(lambda _: session.state())),
+        Route("/api/check", _answering(lambda _: session.check())),
+        Route("/api/people", _answering(lambda request: _people(session, request))),
+        Route("/picture", lambda request: _in_thread(_picture, session, request)),
+        Route("/report", lambda request: _in_thread(_report, session, request)),
+        _posting("/api/act", session, lambda content: perform(session, content)),
+        _posting("/api/epipolar", session, lambda content: _epipolar(session, content)),
+        _posting("/api/length", session, lambda content: _length(session, content)),
+        _posting("/api/ground", session, lambda content: _ground(session, content)),
+        _posting("/api/start", session, lambda content: session.work.start(session.scene_file, session.version)),
+        _posting("/api/stop", session, lambda content: session.work.stop()),
+    ]
+    handlers: dict[Any, Any] = {PasserbyError: lambda _, error: _refused(session, error), Exception: _bug}
+    return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port)
+
+
+def _static_names() -> list[str]:
+    folder = resources.files("passerby.page") / "static"
+    return sorted(one.name for one in folder.iterdir() if one.name[one.name.rfind(".") :] in TYPES)
+
+
+def _static(name: str) -> Route:
+    """One file of the page, read once."""
+    content = (resources.files("passerby.page") / "static" / name).read_bytes()
+    kind = TYPES[name[name.rfind(".") :]]
+    path = "/" if name == "index.html" else f"/static/{name}"
+
+    async def answer(_: Request) -> Response:
+        return Response(content, media_type=kind)
+
+    return Route(path, answer)
+
+
+def _answering(work: Answer) -> Callable[[Request], Any]:
+    async def answer(request: Request) -> Response:
+        return JSONResponse(await run_in_threadpool(work, request))
+
+    return answer
+
+
+async def _in_thread(work: Callable[..., Response], session: Session, request: Request) -> Response:
+    return await run_in_threadpool(work, session, request)
+
+
+def _posting(path: str, session: Session, work: Callable[[Any], Any]) -> Route:
+    """What a browser sends as JSON. The answer to an act is the state after it."""
+
+    async def answer(request: Request) -> Response:
+        try:
+            content = json.loads(await request.body() or b"{}")
+        except (ValueError, RecursionError):
+            raise InputError("the request is not JSON") from None
+        found = await run_in_threadpool(work, content)
+        return JSONResponse(await run_in_threadpool(session.state) if found is None else found)
+
+    return Route(path, answer, methods=["POST"])
+
+
+def _refused(session: Session, error: Exception) -> Response:
+    """An error that a person can act on; folders of this machine are not in it."""
+    return JSONResponse({"error": session.public(str(error))}, 409 if isinstance(error, StaleError) else 422)
+
+
+async def _bug(_: Request, error: Exception) -> Response:
+    return PlainTextResponse("A bug in Passerby; the terminal shows it.\n", 500)
+
+
+def _frame(request: Request) -> int:
+    text = request.query_params.get("frame", "1")
+    if not (text.isdigit() and len(text) < 10):
+        raise InputError("frame is no frame number")
+    return max(1, int(text))
+
+
+def _picture(session: Session, request: Request) -> Response:
+    name = request.query_params.get("camera", "")
+    scene, version = session.camera(name)
+    still = session.pictures.still(scene, version, name, _frame(request))
+    headers = {"cache-control": "private, max-age=3600", "x-frame": str(still.frame)}
+    return Response(still.jpeg, media_type="image/jpeg", headers=headers)
+
+
+def _people(session: Session, request: Request) -> dict[str, Any]:
+    """The boxes of a camera in the frame with people that is nearest to one, and frames of which there are pictures."""
+    name = request.query_params.get("camera", "")
+    scene, version = session.camera(name)
+    told: dict[str, Any] = {"frame": _frame(request), "boxes": [], "frames": None, "best": 1}
+    try:
+        info = session.pictures.video(scene, version, name)
+        told |= {"frames": info.frames, "size": list(info.size)}
+    except InputError as error:
+        told["why"] = session.public(str(error))
+    path = session.out / TRACKS_FOLDER / f"{name}.txt"
+    if path.is_file():
+        boxes = read_boxes(path)
+        if len(boxes):
+            frames, counts = np.unique(boxes.frame, return_counts=True)
+            told["best"] = int(frames[np.argmax(counts)])
+            told["frame"] = int(frames[np.argmin(np.abs(frames - told["frame"]))])
+            told["frames"] = max(told["frames"] or 0, int(frames[-1]))
+            told["boxes"] = boxes.ltwh[boxes.frame == told["frame"]].round(1).tolist()
+    return told
+
+
+def _report(session: Session, request: Request) -> Response:
+    path = session.out / REPORT_FILE
+    try:
+        return Response(path.read_bytes(), media_type="text/html", headers={"content-security-policy": REPORT_POLICY})
+    except OSError:
+        return PlainTextResponse("There is no report yet.\n", 404)
+
+
+def _epipolar(session: Session, content: Any) -> dict[str, Any]:
+    asked = read_as(tuple[Name, Pixel], [content.get("camera"), content.get("at")] if isinstance(content, dict) else content)
+    return {"lines": [asdict(one) for one in epipolar_lines(session.rig(), *asked)]}
+
+
+def _length(session: Session, content: Any) -> dict[str, Any]:
+    marks = Annotated[dict[Name, tuple[Pixel, Pixel]], Field(min_length=2, max_length=1000)]
+    return asdict(measure_length(session.rig(), read_as(marks, content)))
+
+
+def _ground(session: Session, content: Any) -> dict[str, Any]:
+    camera, at = read_as(
+        tuple[Name, Pixel], [content.get("camera"), content.get("at")] if isinstance(content, dict) else content
+    )
+    return {"ground": ground_point(session.rig(), camera, at).round(4).tolist()}

@@ -1,0 +1,177 @@
+"""Acts as new lines of the scene file: comments and order stay, the new text is checked, and written whole.
+
+A frame of the world by two clicks is a file of two points beside it, named by its content: the scene file alone decides.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import AoT, Array, Table
+
+from passerby.common.errors import InputError
+from passerby.core.known_places import POINT_SD_M
+from passerby.interchange.storage.atomic import write_text
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.scene.scene import Scene
+
+POINTS_FILE = "world-points-{}.csv"
+PERSON_DIGITS, PIXEL_DIGITS = 3, 2
+
+Pixel = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class GroundClick:
+    """A click on the ground, and where it shall be in the world."""
+
+    point: str
+    camera: str
+    at: Pixel
+    x: float
+    """Metres along the world's x axis; y and z are 0."""
+
+
+def version_of(path: Path) -> str:
+    """What tells one content of a scene file from another; empty where it cannot be read."""
+    try:
+        return hashlib.blake2b(path.read_bytes(), digest_size=10).hexdigest()
+    except OSError:
+        return ""
+
+
+def text_of(path: Path) -> str:
+    """The scene file as it stands, with its own ends of lines. Raises `InputError` where it cannot be read."""
+    read_text(path, "a scene file (TOML)")
+    return path.read_bytes().decode("utf-8-sig")
+
+
+def save_scene(path: Path, text: str) -> None:
+    """Write a scene file whole, once it is known that it can be read as a scene. Raises `InputError` before it is touched."""
+    try:
+        content = parse_toml(text.replace("\r\n", "\n"))
+    except NotParsed as error:
+        raise InputError(f"{path}: would be no TOML: {error}") from None
+    Scene.of_content(content, path)
+    write_text(path, text)
+
+
+def with_length(text: str, metres: float, sd_m: float, points: Mapping[str, Sequence[Pixel]]) -> str:
+    """With one more `[[scale.lengths]]`: two ends in each camera, pixels."""
+    document = _parsed(text)
+    entry = tomlkit.table()
+    entry["metres"] = metres
+    entry["sd_m"] = sd_m
+    marks = tomlkit.inline_table()
+    for name, ends in points.items():
+        marks[name] = _pixels(ends)
+    entry["points"] = marks
+    _append(document, "lengths", entry)
+    return tomlkit.dumps(document)
+
+
+def with_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, sd_m: float) -> str:
+    """With one more `[[scale.people]]`: the person at a pixel of a camera's frame, and the height."""
+    document = _parsed(text)
+    entry = tomlkit.table()
+    entry["camera"] = camera
+    entry["frame"] = frame
+    entry["at"] = [round(value, PIXEL_DIGITS) for value in at]
+    entry["height_m"] = round(height_m, PERSON_DIGITS)
+    entry["sd_m"] = sd_m
+    _append(document, "people", entry)
+    return tomlkit.dumps(document)
+
+
+def without_entry(text: str, key: str, number: int) -> str:
+    """Without the table of this number, from 1, under `[[scale.lengths]]` or `[[scale.people]]`."""
+    document = _parsed(text)
+    entries = document.get("scale", {}).get(key, [])
+    if not 1 <= number <= len(entries):
+        raise InputError(f"[[scale.{key}]] {number} is not there: it has {len(entries)}")
+    del entries[number - 1]
+    if not len(entries):
+        del cast(Table, document["scale"])[key]
+    return tomlkit.dumps(document)
+
+
+def without_camera(text: str, name: str) -> str:
+    """With the table of a camera turned into comments at the end of the file."""
+    document = _parsed(text)
+    cameras = document.get("cameras", {})
+    if name not in cameras:
+        raise InputError(f"[cameras.{name}] is not there")
+    alone = tomlkit.document()
+    alone["cameras"] = {name: cameras[name].unwrap()}
+    del cameras[name]
+    lines = tomlkit.dumps(alone).strip().splitlines()
+    kept = "\n".join(
+        ["# Left out; remove the signs to use the camera again.", *(f"# {line}" for line in lines if line.strip())]
+    )
+    return f"{tomlkit.dumps(document).rstrip()}\n\n{kept}\n"
+
+
+def with_world_points(text: str, points_file: str) -> str:
+    """With `[world]` set by a file of points, whatever set it before."""
+    document = _parsed(text)
+    table = tomlkit.table()
+    table["points"] = points_file
+    if "world" in document:
+        document["world"] = table
+    else:
+        if text.strip():
+            document.add(tomlkit.nl())
+        document["world"] = table
+    return tomlkit.dumps(document)
+
+
+def write_points(folder: Path, clicks: Sequence[GroundClick], sd_m: float = POINT_SD_M) -> str:
+    """Write clicks on the ground as known points, and return the name of their file: the same clicks, the same name."""
+    rows = [f"{one.point},{_field(one.camera)},{one.at[0]:.2f},{one.at[1]:.2f},{one.x:.4f},0,0,{sd_m:g}" for one in clicks]
+    content = "\n".join(["point,camera,u,v,x,y,z,sd_m", *rows, ""])
+    name = POINTS_FILE.format(hashlib.blake2b(content.encode(), digest_size=5).hexdigest())
+    write_text(folder / name, content)
+    return name
+
+
+def _field(text: str) -> str:
+    """A field of a CSV row."""
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n') else text
+
+
+def _parsed(text: str) -> tomlkit.TOMLDocument:
+    try:
+        return tomlkit.parse(text)
+    except TOMLKitError as error:
+        raise InputError(f"the scene file is not TOML: {error}: correct it in an editor first") from None
+
+
+def _append(document: tomlkit.TOMLDocument, key: str, entry: Table) -> None:
+    """Add a table to `[[scale.KEY]]`, which may be missing, or a list of inline tables."""
+    entry.trivia.indent = "\n"  # an empty line before its header
+    scale: Any = document.get("scale")
+    if scale is None:
+        scale = tomlkit.table(is_super_table=True)
+        document["scale"] = scale
+    if key not in scale:
+        scale[key] = tomlkit.aot()
+    entries = scale[key]
+    if isinstance(entries, AoT):
+        entries.append(entry)
+        return
+    if not isinstance(entries, Array):
+        raise InputError(f"[scale] {key} is no list of tables: write [[scale.{key}]]")
+    inline = tomlkit.inline_table()
+    inline.update(entry.unwrap())
+    entries.append(inline)
+
+
+def _pixels(ends: Sequence[Pixel]) -> list[list[float]]:
+    return [[round(float(value), PIXEL_DIGITS) for value in end] for end in ends]

@@ -1,0 +1,132 @@
+"""Who may ask the page for anything: the browser that was opened with the token, at this address, from this page.
+
+Any web site that a user visits can send requests to 127.0.0.1, and a name of its own can lead there (DNS rebinding). So `Host`
+must be this server's, `Origin` this page's, and the cookie, which no other site's requests carry, must hold the token.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterable
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs
+
+from starlette.responses import PlainTextResponse, RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+MOST_BYTES = 64 * 1024
+"""Of a request's body: an act is a few hundred bytes, and nothing is uploaded."""
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; frame-src 'self'; "
+    "form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
+)
+HEADERS = {
+    "content-security-policy": POLICY,
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+CLOSED = "This page is opened by the address that `passerby open` prints.\n"
+
+
+class Guard:
+    """Turns away what does not come from the opened page, and limits what it may send."""
+
+    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
+        self._app, self._token = app, token
+        self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
+        self._cookie = f"passerby-{port}"  # browsers keep cookies by host, whatever the port
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One request."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                own = list(message.get("headers", []))
+                present = {name.lower() for name, _ in own}
+                own += [(name.encode(), value.encode()) for name, value in HEADERS.items() if name.encode() not in present]
+                message = {**message, "headers": own}
+            await send(message)
+
+        refusal = self._refusal(scope)
+        if refusal is None and scope["method"] == "POST":
+            body = await _body(scope, receive)
+            if body is None:
+                refusal = PlainTextResponse("The request is too large.\n", 413, {"connection": "close"})
+            else:
+                receive = _replayed(body)
+        await (refusal or self._app)(scope, receive, send_with_headers)
+
+    def _refusal(self, scope: Scope) -> PlainTextResponse | RedirectResponse | None:
+        """The answer to a request that is not let in, or that brings the token; None for one that is."""
+        headers = _single(scope["headers"])
+        if headers.get("host") not in self._hosts:
+            return PlainTextResponse("Unknown host.\n", 421)
+        if scope["method"] not in ("GET", "HEAD", "POST"):
+            return PlainTextResponse("Not allowed.\n", 405)
+        origin, own = headers.get("origin"), f"http://{headers['host']}"
+        if origin != own and (origin is not None or scope["method"] == "POST"):
+            return PlainTextResponse("Another site may not ask for this.\n", 403)
+        if scope["path"] == "/" and scope["method"] == "GET":
+            given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+            if given and self._is_token(given):
+                answer = RedirectResponse("/", 303)
+                answer.set_cookie(self._cookie, self._token, httponly=True, samesite="strict", path="/")
+                return answer
+        if not self._is_token(_cookie(headers.get("cookie", ""), self._cookie)):
+            return PlainTextResponse(CLOSED, 403)
+        return None
+
+    def _is_token(self, given: str) -> bool:
+        return secrets.compare_digest(given.encode("utf-8", "replace"), self._token.encode())
+
+
+def _single(headers: Iterable[tuple[bytes, bytes]]) -> dict[str, str]:
+    """Headers by name; one that comes twice is empty, and so fits nothing."""
+    found: dict[str, str] = {}
+    for name, value in headers:
+        key = name.decode("latin-1").lower()
+        found[key] = "" if key in found else value.decode("latin-1")
+    return found
+
+
+def _cookie(header: str, name: str) -> str:
+    try:
+        morsel = SimpleCookie(header).get(name)
+    except CookieError:
+        return ""
+    return "" if morsel is None else morsel.value
+
+
+async def _body(scope: Scope, receive: Receive) -> bytes | None:
+    """A request's body; None for one that is too large, of which then no more is read."""
+    stated = _single(scope["headers"]).get("content-length")
+    if stated is not None and not (stated.isdigit() and len(stated) < 10 and int(stated) <= MOST_BYTES):
+        return None
+    body, more = b"", True
+    while more:
+        message = await receive()
+        if message["type"] != "http.request":
+            return None
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
+        if len(body) > MOST_BYTES:
+            return None
+    return body
+
+
+def _replayed(body: bytes) -> Receive:
+    """A body that was read already."""
+    messages: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def receive() -> Message:
+        return messages.pop() if messages else {"type": "http.disconnect"}
+
+    return receive

@@ -1,0 +1,80 @@
+"""What `passerby open` opens, and the server on this machine's own address."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+
+from passerby.common.errors import InputError
+from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.interchange.output_folder import read_report
+from passerby.page.app import make_app
+from passerby.page.session import Session
+from passerby.scene.start.start import SCENE_FILE, start
+
+HOST = "127.0.0.1"
+DEFAULT_OUT = "out"
+
+
+def find_session(opened: Path, out: Path | None = None) -> Session:
+    """The scene and the output folder that a path stands for.
+
+    Args:
+        opened: an output folder, a scene file, or a folder of videos, in which a scene file is written where it has none.
+        out: the output folder; default: the opened one, or `out` beside the scene file.
+
+    Raises:
+        InputError: nothing there that can be opened.
+    """
+    if (opened / CALIBRATION_FILE).is_file():
+        named = read_report(opened).scene_file
+        if named is None or not Path(named).is_file():
+            raise InputError(f"{opened}: the scene file of this calibration is not there: open the scene file instead")
+        return Session(Path(named), out or opened)
+    if opened.is_dir():
+        scene = opened / SCENE_FILE
+        if not scene.exists():
+            start(opened)
+        return Session(scene, out or opened / DEFAULT_OUT)
+    if not opened.is_file():
+        raise InputError(f"{opened}: no such file or folder: give an output folder, a scene file or a folder of videos")
+    return Session(opened, out or opened.absolute().parent / DEFAULT_OUT)
+
+
+def serve(session: Session, port: int, tell: Callable[[str], None], *, browser: bool) -> None:
+    """Serve a page until the process is interrupted.
+
+    Args:
+        session: what to show.
+        port: 0 for any free one.
+        tell: is told the page's address, once it can be opened.
+        browser: open it in the user's browser.
+
+    Raises:
+        InputError: the port is not free.
+    """
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((HOST, port))
+        listener.listen(128)
+    except OSError as error:
+        listener.close()
+        raise InputError(f"port {port} cannot be used ({error.strerror or error}): give another --port, or none") from None
+    number = listener.getsockname()[1]
+    token = secrets.token_urlsafe(32)
+    address = f"http://{HOST}:{number}/?token={token}"
+    config = uvicorn.Config(
+        make_app(session, token, number), log_level="error", access_log=False, server_header=False, lifespan="off",
+        limit_concurrency=200, timeout_keep_alive=5,
+    )  # fmt: skip
+    tell(address)
+    if browser:
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    uvicorn.Server(config).run(sockets=[listener])

@@ -1,0 +1,195 @@
+"""One opened scene: what there is to show, and the acts that change its file."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from passerby.common.errors import InputError, PasserbyError
+from passerby.core.cameras import Rig
+from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.interchange.output_folder import REPORT_FILE, read_folder_rig
+from passerby.interchange.storage.atomic import make_folder, write_text
+from passerby.interchange.storage.faults import faults_of
+from passerby.page.pictures import PictureStore
+from passerby.page.results import outcome
+from passerby.page.scene_edits import save_scene, text_of, version_of
+from passerby.page.work import Work
+from passerby.scene.check import check_scene
+from passerby.scene.scene import Scene
+
+UNDO_FILE = "undo.json"
+MOST_UNDONE = 20
+
+
+class StaleError(InputError):
+    """An act on a scene file that was changed since its browser read it."""
+
+
+@dataclass(eq=False)
+class Session:
+    """A scene file and the folder of its calibration, for any number of browsers."""
+
+    scene_file: Path
+    out: Path
+    pictures: PictureStore = field(default_factory=PictureStore)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _checking: threading.Lock = field(default_factory=threading.Lock)
+    _checked: tuple[str, dict[str, Any]] | None = None
+    _rig: tuple[tuple[int, int], Rig] | None = None
+
+    def __post_init__(self) -> None:
+        self.work = Work(self.out)
+
+    @property
+    def version(self) -> str:
+        """Of the scene file as it stands."""
+        return version_of(self.scene_file)
+
+    def scene(self) -> tuple[Scene, str]:
+        """The scene and its version. Raises `InputError` where the file is broken."""
+        version = self.version
+        return Scene.load(self.scene_file), version
+
+    def camera(self, name: str) -> tuple[Scene, str]:
+        """The scene with a camera of this name. Raises `InputError` where it has none."""
+        scene, version = self.scene()
+        if name not in scene.cameras:
+            raise InputError("the scene has no such camera")
+        return scene, version
+
+    def rig(self) -> Rig:
+        """The rig of the output folder. Raises `InputError` where there is none yet."""
+        path = self.out / "rig.toml"
+        try:
+            stat = path.stat()
+        except OSError:
+            raise InputError("there is no rig yet: calibrate first") from None
+        stamp = stat.st_mtime_ns, stat.st_size
+        if self._rig is None or self._rig[0] != stamp:
+            self._rig = stamp, read_folder_rig(self.out)
+        return self._rig[1]
+
+    def state(self) -> dict[str, Any]:
+        """Everything that changes, as plain values; quick, since browsers ask for it every second."""
+        told: dict[str, Any] = {"file": self.scene_file.name, "version": self.version, "can_undo": self._undo() is not None}
+        try:
+            scene = Scene.load(self.scene_file)
+        except InputError as error:
+            told |= {"name": self.scene_file.stem, "cameras": [], "faults": [self.public(one) for one in faults_of(error)]}
+        else:
+            told |= {"name": scene.name, "faults": [], "cameras": list(scene.cameras), **_cues(scene)}
+        try:
+            told["posed"] = [[camera.name, *camera.lens.size] for camera in self.rig().posed()]
+        except PasserbyError:
+            told["posed"] = []
+        told["run"] = self.work.status()
+        if "error" in told["run"]:
+            told["run"]["error"] = self.public(told["run"]["error"])
+        told["run"]["notes"] = [self.public(one) for one in told["run"]["notes"]]
+        told["result"] = outcome(self.out)
+        told["before"] = outcome(self.work.folder, self.work.before()) if told["result"] else None
+        told["report"] = self._stamp(self.out / REPORT_FILE)
+        told["calibration"] = self._stamp(self.out / CALIBRATION_FILE)
+        return told
+
+    def check(self) -> dict[str, Any]:
+        """What `passerby check` says of the scene as it stands; read once for each version of the file."""
+        with self._checking:
+            version = self.version
+            if self._checked is None or self._checked[0] != version:
+                self._checked = version, self._public_values(check_scene(self.scene_file).to_dict())
+            return self._checked[1]
+
+    def act(self, version: str, change: Callable[[str], str]) -> None:
+        """Change the scene file, whole, as seen by who asks.
+
+        Raises:
+            StaleError: the file is no longer of the version that was seen.
+            InputError: the change does not make a scene; nothing is written.
+        """
+        with self._lock:
+            self._check_version(version)
+            before = text_of(self.scene_file)
+            after = change(before)
+            save_scene(self.scene_file, after)
+            self._remember(before)
+
+    def undo(self, version: str) -> None:
+        """Take back the last act. Raises as `act` does, and `InputError` where there is none."""
+        with self._lock:
+            self._check_version(version)
+            step = self._undo()
+            if step is None:
+                raise InputError("there is no act to take back: the scene file was changed since, or never by this page")
+            save_scene(self.scene_file, str(step["before"]))
+            # What was undone leads back to the act before it.
+            self._write_undo([one for one in self._steps() if one is not step and one != step])
+
+    def public(self, text: str) -> str:
+        """A message without the folders of this machine."""
+        for folder in (self.scene_file.parent, self.out.parent):
+            for form in (str(folder.absolute()), str(folder)):
+                if form not in ("", ".", "/"):
+                    text = text.replace(form.rstrip("/") + "/", "")
+        return text
+
+    def _public_values(self, value: Any) -> Any:
+        """Plain values with all their texts as `public` has them."""
+        if isinstance(value, str):
+            return self.public(value)
+        if isinstance(value, dict):
+            return {key: self._public_values(one) for key, one in value.items()}
+        return [self._public_values(one) for one in value] if isinstance(value, list | tuple) else value
+
+    def _check_version(self, version: str) -> None:
+        if version != self.version:
+            raise StaleError("the scene file was changed meanwhile, by an editor or another browser: the page shows it now")
+
+    def _stamp(self, path: Path) -> str:
+        """What changes when a file does; empty where there is none."""
+        try:
+            stat = path.stat()
+        except OSError:
+            return ""
+        return f"{stat.st_mtime_ns:x}-{stat.st_size:x}"
+
+    def _remember(self, before: str) -> None:
+        """Keep what the last act replaced."""
+        self._write_undo([*self._steps(), {"after": self.version, "before": before}][-MOST_UNDONE:])
+
+    def _undo(self) -> dict[str, str] | None:
+        """The act that made the file what it is."""
+        return next((one for one in reversed(self._steps()) if one.get("after") == self.version), None)
+
+    def _steps(self) -> list[dict[str, str]]:
+        try:
+            found = json.loads((self.work.folder / UNDO_FILE).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return []
+        return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+
+    def _write_undo(self, steps: list[dict[str, str]]) -> None:
+        make_folder(self.work.folder)
+        write_text(self.work.folder / UNDO_FILE, json.dumps(steps))
+
+
+def _cues(scene: Scene) -> dict[str, Any]:
+    """What the scene file says of lengths, heights and the world."""
+    world = scene.world
+    how = None
+    if world is not None:
+        keys = ("camera", "points", "positions", "plan")
+        how = next(key for key in keys if getattr(world, key) is not None)
+    return {
+        "lengths": [
+            {"metres": one.metres, "sd_m": one.sd_m, "points": {name: list(ends) for name, ends in one.points.items()}}
+            for one in scene.scale.lengths
+        ],
+        "people": [one.model_dump(mode="json", exclude_none=True) for one in scene.scale.people],
+        "world": how,
+    }

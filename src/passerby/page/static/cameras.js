@@ -1,0 +1,80 @@
+// The cameras: a card each, with its picture, what is known of it, and what `check` says.
+
+import { find, make, show } from "./dom.js";
+import { ask } from "./server.js";
+import { View } from "./view.js";
+
+export class Cameras {
+  constructor(page) { this.page = page; this.cards = new Map(); this.names = ""; }
+
+  update(state) {
+    const names = JSON.stringify(state.cameras);
+    if (names !== this.names) {
+      this.names = names;
+      this.cards.clear();
+      for (const name of state.cameras) this.cards.set(name, this.card(name));
+      show(find("grid"), ...[...this.cards.values()].map(({ card }) => card));
+    }
+    for (const [name, width, height] of state.posed) {
+      const view = this.cards.get(name)?.view;
+      if (view && !view.size) view.resize([width, height]);
+    }
+  }
+
+  card(name) {
+    const view = new View(name, (one, at) => this.page.click(one, at));
+    const entry = { view, boxes: [], known: make("p", { class: "known" }), faults: make("ul", { class: "faults" }) };
+    entry.frame = make("input", { type: "range", min: 1, max: 1, value: 1, "aria-label": `Frame of camera ${name}` });
+    entry.number = make("span", { class: "muted" });
+    entry.frame.addEventListener("change", () => this.load(entry, Number(entry.frame.value)));
+    const leave = make("button", { type: "button", class: "quiet", onclick: () => this.page.leaveOut(name) }, "Leave out");
+    leave.setAttribute("aria-label", `Leave camera ${name} out`);
+    entry.card = make("article", { class: "camera", "aria-label": `Camera ${name}` },
+      make("header", {}, make("h3", {}, name), leave), view.stage,
+      make("div", { class: "frames" }, entry.frame, entry.number), entry.known, entry.faults);
+    this.load(entry, null);
+    return entry;
+  }
+
+  // At first the frame with most people, which is also where somebody can be pointed at.
+  async load(entry, frame) {
+    const { view } = entry;
+    if (frame === null) view.load(1);
+    const told = await ask("/api/people", { camera: view.name, frame: frame ?? 1 }).catch(() => null);
+    if (!told) return;
+    if (frame === null && told.best !== 1) { await this.load(entry, told.best); return; }
+    entry.boxes = told.boxes;
+    if (told.size && !view.size) view.resize(told.size);
+    const shown = told.boxes.length && Math.abs(told.frame - (frame ?? 1)) < 25 ? told.frame : frame ?? 1;
+    entry.frame.max = told.frames ?? 1;
+    entry.frame.value = shown;
+    entry.frame.disabled = !told.frames;
+    entry.number.textContent = told.why ?? `frame ${shown}`;
+    if (view.frame !== shown) view.load(shown);
+    this.page.redraw();
+  }
+
+  check(told) {
+    for (const one of told.cameras) {
+      const entry = this.cards.get(one.name);
+      if (!entry) continue;
+      entry.known.textContent = known(one);
+      if (one.size && !entry.view.size) entry.view.resize(one.size);
+      show(entry.faults, ...one.faults.map((text) => make("li", {}, text)));
+    }
+  }
+}
+
+function known({ intrinsics, video, fps, boxes, size }) {
+  const told = [];
+  if (size) told.push(`${size[0]} × ${size[1]}`);
+  if (video?.seconds) told.push(`${video.seconds.toFixed(1)} s of ${video.codec}`);
+  if (fps ?? video?.fps) told.push(`${(fps ?? video.fps).toFixed(2).replace(/\.?0+$/, "")} frames/s`);
+  if (boxes) told.push(`${boxes} boxes`);
+  if (intrinsics) {
+    const source = { file: "calibrated lens", people: "lens unknown: estimated from people" }[intrinsics.source];
+    const sure = intrinsics.focal_sd_percent ? `, ± ${intrinsics.focal_sd_percent.toFixed(0)} %` : "";
+    told.push(source ?? `lens by ${intrinsics.source}: ${intrinsics.focal_px?.toFixed(0)} px${sure}`);
+  }
+  return told.join(" · ");
+}

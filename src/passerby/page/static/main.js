@@ -1,0 +1,125 @@
+// The page: asks for the state again and again, and shows it.
+
+import { Cameras } from "./cameras.js";
+import { find, make, show } from "./dom.js";
+import { showCues, showResult, showRun } from "./results.js";
+import { ask, send } from "./server.js";
+import { LengthTool, PersonTool, WorldTool } from "./tools.js";
+
+const FAST_MS = 1000, SLOW_MS = 3000;
+
+class Page {
+  constructor() {
+    this.state = null;
+    this.checked = "";
+    this.shown = "";
+    this.reported = "";
+    this.cameras = new Cameras(this);
+    this.tools = { length: new LengthTool(this), world: new WorldTool(this), person: new PersonTool(this) };
+    this.tool = null;
+    for (const button of document.querySelectorAll("[data-tool]")) {
+      button.addEventListener("click", () => this.choose(button.dataset.tool));
+    }
+    find("start").addEventListener("click", () => this.command("/api/start"));
+    find("stop").addEventListener("click", () => this.command("/api/stop"));
+    find("undo").addEventListener("click", () => this.act({ act: "undo" }));
+    document.addEventListener("keydown", (event) => { if (event.key === "Escape") this.choose("look"); });
+  }
+
+  posed(name) { return this.state.posed.some(([one]) => one === name); }
+  boxes(name) { return this.cameras.cards.get(name)?.boxes ?? []; }
+
+  async poll() {
+    try {
+      this.update(await ask("/api/state"));
+    } catch (error) {
+      this.tell(error.message === "Failed to fetch" ? "The server does not answer: is `passerby open` still running?" : error.message);
+    }
+    setTimeout(() => this.poll(), this.state?.run.state === "running" ? FAST_MS : SLOW_MS);
+  }
+
+  update(state) {
+    const changed = this.state && this.state.version !== state.version;
+    this.state = state;
+    const text = JSON.stringify(state);
+    if (text === this.shown) return;
+    this.shown = text;
+    document.title = `${state.name} – Passerby`;
+    find("scene-name").textContent = state.name;
+    find("undo").disabled = !state.can_undo;
+    this.cameras.update(state);
+    showRun(state);
+    showResult(state);
+    showCues(state, (key, number) => this.act({ act: "remove", key, number }));
+    this.report();
+    if (this.checked !== state.version) this.check(state.version);
+    if (changed) this.redraw();
+  }
+
+  async check(version) {
+    this.checked = version;
+    const told = await ask("/api/check").catch((error) => this.tell(error.message));
+    if (!told) return;
+    this.cameras.check(told);
+    const own = new Set(told.cameras.flatMap((one) => one.faults));
+    const rest = [...told.faults.filter((one) => !own.has(one)), ...told.lacks];
+    if (rest.length) show(find("faults"), make("ul", { class: "faults" }, ...rest.map((one) => make("li", {}, one))));
+  }
+
+  report() {
+    if (this.state.report === this.reported) return;
+    this.reported = this.state.report;
+    show(find("report-box"), this.reported
+      ? make("iframe", { src: `/report?${this.reported}`, sandbox: "allow-scripts", title: "Report of the calibration", loading: "lazy" })
+      : make("p", { class: "nothing" }, "There is no report yet."));
+  }
+
+  choose(name) {
+    this.tool = this.tools[name] ?? null;
+    for (const button of document.querySelectorAll("[data-tool]")) {
+      button.setAttribute("aria-pressed", String(button.dataset.tool === (this.tool ? name : "look")));
+    }
+    document.body.classList.toggle("marking", Boolean(this.tool));
+    find("tool").hidden = !this.tool;
+    find("magnifier").hidden = true;
+    this.tool?.start();
+    this.redraw();
+  }
+
+  click(view, at) { this.tool?.click(view, at); }
+
+  redraw() {
+    for (const [name, { view }] of this.cameras.cards) view.redraw(this.tool ? this.tool.drawing(name) : this.saved(name));
+  }
+
+  saved(name) {
+    const ends = (this.state?.lengths ?? []).map((one) => one.points[name]).filter(Boolean);
+    return { links: ends, marks: ends.flat().map((at) => ({ at })) };
+  }
+
+  leaveOut(name) { this.act({ act: "leave_out", camera: name }); }
+
+  // Whether it was done. An act on an older scene file is not: the page shows what was changed.
+  async act(content) {
+    try {
+      this.update(await send("/api/act", { ...content, version: this.state.version }));
+      this.tell("");
+      return true;
+    } catch (error) {
+      this.tell(error.message);
+      if (error.stale) this.update(await ask("/api/state"));
+      return false;
+    }
+  }
+
+  async command(path) {
+    await send(path).then((state) => this.update(state), (error) => this.tell(error.message));
+  }
+
+  tell(text) {
+    find("message").textContent = text;
+    find("message").hidden = !text;
+  }
+}
+
+new Page().poll();

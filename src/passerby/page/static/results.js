@@ -1,0 +1,73 @@
+// The calibration at work, its verdict, and what is known so far.
+
+import { find, make, number, show, table } from "./dom.js";
+
+const WORDS = { running: "running", done: "finished", failed: "failed", stopped: "stopped: it goes on from there", none: "" };
+
+export function showRun(state) {
+  const { run, result } = state;
+  const running = run.state === "running";
+  const stale = run.version && run.version !== state.version && !running;
+  find("start").hidden = running;
+  find("start").disabled = state.faults.length > 0;
+  find("start").textContent = run.state === "stopped" ? "Resume" : result ? "Solve again" : "Calibrate";
+  find("stop").hidden = !running;
+  find("run-state").textContent = stale && run.state === "done" ? "the scene file was changed since: solve again" : WORDS[run.state];
+  const stages = running || run.state === "failed" ? run.stages : [];
+  show(find("stages"), ...stages.map(stage), run.error ? make("li", { class: "error" }, run.error) : null);
+  show(find("faults"), state.faults.length ? make("ul", { class: "faults" }, ...state.faults.map((one) => make("li", {}, one))) : null);
+}
+
+function stage({ name, state, parts, seconds }) {
+  const counted = Object.entries(parts).filter(([, [, total]]) => total);
+  const bars = counted.map(([part, [done, total]]) => make("label", { class: "part" }, make("span", {}, part || name),
+    make("progress", { max: total, value: done })));
+  return make("li", { class: state }, make("span", {}, `${name}${state === "done" ? `, ${number(seconds, 1)} s` : ""}`),
+    ...(state === "running" ? bars : []));
+}
+
+export function showResult(state) {
+  const { result, before } = state;
+  const pill = find("verdict-pill");
+  pill.textContent = result ? result.verdict : "";
+  pill.className = `pill verdict-${result?.verdict ?? "none"}`;
+  if (!result) { show(find("result")); return; }
+  const old = new Map((before?.cameras ?? []).map((one) => [one.name, one]));
+  const rows = result.cameras.map((one) => [one.name, ...row(one), ...(before ? changes(one, old.get(one.name)) : [])]);
+  const columns = ["camera", "x m", "y m", "z m", "heading °", "position std mm", "rotation std °"];
+  const more = before ? ["moved m", "turned °", "position std before mm"] : [];
+  const verdict = before && before.verdict !== result.verdict ? `${before.verdict} before, ${result.verdict} now` : result.verdict;
+  show(find("result"),
+    make("div", { class: `banner verdict-${result.verdict}` }, make("strong", {}, verdict),
+      make("ul", {}, ...result.reasons.map((one) => make("li", {}, one)))),
+    table("The cameras of the rig", [...columns, ...more], rows),
+    result.findings.length ? make("details", {}, make("summary", {}, `${result.findings.length} warnings`),
+      make("ul", {}, ...result.findings.map((one) => make("li", {}, one)))) : null);
+}
+
+function row({ centre_m: centre, heading_deg, position_sigma_mm, orientation_sigma_deg }) {
+  return [...(centre ?? [null, null, null]).map((one) => number(one, 2)), number(heading_deg, 1),
+    number(position_sigma_mm, 0), number(orientation_sigma_deg, 2)];
+}
+
+function changes(now, old) {
+  if (!old?.centre_m || !now.centre_m) return ["–", "–", "–"];
+  const moved = Math.hypot(...now.centre_m.map((value, axis) => value - old.centre_m[axis]));
+  const turned = ((now.heading_deg - old.heading_deg + 540) % 360) - 180;
+  return [number(moved, 2), number(turned, 1), number(old.position_sigma_mm, 0)];
+}
+
+export function showCues(state, remove) {
+  find("scene-file").textContent = state.file;
+  const lines = [];
+  (state.lengths ?? []).forEach((one, index) => lines.push(
+    cue(`Length ${index + 1}: ${one.metres} m, in ${Object.keys(one.points).join(", ")}`, () => remove("lengths", index + 1))));
+  (state.people ?? []).forEach((one, index) => lines.push(
+    cue(`Person ${index + 1}: ${one.height_m} m${one.camera ? `, in ${one.camera}` : ""}`, () => remove("people", index + 1))));
+  if (state.world) lines.push(make("li", {}, `World frame: set by ${state.world}`));
+  const none = "Nothing yet: heights of people alone set the scale. One marked length makes it metric to a per cent.";
+  show(find("cues"), lines.length ? make("ul", { class: "cues" }, ...lines) : make("p", { class: "nothing" }, none));
+}
+
+const cue = (text, remove) =>
+  make("li", {}, text, " ", make("button", { type: "button", class: "quiet", onclick: remove, "aria-label": `Remove: ${text}` }, "Remove"));

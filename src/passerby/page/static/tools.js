@@ -1,0 +1,140 @@
+// What a click in a picture says: a tool gathers clicks until there is an act to be sent.
+
+import { make, number, show } from "./dom.js";
+import { send } from "./server.js";
+
+const field = (label, attributes) => make("label", { class: "field" }, make("span", {}, label), make("input", attributes));
+const read = (form, name) => form.querySelector(`[name=${name}]`).valueAsNumber;
+
+class Tool {
+  constructor(page) { this.page = page; this.box = document.getElementById("tool"); }
+  form(...children) {
+    const form = make("form", { class: "tool-form" }, ...children);
+    form.addEventListener("submit", (event) => { event.preventDefault(); this.save(form); });
+    return form;
+  }
+  buttons(label, ready) {
+    return make("span", { class: "tool-buttons" },
+      make("button", { type: "submit", class: "main", disabled: !ready }, label),
+      make("button", { type: "button", class: "quiet", onclick: () => this.clear() }, "Clear"));
+  }
+  drawing() { return {}; }
+  async act(content) {
+    if (await this.page.act(content)) { this.clear(); return true; }
+    return false;
+  }
+  clear() { this.start(); this.page.redraw(); }
+}
+
+// Two ends, each in two pictures or more: the picture's first click is the first end, the second the other one.
+export class LengthTool extends Tool {
+  start() { this.marks = {}; this.lines = {}; this.measured = null; this.show(); }
+
+  async click(view, at) {
+    const own = (this.marks[view.name] ??= [null, null]);
+    const apart = own.map((one) => (one ? Math.hypot(one[0] - at[0], one[1] - at[1]) : -1));
+    const end = own[0] === null ? 0 : own[1] === null ? 1 : apart[0] < apart[1] ? 0 : 1;
+    own[end] = at;
+    this.page.redraw();
+    this.show();
+    if (this.page.posed(view.name)) {
+      const found = await send("/api/epipolar", { camera: view.name, at }).catch((error) => this.page.tell(error.message));
+      for (const { camera, line } of found?.lines ?? []) (this.lines[camera] ??= {})[`${view.name} ${end}`] = { line, end };
+    }
+    await this.measure();
+    this.page.redraw();
+    this.show();
+  }
+
+  whole() { return Object.fromEntries(Object.entries(this.marks).filter(([, ends]) => ends[0] && ends[1])); }
+
+  async measure() {
+    this.measured = null;
+    const points = Object.fromEntries(Object.entries(this.whole()).filter(([name]) => this.page.posed(name)));
+    if (Object.keys(points).length < 2) return;
+    this.measured = await send("/api/length", points).catch((error) => { this.page.tell(error.message); return null; });
+  }
+
+  drawing(name) {
+    const [a, b] = this.marks[name] ?? [null, null];
+    const lines = Object.values(this.lines[name] ?? {}).filter(({ end }) => !(this.marks[name]?.[end]))
+      .map(({ line, end }) => ({ line, kind: end ? "second" : "" }));
+    const marks = [a && { at: a, label: "1" }, b && { at: b, label: "2", kind: "second" }].filter(Boolean);
+    return { marks, lines, links: a && b ? [[a, b]] : [] };
+  }
+
+  show() {
+    const typed = this.box.querySelector("[name=metres]")?.value ?? "";
+    const ready = Object.keys(this.whole()).length >= 2;
+    const told = this.measured
+      ? `By the rig: ${number(this.measured.metres, 3)} m, one sigma of the clicks ${number(1000 * this.measured.sigma_m, 0)} mm, residual ${number(this.measured.residual_px, 1)} px.`
+      : "Click one end and then the other, in two pictures or more. The other pictures show where the end must lie.";
+    show(this.box, this.form(
+      make("p", { id: "measured" }, told),
+      field("Length in metres", { name: "metres", type: "number", min: "0.001", step: "any", required: true, value: typed }),
+      field("Its standard deviation, metres", { name: "sd", type: "number", min: "0.0001", step: "any", value: "0.02", required: true }),
+      this.buttons("Save the length", ready)));
+  }
+
+  save(form) { this.act({ act: "length", metres: read(form, "metres"), sd_m: read(form, "sd"), points: this.whole() }); }
+}
+
+export class WorldTool extends Tool {
+  start() { this.clicks = []; this.show(); }
+
+  async click(view, at) {
+    if (!this.page.posed(view.name)) { this.page.tell(`Camera ${view.name} has no pose yet: calibrate first.`); return; }
+    const found = await send("/api/ground", { camera: view.name, at }).catch((error) => this.page.tell(error.message));
+    if (!found) return;
+    if (this.clicks.length > 1) this.clicks.length = 0;
+    this.clicks.push({ camera: view.name, at, ground: found.ground });
+    this.page.redraw();
+    this.show();
+  }
+
+  drawing(name) {
+    const marks = this.clicks.map((one, index) => ({ ...one, label: index ? "x" : "0", kind: index ? "second" : "" }));
+    return { marks: marks.filter((one) => one.camera === name) };
+  }
+
+  show() {
+    const [a, b] = this.clicks;
+    const told = b
+      ? `The x axis runs through a point ${number(Math.hypot(a.ground[0] - b.ground[0], a.ground[1] - b.ground[1]), 2)} m from the origin.`
+      : a ? "Now click a point of the x axis on the ground, as far away as possible." : "Click the origin on the ground, in any picture.";
+    show(this.box, this.form(make("p", {}, told), this.buttons("Save the world frame", Boolean(b))));
+  }
+
+  save() {
+    const [origin, along] = this.clicks.map(({ camera, at }) => ({ camera, at }));
+    this.act({ act: "world", origin, along_x: along });
+  }
+}
+
+export class PersonTool extends Tool {
+  start() { this.found = null; this.show(); }
+
+  click(view, at) {
+    this.found = { camera: view.name, frame: view.frame, at };
+    this.page.redraw();
+    this.show();
+  }
+
+  drawing(name) {
+    const boxes = this.page.boxes(name);
+    return { boxes, marks: this.found?.camera === name ? [{ at: this.found.at, label: "person" }] : [] };
+  }
+
+  show() {
+    const told = this.found
+      ? `Camera ${this.found.camera}, frame ${this.found.frame}.`
+      : "Click a person who stands upright. The frames of a camera can be chosen below its picture.";
+    show(this.box, this.form(
+      make("p", {}, told),
+      field("Height in metres, with shoes", { name: "height", type: "number", min: "0.3", max: "3", step: "any", required: true }),
+      field("Its standard deviation, metres", { name: "sd", type: "number", min: "0.001", step: "any", value: "0.01", required: true }),
+      this.buttons("Save the height", Boolean(this.found))));
+  }
+
+  save(form) { this.act({ act: "person", ...this.found, height_m: read(form, "height"), sd_m: read(form, "sd") }); }
+}

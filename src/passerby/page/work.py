@@ -1,0 +1,169 @@
+"""A calibration in a process of its own. What it prints lies in files, so that any server finds out what became of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from passerby.common.errors import InputError
+from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.interchange.storage.atomic import make_folder, write_text
+from passerby.interchange.storage.locks import try_lock
+
+FOLDER = ".page"
+"""In the output folder: what the page keeps."""
+RUN_LOCK, RUN_FILE, EVENTS, RESULT, BEFORE = "run.lock", "run.json", "events.jsonl", "result.json", "before.json"
+LAST_NOTES = 20
+
+
+@dataclass(eq=False)
+class Work:
+    """The calibrations of one output folder, one at a time."""
+
+    out: Path
+    _process: subprocess.Popen[bytes] | None = None
+    _lock: threading.RLock = field(default_factory=threading.RLock)
+
+    @property
+    def folder(self) -> Path:
+        """Where the page keeps its files."""
+        return self.out / FOLDER
+
+    def start(self, scene: Path, version: str) -> None:
+        """Begin or resume a calibration. Raises `InputError` where one is running, or the folder cannot be written."""
+        with self._lock:
+            make_folder(self.folder)
+            lock = (self.folder / RUN_LOCK).open("a+b")
+            try:
+                if not try_lock(lock):
+                    raise InputError("a calibration is running already: stop it first")
+                self._keep_before()
+                for name in (EVENTS, RESULT):
+                    (self.folder / name).unlink(missing_ok=True)
+                command = [sys.executable, "-m", "passerby", "calibrate", str(scene.absolute()), "-o", str(self.out.absolute())]
+                with (self.folder / EVENTS).open("wb") as events, (self.folder / RESULT).open("wb") as result:
+                    # A session of its own: it survives the server, and stops with all its processes. The lock that it holds
+                    # ends with it.
+                    self._process = subprocess.Popen(
+                        [*command, "--json", "--progress", "json"], stdin=subprocess.DEVNULL, stdout=result, stderr=events,
+                        pass_fds=() if sys.platform == "win32" else (lock.fileno(),), start_new_session=True,
+                    )  # fmt: skip
+                write_text(self.folder / RUN_FILE, json.dumps({"pid": self._process.pid, "version": version}))
+            finally:
+                lock.close()
+
+    def stop(self) -> None:
+        """Interrupt the calibration that is running, as Ctrl-C does; what was found in videos is kept."""
+        with self._lock:
+            if not self.running():
+                return
+            with suppress(OSError, ValueError, KeyError, TypeError):
+                pid = int(json.loads((self.folder / RUN_FILE).read_text(encoding="utf-8"))["pid"])
+                if sys.platform == "win32":
+                    os.kill(pid, signal.SIGTERM)
+                else:
+                    os.killpg(pid, signal.SIGINT)
+
+    def running(self) -> bool:
+        """Whether a calibration is at work, by this server or one before it."""
+        with self._lock:  # trying the lock holds it for a moment
+            if self._process is not None:
+                if self._process.poll() is None:
+                    return True
+                self._process = None
+            try:
+                with (self.folder / RUN_LOCK).open("rb+") as lock:
+                    return not try_lock(lock)
+            except OSError:
+                return False
+
+    def status(self) -> dict[str, Any]:
+        """What is running or became of the last run, as plain values: `state` is none, running, done, failed or stopped."""
+        running = self.running()
+        events = _events(self.folder / EVENTS)
+        told: dict[str, Any] = {
+            "state": "running" if running else "none",
+            "stages": _stages(events),
+            "version": self._version(),
+        }
+        told["notes"] = [one["text"] for one in events if one.get("event") in ("note", "warning")][-LAST_NOTES:]
+        if running or not events:
+            return told
+        errors = [one["text"] for one in events if one.get("event") == "error"]
+        if self._finished():
+            told["state"] = "done"
+        elif errors and errors[-1] != "interrupted":
+            told |= {"state": "failed", "error": errors[-1]}
+        else:
+            told["state"] = "stopped"
+        return told
+
+    def before(self) -> dict[str, Any] | None:
+        """The calibration before the last one, as it was told; None where there was none."""
+        try:
+            found: dict[str, Any] = json.loads((self.folder / BEFORE).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return found
+
+    def _keep_before(self) -> None:
+        """Keep what is to be compared with the new calibration."""
+        with suppress(OSError):
+            shutil.copyfile(self.out / CALIBRATION_FILE, self.folder / BEFORE)
+
+    def _version(self) -> str:
+        try:
+            return str(json.loads((self.folder / RUN_FILE).read_text(encoding="utf-8"))["version"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return ""
+
+    def _finished(self) -> bool:
+        """Whether the process has told its verdict."""
+        try:
+            return "verdict" in json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return False
+
+
+def _events(path: Path) -> list[dict[str, Any]]:
+    """The events of a run so far; lines that are no JSON are the command's own error, in plain words."""
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return []
+    found = []
+    for line in lines:
+        try:
+            event = json.loads(line)
+            found.append(event if isinstance(event, dict) else {})
+        except ValueError:
+            if line.startswith("error: "):
+                found.append({"event": "error", "text": line.removeprefix("error: ")})
+    return found
+
+
+def _stages(events: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The stages in their order, each with the last count of its parts."""
+    stages: dict[str, dict[str, Any]] = {}
+    for event in events:
+        name = event.get("stage")
+        if not isinstance(name, str):
+            continue
+        stage = stages.setdefault(name, {"name": name, "state": "running", "parts": {}, "seconds": 0.0})
+        stage["seconds"] = event.get("seconds", stage["seconds"])
+        if event["event"] == "progress":
+            stage["parts"][event.get("part", "")] = [event.get("done", 0), event.get("total", 0)]
+        elif event["event"] in ("end", "failed"):
+            stage["state"] = "done" if event["event"] == "end" else "failed"
+        elif event["event"] == "begin":
+            stage["state"] = "running"
+    return list(stages.values())
