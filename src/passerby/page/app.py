@@ -38,8 +38,8 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         Route("/api/state", _answering(lambda _: session.state())),
         Route("/api/check", _answering(lambda _: session.check())),
         Route("/api/people", _answering(lambda request: _people(session, request))),
-        Route("/picture", lambda request: _in_thread(_picture, session, request)),
-        Route("/report", lambda request: _in_thread(_report, session, request)),
+        Route("/picture", lambda request: _picture(session, request)),
+        Route("/report", lambda request: _report(session, request)),
         _posting("/api/act", session, lambda content: perform(session, content)),
         _posting("/api/epipolar", session, lambda content: _epipolar(session, content)),
         _posting("/api/length", session, lambda content: _length(session, content)),
@@ -73,10 +73,6 @@ def _answering(work: Answer) -> Callable[[Request], Any]:
         return JSONResponse(await run_in_threadpool(work, request))
 
     return answer
-
-
-async def _in_thread(work: Callable[..., Response], session: Session, request: Request) -> Response:
-    return await run_in_threadpool(work, session, request)
 
 
 def _posting(path: str, session: Session, work: Callable[[Any], Any]) -> Route:
