@@ -1,0 +1,93 @@
+"""Acts as lines of the scene file."""
+
+import tomllib
+
+import pytest
+
+from passerby.common.errors import InputError
+from passerby.interchange.world_files import read_known_points
+from passerby.page.scene_edits import (
+    GroundClick,
+    save_scene,
+    version_of,
+    with_length,
+    with_person,
+    with_world_points,
+    without_camera,
+    without_entry,
+    write_points,
+)
+
+MARKS = {"C1": [(1.0, 2.0), (3.0, 4.125)], "gate 2": [(5.0, 6.0), (7.0, 8.0)]}
+TEXT = """# What the terrace has.
+[scale]   # all of it measured
+person_height_m = 1.7 # by tape
+
+[cameras.C1]
+video = "a.mp4"  # north
+
+[cameras."gate 2"]
+video = "b.mp4"
+"""
+
+
+def test_a_length_is_added_and_every_other_line_stays():
+    once = with_length(TEXT, 3.25, 0.02, MARKS)
+    assert all(line in once.splitlines() for line in TEXT.splitlines())
+    told = tomllib.loads(with_length(once, 1.0, 0.01, MARKS))["scale"]["lengths"]
+    assert told[0] == {"metres": 3.25, "sd_m": 0.02, "points": {"C1": [[1, 2], [3, 4.12]], "gate 2": [[5, 6], [7, 8]]}}
+    assert [one["metres"] for one in told] == [3.25, 1.0]
+
+
+def test_a_file_without_scale_gets_one():
+    told = tomllib.loads(
+        with_person(TEXT.partition("[cameras.C1]")[2].join(["[cameras.C1]", ""]), "C1", 311, (8.5, 4.0), 1.83, 0.01)
+    )
+    assert told["scale"] == {"people": [{"camera": "C1", "frame": 311, "at": [8.5, 4.0], "height_m": 1.83, "sd_m": 0.01}]}
+
+
+def test_tables_written_in_one_line_are_continued_in_it():
+    inline = '[scale]\nlengths = [{metres = 1, points = {}}]\n[cameras.a]\nvideo = "x"\n'
+    told = tomllib.loads(with_length(inline, 2.0, 0.02, MARKS))
+    assert [one["metres"] for one in told["scale"]["lengths"]] == [1, 2.0]
+    assert told["cameras"] == {"a": {"video": "x"}}
+
+
+def test_an_entry_is_removed_by_its_number():
+    text = with_length(with_length(TEXT, 1.0, 0.02, MARKS), 2.0, 0.02, MARKS)
+    assert [one["metres"] for one in tomllib.loads(without_entry(text, "lengths", 1))["scale"]["lengths"]] == [2.0]
+    with pytest.raises(InputError, match="3 is not there"):
+        without_entry(text, "lengths", 3)
+
+
+def test_a_camera_that_is_left_out_stays_as_comments():
+    text = without_camera(TEXT, "gate 2")
+    assert list(tomllib.loads(text)["cameras"]) == ["C1"]
+    again = "\n".join(line.removeprefix("# ") for line in text.splitlines() if "Left out" not in line and "What" not in line)
+    assert tomllib.loads(again)["cameras"]["gate 2"] == {"video": "b.mp4"}
+
+
+def test_a_world_frame_replaces_the_one_before():
+    text = with_world_points(with_world_points(TEXT, "a.csv"), "b.csv")
+    assert tomllib.loads(text)["world"] == {"points": "b.csv"}
+    assert tomllib.loads(with_world_points(f'{TEXT}\n[world]\ncamera = "C1"\n', "b.csv"))["world"] == {"points": "b.csv"}
+
+
+def test_clicks_on_the_ground_are_read_as_known_points(tmp_path):
+    clicks = [GroundClick("origin", "C1", (10.25, 20.0), 0.0), GroundClick("x axis", 'gate "2", b', (30.0, 40.5), 7.5)]
+    name = write_points(tmp_path, clicks)
+    assert write_points(tmp_path, clicks) == name
+    found = read_known_points(tmp_path / name)
+    assert [(one.name, one.xyz.tolist(), dict(one.pixels)) for one in found] == [
+        ("origin", [0, 0, 0], {"C1": (10.25, 20.0)}),
+        ("x axis", [7.5, 0, 0], {'gate "2", b': (30.0, 40.5)}),
+    ]
+
+
+def test_what_would_be_no_scene_is_not_written(session):
+    path, before = session.scene_file, session.scene_file.read_text()
+    version = version_of(path)
+    for wrong in (before + "\n[scale]\n", with_length(before, 1.0, 0.02, {"C1": MARKS["C1"], "C9": MARKS["C1"]})):
+        with pytest.raises(InputError):
+            save_scene(path, wrong)
+    assert (path.read_text(), version_of(path)) == (before, version)

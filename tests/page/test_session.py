@@ -1,0 +1,227 @@
+"""Acts through the server: acknowledged ones are in the file, stale and wrong ones change nothing."""
+
+import json
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+
+from passerby.calibration.alignment.scene_world import align_rig
+from passerby.cli.main import run
+from passerby.common.errors import InputError
+from passerby.core.cameras import Rig
+from passerby.interchange.rig_toml import read_rig, write_rig
+from passerby.page.server import find_session
+from passerby.page.work import EVENTS, FOLDER, RESULT, RUN_LOCK, Work
+from passerby.scene.scene import Scene
+from passerby.scene.world_tables import WorldTable
+
+
+def act(client, session, version=None, **content):
+    body = {"version": session.version if version is None else version, **content}
+    return client.post("/api/act", json.dumps(body).encode())
+
+
+def scene_of(session):
+    return tomllib.loads(session.scene_file.read_text())
+
+
+@pytest.fixture
+def truth(session):
+    return read_rig(session.scene_file.parent / "truth.toml")
+
+
+def length(rig, metres=None, ends=((0.0, 3.0, 0.0), (1.0, 5.0, 0.0)), cameras=2):
+    """A length on the ground that cameras see, as an act. Ends are offsets from the middle of the cameras' views."""
+    ends = np.array(ends) - [0.5, 4.0, 0] + middle(rig)
+    points = {name: rig[name].project(ends).round(2).tolist() for name in rig.names[:cameras]}
+    return {"act": "length", "metres": metres or float(np.linalg.norm(ends[1] - ends[0])), "points": points}
+
+
+def middle(rig):
+    """Amid the cameras, on the ground."""
+    return np.mean([camera.centre for camera in rig], axis=0) * [1, 1, 0]
+
+
+def test_an_acknowledged_length_is_in_the_file_and_in_the_state(client, session, truth):
+    answer = act(client, session, **length(truth))
+    assert answer.status == 200
+    assert len(scene_of(session)["scale"]["lengths"]) == 1
+    assert answer.json()["version"] == session.version
+    assert answer.json()["lengths"][0]["metres"] == scene_of(session)["scale"]["lengths"][0]["metres"]
+    assert len(Scene.load(session.scene_file).scale.lengths) == 1
+
+
+def test_a_stale_act_changes_nothing_and_says_so(client, session, truth):
+    seen = session.version
+    session.scene_file.write_text(session.scene_file.read_text() + "\n# by an editor\n")
+    before = session.scene_file.read_bytes()
+    answer = act(client, session, seen, **length(truth))
+    assert answer.status == 409
+    assert "changed meanwhile" in answer.json()["error"]
+    assert session.scene_file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ({"act": "length", "metres": -1, "points": {}}, "greater than 0"),
+        ({"act": "length", "metres": 1, "points": {"C1": [[1, 1], [2, 2]]}}, "at least 2"),
+        ({"act": "length", "metres": 1, "points": {"C1": [[1, 1], [2, 2]], "C9": [[1, 1], [2, 2]]}}, "C9"),
+        ({"act": "person", "camera": "C9", "frame": 1, "at": [1, 1], "height_m": 1.8}, "C9"),
+        ({"act": "person", "camera": "C1", "frame": 1, "at": [1, 1], "height_m": 18}, "less than 3"),
+        ({"act": "leave_out", "camera": "C9"}, "not there"),
+        ({"act": "remove", "key": "lengths", "number": 1}, "not there"),
+        ({"act": "undo"}, "no act"),
+        ({"act": "explode"}, "act"),
+        ({"act": "length", "metres": 1e999, "points": {}}, ""),
+    ],
+)
+def test_a_wrong_act_is_refused_with_a_sentence(client, session, content, why):
+    before = session.scene_file.read_bytes()
+    answer = act(client, session, **content)
+    assert answer.status == 422
+    assert why in answer.json()["error"]
+    assert session.scene_file.read_bytes() == before
+
+
+@pytest.mark.parametrize("body", [b"[", b"1", b"[]", b"null", b'{"act": {}}', b"[" * 5000])
+def test_what_is_no_act_is_refused(client, body):
+    for path in ("/api/act", "/api/epipolar", "/api/length", "/api/ground"):
+        assert client.post(path, body).status == 422
+
+
+def test_undo_takes_back_act_after_act_byte_for_byte(client, session, truth):
+    texts = [session.scene_file.read_bytes()]
+    act(client, session, **length(truth))
+    texts.append(session.scene_file.read_bytes())
+    act(client, session, act="person", camera="C1", frame=3, at=[100, 100], height_m=1.8)
+    for before in reversed(texts):
+        assert client.get("/api/state").json()["can_undo"]
+        assert act(client, session, act="undo").status == 200
+        assert session.scene_file.read_bytes() == before
+    assert not client.get("/api/state").json()["can_undo"]
+
+
+def test_what_an_editor_wrote_is_never_undone(client, session, truth):
+    act(client, session, **length(truth))
+    session.scene_file.write_text(session.scene_file.read_text() + "\n# by an editor\n")
+    assert not client.get("/api/state").json()["can_undo"]
+    assert act(client, session, act="undo").status == 422
+
+
+def test_a_camera_is_left_out_and_comes_back(client, session):
+    act(client, session, act="leave_out", camera="C4")
+    assert client.get("/api/state").json()["cameras"] == ["C1", "C2", "C3"]
+    act(client, session, act="undo")
+    assert client.get("/api/state").json()["cameras"] == ["C1", "C2", "C3", "C4"]
+
+
+def test_two_clicks_set_the_frame_that_the_command_line_then_finds(client, session, truth):
+    origin, along = middle(truth) + [0.3, -1.0, 0], middle(truth) + [1.0, 2.0, 0]
+    clicks = [{"camera": truth.names[0], "at": truth[truth.names[0]].project(one)[0].tolist()} for one in (origin, along)]
+    assert act(client, session, act="world", origin=clicks[0], along_x=clicks[1]).status == 200
+    points = session.scene_file.parent / scene_of(session)["world"]["points"]
+    aligned = align_rig(truth, WorldTable(points=points))
+    moved = [aligned.motion.scale * aligned.motion.rotation @ one + aligned.motion.translation for one in (origin, along)]
+    assert moved[0] == pytest.approx([0, 0, 0], abs=2e-3)
+    assert moved[1] == pytest.approx([np.linalg.norm(along - origin), 0, 0], abs=2e-3)
+
+
+@pytest.mark.parametrize("length_first", [False, True])
+def test_a_marked_length_corrects_the_distance_of_the_two_clicks(client, session, truth, length_first):
+    """The rig is a tenth too small: the frame's points must fit the one that the length will make."""
+    small = truth.moved(np.eye(3), np.zeros(3), 0.9)
+    write_rig(session.out / "rig.toml", Rig(small.cameras))
+    first = truth.names[0]
+    ends = [middle(truth) + offset for offset in ([0.3, -1.0, 0], [1.0, 2.0, 0])]
+    clicks = [{"camera": first, "at": truth[first].project(one)[0].tolist()} for one in ends]
+    world = {"act": "world", "origin": clicks[0], "along_x": clicks[1]}
+    for one in [length(truth), world] if length_first else [world, length(truth)]:
+        assert act(client, session, **one).status == 200
+    rows = (session.scene_file.parent / scene_of(session)["world"]["points"]).read_text().splitlines()
+    assert float(rows[2].split(",")[4]) == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=2e-3)
+
+
+def test_clicks_on_one_spot_set_no_frame(client, session, truth):
+    first = truth.names[0]
+    click = {"camera": first, "at": truth[first].project(middle(truth))[0].tolist()}
+    answer = act(client, session, act="world", origin=click, along_x=click)
+    assert answer.status == 422
+    assert "farther away" in answer.json()["error"]
+
+
+def test_geometry_is_answered_by_the_rig(client, truth):
+    marks = length(truth)
+    found = client.post("/api/length", json.dumps(marks["points"]).encode()).json()
+    assert found["metres"] == pytest.approx(marks["metres"], rel=1e-3)
+    lines = client.post("/api/epipolar", json.dumps({"camera": "C1", "at": marks["points"]["C1"][0]}).encode()).json()["lines"]
+    assert {one["camera"] for one in lines} == {"C2", "C3", "C4"}
+
+
+def test_check_is_told_beside_each_camera(client, session):
+    told = client.get("/api/check").json()
+    assert [one["name"] for one in told["cameras"]] == ["C1", "C2", "C3", "C4"]
+    text = session.scene_file.read_text()
+    session.scene_file.write_text(text.replace("tracks/C2.txt", "tracks/gone.txt"))
+    told = client.get("/api/check").json()
+    assert [bool(one["faults"]) for one in told["cameras"]] == [False, True, False, False]
+
+
+def test_people_of_the_nearest_frame_are_told(client, session):
+    (session.out / "tracks").mkdir()
+    (session.out / "tracks" / "C1.txt").write_text(
+        "4,1,10,20,30,60,1,-1,-1,-1\n9,1,11,20,30,60,1,-1,-1,-1\n9,2,50,20,30,60,1,-1,-1,-1\n"
+    )
+    told = client.get("/api/people", "camera=C1&frame=5").json()
+    assert (told["frame"], told["boxes"], told["best"]) == (4, [[10.0, 20.0, 30.0, 60.0]], 9)
+
+
+def test_a_run_is_found_by_its_files_after_the_server_was_ended(tmp_path):
+    work = Work(tmp_path)
+    work.folder.mkdir()
+    assert work.status()["state"] == "none"
+    events = [
+        {"event": "begin", "stage": "processing videos"},
+        {"event": "progress", "stage": "processing videos", "part": "north", "done": 64, "total": 300, "seconds": 4.1},
+        {"event": "note", "text": "odd"},
+    ]
+    (work.folder / EVENTS).write_text("".join(f"{json.dumps(one)}\n" for one in events))
+    holder = "import sys, fcntl; f = open(sys.argv[1], 'a'); fcntl.flock(f, fcntl.LOCK_EX); print('held', flush=True); sys.stdin.read()"
+    command = [sys.executable, "-c", holder, str(work.folder / RUN_LOCK)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        other.stdout.readline()
+        told = work.status()
+        assert (told["state"], told["notes"]) == ("running", ["odd"])
+        assert told["stages"][0]["parts"] == {"north": [64, 300]}
+        with pytest.raises(InputError, match="running already"):
+            work.start(tmp_path / "scene.toml", "v")
+        other.stdin.close()
+    assert work.status()["state"] == "stopped"
+    with (work.folder / EVENTS).open("a") as file:
+        file.write("error: scene.toml: is not TOML\n")
+    assert work.status()["error"] == "scene.toml: is not TOML"
+    (work.folder / RESULT).write_text('{"verdict": "accepted"}')
+    assert work.status()["state"] == "done"
+
+
+def test_what_can_be_opened(session, tmp_path):
+    opened = find_session(session.scene_file)
+    assert (opened.scene_file, opened.out.name) == (session.scene_file, "out")
+    assert find_session(session.scene_file.parent).scene_file == session.scene_file
+    with pytest.raises(InputError, match="no such file"):
+        find_session(tmp_path / "nothing")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError):
+        find_session(tmp_path / "empty")
+
+
+def test_without_the_extra_the_command_names_it(monkeypatch, capsys, session):
+    for name in [name for name in sys.modules if name.partition(".")[0] == "starlette" or name.startswith("passerby.page")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "starlette", None)
+    assert run(["open", str(session.scene_file), "--no-browser"]) == 2
+    assert "pip install 'passerby[page]'" in capsys.readouterr().err
+    assert not (session.out / FOLDER).exists()
