@@ -5,7 +5,7 @@ import pytest
 
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Lens
-from passerby.page.geometry import BAND_SIGMAS, epipolar_lines, ground_point, measure_length
+from passerby.page.geometry import BAND_SIGMAS, epipolar_lines, ground_point, measure_axis, measure_length
 from support.scenes.people_and_rigs import ring, without_poses
 
 BENT = Lens((1280, 720), np.array([[700.0, 0, 640], [0, 700.0, 360], [0, 0, 1]]), np.array([-0.25, 0.06, 0.0, 0.0]))
@@ -64,6 +64,19 @@ def test_a_pixel_of_the_ground_is_where_it_is_on_the_ground(rig):
     assert ground_point(rig, rig.names[0], tuple(rig[rig.names[0]].project(POINTS[0])[0])) == pytest.approx(POINTS[0], abs=1e-6)
     with pytest.raises(InputError, match="above the horizon"):
         ground_point(rig, rig.names[0], (640.0, 0.0))
+
+
+def test_the_heading_of_an_axis_and_its_sigma_are_those_of_noisy_clicks(rig):
+    rng, name = np.random.default_rng(6), rig.names[0]
+    ends = np.array([[1.0, 0.5, 0.0], [-1.5, 2.0, 0.0]])
+    found = measure_axis(rig, [(name, tuple(pixel)) for pixel in rig[name].project(ends)])
+    assert found.metres == pytest.approx(np.linalg.norm(ends[1] - ends[0]), abs=1e-6)
+    headings = []
+    for _ in range(200):
+        clicks = rig[name].project(ends) + rng.normal(scale=2.0, size=(2, 2))
+        along = np.diff([ground_point(rig, name, tuple(at)) for at in clicks], axis=0)[0]
+        headings.append(np.degrees(np.arctan2(along[1], along[0])))
+    assert np.std(headings) == pytest.approx(found.heading_sigma_deg, rel=0.2)
 
 
 def test_without_a_pose_there_is_no_line(rig):

@@ -89,7 +89,7 @@ def test_a_wrong_act_is_refused_with_a_sentence(client, session, content, why):
 
 @pytest.mark.parametrize("body", [b"[", b"1", b"[]", b"null", b'{"act": {}}', b"[" * 5000])
 def test_what_is_no_act_is_refused(client, body):
-    for path in ("/api/act", "/api/epipolar", "/api/length", "/api/ground"):
+    for path in ("/api/act", "/api/epipolar", "/api/length", "/api/ground", "/api/axis"):
         assert client.post(path, body).status == 422
 
 
@@ -189,7 +189,8 @@ def test_a_run_is_found_by_its_files_after_the_server_was_ended(tmp_path):
         {"event": "note", "text": "odd"},
     ]
     (work.folder / EVENTS).write_text("".join(f"{json.dumps(one)}\n" for one in events))
-    holder = "import sys, fcntl; f = open(sys.argv[1], 'a'); fcntl.flock(f, fcntl.LOCK_EX); print('held', flush=True); sys.stdin.read()"
+    hold = "f = open(sys.argv[1], 'a'); fcntl.flock(f, fcntl.LOCK_EX); print('held', flush=True); sys.stdin.read()"
+    holder = f"import sys, fcntl; {hold}"
     command = [sys.executable, "-c", holder, str(work.folder / RUN_LOCK)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         other.stdout.readline()

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 
@@ -37,7 +38,9 @@ def request(app, method, path, *, headers=(), body=b"", query="", chunks=None):
         "raw_path": path.encode(), "query_string": query.encode(), "root_path": "", "client": ("127.0.0.1", 1),
         "server": ("127.0.0.1", 1), "headers": [(name.lower().encode(), value.encode()) for name, value in headers],
     }  # fmt: skip
-    asyncio.run(app(scope, receive, send))
+    # In a thread of its own: a browser that is driven beside has a loop in this one.
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(asyncio.run, app(scope, receive, send)).result()
     start = next(one for one in sent if one["type"] == "http.response.start")
     content = b"".join(one.get("body", b"") for one in sent if one["type"] == "http.response.body")
     return Answer(start["status"], {name.decode().lower(): value.decode() for name, value in start["headers"]}, content), taken

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.world_files import read_known_points
-from passerby.page.geometry import ground_point, measure_length
+from passerby.page.geometry import measure_axis, measure_length
 from passerby.page.scene_edits import (
     POINTS_FILE,
     GroundClick,
@@ -28,8 +28,6 @@ Coordinate = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 Pixel = tuple[Coordinate, Coordinate]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 ORIGIN, ALONG_X = "origin", "x axis"
-NEAREST_M = 0.5
-"""Between the two clicks of a frame: closer ones give no heading."""
 
 
 class Act(BaseModel):
@@ -146,10 +144,7 @@ def measure_or_leave(session: Session, act: MarkLength) -> None:
 def _world_points(session: Session, act: SetWorld) -> str:
     """The file of the two points of a frame."""
     rig, (scene, _) = session.rig(), session.scene()
-    ends = [ground_point(rig, one.camera, one.at) for one in (act.origin, act.along_x)]
-    far = float(np.linalg.norm(ends[1] - ends[0]))
-    if far < NEAREST_M:
-        raise InputError(f"the two clicks are {100 * far:.0f} cm from each other: click a point of the x axis farther away")
+    far = measure_axis(rig, [(one.camera, one.at) for one in (act.origin, act.along_x)]).metres
     along = far * scale_of_lengths(scene, rig)
     clicks = [
         GroundClick(ORIGIN, act.origin.camera, act.origin.at, 0.0),
@@ -169,9 +164,9 @@ def _with_rescaled_world(session: Session, text: str, act: MarkLength) -> str:
         return text
     clicked = {name: GroundAt(camera=camera, at=at) for name, one in known.items() for camera, at in one.pixels.items()}
     rig = session.rig()
-    ends = [ground_point(rig, clicked[name].camera, clicked[name].at) for name in (ORIGIN, ALONG_X)]
+    far = measure_axis(rig, [(clicked[name].camera, clicked[name].at) for name in (ORIGIN, ALONG_X)]).metres
     factors = [*_factors(scene, rig), act.metres / measure_length(rig, act.points).metres]
-    along = float(np.linalg.norm(ends[1] - ends[0]) * np.median(factors))
+    along = far * float(np.median(factors))
     clicks = [GroundClick(name, clicked[name].camera, clicked[name].at, x) for name, x in ((ORIGIN, 0.0), (ALONG_X, along))]
     return with_world_points(text, write_points(session.scene_file.parent, clicks))
 

@@ -21,7 +21,7 @@ from passerby.common.errors import InputError, PasserbyError
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
 from passerby.page.acts import Name, Pixel, perform, read_as
-from passerby.page.geometry import epipolar_lines, ground_point, measure_length
+from passerby.page.geometry import epipolar_lines, ground_point, measure_axis, measure_length
 from passerby.page.security import Guard
 from passerby.page.session import Session, StaleError
 
@@ -44,6 +44,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         _posting("/api/epipolar", session, lambda content: _epipolar(session, content)),
         _posting("/api/length", session, lambda content: _length(session, content)),
         _posting("/api/ground", session, lambda content: _ground(session, content)),
+        _posting("/api/axis", session, lambda content: _axis(session, content)),
         _posting("/api/start", session, lambda content: session.work.start(session.scene_file, session.version)),
         _posting("/api/stop", session, lambda content: session.work.stop()),
     ]
@@ -158,3 +159,7 @@ def _ground(session: Session, content: Any) -> dict[str, Any]:
         tuple[Name, Pixel], [content.get("camera"), content.get("at")] if isinstance(content, dict) else content
     )
     return {"ground": ground_point(session.rig(), camera, at).round(4).tolist()}
+
+
+def _axis(session: Session, content: Any) -> dict[str, Any]:
+    return asdict(measure_axis(session.rig(), read_as(tuple[tuple[Name, Pixel], tuple[Name, Pixel]], content)))

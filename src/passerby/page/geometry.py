@@ -22,6 +22,8 @@ BAND_SIGMAS = 2.0
 """Half of the band's width: 95 % of all clicks and rigs."""
 SAME_RAY = 1e-3
 """Radians. A lens model may fold pixels beyond its range over the picture: those are not drawn."""
+NEAREST_AXIS_M = 0.5
+"""Between the two clicks of an axis: closer ones give no heading."""
 STEP = 1e-4
 """Of numerical derivatives, metres and radians."""
 
@@ -46,6 +48,16 @@ class Measured:
     """From the clicks alone; the scale of the rig is another matter."""
     residual_px: float
     """Largest distance of a mark from where the triangulated end is seen."""
+
+
+@dataclass(frozen=True)
+class MeasuredAxis:
+    """Two clicks on the ground, by the rig as it is."""
+
+    metres: float
+    """Between them."""
+    heading_sigma_deg: float
+    """Of the direction from the first to the second, from the clicks alone."""
 
 
 def epipolar_lines(rig: Rig, name: str, at: Pixel) -> tuple[EpipolarLine, ...]:
@@ -113,6 +125,29 @@ def ground_point(rig: Rig, name: str, at: Pixel) -> Floats:
         raise InputError(f"camera {name}: [{at[0]:.1f}, {at[1]:.1f}] is not on the ground but above the horizon: click lower")
     centre = camera.centre
     return np.asarray(centre - ray * (centre[2] / ray[2]))
+
+
+def measure_axis(rig: Rig, clicks: Sequence[tuple[str, Pixel]]) -> MeasuredAxis:
+    """The x axis from one click on the ground, (camera, pixel), to another one. Raises as `ground_point` does."""
+
+    def between(moved: Sequence[tuple[str, Pixel]]) -> Floats:
+        first, second = (ground_point(rig, name, at)[:2] for name, at in moved)
+        return np.asarray(second - first)
+
+    along = between(clicks)
+    metres = float(np.linalg.norm(along))
+    if metres < NEAREST_AXIS_M:
+        raise InputError(f"the two clicks are {100 * metres:.0f} cm from each other: click a point of the x axis farther away")
+    variance = 0.0
+    for number in range(2):
+        for axis in range(2):
+            moved = list(clicks)
+            name, (u, v) = clicks[number]
+            moved[number] = name, (u + 0.5, v) if axis == 0 else (u, v + 0.5)
+            there = between(moved)
+            turn = np.arctan2(along[0] * there[1] - along[1] * there[0], float(along @ there))
+            variance += (float(turn) / 0.5 * CLICK_SD_PX) ** 2
+    return MeasuredAxis(metres, float(np.degrees(np.sqrt(variance))))
 
 
 def _camera(rig: Rig, name: str) -> Camera:

@@ -80,14 +80,19 @@ export class LengthTool extends Tool {
 }
 
 export class WorldTool extends Tool {
-  start() { this.clicks = []; this.show(); }
+  start() { this.clicks = []; this.axis = null; this.show(); }
 
   async click(view, at) {
     if (!this.page.posed(view.name)) { this.page.tell(`Camera ${view.name} has no pose yet: calibrate first.`); return; }
     const found = await send("/api/ground", { camera: view.name, at }).catch((error) => this.page.tell(error.message));
     if (!found) return;
     if (this.clicks.length > 1) this.clicks.length = 0;
-    this.clicks.push({ camera: view.name, at, ground: found.ground });
+    this.clicks.push({ camera: view.name, at });
+    this.axis = null;
+    if (this.clicks.length > 1) {
+      this.axis = await send("/api/axis", this.clicks.map((one) => [one.camera, one.at]))
+        .catch((error) => { this.page.tell(error.message); this.clicks.pop(); return null; });
+    }
     this.page.redraw();
     this.show();
   }
@@ -98,11 +103,11 @@ export class WorldTool extends Tool {
   }
 
   show() {
-    const [a, b] = this.clicks;
-    const told = b
-      ? `The x axis runs through a point ${number(Math.hypot(a.ground[0] - b.ground[0], a.ground[1] - b.ground[1]), 2)} m from the origin.`
-      : a ? "Now click a point of the x axis on the ground, as far away as possible." : "Click the origin on the ground, in any picture.";
-    show(this.box, this.form(make("p", {}, told), this.buttons("Save the world frame", Boolean(b))));
+    const told = this.axis
+      ? `The x axis runs through a point ${number(this.axis.metres, 2)} m from the origin; its heading is known to ${number(this.axis.heading_sigma_deg, 1)}° (one sigma of the clicks).`
+      : this.clicks.length ? "Now click a point of the x axis on the ground, as far away as possible, best in a picture that looks along it."
+        : "Click the origin on the ground, in any picture.";
+    show(this.box, this.form(make("p", {}, told), this.buttons("Save the world frame", Boolean(this.axis))));
   }
 
   save() {
