@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tomllib
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,10 +14,14 @@ from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import read_rig, write_rig
+from passerby.interchange.video_writer import VideoWriter
 from passerby.page.server import find_session
+from passerby.page.session import Session
 from passerby.page.work import EVENTS, FOLDER, RESULT, RUN_LOCK, Work
 from passerby.scene.scene import Scene
 from passerby.scene.world_tables import WorldTable
+
+from .conftest import Client
 
 
 def act(client, session, version=None, **content):
@@ -170,13 +175,16 @@ def test_check_is_told_beside_each_camera(client, session):
     assert [bool(one["faults"]) for one in told["cameras"]] == [False, True, False, False]
 
 
-def test_people_of_the_nearest_frame_are_told(client, session):
+def test_people_of_the_nearest_frame_and_of_the_fullest_are_told(client, session):
     (session.out / "tracks").mkdir()
     (session.out / "tracks" / "C1.txt").write_text(
         "4,1,10,20,30,60,1,-1,-1,-1\n9,1,11,20,30,60,1,-1,-1,-1\n9,2,50,20,30,60,1,-1,-1,-1\n"
     )
     told = client.get("/api/people", "camera=C1&frame=5").json()
-    assert (told["frame"], told["boxes"], told["best"]) == (4, [[10.0, 20.0, 30.0, 60.0]], 9)
+    assert (told["frame"], told["boxes"]) == (4, [[10.0, 20.0, 30.0, 60.0]])
+    most = client.get("/api/people", "camera=C1").json()
+    assert (most["frame"], len(most["boxes"]), most["first"], most["last"]) == (9, 2, 4, 9)
+    assert "has no video" in most["why"]
 
 
 def test_a_run_is_found_by_its_files_after_the_server_was_ended(tmp_path):
@@ -226,3 +234,20 @@ def test_without_the_extra_the_command_names_it(monkeypatch, capsys, session):
     assert run(["open", str(session.scene_file), "--no-browser"]) == 2
     assert "pip install 'passerby[page]'" in capsys.readouterr().err
     assert not (session.out / FOLDER).exists()
+
+
+def test_a_picture_is_that_of_its_frame(simulated, tmp_path):
+    """The frame that is named is the one that is shown: a person is pointed at in it."""
+    for name in ("A", "B"):
+        with VideoWriter(tmp_path / f"{name}.mp4", (64, 48), 10.0) as video:
+            for number in range(1, 41):
+                video.write(np.full((48, 64, 3), 5 * number, np.uint8))
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[cameras.A]\nvideo = "A.mp4"\n[cameras.B]\nvideo = "B.mp4"\n')
+    client = Client(Session(scene, tmp_path / "out"))
+    told = client.get("/api/people", "camera=A&frame=30").json()
+    assert (told["frame"], told["first"], told["last"], told["size"], told["why"]) == (30, 1, 40, [64, 48], None)
+    answer = client.get("/picture", "camera=A&frame=30")
+    assert (answer.headers["content-type"], answer.headers["x-frame"]) == ("image/jpeg", "30")
+    picture = cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_COLOR)
+    assert picture.mean() == pytest.approx(150, abs=4)

@@ -18,6 +18,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from passerby.common.errors import InputError, PasserbyError
+from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
 from passerby.page.acts import Name, Pixel, perform, read_as
@@ -115,25 +116,30 @@ def _picture(session: Session, request: Request) -> Response:
 
 
 def _people(session: Session, request: Request) -> dict[str, Any]:
-    """The boxes of a camera in the frame with people that is nearest to one, and frames of which there are pictures."""
+    """The picture nearest to a frame and the boxes in it; without a frame, those of the one in which most people are seen."""
     name = request.query_params.get("camera", "")
     scene, version = session.camera(name)
-    told: dict[str, Any] = {"frame": _frame(request), "boxes": [], "frames": None, "best": 1}
+    path = session.out / TRACKS_FOLDER / f"{name}.txt"
+    boxes = read_boxes(path) if path.is_file() else Boxes.empty()
+    frames, counts = np.unique(boxes.frame, return_counts=True)
+    first, last = (int(frames[0]), int(frames[-1])) if len(frames) else (1, 1)
+    told: dict[str, Any] = {"size": None, "why": None}
+    info = None
     try:
         info = session.pictures.video(scene, version, name)
-        told |= {"frames": info.frames, "size": list(info.size)}
+        first = 1 + round(info.begin_s * info.clock_fps)
+        last = max(last, first, round((info.end_s or 0.0) * info.clock_fps))
+        told["size"] = list(info.size)
     except InputError as error:
         told["why"] = session.public(str(error))
-    path = session.out / TRACKS_FOLDER / f"{name}.txt"
-    if path.is_file():
-        boxes = read_boxes(path)
-        if len(boxes):
-            frames, counts = np.unique(boxes.frame, return_counts=True)
-            told["best"] = int(frames[np.argmax(counts)])
-            told["frame"] = int(frames[np.argmin(np.abs(frames - told["frame"]))])
-            told["frames"] = max(told["frames"] or 0, int(frames[-1]))
-            told["boxes"] = boxes.ltwh[boxes.frame == told["frame"]].round(1).tolist()
-    return told
+    frame = _frame(request) if "frame" in request.query_params else int(frames[np.argmax(counts)]) if len(frames) else first
+    try:
+        frame = frame if info is None else session.pictures.still(scene, version, name, frame).frame
+    except InputError as error:
+        told["why"] = session.public(str(error))
+    if info is None and len(frames):
+        frame = int(frames[np.argmin(np.abs(frames - frame))])
+    return {**told, "frame": frame, "first": first, "last": last, "boxes": boxes.ltwh[boxes.frame == frame].round(1).tolist()}
 
 
 def _report(session: Session, request: Request) -> Response:

@@ -24,7 +24,7 @@ export class Cameras {
   card(name) {
     const view = new View(name, (one, at) => this.page.click(one, at));
     const entry = { view, boxes: [], known: make("p", { class: "known" }), faults: make("ul", { class: "faults" }) };
-    entry.frame = make("input", { type: "range", min: 1, max: 1, value: 1, "aria-label": `Frame of camera ${name}` });
+    entry.frame = make("input", { type: "range", min: 1, max: 1, value: 1, step: 1, "aria-label": `Frame of camera ${name}` });
     entry.number = make("span", { class: "muted" });
     entry.frame.addEventListener("change", () => this.load(entry, Number(entry.frame.value)));
     const leave = make("button", { type: "button", class: "quiet", onclick: () => this.page.leaveOut(name) }, "Leave out");
@@ -39,18 +39,15 @@ export class Cameras {
   // At first the frame with most people, which is also where somebody can be pointed at.
   async load(entry, frame) {
     const { view } = entry;
-    if (frame === null) view.load(1);
-    const told = await ask("/api/people", { camera: view.name, frame: frame ?? 1 }).catch(() => null);
+    const told = await ask("/api/people", { camera: view.name, ...(frame === null ? {} : { frame }) })
+      .catch((error) => { entry.number.textContent = error.message; return null; });
     if (!told) return;
-    if (frame === null && told.best !== 1) { await this.load(entry, told.best); return; }
     entry.boxes = told.boxes;
     if (told.size && !view.size) view.resize(told.size);
-    const shown = told.boxes.length && Math.abs(told.frame - (frame ?? 1)) < 25 ? told.frame : frame ?? 1;
-    entry.frame.max = told.frames ?? 1;
-    entry.frame.value = shown;
-    entry.frame.disabled = !told.frames;
-    entry.number.textContent = told.why ?? `frame ${shown}`;
-    if (view.frame !== shown) view.load(shown);
+    [entry.frame.min, entry.frame.max, entry.frame.value] = [told.first, told.last, told.frame];
+    entry.number.textContent = told.why ?? `frame ${told.frame}`;
+    if (told.why) view.frame = told.frame;
+    else if (view.frame !== told.frame) view.load(told.frame);
     this.page.redraw();
   }
 

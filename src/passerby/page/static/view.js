@@ -11,7 +11,7 @@ export class View {
     this.frame = null;
     this.size = null;
     this.cursor = null;
-    this.image = make("img", { alt: `Picture of camera ${name}`, decoding: "async", draggable: "false" });
+    this.image = make("img", { alt: `Picture of camera ${name}`, decoding: "async", draggable: "false", hidden: true });
     this.layer = draw("svg", { class: "layer", "aria-hidden": "true" });
     this.stage = make("div", {
       class: "stage", tabindex: "0", role: "application",
@@ -26,6 +26,7 @@ export class View {
     this.image.addEventListener("error", () => { this.image.hidden = true; });
   }
 
+  // A scene of boxes has no pictures: then its frame alone is set.
   load(frame) {
     this.frame = frame;
     this.image.hidden = false;
