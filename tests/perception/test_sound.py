@@ -13,7 +13,7 @@ import pytest
 from passerby.common.arrays import Floats
 from passerby.perception.sound import HOP_S, Onsets, listen, offset_by_sound
 from passerby.perception.video import Piece, VideoInfo
-from sources_sound import RATE, SoundCase, cases, rows, simulated_pair, work
+from sources.sound import RATE, SoundCase, cases, simulated_pair, work
 
 SHORT = (38.0, 42.0)
 
@@ -47,9 +47,9 @@ def test_common_sound_gives_the_offset_and_other_sound_none(seed: int, tmp_path:
 
 @pytest.mark.slow
 def test_fifty_pairs_are_never_wrong(tmp_path: Path) -> None:
-    outcomes = [work(case, tmp_path) for case in cases(50)]
+    outcomes = [work(case, tmp_path) for case in cases().values()]
+    assert sum(one.shared and one.error_s is not None for one in outcomes) >= 23
     assert not any(one.wrong for one in outcomes)
-    assert rows(outcomes)[0].figure == "50 of 50"
 
 
 def test_sound_that_repeats_is_ambiguous(tmp_path: Path) -> None:

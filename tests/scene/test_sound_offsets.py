@@ -13,7 +13,7 @@ from passerby.perception.video import probe
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.scene import Scene
 from passerby.scene.sound import measure_by_sound
-from sources_sound import RATE, SoundCase, simulated_pair
+from sources.sound import RATE, SoundCase, simulated_pair
 
 FPS = 5
 

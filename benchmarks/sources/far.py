@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +13,9 @@ from passerby.association.camera_tracklets import CameraTracklets, build_trackle
 from passerby.association.clocks.starts import find_starts
 from passerby.association.initial_association import associate_by_ground_tracks
 from passerby.association.sampling import STEP_S
-from passerby.calibration.in_memory import calibrate_observations
 from passerby.common.errors import EvidenceError
-from passerby.core.figures import adjusted
-from passerby.core.observations import Boxes
 from passerby.core.stature import PERSON_HEIGHT_M
-from passerby.simulation.passing_crowd import CrowdOptions, PassingCrowd, simulate_crowd
+from passerby.simulation.passing_crowd import CrowdOptions, simulate_crowd
 
 SECONDS, APART_S = 2400.0, 1200.0
 SEARCHED_S, NEAR_S = 1800.0, 5.0
@@ -36,6 +33,13 @@ class FarCase:
     identities_known: bool = False
     strangers: bool = False
     """Whether the third camera stands elsewhere: its start must stay unknown."""
+
+    @property
+    def kind(self) -> str:
+        """What is different about it, in words."""
+        return (
+            "one camera elsewhere" if self.strangers else "identities known" if self.identities_known else "identities unknown"
+        )
 
     @property
     def options(self) -> CrowdOptions:
@@ -72,28 +76,26 @@ class FarOutcome:
         return not self.wrong and all(error is not None for error in least)
 
 
-@dataclass(frozen=True)
-class FarCalibration:
-    """A whole calibration with far starts, and the same recordings with starts that are known."""
-
-    verdicts: tuple[str, str]
-    largest_offset_error_s: float
-    seconds: tuple[float, float]
+SCENES = 10
+"""Of each kind."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """A row of the page of sources."""
-
-    name: str
-    case: str
-    figure: str
-    acceptable: str
-    aim: str
+def cases() -> dict[str, FarCase]:
+    """Scenes with unknown identities, with known ones, and with a camera that stands elsewhere, by key."""
+    return {f"{case.kind} {case.seed}": case for case in drawn(SCENES)}
 
 
-def cases(count: int = 10) -> list[FarCase]:
-    """Scenes with unknown identities, with known ones, and with a camera that stands elsewhere."""
+def measured(case: FarCase) -> dict[str, Any]:
+    """What became of a scene: plain values."""
+    found = work(case)
+    return {
+        "about": {"kind": case.kind}, "cpu_s": found.far_s + found.near_s, "found": found.found, "wrong": found.wrong,
+        "errors_s": list(found.errors_s), "far_s": found.far_s, "near_s": found.near_s,
+    }  # fmt: skip
+
+
+def drawn(count: int) -> list[FarCase]:
+    """So many scenes of each kind."""
     seeds = range(FIRST_SEED, FIRST_SEED + count)
     return [
         *(FarCase(seed) for seed in seeds),
@@ -130,58 +132,3 @@ def work(case: FarCase) -> FarOutcome:
 def _later(camera: CameraTracklets, start_s: float) -> CameraTracklets:
     assert camera.tracks is not None
     return replace(camera, tracks=replace(camera.tracks, step=camera.tracks.step + round(start_s / STEP_S)))
-
-
-def whole(case: FarCase) -> FarCalibration:
-    """The calibration of a scene from its boxes on, far and near."""
-    crowd = simulate_crowd(case.options)
-    verdicts, seconds, error = [], [], float("nan")
-    for near in (False, True):
-        boxes = {name: _counted(crowd, name, near) for name in crowd.rig.names}
-        began = time.process_time()
-        association = {"mode": "combined", "max_offset_s": NEAR_S if near else SEARCHED_S}
-        found = calibrate_observations(crowd.rig, fps=case.options.fps, association=association, boxes=boxes)
-        seconds.append(time.process_time() - began)
-        verdicts.append(found.verdict)
-        if not near and found.association is not None and found.verdict != "refused":
-            assert adjusted(found.figures)
-            offsets = [found.association.clocks[name].offset_s for name in crowd.rig.names]
-            off = np.array(offsets) - np.array(crowd.starts_s)
-            error = float(np.abs(off - off[0]).max())
-    return FarCalibration((verdicts[0], verdicts[1]), error, (seconds[0], seconds[1]))
-
-
-def _counted(crowd: PassingCrowd, name: str, near: bool) -> Boxes:
-    """A camera's boxes, in frames of its own or, near, of the first camera."""
-    boxes = crowd.observations[name].boxes
-    later = crowd.starts_s[crowd.rig.names.index(name)] if near else 0.0
-    return replace(boxes, frame=boxes.frame + round(later * crowd.observations.clocks[name].fps))
-
-
-def rows(outcomes: Sequence[FarOutcome], calibration: FarCalibration | None = None) -> list[Row]:
-    """The rows of the page."""
-    kinds = {
-        "identities unknown": [one for one in outcomes if not one.case.identities_known and not one.case.strangers],
-        "identities known": [one for one in outcomes if one.case.identities_known],
-        "one camera sees other people": [one for one in outcomes if one.case.strangers],
-    }
-    out = []
-    for kind, some in kinds.items():
-        found, wrong = sum(one.found for one in some), sum(one.wrong for one in some)
-        out.append(
-            Row(
-                "starts 20 minutes apart", f"{kind}: found (wrong)", f"{found} of {len(some)} ({wrong})",
-                f"{len(some)} or refused (0)", f"{len(some)} (0)",
-            )
-        )  # fmt: skip
-    first = kinds["identities unknown"]
-    ratio = sum(one.far_s for one in first) / max(sum(one.near_s for one in first), 1e-9)
-    out.append(
-        Row("starts 20 minutes apart", "time of search and registration, against ±5 s", f"{ratio:.2f} x", "3 x", "1.5 x")
-    )
-    if calibration is not None:
-        far, near = calibration.seconds
-        out.append(Row("starts 20 minutes apart", "time of a calibration, against ±5 s", f"{far / near:.2f} x", "3 x", "1.5 x"))
-        error = 1000 * calibration.largest_offset_error_s
-        out.append(Row("starts 20 minutes apart", "largest error of an offset", f"{error:.0f} ms", "", ""))
-    return out

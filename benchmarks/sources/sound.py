@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
 import wave
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from scipy.signal import butter, fftconvolve, sosfilt
@@ -21,7 +23,7 @@ REVERBERATION_S = (0.2, 1.2)
 """Time in which an echo falls by 60 dB."""
 NOISE_DB = (-6.0, 20.0)
 """Of the sound over the noise of each microphone."""
-LIMIT_S, AIM_S = 0.020, 0.005
+LIMIT_S = 0.020
 
 
 @dataclass(frozen=True)
@@ -53,20 +55,18 @@ class SoundOutcome:
         return self.error_s is not None and (not self.shared or abs(self.error_s) > LIMIT_S)
 
 
-@dataclass(frozen=True)
-class Row:
-    """A row of the page of sources."""
-
-    name: str
-    case: str
-    figure: str
-    acceptable: str
-    aim: str
+def cases(count: int = 50) -> dict[str, SoundCase]:
+    """The pairs by key; every second has no common sound."""
+    return {f"{'common' if case.shared else 'nothing in common'} {case.seed}": case for case in map(SoundCase, range(count))}
 
 
-def cases(count: int = 50) -> list[SoundCase]:
-    """The pairs, of which every second has no common sound."""
-    return [SoundCase(seed) for seed in range(count)]
+def measured(case: SoundCase) -> dict[str, Any]:
+    """What became of a pair: plain values."""
+    began = time.process_time()
+    with TemporaryDirectory() as folder:
+        found = work(case, Path(folder))
+    cpu_s = time.process_time() - began
+    return {"about": {"shared": case.shared}, "cpu_s": cpu_s, "error_s": found.error_s, "wrong": found.wrong}
 
 
 def work(case: SoundCase, folder: Path) -> SoundOutcome:
@@ -75,22 +75,6 @@ def work(case: SoundCase, folder: Path) -> SoundOutcome:
     heard = [_heard(folder / f"{case.seed}{name}.wav", sound) for name, sound in (("a", a), ("b", b))]
     found = offset_by_sound(*heard)
     return SoundOutcome(case.seed, case.shared, None if found is None else found.lag_s - (lag_s if case.shared else 0.0))
-
-
-def rows(outcomes: list[SoundOutcome]) -> list[Row]:
-    """The rows of the page."""
-    shared = [one for one in outcomes if one.shared]
-    errors = sorted(abs(one.error_s) for one in shared if one.error_s is not None)
-    right = sum(not one.wrong for one in outcomes)
-    worst = 1000 * errors[-1] if errors else float("nan")
-    return [
-        Row(
-            "sound", "two tracks with delay, reverberation and noise: within 20 ms or no answer", f"{right} of {len(outcomes)}",
-            f"{len(outcomes)} of {len(outcomes)}", f"{len(outcomes)} of {len(outcomes)}",
-        ),
-        Row("sound", f"largest error of {len(errors)} answers", f"{worst:.1f} ms", "20 ms", "5 ms"),
-        Row("sound", "pairs with common sound that get an answer", f"{len(errors)} of {len(shared)}", "", ""),
-    ]  # fmt: skip
 
 
 def simulated_pair(case: SoundCase) -> tuple[Floats, Floats, float]:
@@ -145,9 +129,3 @@ def _heard(path: Path, sound: Floats) -> Onsets:
     found = listen(VideoInfo(path, (2, 2), "none", 25.0, False, 25.0, None, None))
     assert isinstance(found, Onsets)
     return found
-
-
-def run(folder: Path, count: int = 50) -> Iterator[SoundOutcome]:
-    """The outcomes of all pairs."""
-    for case in cases(count):
-        yield work(case, folder)
