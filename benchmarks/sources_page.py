@@ -165,7 +165,7 @@ PARTS: Mapping[str, Part] = {
             f"Three recordings of {far.SECONDS / 60:g} minutes that begin up to {far.APART_S / 60:g} minutes apart, without "
             f"wall times; starts up to {far.SEARCHED_S / 60:g} minutes apart are searched. Simulated people come and go "
             f"(seeds from {far.FIRST_SEED}). A camera that stands elsewhere has to remain unknown. *time ratio*: search and "
-            f"registration of all pairs, to that with starts within {far.NEAR_S:g} s; tracking, which both need, is in neither.",
+            f"registration of all pairs, to that with starts within {far.NEAR_S:g} s; tracking, needed by both, is in neither.",
         ),
         GOALS_FAR, lambda _: far.cases(), far.measured, far_found,
     ),
