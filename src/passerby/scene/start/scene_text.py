@@ -194,6 +194,7 @@ def _association() -> str:
             "seconds, the largest clock offset between two cameras that is searched for. More if recordings were\n"
             "started by hand at different times; 0 where the cameras are synchronised.",
         )
+        + _setting("sound", "auto", "clock offsets by the sound of the videos, where two cameras have any: auto, or off.")
     )
 
 
