@@ -8,10 +8,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 
+from support.browser import CHROMIUM, FLAGS, START_S
 from support.paths import BENCHMARKS, DATA, TESTS
 
 # Jobs in the background of a shell ignore Ctrl-C, and so would the programs that tests interrupt.
@@ -87,6 +89,16 @@ def data_root() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"no real data: {DATA} does not exist; set PASSERBY_DATA to their folder")
     return DATA
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """A real browser; playwright runs once in a process."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
+    with playwright.sync_playwright() as running:
+        browser = running.chromium.launch(executable_path=CHROMIUM, args=FLAGS, timeout=1000 * START_S)
+        yield browser
+        browser.close()
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 """The page in a real browser: six clicks make a metric, oriented rig."""
 
 import re
-import shutil
 import subprocess
 import sys
 import time
@@ -14,10 +13,10 @@ from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.rig_toml import read_rig
 from passerby.page.geometry import ground_point, measure_axis, measure_length
 from passerby.page.work import Work
+from support.browser import CHROMIUM
 
-playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
+pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 pytestmark = [
     pytest.mark.system,
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium"),
@@ -30,14 +29,6 @@ MEDIAN_SCALE, MEDIAN_HEADING_DEG, HANDS = 0.008, 0.8, 10
 """What six such clicks must reach, the median of so many hands."""
 SIGMAS = 3.0
 """Of one hand: within so many of the sigmas that the page itself states."""
-
-
-@pytest.fixture(scope="session")
-def browser():
-    with playwright.sync_playwright() as running:
-        browser = running.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"], timeout=1000 * PATIENCE_S)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="module")

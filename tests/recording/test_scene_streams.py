@@ -167,7 +167,7 @@ def test_nothing_of_a_whole_run_repeats_an_address(folder, filmed, capsys, monke
     assert len(made) == 1
     said = capsys.readouterr()
     document = json.loads((out / "calibration.json").read_text())
-    assert document["wall_clock_origin"] == "2026-11-22T08:00:00+00:00"
+    assert document["wall_clock_origin"] == "2026-11-22T08:00:00"
     assert_kept_secret(out, said.out, said.err)
 
 

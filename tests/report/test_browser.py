@@ -3,7 +3,6 @@
 import csv
 import io
 import json
-import shutil
 import time
 from dataclasses import replace
 
@@ -13,11 +12,11 @@ from passerby.findings.finding import doubt, notice, refusal
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
+from support.browser import CHROMIUM
 from support.report.pages import busy_place, changed, diagnosed, named, without_poses
 
-playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
+pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium")
 
 LAPTOP, PHONE = {"width": 1440, "height": 900}, {"width": 390, "height": 844}
@@ -29,16 +28,6 @@ READABLE = 4.5
 PATIENCE_S = 120
 """A busy machine without a graphics card draws in space slowly; this only bounds a test that fails."""
 LIMIT_MS = 1000 * PATIENCE_S
-
-
-@pytest.fixture(scope="session")
-def browser():
-    with playwright.sync_playwright() as running:
-        # Without a graphics card, WebGL is drawn by the processor.
-        flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-        browser = running.chromium.launch(executable_path=CHROMIUM, args=flags, timeout=LIMIT_MS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture(scope="session")
