@@ -106,7 +106,7 @@ def _cookie(header: str, name: str) -> str:
 
 
 async def _body(scope: Scope, receive: Receive) -> bytes | None:
-    """A request's body; None for one that is too large, of which then no more is read."""
+    """A request's body; None for one that is too large, whose rest is not read."""
     stated = _single(scope["headers"]).get("content-length")
     if stated is not None and not (stated.isdigit() and len(stated) < 10 and int(stated) <= MOST_BYTES):
         return None

@@ -42,8 +42,8 @@ LARGEST_ONSET = 3.0
 LEAST_OVERLAP_S = 20.0
 """Recordings that overlap by less are not compared."""
 CLEAR_SIGNIFICANCE, CLEAR_SECOND = 10.0, 0.6
-"""A peak is beyond doubt that stands out by so many standard deviations of the values at other lags, and of which the next has
-no more than this share: sounds that repeat, as machines' do, have many alike. Of 25 simulated pairs without common sound the
+"""A peak is beyond doubt if it stands out by so many standard deviations of the values at other lags, and the next peak has no
+more than this share of it: sounds that repeat, as machines' do, have many alike. Of 25 simulated pairs without common sound the
 best peak had 5.6, of 25 with common sound the least 27 (`benchmarks/sources/sound.py`, seeds 0 to 49)."""
 SAME_PEAK_S = 0.25
 """Peaks so near to each other are one: echoes."""

@@ -2,7 +2,7 @@
 
 Each camera's ground is cut into regions with equally many people. How many there are in each, over time, is a signal. People
 whom two cameras share make the signals of some pairs of regions rise together, at one lag and no other. All lags of all pairs
-of regions come from fast Fourier transforms. Nothing is known of where the cameras are, or who is who. Where identities are
+of regions come from fast Fourier transforms. Nothing is known of where the cameras are, or of identities. Where identities are
 known, the times at which the same people are there leave a minute or so of lags.
 """
 
