@@ -32,6 +32,7 @@ CRASHED = "crashed"
 WEIGHT_FREE = {"detector": "background", "embedder": "stripes", "keypoints": "none"}
 NETWORKS = {"detector": "yolox-nano", "embedder": "person-reid-retail-0248", "keypoints": "auto"}
 BOXES = "boxes"
+BOXES_ALONE = NETWORKS | {"keypoints": "none"}
 METHODS = {"weight-free": WEIGHT_FREE, "networks": NETWORKS}
 PETS_FPS = 7.0
 PETS_CAMERA = "V1"
@@ -111,6 +112,25 @@ def run_rendered(folder: Path, method: str, into: Path) -> Watched:
     )
 
 
+def run_with_and_without_joints(folder: Path, into: Path) -> dict[str, tuple[Calibrated, float]]:
+    """A rendered scene by networks, with and without keypoints; each with the processor time of watching, seconds.
+
+    Watching is what a second run saves, which finds the people where the first one kept them.
+    """
+    found = {}
+    for name, method in (("without", BOXES_ALONE), ("with", NETWORKS)):
+        scene = write(into / name / "scene.toml", absolute(folder / "scene.toml") | {"perception": with_models(method)})
+        first, again = (calibrated(scene, folder / "truth.toml", into / name / "out") for _ in range(2))
+        found[name] = first, first.cpu_seconds - again.cpu_seconds
+    return found
+
+
+def run_room(folder: Path, into: Path) -> Calibrated:
+    """A rendered room from its videos, without weights."""
+    scene = write(into / "scene.toml", absolute(folder / "scene.toml") | {"perception": WEIGHT_FREE})
+    return calibrated(scene, folder / "truth.toml", into / "out")
+
+
 def found_boxes(scene: Path, out: Path) -> dict[str, Boxes]:
     """What a calibration found in the videos and kept, before anybody asked who is who."""
     inputs = read_inputs(Scene.load(scene), SceneVideoProcessor(out, None, silent))
@@ -141,11 +161,10 @@ def run_pets(folder: Path, method: str, into: Path) -> Calibrated:
 
 
 def run_single(folder: Path, into: Path) -> Calibrated:
-    """pose2sim_single from its four videos, with joints."""
+    """pose2sim_single from its four videos, with all that is used by default where networks are at hand."""
     rig = folder / "rig.toml"
     cameras = {name: {"intrinsics": str(rig), "video": str(folder / "videos" / f"{name}.mp4")} for name in read_rig(rig).names}
-    perception = with_models(NETWORKS | {"keypoints": "movenet-thunder"})
-    content = {"scene": {"name": "pose2sim_single"}, "cameras": cameras, "perception": perception}
+    content = {"scene": {"name": "pose2sim_single"}, "cameras": cameras, "perception": with_models(NETWORKS)}
     return calibrated(write(into / "scene.toml", content), rig, into / "out")
 
 

@@ -11,13 +11,38 @@ import numpy as np
 from paper.rendered import FPS, SECONDS, render_key, rendered
 from passerby.core.cameras import Camera, Rig
 from passerby.interchange.video_writer import VideoWriter
-from passerby.simulation import SimulationOptions, simulate
+from passerby.simulation import SimulationOptions, simulate, write_scene
 from passerby.simulation.rendering import RenderOptions
 from passerby.simulation.rendering.camera import camera_job, pictures
+from reliability.room import FPS as FPS_OF_ROOM
+from reliability.room import RoomOptions, room_motion, room_rig
 
-__all__ = ["FPS", "LARGE", "LARGE_FPS", "SECONDS", "large_video", "render_key", "rendered", "repeated"]
+__all__ = [
+    "FPS", "LARGE", "LARGE_FPS", "ROOM_FPS", "ROOM_SECONDS", "SECONDS", "large_video", "render_key", "rendered",
+    "rendered_room", "repeated",
+]  # fmt: skip
 
+ROOM_SECONDS, ROOM_FPS = 27.0, FPS_OF_ROOM
 LARGE, LARGE_FPS, LARGE_SECONDS = (1920, 1080), 25.0, 20.0
+
+
+def rendered_room(scenes: Path, seed: int) -> Path:
+    """Folder of a room's videos and its true cameras: two people walk and one sits, on the terrace's paving."""
+    told = ("room", str(seed), f"{ROOM_SECONDS:g}", f"{ROOM_FPS:g}")
+    folder = scenes / f"room-{seed}-{render_key(*told)}"
+    if not (folder / "scene.toml").is_file():
+        room = RoomOptions(seed, ROOM_SECONDS)
+        people = room.walkers + room.seated
+        scene = simulate(
+            SimulationOptions(
+                preset="terrace", seed=seed, people=people, seconds=ROOM_SECONDS, fps=ROOM_FPS, unrelated_ids=True
+            )
+        )
+        heights = np.array([scene.heights[identity] for identity in scene.identities.tolist()])
+        motion = room_motion(room, heights, np.random.default_rng((seed, 3)))
+        # Boxes and joints of the scene remain those of the terrace: only the videos and the true cameras are used.
+        write_scene(replace(scene, rig=room_rig(seed), motion=motion), folder, video=RenderOptions())
+    return folder
 
 
 def large_video(scenes: Path) -> Path:

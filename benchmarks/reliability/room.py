@@ -59,7 +59,7 @@ def filmed_room(rig: Rig, options: RoomOptions) -> Observations:
     growing, moving, detecting = (np.random.default_rng((options.seed, number)) for number in (2, 3, 4))
     people = options.walkers + options.seated
     heights = PERSON_HEIGHT_M + PERSON_HEIGHT_SD_M * np.clip(growing.standard_normal(people), -2.5, 2.5)
-    motion = _motion(options, heights, moving)
+    motion = room_motion(options, heights, moving)
     times = np.arange(round(options.seconds * FPS)) / FPS
     frames, identities = np.arange(1, len(times) + 1), np.arange(1, people + 1)
     state, present = motion.at(times)
@@ -113,7 +113,7 @@ def _with_lasting_noise(
     return CameraObservations(replace(boxes, ltwh=ltwh), replace(joints, xy=xy))
 
 
-def _motion(options: RoomOptions, heights: Floats, rng: np.random.Generator) -> Motion:
+def room_motion(options: RoomOptions, heights: Floats, rng: np.random.Generator) -> Motion:
     """Walkers anywhere in the room, others on a chair."""
     area = (ROOM_M[0] - 0.8, ROOM_M[1] - 0.8)
     parts = []
