@@ -22,9 +22,9 @@ from passerby.core.observations import inside_picture
 CROPS_PER_S = 3.0
 """Crops a second of video, on average. MoveNet thunder takes 25 ms a crop, lightning 7 ms; YOLOX-nano with the re-ID network
 takes about 120 ms for the five images of a second with five people in them."""
-CROPS_AT_LEAST = 100.0
-"""Crops beyond that, whatever a video's length: a recording of some seconds is to give keypoints at nearly all its times, which
-cameras are registered by where people hardly walk."""
+CROPS_AT_LEAST = 250.0
+"""Crops beyond that, whatever a video's length: a recording of ten seconds with five people in view, looked at five times a
+second, gives keypoints at all its times; cameras are registered by these where people hardly walk."""
 SLOT_S, SLOT_SHIFT_S = 0.4, 0.05
 """Time is cut into slots, of which all images are taken or none. So long, cameras whose clocks differ by a part of a step have
 two samples next to each other to interpolate between. The shift keeps a slot's ends away from the times of usual frame
