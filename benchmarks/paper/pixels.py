@@ -24,7 +24,7 @@ from passerby.common.progress import Progress
 from passerby.solver.geopose.pairs import GeoPoseOptions
 
 PRESETS, QUICK_PRESETS = ("terrace", "basketball", "construction"), ("terrace", "basketball")
-SEEDS, QUICK_SEEDS = 2, 1
+SEEDS, QUICK_SEEDS = 3, 1
 QUICK_SECONDS = 25.0
 MOMENTS, QUICK_MOMENTS = 2, 1
 """Instants that the matchers see: the cameras stand still, so that more of them add little but people who moved."""
@@ -45,7 +45,7 @@ class Measured:
 
 
 def run(wanted: Wanted, executor: Executor | None, tell: Progress) -> Page:
-    """Three rendered scenes, two seeds, and the pictures of two real sets; two shorter scenes and one seed in a quick run."""
+    """Three rendered scenes, three seeds, and the pictures of two real sets; two shorter scenes and one seed in a quick run."""
     presets = QUICK_PRESETS if wanted.quick else PRESETS
     seeds = wanted.seeds or (QUICK_SEEDS if wanted.quick else SEEDS)
     seconds, moments = (QUICK_SECONDS, QUICK_MOMENTS) if wanted.quick else (SECONDS, MOMENTS)
