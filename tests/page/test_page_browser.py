@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import time
+import tomllib
 
 import numpy as np
 import pytest
@@ -159,6 +160,30 @@ def test_six_clicks_make_a_metric_and_oriented_rig(browser, address, calibrated_
     assert np.linalg.norm(origin) < 0.15
     assert hand.errors == []
     assert all(url.startswith(address.partition("?")[0]) for url in hand.asked)
+
+
+def test_a_region_is_excluded_by_clicks_and_included_again(browser, address, calibrated_scene):
+    scene = calibrated_scene[0] / "scene.toml"
+    truth, before = read_rig(calibrated_scene[0] / "truth.toml"), scene.read_text()
+    middle = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
+    hand, name = Hand(browser, address, 1), truth.names[0]
+    hand.page.click("[data-tool=region]")
+    for x, y in ((-1, -1), (1, -1), (1, 1)):
+        hand.click(truth[name], middle + [x, y, 0])
+    hand.save("Exclude the region")
+    (corners,) = tomllib.loads(scene.read_text())["cameras"][name]["exclude"]
+    assert len(corners) == 3
+    hand.until("() => document.querySelectorAll('.region').length === 1")
+    hand.page.click("[data-tool=time]")
+    hand.click(truth[name], middle)
+    hand.page.get_by_label("From, seconds of its recording").fill("1.5")
+    hand.page.get_by_label("To, seconds", exact=True).fill("2")
+    hand.save("Exclude the time")
+    assert tomllib.loads(scene.read_text())["cameras"][name]["exclude_s"] == [[1.5, 2.0]]
+    for label in (f"Remove: Region 1 of {name}", f"Remove: Camera {name} is not used"):
+        hand.save(label)
+    assert tomllib.loads(scene.read_text()) == tomllib.loads(before)
+    assert hand.errors == []
 
 
 def best_views(rig, truth, ends):

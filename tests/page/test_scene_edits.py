@@ -10,11 +10,13 @@ from passerby.page.scene_edits import (
     GroundClick,
     save_scene,
     version_of,
+    with_excluded,
     with_length,
     with_person,
     with_world_points,
     without_camera,
     without_entry,
+    without_excluded,
     write_points,
 )
 
@@ -91,3 +93,22 @@ def test_what_would_be_no_scene_is_not_written(session):
         with pytest.raises(InputError):
             save_scene(path, wrong)
     assert (path.read_text(), version_of(path)) == (before, version)
+
+
+def test_a_region_and_a_span_are_added_to_a_camera_and_removed_again():
+    corners = [(1.0, 2.0), (3.126, 4.0), (5.0, 6.0)]
+    text = with_excluded(with_excluded(TEXT, "gate 2", "exclude", corners), "gate 2", "exclude", corners[::-1])
+    text = with_excluded(text, "gate 2", "exclude_s", (1.5, 2.0))
+    assert all(line in text.splitlines() for line in TEXT.splitlines())
+    camera = tomllib.loads(text)["cameras"]["gate 2"]
+    assert camera["exclude"][0] == [[1, 2], [3.13, 4], [5, 6]]
+    assert camera["exclude_s"] == [[1.5, 2.0]]
+    once = without_excluded(text, "gate 2", "exclude", 1)
+    assert tomllib.loads(once)["cameras"]["gate 2"]["exclude"] == [[[5, 6], [3.13, 4], [1, 2]]]
+    assert tomllib.loads(without_excluded(without_excluded(once, "gate 2", "exclude", 1), "gate 2", "exclude_s", 1)) == (
+        tomllib.loads(TEXT)
+    )
+    with pytest.raises(InputError, match=r"exclude 3 is not there: it has 2"):
+        without_excluded(text, "gate 2", "exclude", 3)
+    with pytest.raises(InputError, match=r"\[cameras.gate\] is not there"):
+        with_excluded(TEXT, "gate", "exclude", corners)

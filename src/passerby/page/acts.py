@@ -14,11 +14,13 @@ from passerby.page.geometry import measure_axis, measure_length
 from passerby.page.scene_edits import (
     POINTS_FILE,
     GroundClick,
+    with_excluded,
     with_length,
     with_person,
     with_world_points,
     without_camera,
     without_entry,
+    without_excluded,
     write_points,
 )
 from passerby.page.session import Session
@@ -81,6 +83,32 @@ class Remove(Act):
     number: Annotated[int, Field(ge=1, le=10**6)]
 
 
+class ExcludeRegion(Act):
+    """A region of one camera's image whose people are not used."""
+
+    act: Literal["exclude_region"]
+    camera: Name
+    corners: Annotated[list[Pixel], Field(min_length=3, max_length=200)]
+
+
+class ExcludeTime(Act):
+    """A span of one camera's recording that is not used, seconds."""
+
+    act: Literal["exclude_time"]
+    camera: Name
+    begin_s: Annotated[float, Field(ge=0, le=1e7)]
+    end_s: Annotated[float, Field(ge=0, le=1e7)]
+
+
+class Include(Act):
+    """A region or a span less."""
+
+    act: Literal["include"]
+    camera: Name
+    key: Literal["exclude", "exclude_s"]
+    number: Annotated[int, Field(ge=1, le=10**6)]
+
+
 class LeaveOut(Act):
     """A camera less."""
 
@@ -94,7 +122,10 @@ class Undo(Act):
     act: Literal["undo"]
 
 
-AnyAct = Annotated[MarkLength | PointAtPerson | SetWorld | Remove | LeaveOut | Undo, Field(discriminator="act")]
+AnyAct = Annotated[
+    MarkLength | PointAtPerson | SetWorld | Remove | ExcludeRegion | ExcludeTime | Include | LeaveOut | Undo,
+    Field(discriminator="act"),
+]
 _ACTS: TypeAdapter[AnyAct] = TypeAdapter(AnyAct)
 
 
@@ -127,6 +158,12 @@ def _changed(session: Session, act: AnyAct, text: str) -> str:
         return with_world_points(text, _world_points(session, act))
     if isinstance(act, Remove):
         return without_entry(text, act.key, act.number)
+    if isinstance(act, ExcludeRegion):
+        return with_excluded(text, act.camera, "exclude", act.corners)
+    if isinstance(act, ExcludeTime):
+        return with_excluded(text, act.camera, "exclude_s", (act.begin_s, act.end_s))
+    if isinstance(act, Include):
+        return without_excluded(text, act.camera, act.key, act.number)
     assert isinstance(act, LeaveOut)
     return without_camera(text, act.camera)
 

@@ -118,6 +118,31 @@ def without_camera(text: str, name: str) -> str:
     return f"{tomlkit.dumps(document).rstrip()}\n\n{kept}\n"
 
 
+def with_excluded(text: str, camera: str, key: str, entry: Sequence[Any]) -> str:
+    """With one more entry of `exclude` (a polygon's corners, pixels) or `exclude_s` (begin and end, seconds) of a camera."""
+    document = _parsed(text)
+    table = _camera(document, camera)
+    if key not in table:
+        table[key] = tomlkit.array()
+    if not isinstance(table[key], Array):
+        raise InputError(f"[cameras.{camera}] {key} is no list: correct it in an editor first")
+    table[key].append([_rounded(one) for one in entry])
+    return tomlkit.dumps(document)
+
+
+def without_excluded(text: str, camera: str, key: str, number: int) -> str:
+    """Without the entry of this number, from 1, of a camera's `exclude` or `exclude_s`."""
+    document = _parsed(text)
+    table = _camera(document, camera)
+    entries = table.get(key, [])
+    if not 1 <= number <= len(entries):
+        raise InputError(f"[cameras.{camera}] {key} {number} is not there: it has {len(entries)}")
+    del entries[number - 1]
+    if not len(entries):
+        del table[key]
+    return tomlkit.dumps(document)
+
+
 def with_world_points(text: str, points_file: str) -> str:
     """With `[world]` set by a file of points, whatever set it before."""
     document = _parsed(text)
@@ -139,6 +164,20 @@ def write_points(folder: Path, clicks: Sequence[GroundClick], sd_m: float = POIN
     name = POINTS_FILE.format(hashlib.blake2b(content.encode(), digest_size=5).hexdigest())
     write_text(folder / name, content)
     return name
+
+
+def _camera(document: tomlkit.TOMLDocument, name: str) -> Any:
+    cameras = document.get("cameras", {})
+    if name not in cameras:
+        raise InputError(f"[cameras.{name}] is not there")
+    return cameras[name]
+
+
+def _rounded(value: Any) -> Any:
+    """A number, or a pixel, as it is written."""
+    if isinstance(value, Sequence):
+        return [round(float(one), PIXEL_DIGITS) for one in value]
+    return round(float(value), PIXEL_DIGITS)
 
 
 def _field(text: str) -> str:

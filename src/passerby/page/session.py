@@ -179,7 +179,7 @@ class Session:
 
 
 def _cues(scene: Scene) -> dict[str, Any]:
-    """What the scene file says of lengths, heights and the world."""
+    """What the scene file says of lengths, heights, what is excluded, and the world."""
     world = scene.world
     how = None
     if world is not None:
@@ -191,5 +191,10 @@ def _cues(scene: Scene) -> dict[str, Any]:
             for one in scene.scale.lengths
         ],
         "people": [one.model_dump(mode="json", exclude_none=True) for one in scene.scale.people],
+        "excluded": {
+            name: {"exclude": camera.exclude, "exclude_s": camera.exclude_s}
+            for name, camera in scene.cameras.items()
+            if camera.exclude or camera.exclude_s
+        },
         "world": how,
     }

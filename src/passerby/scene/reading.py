@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from passerby.common.arrays import Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import LARGEST_FOCAL_SD, Lens
 from passerby.core.observations import UNKNOWN, Boxes, Keypoints
@@ -33,6 +31,7 @@ from passerby.scene.doubled_rows import remove_duplicates
 from passerby.scene.intrinsics_checks import check_extents, check_principal_point, source_of_size
 from passerby.scene.lens_sources import find_lens
 from passerby.scene.scene import Scene
+from passerby.scene.used_rows import keep_used
 from passerby.scene.wall_clock import source_of
 
 T = TypeVar("T")
@@ -86,7 +85,7 @@ def read_camera(scene: Scene, name: str, model: CameraInput | None = None, span:
     reading.awaiting = table.watched
     if reading.lens is not None:
         check_principal_point(scene, reading, reading.lens)
-    _keep_used(scene, reading)
+    keep_used(scene, reading)
     if not reading.awaiting:
         _check_people(scene, reading)
     return reading
@@ -110,7 +109,7 @@ def input_from_memory(scene: Scene, name: str, lens: Lens, boxes: Boxes, keypoin
     )
     reading.keypoints_path = Path("keypoints") if len(keypoints) else None
     _settle_doubles(reading)
-    _keep_used(scene, reading)
+    keep_used(scene, reading)
     check_principal_point(scene, reading, lens)
     _check_people(scene, reading)
     return reading
@@ -145,7 +144,7 @@ def add_video_results(scene: Scene, reading: CameraInput, boxes: Boxes, keypoint
         reading.keypoints, reading.keypoints_path = keypoints, path
     if reading.awaiting:
         reading.boxes_path, reading.awaiting = path, False
-        _keep_used(scene, reading)
+        keep_used(scene, reading)
         _check_people(scene, reading)
 
 
@@ -160,30 +159,6 @@ def _settle_doubles(reading: CameraInput) -> None:
                 reading.faults.append(text_of(finding))
             else:
                 reading.findings.append(finding)
-
-
-def _keep_used(scene: Scene, reading: CameraInput) -> None:
-    """Leave out what the camera saw before `from_s` and after `until_s`."""
-    table, place = scene.cameras[reading.name], f"{scene.place}: [cameras.{reading.name}]"
-    named = [key for key in ("from_s", "until_s") if getattr(table, key) is not None]
-    if not named or reading.faults:
-        return
-    if reading.fps is None:
-        reading.faults.append(f"{place} {named[0]}: its frame rate is not known: set fps there, or under [scene] set fps to it")
-        return
-    fps, first, last = reading.fps, table.from_s or 0.0, np.inf if table.until_s is None else table.until_s
-    before = reading.frames
-
-    def used(frame: Ints) -> NDArray[np.bool_]:
-        seconds = (frame - 1) / fps
-        return np.asarray((seconds >= first) & (seconds <= last))
-
-    reading.boxes = reading.boxes.take(used(reading.boxes.frame))
-    reading.keypoints = reading.keypoints.take(used(reading.keypoints.frame))
-    if len(before) and not reading.people:
-        seen = f"{(before[0] - 1) / fps:.1f} to {(before[-1] - 1) / fps:.1f} s"
-        told = " and ".join(f"{key} = {getattr(table, key):g}" for key in named)
-        reading.faults.append(f"{place} {told}: it saw people only from {seen}, so nothing is left: check the seconds")
 
 
 def _check_people(scene: Scene, reading: CameraInput) -> None:

@@ -54,6 +54,12 @@ def _standing(value: float) -> float:
     return value
 
 
+def _polygon(value: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if len(set(value)) < 3:
+        raise ValueError(f"has {len(set(value))} different corners: a region needs three or more, each [u, v] in pixels")
+    return value
+
+
 Moment = Annotated[datetime | time, BeforeValidator(_moment)]
 Mode = Literal["combined", "trajectory", "appearance", "given"]
 Population = Literal["adults", "children", "mixed"]
@@ -70,6 +76,7 @@ Height = Annotated[float, AfterValidator(_standing)]
 Pixel = Annotated[float, AfterValidator(_finite)]
 FramesPerSecond = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 Seconds = Annotated[float, Field(ge=0), AfterValidator(_finite)]
+Polygon = Annotated[tuple[tuple[Pixel, Pixel], ...], AfterValidator(_polygon)]
 Ends = tuple[tuple[Pixel, Pixel], tuple[Pixel, Pixel]]
 
 
@@ -168,6 +175,11 @@ class CameraTable(Table):
     was moved."""
     until_s: Seconds | None = None
     """Later observations of the camera are not used, in the same seconds."""
+    exclude: tuple[Polygon, ...] = ()
+    """Regions of the image, each a list of corners [u, v] in pixels: people whose feet (the middle of their box's lower edge)
+    are in one are not used. For mirrors, screens, and a street behind a fence."""
+    exclude_s: tuple[tuple[Seconds, Seconds], ...] = ()
+    """Spans [begin, end] of the camera's own recording in seconds, as `from_s`, whose observations are not used."""
     focal_sd_percent: Annotated[float, Field(gt=0, le=50)] | None = None
     """Standard deviation of a stated focal length, in per cent of it. Every reported uncertainty includes it, and it is
     the prior if `refine` has "focal". None: the value of the same key in the table of `intrinsics`, or else the intrinsics
@@ -224,6 +236,9 @@ class CameraTable(Table):
             raise ValueError("has embeddings, but no boxes that they could belong to: add `tracks` or `detections`")
         if self.from_s is not None and self.until_s is not None and self.from_s >= self.until_s:
             raise ValueError(f"from_s = {self.from_s:g} is not before until_s = {self.until_s:g}: nothing would be left")
+        for low, high in self.exclude_s:
+            if low >= high:
+                raise ValueError(f"exclude_s: [{low:g}, {high:g}] ends before it begins: give [begin, end] in seconds")
         return self
 
 

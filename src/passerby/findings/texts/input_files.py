@@ -126,6 +126,11 @@ INPUT_FILES: Mapping[str, Kind] = {
         "camera {camera}: its video frames are {video_size[0]} x {video_size[1]}, the image size of its intrinsics is "
         "{size[0]} x {size[1]}: the codec is assumed to have cut off the last columns or rows",
     ),
+    "people_excluded": Kind(
+        NOTICE, "People in excluded regions of the image were left out.",
+        "[cameras.{camera}] exclude: {left_out} of {rows} detected people have their feet in the excluded regions and were "
+        "left out",
+    ),
     "video_rate_variable": Kind(
         NOTICE, "The video's frame rate is variable; the timestamps of its frames are used.",
         "camera {camera}: the frame rate is variable, so the timestamps of the frames are used, not fps",

@@ -4,7 +4,7 @@ import { Cameras } from "./cameras.js";
 import { find, make, show } from "./dom.js";
 import { showCues, showResult, showRun } from "./results.js";
 import { ask, send } from "./server.js";
-import { LengthTool, PersonTool, WorldTool } from "./tools.js";
+import { LengthTool, PersonTool, RegionTool, TimeTool, WorldTool } from "./tools.js";
 
 const FAST_MS = 1000, SLOW_MS = 3000;
 
@@ -15,7 +15,10 @@ class Page {
     this.shown = "";
     this.reported = "";
     this.cameras = new Cameras(this);
-    this.tools = { length: new LengthTool(this), world: new WorldTool(this), person: new PersonTool(this) };
+    this.tools = {
+      length: new LengthTool(this), world: new WorldTool(this), person: new PersonTool(this), region: new RegionTool(this),
+      time: new TimeTool(this),
+    };
     this.tool = null;
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
@@ -27,6 +30,7 @@ class Page {
   }
 
   posed(name) { return this.state.posed.some(([one]) => one === name); }
+  regions(name) { return this.state?.excluded?.[name]?.exclude ?? []; }
   boxes(name) { return this.cameras.cards.get(name)?.boxes ?? []; }
 
   async poll() {
@@ -50,7 +54,8 @@ class Page {
     this.cameras.update(state);
     showRun(state);
     showResult(state);
-    showCues(state, (key, number) => this.act({ act: "remove", key, number }));
+    showCues(state, (key, number) => this.act({ act: "remove", key, number }),
+      (camera, key, number) => this.act({ act: "include", camera, key, number }));
     this.report();
     if (this.checked !== state.version) this.check(state.version);
     if (changed) this.redraw();
@@ -94,7 +99,7 @@ class Page {
 
   saved(name) {
     const ends = (this.state?.lengths ?? []).map((one) => one.points[name]).filter(Boolean);
-    return { links: ends, marks: ends.flat().map((at) => ({ at })) };
+    return { links: ends, marks: ends.flat().map((at) => ({ at })), regions: this.regions(name) };
   }
 
   leaveOut(name) { this.act({ act: "leave_out", camera: name }); }

@@ -57,13 +57,19 @@ function changes(now, old) {
   return [number(moved, 2), number(turned, 1), number(old.position_sigma_mm, 0)];
 }
 
-export function showCues(state, remove) {
+export function showCues(state, remove, include) {
   find("scene-file").textContent = state.file;
   const lines = [];
   (state.lengths ?? []).forEach((one, index) => lines.push(
     cue(`Length ${index + 1}: ${one.metres} m, in ${Object.keys(one.points).join(", ")}`, () => remove("lengths", index + 1))));
   (state.people ?? []).forEach((one, index) => lines.push(
     cue(`Person ${index + 1}: ${one.height_m} m${one.camera ? `, in ${one.camera}` : ""}`, () => remove("people", index + 1))));
+  for (const [name, { exclude, exclude_s }] of Object.entries(state.excluded ?? {})) {
+    exclude.forEach((corners, index) => lines.push(
+      cue(`Region ${index + 1} of ${name} is excluded: ${corners.length} corners`, () => include(name, "exclude", index + 1))));
+    exclude_s.forEach(([begin, end], index) => lines.push(
+      cue(`Camera ${name} is not used from ${begin} to ${end} s`, () => include(name, "exclude_s", index + 1))));
+  }
   if (state.world) lines.push(make("li", {}, `World frame: set by ${state.world}`));
   const none = "Nothing yet: heights of people alone set the scale. One marked length makes it metric to a per cent.";
   show(find("cues"), lines.length ? make("ul", { class: "cues" }, ...lines) : make("p", { class: "nothing" }, none));

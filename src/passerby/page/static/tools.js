@@ -143,3 +143,48 @@ export class PersonTool extends Tool {
 
   save(form) { this.act({ act: "person", ...this.found, height_m: read(form, "height"), sd_m: read(form, "sd") }); }
 }
+
+// A region of one picture: its corners one after another; a click in another picture begins anew there.
+export class RegionTool extends Tool {
+  start() { this.camera = null; this.corners = []; this.show(); }
+
+  click(view, at) {
+    if (this.camera !== view.name) { this.camera = view.name; this.corners = []; }
+    this.corners.push(at);
+    this.page.redraw();
+    this.show();
+  }
+
+  drawing(name) {
+    const saved = this.page.regions(name);
+    if (name !== this.camera) return { regions: saved };
+    const marks = this.corners.map((at, index) => ({ at, label: String(index + 1) }));
+    return { regions: [...saved, ...(this.corners.length > 2 ? [this.corners] : [])], marks };
+  }
+
+  show() {
+    const told = this.camera ? `Camera ${this.camera}, ${this.corners.length} corners. People whose feet are inside are not used.`
+      : "Click the corners of a mirror, a screen, or ground that other cameras do not share.";
+    show(this.box, this.form(make("p", {}, told), this.buttons("Exclude the region", this.corners.length > 2)));
+  }
+
+  save() { this.act({ act: "exclude_region", camera: this.camera, corners: this.corners }); }
+}
+
+export class TimeTool extends Tool {
+  start() { this.camera = null; this.show(); }
+
+  click(view) { this.camera = view.name; this.show(); }
+
+  show() {
+    const old = (name) => this.box.querySelector(`[name=${name}]`)?.value ?? "";
+    const seconds = { type: "number", min: "0", step: "any", required: true };
+    show(this.box, this.form(
+      make("p", {}, this.camera ? `Camera ${this.camera}: what it saw in this time is not used.` : "Click the picture of a camera."),
+      field("From, seconds of its recording", { name: "begin", ...seconds, value: old("begin") }),
+      field("To, seconds", { name: "end", ...seconds, value: old("end") }),
+      this.buttons("Exclude the time", Boolean(this.camera))));
+  }
+
+  save(form) { this.act({ act: "exclude_time", camera: this.camera, begin_s: read(form, "begin"), end_s: read(form, "end") }); }
+}

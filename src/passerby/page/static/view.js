@@ -89,12 +89,15 @@ export class View {
     glass.style.top = `${Math.max(0, v < this.size[1] / 2 ? box.bottom - glass.height - 6 : box.top + 6)}px`;
   }
 
-  // marks: [{at, label, kind}], links: [[at, at]], lines: [{line: [[[u, v], width]]}], boxes: [[l, t, w, h]]
+  // regions: [[at, at, at]], marks: [{at, label, kind}], links: [[at, at]], lines: [{line: [[[u, v], width]]}], boxes: [[l, t, w, h]]
   redraw(drawing = this.drawing) {
     this.drawing = drawing ?? {};
     if (!this.size) return;
     const unit = this.size[0] / 480;
     const shapes = [];
+    for (const corners of this.drawing.regions ?? []) {
+      shapes.push(draw("polygon", { points: corners.map((at) => at.join(",")).join(" "), class: "region", "stroke-width": 1.4 * unit }));
+    }
     for (const [left, top, width, height] of this.drawing.boxes ?? []) {
       shapes.push(draw("rect", { x: left, y: top, width, height, class: "box", "stroke-width": 1.4 * unit }));
     }

@@ -93,6 +93,9 @@ def _camera(camera: SceneCamera, path: Path) -> str:
     else:
         lines.append(f"#fps = {value(_rate(camera))}   # of this camera only\n")
     lines.append("#from_s = 0.0   # observations before from_s or after until_s are left out\n")
+    lines.append(
+        "#exclude = [[[0, 0], [400, 0], [400, 250], [0, 250]]]   # people whose feet are in it, pixels, are left out\n"
+    )
     return "".join(lines)
 
 
