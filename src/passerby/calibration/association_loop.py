@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -11,6 +11,7 @@ import numpy as np
 
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Tracklets, cluster_by_rig
+from passerby.association.attachment import Attached, attach_camera, known_people
 from passerby.association.camera_tracklets import CameraTracklets, build_tracklets, with_lens
 from passerby.association.cleaning import reassign_detections
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
@@ -48,7 +49,7 @@ from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps
 from passerby.core.unknown_focals import begin_with, needs_focal_search
-from passerby.findings.finding import Finding
+from passerby.findings.finding import Finding, notice
 from passerby.findings.refusals import findings_of
 from passerby.geometry.relative_pose import PairHypothesis
 
@@ -74,6 +75,9 @@ class RigSolver(Protocol):
 
 
 MAX_ROUNDS = 4
+SEARCHED_ROUNDS, AGAIN_S = 2, 0.5
+"""Rounds in which cameras without a pose are searched by the rig's people; and how far the offset of one that was found so may
+be off in the next."""
 SETTLED = 0.98
 """Identities have settled when so many of the box pairs that are one person were so a round before, and the other way round."""
 
@@ -255,6 +259,30 @@ class _Run:
             for camera, (boxes, joints) in zip(self.cameras, out, strict=True)
         ]
 
+    def attached(
+        self, person: Ints, offset_s: Floats, solution: Solution, before: Mapping[int, Attached], *, search: bool
+    ) -> dict[int, Attached]:
+        """The cameras without a pose that the rig's people place beyond doubt, by number.
+
+        One that was placed `before` is placed again near its clock offset; the others are tried where a `search` is wanted.
+        """
+        poses = [camera.pose for camera in solution.rig]
+        lost = [c for c, pose in enumerate(poses) if pose is None and (search or c in before)]
+        if not lost:
+            return {}
+        first = self.tracklets.first
+        own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
+        people = known_people(self.cameras, poses, own, offset_s)
+        found = {}
+        for c in lost:
+            around, search_s = float(offset_s[c]), self.options.search_s
+            if c in before:
+                around, search_s = before[c].offset_s, min(search_s, AGAIN_S)
+            one = attach_camera(self.cameras[c], people, self.options.person_height_m, search_s, around)
+            if one is not None and one.believed:
+                found[c] = one
+        return found
+
     def known(self, rows: Sequence[tuple[Ints, Ints]]) -> PointedHeights:
         """The heights of the people at whom the user pointed, by the identities that `identified` gives them."""
         number = {camera.name: c for c, camera in enumerate(self.cameras)}
@@ -282,9 +310,9 @@ class _Run:
 
     def association(
         self, person: Ints, offset_s: Floats, solution: Solution | None, initial: InitialAssociation | None,
-        rounds: list[AssociationRound], sigma_s: Floats | None = None,
+        rounds: list[AssociationRound], sigma_s: Floats | None = None, attached: Collection[int] = (),
     ) -> Association:  # fmt: skip
-        """The result; the first registered camera's clock is the rig's."""
+        """The result; the first registered camera's clock is the rig's. `attached`: cameras that the rig's people placed."""
         offset_s = relative_to_reference(offset_s, solution.rig if solution else None)
         rows = self.rows(person, offset_s, solution)
         identified, heights = self.identified(rows), self.known(rows)
@@ -297,7 +325,8 @@ class _Run:
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
             {} if graph is None or initial is None
             else unregistered_cameras(self.cameras, graph, self.options.search_s, starts=initial.starts),
-            *self._told(solution, initial, drifts, offset_s), {self.cameras[c].name: drift for c, drift in drifts.items()},
+            *self._told(solution, initial, drifts, offset_s, attached),
+            {self.cameras[c].name: drift for c, drift in drifts.items()},
             heights.people, heights.findings,
         )  # fmt: skip
 
@@ -308,7 +337,12 @@ class _Run:
         return clock_drifts(self.cameras, poses, own, offset_s)
 
     def _told(
-        self, solution: Solution | None, initial: InitialAssociation | None, drifts: Mapping[int, Drift], offset_s: Floats
+        self,
+        solution: Solution | None,
+        initial: InitialAssociation | None,
+        drifts: Mapping[int, Drift],
+        offset_s: Floats,
+        attached: Collection[int],
     ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
         """What speaks against relying on the association, and what is odd about it."""
         if solution is None:
@@ -318,6 +352,7 @@ class _Run:
         graph = initial.graph if initial is not None else None
         walked = graph is not None and any(edge.used for edge in graph.edges)
         joined = joined_by_joints(self.cameras, initial.by_joints) if initial is not None else []
+        joined += [notice("registered_by_rig", self.cameras[c].name) for c in sorted(attached) if poses[c] is not None]
         if initial is not None and initial.starts is not None:
             registered = [pose is not None for pose in poses]
             contradicted = contradicted_starts(initial.starts, self.rig.names, offset_s, registered)
@@ -346,6 +381,7 @@ def _alternate(
     person, offset_s = initial.person, initial.offset_s
     rounds: list[AssociationRound] = []
     solution: Solution | None = None
+    attached: dict[int, Attached] = {}
     lenses = run.rig if any(camera.lens.uncalibrated for camera in run.rig) else None
     for number in range(MAX_ROUNDS):
         tell(f"round {number + 1}")
@@ -360,6 +396,10 @@ def _alternate(
         poses = [camera.pose for camera in solution.rig]
         before = person
         if initial.graph is not None:
+            found = run.attached(person, offset_s, solution, attached, search=number < SEARCHED_ROUNDS)
+            attached |= found
+            for c, one in found.items():
+                poses[c], offset_s[c] = one.pose, one.offset_s
             affinity = run.appearance.affinity() if run.appearance else None
             person_height_m = run.options.person_height_m
             person = cluster_by_rig(
@@ -386,8 +426,8 @@ def _alternate(
                 run.instants(identified, offset_s), initial.guesses, passing=False, refine_time=False, lenses=lenses,
                 known=known,
             )  # fmt: skip
-        return solution, run.association(person, offset_s, solution, initial, rounds, sigma_s)
-    return solution, run.association(person, offset_s, solution, initial, rounds)
+        return solution, run.association(person, offset_s, solution, initial, rounds, sigma_s, attached)
+    return solution, run.association(person, offset_s, solution, initial, rounds, attached=attached)
 
 
 def _alike(before: Ints, after: Ints) -> float:

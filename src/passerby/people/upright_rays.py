@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.columns import Columns
 from passerby.core.cameras import Lens
 from passerby.core.observations import CameraObservations, Clock
 from passerby.geometry.single_view import Level, level_camera
 from passerby.people.segments import upright_segments
+
+MOVING_SHARE = 0.25
+"""Of a person's extent, between the tenth and the ninetieth percentile of a tracklet's feet: whoever stands shifts by less than
+a tenth, whoever walks passes it within half a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,3 +77,20 @@ def level_from_people(bodies: UprightRays, person_height_m: float, rng: np.rando
     use = bodies.take(tracked) if np.count_nonzero(tracked) >= 50 else bodies
     span, foot = person_height_m * (use.top_fraction - use.bottom_fraction), person_height_m * use.bottom_fraction
     return level_camera(use.top, use.bottom, use.top_tangent, use.extent_px, span, foot, rng)
+
+
+def of_moving_tracklets(bodies: UprightRays) -> Bools:
+    """(N,) those of a tracklet whose lowest point moves by `MOVING_SHARE` of its extent or more, as the camera sees it.
+
+    Whoever sits, and whatever is taken for a person where the background has changed, does not.
+    """
+    moving = np.zeros(len(bodies), dtype=np.bool_)
+    if not len(bodies):
+        return moving
+    by_tracklet = np.argsort(bodies.tracklet, kind="stable")
+    numbers, first = np.unique(bodies.tracklet[by_tracklet], return_index=True)
+    extent = np.linalg.norm(bodies.top - bodies.bottom, axis=1)
+    for number, rows in zip(numbers.tolist(), np.split(by_tracklet, first[1:]), strict=True):
+        low, high = np.quantile(bodies.bottom[rows], (0.1, 0.9), axis=0)
+        moving[rows] = number >= 0 and float(np.linalg.norm(high - low)) >= MOVING_SHARE * float(np.median(extent[rows]))
+    return moving

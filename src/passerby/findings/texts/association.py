@@ -194,4 +194,9 @@ ASSOCIATION: Mapping[str, Kind] = {
         lambda v: f"cameras {', '.join(v['names'][:-1])} and {v['names'][-1]} were registered by the keypoints of moving "
         f"people, because nobody walks through their views; their clock offsets were not estimated",
     ),
+    "registered_by_rig": Kind(
+        NOTICE, "The camera was registered by the people whom the other cameras locate, not by any pair of cameras.",
+        "camera {camera} was registered by the people whom the other cameras locate, because no pair of cameras with it could "
+        "be registered",
+    ),
 }  # fmt: skip
