@@ -8,11 +8,16 @@ import av
 import numpy as np
 import pytest
 
+import passerby
 from passerby.common.arrays import Floats
+from passerby.common.errors import InputError
+from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.perception.video import probe
 from passerby.scene.camera_input import CameraInput
+from passerby.scene.check import check_scene
+from passerby.scene.inputs import read_inputs
 from passerby.scene.scene import Scene
-from passerby.scene.sound import measure_by_sound
+from passerby.scene.sound import measure_by_sound, sound_to_hear
 from sources.sound import RATE, SoundCase, simulated_pair
 
 FPS = 5
@@ -75,3 +80,55 @@ def test_silence_is_named_once_and_sound_of_one_camera_passed_over(
     assert measured == ()
     assert [(one.code, one.cameras) for one in findings] == [("sound_unusable", ("silent",))]
     assert measure_by_sound(scene(folder), [first, without]) == ((), ())
+
+
+def test_who_only_checks_or_monitors_decodes_no_sound(
+    films: tuple[Path, list[CameraInput], float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, readings, lag_s = films
+
+    def nobody_listens(_: object) -> None:
+        raise AssertionError("the sound is decoded")
+
+    monkeypatch.setattr("passerby.perception.sound._decoded", nobody_listens)
+    (found,) = sound_to_hear(scene(folder), readings)
+    assert (found.code, found.cameras) == ("sound_unheard", ("a", "b"))
+    assert sound_to_hear(scene(folder, 'sound = "off"'), readings) == ()
+    assert sound_to_hear(scene(folder), [readings[0], film(tmp_path / "without.mp4", None)]) == ()
+    for name in "ab":
+        (tmp_path / f"{name}.txt").write_text("1,-1,2,2,6,16,1\n150,-1,3,2,6,16,1\n")
+    cameras = "".join(
+        f'[cameras.{name}]\nvideo = "{folder / name}.mp4"\ndetections = "{name}.txt"\nhfov_deg = 60\n' for name in "ab"
+    )
+    (tmp_path / "scene.toml").write_text(cameras)
+    both = Scene.load(tmp_path / "scene.toml")
+    checked = check_scene(both)
+    assert checked.faults == ()
+    assert "sound_unheard" in [one.code for one in checked.diagnostics]
+    assert read_inputs(both).measured == ()
+    monkeypatch.undo()
+    (measured,) = read_inputs(both, measure_clocks=measure_by_sound).measured
+    assert measured.offset_s == pytest.approx(-lag_s, abs=0.02)
+
+
+@pytest.mark.parametrize(("command", "listens"), [("calibrate", True), ("monitor", False)])
+def test_only_a_calibration_measures_clocks_by_sound(
+    command: str, listens: bool, films: tuple[Path, list[CameraInput], float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = {"calibrate": "passerby.calibration.pipeline", "monitor": "passerby.monitoring.monitor"}[command]
+    asked = []
+
+    def read(*arguments: object) -> None:
+        asked.append(arguments)
+        raise InputError("read")
+
+    monkeypatch.setattr(f"{module}.read_inputs", read)
+    loaded = scene(films[0])
+    rig = Rig(
+        tuple(
+            Camera(name, Lens((32, 32), np.diag([30.0, 30.0, 1.0]), np.zeros(5)), Pose(np.eye(3), np.zeros(3))) for name in "ab"
+        )
+    )
+    with pytest.raises(InputError, match="read"):
+        passerby.calibrate(loaded) if command == "calibrate" else passerby.monitor(rig, loaded)
+    assert (measure_by_sound in asked[0]) == listens

@@ -37,6 +37,7 @@ from passerby.people.ground_shape import GroundShape
 from passerby.scene.inputs import SceneInputs, read_inputs
 from passerby.scene.same_content import doubts_of_same_place
 from passerby.scene.scene import Scene
+from passerby.scene.sound import measure_by_sound
 from passerby.scene.video_inputs import SceneVideoProcessor, joints_remedy
 from passerby.solver.refined_lenses import lens_notes
 
@@ -68,7 +69,7 @@ def calibrate(
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     solver_options(scene)  # what is wrong with them is told before hours are spent on videos
     watch = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
-    inputs = read_inputs(scene, watch)
+    inputs = read_inputs(scene, watch, measure_by_sound)
     for note in (_amount(inputs), *texts_of(inputs.findings)):  # what `watch` has to note was told when it was found
         tell_note(tell, note)
     read = time.perf_counter()

@@ -105,6 +105,15 @@ def listen(info: VideoInfo) -> Onsets | str | None:
     return Onsets(begin + 0.5 * WINDOW / RATE, _onsets(np.concatenate(energies)))
 
 
+def has_sound(info: VideoInfo) -> bool:
+    """Whether the first file of a video has an audio stream; nothing is decoded."""
+    try:
+        with av.open(str(info.files[0])) as container:
+            return bool(container.streams.audio)
+    except (FFmpegError, OSError, ValueError):
+        return False
+
+
 class _NoSoundError(Exception):
     """A file has no audio stream."""
 

@@ -27,7 +27,7 @@ from passerby.scene.camera_input import CameraInput, KnownLens
 from passerby.scene.inputs import observations_of, read_cameras, scene_doubts, scene_faults, scene_findings
 from passerby.scene.reading import needs_embeddings, needs_keypoints
 from passerby.scene.scene import Scene
-from passerby.scene.sound import measure_by_sound
+from passerby.scene.sound import sound_to_hear
 from passerby.scene.video_inputs import keypoints_for, wanted_keypoints
 
 SHORTEST_S = MIN_TRACK_S + 2 * STEP_S
@@ -196,7 +196,7 @@ def check_scene(source: Scene | str | Path, findings: Sequence[Finding] = ()) ->
     short = too_short(scene, readings, with_keypoints=perception.get("keypoints", "none") != "none")
     faults, notices = faults + faults_of_networks, notices + notes
     doubts = () if faults else (*scene_doubts(scene, readings), *(missing_overlap(shared) if given else ()), *short)
-    notices += [] if faults else measure_by_sound(scene, readings)[1]
+    notices += [] if faults else sound_to_hear(scene, readings)
     return SceneCheck(
         name=scene.name,
         mode=scene.association.mode,

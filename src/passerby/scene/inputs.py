@@ -29,7 +29,6 @@ from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
 from passerby.scene.seen_lenses import add_seen_lenses
-from passerby.scene.sound import measure_by_sound
 from passerby.scene.upside_down import doubt_of_upside_down
 from passerby.scene.wall_clock import WallClock, align_wall_clocks, chosen_span, wall_clock_of
 from passerby.scene.world_files import world_faults
@@ -76,8 +75,21 @@ class VideoProcessor(Protocol):
         """Faults and findings are added to the readings."""
 
 
-def read_inputs(scene: Scene, watch: VideoProcessor | None = None) -> SceneInputs:
+class ClockMeasurement(Protocol):
+    """Measures how the cameras' clocks differ by something else than people."""
+
+    def __call__(
+        self, scene: Scene, readings: Sequence[CameraInput], /
+    ) -> tuple[tuple[MeasuredStart, ...], tuple[Finding, ...]]:
+        """What is measured, and what is odd about it."""
+
+
+def read_inputs(
+    scene: Scene, watch: VideoProcessor | None = None, measure_clocks: ClockMeasurement | None = None
+) -> SceneInputs:
     """Read what a scene names, and watch the videos of the cameras that need it; without `watch` no video is watched.
+
+    `measure_clocks` is for who searches for clock offsets: without it, only wall times tell of them.
 
     Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and fix.
     """
@@ -89,9 +101,9 @@ def read_inputs(scene: Scene, watch: VideoProcessor | None = None) -> SceneInput
         watch(scene, readings)
         _raise_faults(scene, readings)
     inputs = assemble_inputs(scene, readings)
-    by_sound, odd = measure_by_sound(scene, readings)
+    measured, odd = ((), ()) if measure_clocks is None else measure_clocks(scene, readings)
     by_clock = _measured_by_clock(inputs.wall_clock)
-    return replace(inputs, findings=(*inputs.findings, *odd), measured=(*by_sound, *by_clock))
+    return replace(inputs, findings=(*inputs.findings, *odd), measured=(*measured, *by_clock))
 
 
 def _measured_by_clock(clock: WallClock | None) -> tuple[MeasuredStart, ...]:

@@ -153,6 +153,10 @@ ASSOCIATION: Mapping[str, Kind] = {
         NOTICE, "The camera's video has sound that tells nothing about its clock; `why` says what it lacks.",
         "camera {camera}: {why}: its clock offset is not determined by sound",
     ),
+    "sound_unheard": Kind(
+        NOTICE, "The videos of these cameras have sound, which a calibration will compare.",
+        "cameras {cameras}: their videos have sound: `passerby calibrate` compares it to find the clock offsets",
+    ),
     "people_stand_still": Kind(
         DOUBT, "Fewer than two registered cameras saw anybody walk.",
         "the people stand still, so neither their identities nor the clock offsets are reliable", WALK,
