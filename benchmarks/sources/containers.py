@@ -21,6 +21,8 @@ from passerby.simulation.rendering import RenderOptions
 from sources.packaging import PACKAGINGS, PLAIN, Packaging, Picture, available, pack
 
 PRESET, SEED, CAMERAS, SECONDS, FPS = "terrace", 800_000, 3, 40.0, 10.0
+PERCEPTION = '[perception]\ndetector = "background"\nembedder = "stripes"\nkeypoints = "none"\n'
+"""Of a scene file: no networks."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +33,11 @@ class ContainerCase:
     film: Path
 
 
-def rendered_film(scenes: Path) -> Path:
+def rendered_film(scenes: Path, cameras: int = CAMERAS, seconds: float = SECONDS, seed: int = SEED) -> Path:
     """The folder of the film; made unless it is there."""
-    folder = scenes / f"sources-{PRESET}-{SEED}-{CAMERAS}-{SECONDS:g}-{FPS:g}"
+    folder = scenes / f"sources-{PRESET}-{seed}-{cameras}-{seconds:g}-{FPS:g}"
     if not (folder / "scene.toml").is_file():
-        options = SimulationOptions(preset=PRESET, seed=SEED, cameras=CAMERAS, seconds=SECONDS, fps=FPS, unrelated_ids=True)
+        options = SimulationOptions(preset=PRESET, seed=seed, cameras=cameras, seconds=seconds, fps=FPS, unrelated_ids=True)
         write_scene(simulate(options), folder, video=RenderOptions())
     return folder
 
@@ -70,14 +72,17 @@ def _scene(case: ContainerCase, names: tuple[str, ...], folder: Path) -> Path:
     """A scene file of the packed film: no networks, clocks that agree."""
     text = ""
     for name in names:
-        video = next(path for path in (case.film / "videos" / f"{name}.mp4", case.film / f"{name}.mp4") if path.is_file())
-        info = probe(video)
-        lines = pack(case.packaging, _pictures(video), info.frames or 0, FPS, folder, name)
+        lines = packed(case.packaging, case.film, name, folder)
         text += f'[cameras.{name}]\nintrinsics = "{(case.film / "intrinsics.toml").as_posix()}"\n{lines}'
-    text += '[perception]\ndetector = "background"\nembedder = "stripes"\nkeypoints = "none"\n'
-    text += '[association]\nmode = "combined"\nmax_offset_s = 0\n'
+    text += f"{PERCEPTION}[association]\nmode = \"combined\"\nmax_offset_s = 0\n"
     (folder / "scene.toml").write_text(text, encoding="utf-8")
     return folder / "scene.toml"
+
+
+def packed(packaging: Packaging, film: Path, name: str, folder: Path) -> str:
+    """A camera's rendered film, packed into a folder; its lines in the scene file."""
+    video = next(path for path in (film / "videos" / f"{name}.mp4", film / f"{name}.mp4") if path.is_file())
+    return pack(packaging, _pictures(video), probe(video).frames or 0, FPS, folder, name)
 
 
 def _pictures(video: Path) -> Iterator[Picture]:

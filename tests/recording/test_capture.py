@@ -16,7 +16,7 @@ import pytest
 from passerby.common.errors import InputError
 from passerby.recording.capture import CaptureOptions, record
 from passerby.recording.settings import Stream
-from support.stream_servers import Film, mjpeg_camera, rtsp_camera
+from sources.stream_servers import Film, mjpeg_camera, rtsp_camera
 
 pytestmark = [pytest.mark.slow, pytest.mark.system]
 

@@ -11,7 +11,7 @@ from passerby.cli.main import run
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
 from support.scenes.puppet_videos import film, puppets
-from support.stream_servers import Film, rtsp_camera
+from sources.stream_servers import Film, rtsp_camera
 
 pytestmark = [pytest.mark.slow, pytest.mark.system]
 

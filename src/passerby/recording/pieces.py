@@ -1,6 +1,6 @@
 """Packets of one connection written into pieces, each of which begins with a key frame and appears as a whole or not at all.
 
-Pieces are Matroska files, which hold every codec of network cameras as it comes. Their names are their wall times.
+Pieces are Matroska files, which hold every codec of network cameras as it comes. Their names are their wall times, in UTC.
 """
 
 from __future__ import annotations
@@ -129,11 +129,11 @@ class PieceWriter:
         self._ended(Piece(path, begin, max(self._end_s - self._begin_s, 0.0), self._packets, size))
 
     def _named(self, begin_s: float) -> Path:
-        """Date, time and thousandths in UTC; later by a thousandth where there is one already."""
+        """Date, time and thousandths in UTC, which the Z says; later by a thousandth where there is one already."""
         thousandths = round(begin_s * 1000)
         while True:
             time = datetime.fromtimestamp(thousandths / 1000, UTC)
-            path = self._folder / f"{time:%Y%m%dT%H%M%S}.{thousandths % 1000:03d}{ENDING}"
+            path = self._folder / f"{time:%Y%m%dT%H%M%S}.{thousandths % 1000:03d}Z{ENDING}"
             if not path.exists():
                 return path
             thousandths += 1

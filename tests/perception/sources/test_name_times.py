@@ -27,6 +27,8 @@ HALF_PAST = at(2026, 11, 22, 8, 30, 5)
         ("20261122-083005-083505_192.168.1.11-CH2.mp4", False),
         ("2026-11-22/001/dav/08/08.30.05-09.00.00[M][0@0][0].mp4", False),
         ("2026112208/30M05S_1795336205.mp4", True),
+        ("north_20261122T083005Z.mp4", True),
+        ("2026-11-22T08-30-05Zebra.mp4", False),
     ],
 )
 def test_usual_names(path: str, utc: bool) -> None:
@@ -35,10 +37,11 @@ def test_usual_names(path: str, utc: bool) -> None:
     assert (found.seconds, found.resolution_s, found.utc) == (HALF_PAST, 1.0, utc)
 
 
-def test_thousandths_count() -> None:
-    found = usual_time(Path("20261122083005250.jpg"))
+@pytest.mark.parametrize(("name", "utc"), [("20261122083005250.jpg", False), ("20261122T083005.250Z.mkv", True)])
+def test_thousandths_count(name: str, utc: bool) -> None:
+    found = usual_time(Path(name))
     assert found is not None
-    assert (found.seconds, found.resolution_s) == (HALF_PAST + 0.25, 0.001)
+    assert (found.seconds, found.resolution_s, found.utc) == (HALF_PAST + 0.25, 0.001, utc)
 
 
 @pytest.mark.parametrize("name", ["cam1.mp4", "frame_000123.jpg", "north_20261350_083005.mp4", "1080p25.mp4", "30.05.mp4"])

@@ -7,6 +7,7 @@ Usual names, each with where it is described:
   `YYYY-MM-DD HH-MM-SS`, `vlc-record-2026-01-31-08h30m00s-...`. Of a beginning and an end (Brickcom's
   `20140509-000500-001000_...`, Canon's `..._yyyymmdd_hhmmss_yyyymmdd_hhmmss`) the beginning counts.
 - Dahua: `2026-01-31/001/dav/08/08.30.00-09.00.00[M][0@0][0].mp4`: the time in the file's name, the date in a folder's.
+- `passerby record`, and others that write ISO 8601 with a Z behind it: in UTC (`20261122T083005.250Z.mkv`).
 - Cloudvue, Xiaomi: seconds since 1970, in UTC (`2023-03-30/1680140457.mp4`, `2025060107/46M14S_1748735174.mp4`).
 
 A name that does not tell its time zone is taken as it stands: times of one recorder are compared with each other only.
@@ -22,7 +23,7 @@ from pathlib import Path
 
 _FRACTION = r"(?:[.,_]?(\d{3}))?"
 _DATE_AND_TIME = re.compile(
-    r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[ T_.\-]{0,3}(\d\d)[-_.:hH]?(\d\d)[-_.:mM]?(\d\d)" + _FRACTION + r"(?!\d)"
+    r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[ T_.\-]{0,3}(\d\d)[-_.:hH]?(\d\d)[-_.:mM]?(\d\d)" + _FRACTION + r"(?!\d)(Z(?![0-9A-Za-z]))?"
 )
 _EPOCH = re.compile(r"(?<!\d)(1[4-9]\d{8})(\d{3})?(?!\d)")
 """Seconds, or thousandths of seconds, since 1970."""
@@ -67,8 +68,8 @@ def _frigate(path: Path) -> NamedTime | None:
 
 def _in_name(stem: str) -> NamedTime | None:
     if found := _DATE_AND_TIME.search(stem):
-        *parts, thousandths = found.groups()
-        return _time(parts, thousandths=thousandths)
+        *parts, thousandths, zone = found.groups()
+        return _time(parts, thousandths=thousandths, utc=zone is not None)
     if found := _EPOCH.search(stem):
         return NamedTime(int(found[1]) + int(found[2] or 0) / 1000.0, 0.001 if found[2] else 1.0, True)
     return None

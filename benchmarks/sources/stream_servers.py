@@ -1,7 +1,9 @@
 """Servers of streams on loopback, which play a film as a network camera does: RTSP with RTP over TCP, and MJPEG over HTTP.
 
-RFC 2326 (RTSP), RFC 3550 (RTP, RTCP), RFC 6184 (H.264 over RTP).
+RFC 2326 (RTSP), RFC 3550 (RTP, RTCP), RFC 6184 (H.264 over RTP). For the tests of recording too.
 """
+
+from __future__ import annotations
 
 import base64
 import http.server
@@ -11,8 +13,11 @@ import socketserver
 import struct
 import threading
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import av
 
@@ -21,20 +26,22 @@ NTP_1900 = 2_208_988_800
 LARGEST = 1400
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Film:
     """Pictures of an H.264 film, coded, and when each is shown."""
 
-    pictures: list  # (seconds, whether it can be decoded by itself, its NAL units)
+    pictures: list[tuple[float, bool, list[bytes]]]
+    """Seconds, whether it can be decoded by itself, and its NAL units."""
 
     @classmethod
-    def read(cls, path):
+    def read(cls, path: Path) -> Film:
+        """The film in a file."""
         pictures = []
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
             to_units = av.BitStreamFilterContext("h264_mp4toannexb", stream)
             for packet in container.demux(stream):
-                if packet.size == 0:
+                if packet.pts is None or packet.time_base is None:
                     continue
                 seconds, key = float(packet.pts * packet.time_base), packet.is_keyframe
                 for part in to_units.filter(packet):
@@ -43,13 +50,13 @@ class Film:
         return cls(pictures)
 
     @property
-    def parameters(self):
+    def parameters(self) -> list[bytes]:
         """Its first sequence and picture parameter sets."""
         units = [unit for _, _, units in self.pictures for unit in units]
         return [next(unit for unit in units if unit[0] & 31 == kind) for kind in (7, 8)]
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Camera:
     """A camera that films without end, whoever looks: what was missed is gone."""
 
@@ -57,16 +64,23 @@ class Camera:
     password: str = ""
     clock_off_s: float = 0.0
     """Of the wall clock that its sender reports tell; NaN: it tells none."""
-    breaks_s: tuple = ()
-    """Seconds after its start at which it closes all connections."""
+    breaks_s: Sequence[float] = ()
+    """Seconds of the film at which it closes all connections."""
+    on_s: float = 0.0
+    """Second of the film at which it is switched on: before it answers nobody."""
     began: float = field(default_factory=time.time)
-    logins: list = field(default_factory=list)
+    """Wall time of second 0 of the film."""
 
 
 class _Rtsp(socketserver.BaseRequestHandler):
-    def handle(self):
+    server: _Server
+
+    def handle(self) -> None:
         self.camera = self.server.camera
-        self.lock, self.playing = threading.Lock(), None
+        if time.time() < self.camera.began + self.camera.on_s:
+            return
+        self.lock = threading.Lock()
+        self.playing: threading.Thread | None = None
         self.over = threading.Event()
         try:
             while request := self._request():
@@ -78,7 +92,7 @@ class _Rtsp(socketserver.BaseRequestHandler):
             if self.playing:
                 self.playing.join()
 
-    def _request(self):
+    def _request(self) -> tuple[str, dict[str, str]] | None:
         text = b""
         while not text.endswith(b"\r\n\r\n"):
             byte = self.request.recv(1)
@@ -92,7 +106,7 @@ class _Rtsp(socketserver.BaseRequestHandler):
         first, *lines = text.decode().split("\r\n")
         return first.split()[0], dict(line.split(": ", 1) for line in lines if ": " in line)
 
-    def _exactly(self, count):
+    def _exactly(self, count: int) -> bytes:
         data = b""
         while len(data) < count:
             part = self.request.recv(count - len(data))
@@ -101,11 +115,11 @@ class _Rtsp(socketserver.BaseRequestHandler):
             data += part
         return data
 
-    def _send(self, data):
+    def _send(self, data: bytes) -> None:
         with self.lock:
             self.request.sendall(data)
 
-    def _answer(self, method, headers):
+    def _answer(self, method: str, headers: dict[str, str]) -> None:
         status, extra, body = "200 OK", {}, b""
         login = headers.get("Authorization", "").removeprefix("Basic ")
         if self.camera.password and login != base64.b64encode(self.camera.password.encode()).decode():
@@ -134,7 +148,7 @@ class _Rtsp(socketserver.BaseRequestHandler):
             self.playing = threading.Thread(target=self._play)
             self.playing.start()
 
-    def _play(self):
+    def _play(self) -> None:
         camera, number, begun, count = self.camera, 0, False, 0
         joined = time.time() - camera.began
         breaks = [second for second in camera.breaks_s if second > joined]
@@ -160,12 +174,12 @@ class _Rtsp(socketserver.BaseRequestHandler):
         except OSError:
             pass
 
-    def _report(self, stamp, ntp):
+    def _report(self, stamp: int, ntp: float) -> None:
         report = struct.pack(">BBHIIIIII", 0x80, 200, 6, 7, int(ntp), int(ntp % 1 * 2**32), stamp, 0, 0)
         self._send(struct.pack(">cBH", b"$", 1, len(report)) + report)
 
 
-def _payloads(units):
+def _payloads(units: Sequence[bytes]) -> list[tuple[bool, bytes]]:
     """Whether it is the picture's last, and the payload, of each packet."""
     parts = []
     for unit in units:
@@ -180,7 +194,9 @@ def _payloads(units):
 
 
 class _Mjpeg(http.server.BaseHTTPRequestHandler):
-    def do_GET(self):
+    server: _Server
+
+    def do_GET(self) -> None:
         self.send_response(200)
         self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=next")
         self.end_headers()
@@ -193,16 +209,19 @@ class _Mjpeg(http.server.BaseHTTPRequestHandler):
         except OSError:
             pass
 
-    def log_message(self, *_):
+    def log_message(self, *_: object) -> None:
         pass
 
 
 class _Server(socketserver.ThreadingMixIn, socketserver.TCPServer):
     allow_reuse_address, daemon_threads = True, True
+    camera: Camera
+    pictures: Sequence[bytes]
+    fps: float
 
 
 @contextmanager
-def _served(server):
+def _served(server: _Server) -> Iterator[int]:
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05})
     thread.start()
     try:
@@ -214,8 +233,8 @@ def _served(server):
 
 
 @contextmanager
-def rtsp_camera(film, **options):
-    """A camera; its port and itself."""
+def rtsp_camera(film: Film, **options: Any) -> Iterator[tuple[int, Camera]]:
+    """A camera with these options; its port and itself."""
     server = _Server(("127.0.0.1", 0), _Rtsp)
     server.camera = Camera(film, **options)
     with _served(server) as port:
@@ -223,7 +242,7 @@ def rtsp_camera(film, **options):
 
 
 @contextmanager
-def mjpeg_camera(pictures, fps):
+def mjpeg_camera(pictures: Sequence[bytes], fps: float) -> Iterator[int]:
     """A camera that sends JPEG pictures; its port."""
     server = _Server(("127.0.0.1", 0), _Mjpeg)
     server.pictures, server.fps = pictures, fps

@@ -1,0 +1,97 @@
+"""Films cut into a recorder's pieces, of which some are missing and one is broken, against the whole files."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sources.recorded_films import BEGIN, calibrated, coded_films, cut, names_of, scene_of
+
+PIECE_S, MISSING = 10.0, 0.05
+DRAW = 3
+"""Seed of the draw of the pieces that are lost."""
+FILES, PIECES = "files", "pieces"
+
+
+@dataclass(frozen=True)
+class PiecesCase:
+    """The films in `film` as they are, or in pieces."""
+
+    kind: str
+    film: Path
+
+
+def cases(scenes: Path) -> dict[str, PiecesCase]:
+    """By key, the whole files first."""
+    film = coded_films(scenes)
+    return {kind: PiecesCase(kind, film) for kind in (FILES, PIECES)}
+
+
+def work(case: PiecesCase) -> dict[str, Any]:
+    """The rig against the truth, and whether each gap was reported: plain values."""
+    names = names_of(case.film)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        if case.kind == FILES:
+            videos = {name: (case.film / "coded" / f"{name}.mp4").as_posix() for name in names}
+            return {"about": {"text": "whole files"}, **calibrated(scene_of(case.film, videos, folder), case.film, {})}
+        pieces = {
+            name: list(cut(case.film / "coded" / f"{name}.mp4", PIECE_S, Frigate(folder / "recordings", name))) for name in names
+        }
+        lost = drawn({name: len(paths) for name, paths in pieces.items()}, np.random.default_rng(DRAW))
+        lose(pieces, lost)
+        scene = scene_of(case.film, {name: f"recordings/*/*/{name}/*.mp4" for name in names}, folder)
+        text = f"{sum(map(len, pieces.values()))} pieces, {len(lost) - 1} missing, 1 broken"
+        return {"about": {"text": text}, "lost": [list(one) for one in lost], **calibrated(scene, case.film, {})}
+
+
+@dataclass(frozen=True)
+class Frigate:
+    """The file that Frigate has of a camera's piece, by the second at which it begins: named by the whole second, in UTC."""
+
+    folder: Path
+    camera: str
+    begin: datetime = BEGIN
+    """Wall time of second 0."""
+
+    def __call__(self, second: float) -> Path:
+        """Where the piece lies."""
+        time = self.begin + timedelta(seconds=second)
+        return self.folder / f"{time:%Y-%m-%d}" / f"{time:%H}" / self.camera / f"{time:%M.%S}.mp4"
+
+
+def drawn(counts: dict[str, int], rng: np.random.Generator) -> list[tuple[str, int]]:
+    """Camera and number of the pieces that are lost, the broken one last: neither a camera's first piece nor its last."""
+    inner = [(name, number) for name, count in counts.items() for number in range(1, count - 1)]
+    missing = max(1, round(MISSING * sum(counts.values())))
+    return [inner[index] for index in rng.permutation(len(inner))[: missing + 1]]
+
+
+def lose(pieces: dict[str, list[Path]], lost: list[tuple[str, int]]) -> None:
+    """Remove the lost pieces; the last of them is there, but holds nothing that can be read."""
+    for name, number in lost:
+        pieces[name][number].unlink()
+    name, number = lost[-1]
+    pieces[name][number].write_bytes(bytes(2000))
+
+
+def gaps_of(lost: list[tuple[str, int]]) -> dict[str, int]:
+    """How many gaps each camera's recording has: neighbouring pieces make one."""
+    found: dict[str, int] = {}
+    for name, number in lost:
+        found[name] = found.get(name, 0) + ((name, number - 1) not in lost)
+    return found
+
+
+def reported_once(case: dict[str, Any]) -> int:
+    """How many of a case's gaps are reported, each once: one finding a camera, with the right number of gaps."""
+    true = gaps_of([(name, number) for name, number in case["lost"]])
+    found: dict[str, list[int]] = {}
+    for name, count, _ in case["gaps"]:
+        found.setdefault(name, []).append(count)
+    return sum(count for name, count in true.items() if found.get(name) == [count])
