@@ -74,7 +74,7 @@ def _scene(case: ContainerCase, names: tuple[str, ...], folder: Path) -> Path:
     for name in names:
         lines = packed(case.packaging, case.film, name, folder)
         text += f'[cameras.{name}]\nintrinsics = "{(case.film / "intrinsics.toml").as_posix()}"\n{lines}'
-    text += f"{PERCEPTION}[association]\nmode = \"combined\"\nmax_offset_s = 0\n"
+    text += f'{PERCEPTION}[association]\nmode = "combined"\nmax_offset_s = 0\n'
     (folder / "scene.toml").write_text(text, encoding="utf-8")
     return folder / "scene.toml"
 

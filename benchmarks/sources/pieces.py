@@ -13,7 +13,7 @@ import numpy as np
 from sources.recorded_films import BEGIN, calibrated, coded_films, cut, names_of, scene_of
 
 PIECE_S, MISSING = 10.0, 0.05
-DRAW = 3
+DRAW = 0
 """Seed of the draw of the pieces that are lost."""
 FILES, PIECES = "files", "pieces"
 
@@ -41,13 +41,18 @@ def work(case: PiecesCase) -> dict[str, Any]:
             videos = {name: (case.film / "coded" / f"{name}.mp4").as_posix() for name in names}
             return {"about": {"text": "whole files"}, **calibrated(scene_of(case.film, videos, folder), case.film, {})}
         pieces = {
-            name: list(cut(case.film / "coded" / f"{name}.mp4", PIECE_S, Frigate(folder / "recordings", name))) for name in names
+            name: list(cut(case.film / "coded" / f"{name}.mp4", PIECE_S, Frigate(folder / "recordings", name)))
+            for name in names
         }
         lost = drawn({name: len(paths) for name, paths in pieces.items()}, np.random.default_rng(DRAW))
         lose(pieces, lost)
         scene = scene_of(case.film, {name: f"recordings/*/*/{name}/*.mp4" for name in names}, folder)
         text = f"{sum(map(len, pieces.values()))} pieces, {len(lost) - 1} missing, 1 broken"
         return {"about": {"text": text}, "lost": [list(one) for one in lost], **calibrated(scene, case.film, {})}
+
+
+def _cut(film: Path, name: str, folder: Path) -> list[Path]:
+    return list(cut(film / "coded" / f"{name}.mp4", PIECE_S, Frigate(folder / "recordings", name)))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
 import pytest
@@ -20,6 +19,8 @@ from passerby.perception.video import VideoReader
 from passerby.scene.inputs import read_cameras, read_inputs
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
+from sources.pieces import Frigate
+from sources.recorded_films import cut
 from support.scenes.puppet_videos import film, puppets, scene_file
 
 pytestmark = pytest.mark.slow
@@ -41,34 +42,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def cut(video: Path, folder: Path, camera: str, start_s: float) -> dict[Path, float]:
-    """Pieces as Frigate has them: packets copied, cut at key frames, named by the whole second in which they begin.
-
-    Path -> when it begins, seconds since 1970.
-    """
-    pieces: list[list[av.Packet]] = []
-    with av.open(str(video)) as source:
-        stream = source.streams.video[0]
-        for packet in source.demux(stream):
-            if packet.pts is None:
-                continue
-            second = float(packet.pts * packet.time_base)
-            if packet.is_keyframe and second >= PIECE_S * len(pieces) - 0.01:
-                pieces.append([])
-            pieces[-1].append(packet)
-        begins = {}
-        for packets in pieces:
-            first = packets[0].dts
-            time = BEGIN + timedelta(seconds=start_s + float(packets[0].pts * packets[0].time_base))
-            path = folder / f"{time:%Y-%m-%d}" / f"{time:%H}" / camera / f"{time:%M.%S}.mp4"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with av.open(str(path), "w") as target:
-                copy = target.add_stream_from_template(stream)
-                for packet in packets:
-                    packet.pts, packet.dts, packet.stream = packet.pts - first, packet.dts - first, copy
-                    target.mux(packet)
-            begins[path] = time.timestamp()
-    return begins
+def in_pieces(video: Path, folder: Path, camera: str, start_s: float) -> dict[Path, float]:
+    """Pieces as Frigate has them; path -> when it begins, seconds since 1970."""
+    begin = BEGIN + timedelta(seconds=start_s)
+    begins = cut(video, PIECE_S, Frigate(folder, camera, begin))
+    return {path: begin.timestamp() + second for path, second in begins.items()}
 
 
 def calibrated(scene: Path) -> tuple[Path, float]:
@@ -91,7 +69,7 @@ def whole(folder: Path) -> float:
 def test_pieces_of_a_recorder(folder: Path, whole: float) -> None:
     begins: dict[Path, float] = {}
     for name, start_s in zip(CAMERAS, STARTS_S, strict=True):
-        own = cut(folder / f"{name}.mp4", folder / "recordings", name, start_s)
+        own = in_pieces(folder / f"{name}.mp4", folder / "recordings", name, start_s)
         pieces = list(own)
         assert SECONDS / PIECE_S - 1 <= len(pieces) <= SECONDS / PIECE_S
         begins |= own

@@ -2,9 +2,12 @@
 
 import json
 import shutil
+from dataclasses import replace
+from functools import partial
 
 import pytest
 
+import passerby
 from passerby.cli.main import run
 from passerby.cli.streams import recorded as make_recording
 from passerby.common.errors import InputError
@@ -12,8 +15,9 @@ from passerby.common.progress import ProgressForm
 from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import write_rig
 from passerby.recording import scene_streams
-from passerby.recording.capture import CameraRecording, Recording
-from passerby.recording.scene_streams import RECORDING_FILE, read_streamed, recorded_scene
+from passerby.recording.capture import CameraRecording, Recording, record
+from passerby.recording.scene_streams import RECORDING_FILE, read_streamed, record_scene, recorded_scene
+from passerby.scene.scene import Scene
 from support.scenes.puppet_videos import film, puppets
 
 SECRETS = ("walter", "hunter2")
@@ -121,6 +125,7 @@ def test_a_check_says_what_would_be_recorded_and_finds_other_faults(folder, caps
     assert [one["cameras"] for one in told] == [["C1"], ["C2"]]
     assert "rtsp://10.0.0.12:554" in told[0]["text"]
     assert_kept_secret(folder, said.out, said.err)
+    assert not [one for one in found["diagnostics"] if one["code"] == "frame_rate_missing"]
     write_rig(folder / "rig.toml", Rig(()))
     for command in (["check"], ["calibrate", "-o", str(folder / "out")]):
         assert run([*command, str(scene(folder))]) == 2
@@ -189,3 +194,31 @@ def test_a_recording_of_other_cameras(folder, filmed):
     (place / RECORDING_FILE).write_text("[]")
     with pytest.raises(InputError, match="is not the list of a recording"):
         recorded_scene(streamed, place)
+
+
+def test_functions_and_monitor_refuse_streams_in_one_line(folder, capsys, monkeypatch):
+    """Only the commands that calibrate and check know what to do with them."""
+    nobody_records(monkeypatch)
+    path = scene(folder)
+    said = "[recording] seconds counts only for the commands `passerby calibrate` and `passerby check`"
+    for function in (passerby.calibrate, partial(passerby.monitor, folder / "rig.toml"), Scene.load):
+        with pytest.raises(InputError) as raised:
+            function(path)
+        assert said in str(raised.value)
+        assert "or add" not in str(raised.value)
+        assert "hunter2" not in str(raised.value)
+    assert run(["monitor", str(folder / "rig.toml"), str(path)]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert len(told.splitlines()) == 1
+    assert_kept_secret(folder, told)
+
+
+def test_who_does_not_answer_is_named_with_what_the_scene_file_allows(folder, monkeypatch):
+    def impatient(streams, place, options, *others):
+        return record(streams, place, replace(options, timeout_s=1.0), *others)
+
+    monkeypatch.setattr(scene_streams, "record", impatient)
+    path = scene(folder, "rtsp://walter:hunter2@127.0.0.1:9/live")
+    with pytest.raises(InputError, match=r"camera C\d \(.*with without_missing = true under \[recording\] in .*scene\.toml"):
+        record_scene(read_streamed(path), folder / "out")

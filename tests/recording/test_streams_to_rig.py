@@ -10,8 +10,8 @@ import pytest
 from passerby.cli.main import run
 from passerby.evaluation.metrics import compare
 from passerby.interchange.rig_toml import read_rig
-from support.scenes.puppet_videos import film, puppets
 from sources.stream_servers import Film, rtsp_camera
+from support.scenes.puppet_videos import film, puppets
 
 pytestmark = [pytest.mark.slow, pytest.mark.system]
 

@@ -47,6 +47,8 @@ class CaptureOptions:
     """Of all files of this recording."""
     without_missing: bool = False
     """Whether the other cameras go on where one cannot be reached at the beginning."""
+    to_go_on: str = "with --without-missing"
+    """How the user says so."""
 
     def __post_init__(self) -> None:
         limits = {"--seconds": (self.seconds, 7 * 86400), "--piece": (self.piece_s, 3600), "--timeout": (self.timeout_s, 600)}
@@ -192,7 +194,7 @@ def _supervised(
                 continue
             told = f"camera {name} ({recorder.stream.shown}): {recorder.explained()}"
             if not options.without_missing:
-                raise InputError(f"{told}; with --without-missing the other cameras go on")
+                raise InputError(f"{told}; {options.to_go_on} the other cameras go on")
             warned.add(name)
             tell_warning(tell, f"{told}; the other cameras go on")
         if sum(recorder.size_bytes for recorder in recorders) >= options.most_bytes:

@@ -144,7 +144,8 @@ def record_scene(streamed: StreamedScene, folder: Path, tell: Progress = silent,
     Raises `InputError` as `record` does, and for what is wrong with the scene's other files, before anything is recorded.
     """
     check_files(streamed.plain)
-    options = CaptureOptions(streamed.seconds, without_missing=streamed.without_missing)
+    allowed = f"with without_missing = true under [recording] in {streamed.path}"
+    options = CaptureOptions(streamed.seconds, without_missing=streamed.without_missing, to_go_on=allowed)
     found = record(streamed.streams, folder, options, tell, stop)
     if found.ended != "stopped":
         write_recording(found, folder)

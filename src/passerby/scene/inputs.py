@@ -381,7 +381,8 @@ def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 def _clock_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """Rates that are missing or contradict the length of the recordings."""
     if all(reading.fps is None for reading in readings):
-        if scene.association.search_s == 0:
+        # What is still to be recorded will have a rate.
+        if scene.association.search_s == 0 or scene.unrecorded:
             return []
         return [notice("frame_rate_missing", place=str(scene.place))]
     spans = {

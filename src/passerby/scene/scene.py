@@ -24,6 +24,7 @@ from passerby.scene.errors import explain_fault, find_repeated_key
 from passerby.scene.floor_plan import floor_plan
 from passerby.scene.lens_keys import check_models, models_of, named_camera
 from passerby.scene.tables import (
+    RECORDS,
     AssociationTable,
     CameraHeightTable,
     CameraTable,
@@ -78,7 +79,8 @@ class Scene(Table):
         `unrecorded` are the cameras whose videos are still to be recorded.
         """
         try:
-            scene = cls.model_validate(content)
+            table = content.get("recording")
+            scene = cls.model_validate(content, context={RECORDS: isinstance(table, dict) and "seconds" in table})
         except ValidationError as error:
             # A misspelt key is told before the key that is missing for it.
             faults = sorted(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")

@@ -8,7 +8,16 @@ from datetime import datetime, time
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from passerby.common.addresses import not_a_file, plain_without_credentials
 from passerby.common.text import shortened
@@ -66,6 +75,9 @@ Population = Literal["adults", "children", "mixed"]
 
 LONGEST_RECORDING_S = 7 * 86400.0
 RECORDED_BY_CALIBRATE = "or add [recording] seconds = 600: then `passerby calibrate` records it first"
+RECORDED_BY_COMMAND = "[recording] seconds counts only for the commands `passerby calibrate` and `passerby check`"
+RECORDS = "records"
+"""Key of the validation's context: whether the scene says how long to record."""
 WATCHED_FPS = 5.0
 """People walk a third of a step in a fifth of a second: neighbouring frames add little independent evidence."""
 SEARCHED_S = 5.0
@@ -207,11 +219,12 @@ class CameraTable(Table):
 
     @field_validator("video", mode="before")
     @classmethod
-    def _is_a_file(cls, value: Any) -> Any:
+    def _is_a_file(cls, value: Any, info: ValidationInfo) -> Any:
         named = value if isinstance(value, list | tuple) else [value]
         why = next((why for one in named if isinstance(one, str | Path) and (why := not_a_file(str(one)))), None)
         if why is not None:
-            raise ValueError(why if why.startswith("is an address") else f"{why}; {RECORDED_BY_CALIBRATE}")
+            records = RECORDED_BY_COMMAND if (info.context or {}).get(RECORDS) else RECORDED_BY_CALIBRATE
+            raise ValueError(why if why.startswith("is an address") else f"{why}; {records}")
         if not named or not all(isinstance(one, str | Path) and str(one).strip(" .") for one in named):
             raise ValueError("a path, a pattern or a list of these is needed: a video, or the pieces of one")
         return tuple(value) if isinstance(value, list) else value

@@ -23,7 +23,9 @@ from pathlib import Path
 
 _FRACTION = r"(?:[.,_]?(\d{3}))?"
 _DATE_AND_TIME = re.compile(
-    r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[ T_.\-]{0,3}(\d\d)[-_.:hH]?(\d\d)[-_.:mM]?(\d\d)" + _FRACTION + r"(?!\d)(Z(?![0-9A-Za-z]))?"
+    r"(?<!\d)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[ T_.\-]{0,3}(\d\d)[-_.:hH]?(\d\d)[-_.:mM]?(\d\d)"
+    + _FRACTION
+    + r"(?!\d)(Z(?![0-9A-Za-z]))?"
 )
 _EPOCH = re.compile(r"(?<!\d)(1[4-9]\d{8})(\d{3})?(?!\d)")
 """Seconds, or thousandths of seconds, since 1970."""
