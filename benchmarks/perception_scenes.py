@@ -45,13 +45,15 @@ def rendered_room(scenes: Path, seed: int) -> Path:
     return folder
 
 
-def large_video(scenes: Path) -> Path:
-    """A video of 1920 x 1080 pixels of the construction site."""
-    path = scenes / f"large-{render_key(str(LARGE), str(LARGE_FPS), str(LARGE_SECONDS))}.mp4"
+def large_video(scenes: Path, key_every_s: float | None = None) -> Path:
+    """A video of 1920 x 1080 pixels of the construction site; seconds between key frames, ten where None."""
+    keys = () if key_every_s is None else (f"{key_every_s:g}",)
+    path = scenes / f"large-{render_key(str(LARGE), str(LARGE_FPS), str(LARGE_SECONDS), *keys)}.mp4"
     if not path.is_file():
         scene = simulate(SimulationOptions(preset="construction", fps=LARGE_FPS, seconds=LARGE_SECONDS))
         scene = replace(scene, rig=Rig(tuple(_enlarged(camera) for camera in scene.rig)))
-        with VideoWriter(path, LARGE, LARGE_FPS) as video:
+        key_every = round(LARGE_FPS * (10.0 if key_every_s is None else key_every_s))
+        with VideoWriter(path, LARGE, LARGE_FPS, key_every=key_every) as video:
             for picture in pictures(camera_job(scene, scene.rig.names[0], RenderOptions())):
                 video.write(picture)
     return path

@@ -101,12 +101,22 @@ def main() -> None:
     known.add_argument("--scale-workers", type=int, default=2, help="processes; 2")
     given = parser.add_argument_group("sources")
     given.add_argument(
-        "--source-parts", nargs="+", choices=sources_page.RUNNABLE, metavar="PART", default=sources_page.RUNNABLE,
-        help=f"of sources: {', '.join(sources_page.RUNNABLE)}; all",
+        "--source-parts", nargs="+", choices=sources_page.HEADINGS, metavar="PART", default=(),
+        help=f"of sources: {', '.join(sources_page.HEADINGS)}; all",
     )  # fmt: skip
     given.add_argument("--source-seeds", type=int, default=sources_page.SEEDS, help=f"seeds; {sources_page.SEEDS}")
     given.add_argument("--source-kept", type=Path, default=sources_page.KEPT, help="folder of finished cases; build/sources")
     given.add_argument("--source-workers", type=int, default=2, help="processes; 2")
+    given.add_argument(
+        "--source-against",
+        default=sources_page.Asked.against,
+        metavar="COMMIT",
+        help="version that processing time is compared with; the last one before recordings in pieces",
+    )
+    given.add_argument(
+        "--source-seconds", type=float, default=sources_page.Asked.watched_s, metavar="SECONDS",
+        help=f"length of the video of processing time; {sources_page.Asked.watched_s:g}",
+    )  # fmt: skip
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
     earlier = {
@@ -144,6 +154,7 @@ def main() -> None:
                 arguments.source_workers,
                 earlier["sources"],
             ),
+            asked=sources_page.Asked(arguments.source_seeds, arguments.source_seconds, arguments.source_against),
         ),
     }
     for name in arguments.only or SECTIONS:

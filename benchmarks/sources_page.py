@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from pages.cases import Outcomes
 from pages.page import Page, errors, number, reached, table
 from pages.parts import Wanted, finished, grown
 from pages.sections import Found, Heading, Section
-from sources import containers, far, sound, zones
+from sources import containers, far, pieces, recorded_films, sound, streams, watching, zones
 
 CODE = ("sources",)
 """Folders of the benchmarks that the outcomes depend on, beside the package; how they are shown is not among them."""
@@ -24,6 +24,8 @@ KEPT = ROOT / "build" / "sources"
 SCENES = ROOT / "build" / "scenes"
 SEEDS = 3
 """Of each preset, for the zones."""
+QUICK_S = 40.0
+"""Of the video of processing time in a quick run."""
 FACTOR = 1.1
 """Of the plain film's error, up to which a packaging gives the same rig."""
 
@@ -33,16 +35,29 @@ Films in the containers, pieces and streams that people have, against the same f
 
 
 @dataclass(frozen=True)
+class Asked:
+    """What the cases of the parts depend on."""
+
+    seeds: int = SEEDS
+    watched_s: float = watching.SECONDS
+    """Length of the video of processing time."""
+    against: str = watching.EARLIER
+    """The version that it is compared with: a commit, a tag or a branch."""
+
+
+@dataclass(frozen=True)
 class Part:
     """A part of the page: a heading, its goals, its cases and what is said of them. Another one is one more line in `PARTS`."""
 
     heading: Heading
     goals: Sequence[tuple[str, str, str]]
-    """Text, acceptable and aim; of a part without cases they stand as not run."""
-    cases: Callable[[int], Mapping[str, Any]] | None = None
-    """Of a number of seeds, by key."""
-    work: Callable[[Any], Mapping[str, Any]] | None = None
-    found_in: Callable[[str, Mapping[str, Any], Outcomes, str], Found] | None = None
+    """Text, acceptable and aim; of a part that was not run they stand as not run."""
+    cases: Callable[[Asked], Mapping[str, Any]]
+    """By key."""
+    work: Callable[[Any], Mapping[str, Any]]
+    found_in: Callable[[str, Mapping[str, Any], Outcomes, str], Found]
+    alone: bool = False
+    """Whether its cases are run one after the other, since their time counts, or they take real time."""
 
 
 def _note(cases: Mapping[str, Any], done: Outcomes, code: str) -> str:
@@ -72,6 +87,78 @@ def _ratio(case: Mapping[str, Any], plain: Mapping[str, Any]) -> float:
     if case.get("mm") is None or not plain.get("mm"):
         return math.inf
     return float(case["mm"] / plain["mm"])
+
+
+def streams_found(part: str, cases: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+    """The rig and the clock offsets of streams beside those of files."""
+    del part
+    plain, found = done.get(streams.FILES, {}), done.get(streams.STREAMS)
+    rows = []
+    for case in done.values():
+        cameras = case.get("recording", {}).get("cameras", {})
+        lost = [gap for camera in cameras.values() for gap in camera["gaps_s"]]
+        clocks = ", ".join(sorted({camera["clock"] or "-" for camera in cameras.values()})) or "names"
+        rows.append([
+            *_rig_cells(case, plain), f"{number(case['offset_ms'], 0)} ms", clocks,
+            f"{len(lost)} ({number(sum(lost), 1)} s)" if cameras else "-",
+        ])  # fmt: skip
+    columns = ("films", "result", "error", "ratio", "largest error of an offset", "wall times", "breaks (lost)")
+    facts = {}
+    if found is not None and plain:
+        ratio, refused = _ratio(found, plain), int(found["verdict"] != "accepted")
+        offset = found["offset_ms"]
+        facts["goals"] = [
+            [GOALS_STREAMS[0][0], f"{number(ratio, 2)} x, {found['verdict']}", *GOALS_STREAMS[0][1:],
+             reached([ratio, refused], [1.3, 0], [1.05, 0])],
+            [GOALS_STREAMS[1][0], f"{number(offset, 0)} ms", *GOALS_STREAMS[1][1:], reached([offset], [50.0], [15.0])],
+        ]  # fmt: skip
+    return Found(f"{_note(cases, done, code)}\n\n{table(columns, rows)}", facts)
+
+
+def pieces_found(part: str, cases: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+    """The rig of a recorder's pieces beside that of whole files, and which gaps were reported."""
+    del part
+    plain, found = done.get(pieces.FILES, {}), done.get(pieces.PIECES)
+    rows, facts = [], {}
+    for case in done.values():
+        count = sum(pieces.gaps_of(case["lost"]).values()) if "lost" in case else None
+        rows.append([*_rig_cells(case, plain), "-" if count is None else f"{pieces.reported_once(case)} of {count}"])
+    if found is not None and plain:
+        ratio, refused = _ratio(found, plain), int(found["verdict"] != "accepted")
+        once, count = pieces.reported_once(found), sum(pieces.gaps_of(found["lost"]).values())
+        facts["goals"] = [
+            [GOALS_PIECES[0][0], f"{number(ratio, 2)} x, {found['verdict']}", *GOALS_PIECES[0][1:],
+             reached([ratio, refused], [1.3, 0], [1.05, 0])],
+            [GOALS_PIECES[1][0], f"{once} of {count}", *GOALS_PIECES[1][1:], reached([-once], [-count], [-count])],
+        ]  # fmt: skip
+    columns = ("films", "result", "error", "ratio", "gaps reported once")
+    return Found(f"{_note(cases, done, code)}\n\n{table(columns, rows)}", facts)
+
+
+def _rig_cells(case: Mapping[str, Any], plain: Mapping[str, Any]) -> list[str]:
+    """What the films are, what came of them, the errors, and their ratio to those of the files."""
+    said = f"{case['verdict']}, {case['registered']} cameras"
+    return [case["about"]["text"], said, errors(case["mm"], case["deg"]), number(_ratio(case, plain), 2)]
+
+
+def watching_found(part: str, cases: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+    """Processor time of this version beside that of an earlier one."""
+    del part
+    rows, ratios = [], {}
+    for case in done.values():
+        about, now, earlier = case["about"], case["now"], case["earlier"]
+        ratios[about["detector"]] = watching.ratio(case)
+        rows.append([
+            about["detector"], f"{about['seconds']:g} s", str(now["pictures"]), f"{earlier['boxes']}, {now['boxes']}",
+            f"{number(earlier['cpu_s'], 1)} s", f"{number(now['cpu_s'], 1)} s", number(watching.ratio(case), 2),
+        ])  # fmt: skip
+    columns = ("detector", "video", "frames looked at", "boxes, earlier and now", "earlier", "now", "ratio")
+    against = next((case["about"]["against"] for case in done.values()), "")
+    text = f"{_note(cases, done, code)} Earlier version: commit `{against[:10]}`.\n\n{table(columns, rows)}"
+    said = ", ".join(f"{number(value, 2)} x ({name})" for name, value in ratios.items())
+    reaches = reached(list(ratios.values()), [0.8] * len(ratios), [0.5] * len(ratios))
+    whole = reaches if len(done) == len(cases) else f"{len(done)} of {len(cases)} run"
+    return Found(text, {"goals": [[GOAL_WATCHING[0], said, *GOAL_WATCHING[1:], whole]]} if done else {})
 
 
 def zones_found(part: str, cases: Mapping[str, Any], done: Outcomes, code: str) -> Found:
@@ -141,6 +228,15 @@ def sound_found(part: str, cases: Mapping[str, Any], done: Outcomes, code: str) 
     return Found(text, {"goals": [[GOAL_SOUND[0], said, *GOAL_SOUND[1:], verdict]]})
 
 
+GOALS_STREAMS = (
+    ("streams: accepted, error, times that of the files", "1.3 x", "1.05 x"),
+    ("streams: offsets", "50 ms", "15 ms"),
+)
+GOALS_PIECES = (
+    ("pieces: accepted, error, times that of the files", "1.3 x", "1.05 x"),
+    ("pieces: gaps that are reported once", "all", "all"),
+)
+GOAL_WATCHING = ("processing time, times that of an earlier version", "0.8 x", "0.5 x")
 GOALS_FAR = (
     ("starts 20 minutes apart: found, of 10 scenes", "10", "10"),
     ("starts 20 minutes apart: time of search and registration, against +-5 s", "3 x", "1.5 x"),
@@ -151,13 +247,25 @@ GOAL_ZONES = ("Frigate zones: error of side lengths, 95 %", "2 %", "1 %")
 
 PARTS: Mapping[str, Part] = {
     "streams": Part(
-        Heading("Streams", "Four films served by RTSP on loopback, begun up to 60 s apart, one cut three times, one clock off "
-                "by 2 s, against the files."),
-        [("streams: error, times that of the files", "1.3 x", "1.05 x"), ("streams: offsets", "50 ms", "15 ms")],
+        Heading(
+            "Streams",
+            f"Rendered films of {recorded_films.CAMERAS} cameras ({containers.PRESET}, {recorded_films.SECONDS:g} s, "
+            f"{containers.FPS:g} frames per second, seed {containers.SEED}), served by RTSP on loopback, recorded in real time "
+            f"by `passerby record` and calibrated without networks. The cameras are switched on up to {streams.LATEST_S:g} s "
+            f"apart; the connection of one breaks {len(streams.BREAKS)} times, and the clock of another is off by "
+            f"{streams.CLOCK_OFF_S:g} s. *files*: what each camera films from when it is switched on, one file each, with its "
+            "wall time in its name. *error*: positions and orientations after similarity alignment, mean over the cameras. "
+            "*ratio*: of positions, to the files.",
+        ),
+        GOALS_STREAMS, lambda _: streams.cases(SCENES), streams.work, streams_found, alone=True,
     ),
     "pieces": Part(
-        Heading("Pieces of a recorder", "The films cut into pieces of 10 s in Frigate's layout, 5 % missing, one broken."),
-        [("pieces: error, times that of the files", "1.3 x", "1.05 x")],
+        Heading(
+            "Pieces of a recorder",
+            f"The same films cut at key frames into pieces of {pieces.PIECE_S:g} s in Frigate's layout, "
+            f"{100 * pieces.MISSING:g} % of them missing and one broken, against the whole films as one MP4 file each.",
+        ),
+        GOALS_PIECES, lambda _: pieces.cases(SCENES), pieces.work, pieces_found,
     ),
     "far": Part(
         Heading(
@@ -188,8 +296,15 @@ PARTS: Mapping[str, Part] = {
         [GOAL_CONTAINERS], lambda _: containers.cases(SCENES), containers.work, containers_found,
     ),
     "watching": Part(
-        Heading("Processing time", "Ten minutes of 4 x 1920 x 1080, the same detector, against an earlier version."),
-        [("processing time, times that of the earlier version", "0.8 x", "0.5 x")],
+        Heading(
+            "Processing time",
+            "A video of 1920 x 1080 pixels with 25 frames per second and a key frame every "
+            f"{watching.KEY_EVERY_S:g} s: 20 s of the construction site, repeated. Processor time of detecting people in it, "
+            "without association and solving, by this version and by an earlier one, one after the other. Four cameras take "
+            "four times as long. The background is learnt anew every 300 s, so that longer videos take longer in proportion.",
+        ),
+        [GOAL_WATCHING], lambda asked: watching.cases(SCENES, asked.watched_s, asked.against), watching.work, watching_found,
+        alone=True,
     ),
     "zones": Part(
         Heading(
@@ -198,28 +313,25 @@ PARTS: Mapping[str, Part] = {
             f"distance between two cameras known. {zones.ZONES} rectangles are drawn at random in the images of each rig, and "
             "the lengths of their sides on the ground are compared with the true ones.",
         ),
-        [GOAL_ZONES], zones.cases, zones.work, zones_found,
+        [GOAL_ZONES], lambda asked: zones.cases(asked.seeds), zones.work, zones_found,
     ),
 }  # fmt: skip
 """In their order on the page."""
 HEADINGS: Mapping[str, Heading] = {name: part.heading for name, part in PARTS.items()}
-RUNNABLE = tuple(name for name, part in PARTS.items() if part.work is not None)
 
 
-def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
-    """The page after each finished case; one seed in a quick run."""
+def run(scratch: Path, quick: bool, wanted: Wanted | None = None, asked: Asked | None = None) -> Iterator[Page]:
+    """The page after each finished case; one seed, and a short video, in a quick run."""
     del scratch
-    wanted = wanted or Wanted(KEPT, RUNNABLE, SEEDS)
-    count = 1 if quick else wanted.seeds
-    return grown("sources", head, HEADINGS, partial(_part, wanted=wanted, count=count), wanted, CODE)
+    wanted, asked = wanted or Wanted(KEPT, tuple(PARTS)), asked or Asked()
+    asked = replace(asked, seeds=1, watched_s=min(asked.watched_s, QUICK_S)) if quick else asked
+    return grown("sources", head, HEADINGS, partial(_part, wanted=wanted, asked=asked), wanted, CODE)
 
 
-def _part(name: str, wanted: Wanted, count: int) -> Iterator[Found]:
+def _part(name: str, wanted: Wanted, asked: Asked) -> Iterator[Found]:
     part = PARTS[name]
-    assert part.cases is not None
-    assert part.work is not None
-    assert part.found_in is not None
-    return finished(name, part.cases(count), part.work, part.found_in, wanted, CODE)
+    wanted = replace(wanted, workers=1) if part.alone else wanted
+    return finished(name, part.cases(asked), part.work, part.found_in, wanted, CODE)
 
 
 def head(sections: Sequence[Section]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -85,18 +86,18 @@ def lose(pieces: dict[str, list[Path]], lost: list[tuple[str, int]]) -> None:
     pieces[name][number].write_bytes(bytes(2000))
 
 
-def gaps_of(lost: list[tuple[str, int]]) -> dict[str, int]:
+def gaps_of(lost: Sequence[Sequence[Any]]) -> dict[str, int]:
     """How many gaps each camera's recording has: neighbouring pieces make one."""
+    known = {(name, number) for name, number in lost}
     found: dict[str, int] = {}
-    for name, number in lost:
-        found[name] = found.get(name, 0) + ((name, number - 1) not in lost)
+    for name, number in sorted(known):
+        found[name] = found.get(name, 0) + ((name, number - 1) not in known)
     return found
 
 
-def reported_once(case: dict[str, Any]) -> int:
+def reported_once(case: Mapping[str, Any]) -> int:
     """How many of a case's gaps are reported, each once: one finding a camera, with the right number of gaps."""
-    true = gaps_of([(name, number) for name, number in case["lost"]])
     found: dict[str, list[int]] = {}
     for name, count, _ in case["gaps"]:
         found.setdefault(name, []).append(count)
-    return sum(count for name, count in true.items() if found.get(name) == [count])
+    return sum(count for name, count in gaps_of(case["lost"]).items() if found.get(name) == [count])
