@@ -148,6 +148,13 @@ def test_intrinsics_of_the_frames_as_a_phone_stores_them(scene, tmp_path, capsys
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
+def test_a_copy_of_another_cameras_video(scene, tmp_path, capsys, command):
+    (tmp_path / "bad.mp4").write_bytes((tmp_path / "C2.mp4").read_bytes())
+    refused(capsys, scene(), command, "scene.toml: [cameras.C2] video C2.mp4 has the same content as bad.mp4 of camera C1: ",
+            "give each camera its own")  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["calibrate", "check"])
 def test_a_video_much_shorter_than_the_others(scene, tmp_path, capsys, command):
     write_video(tmp_path / "bad.mp4", still(11), 5.0)
     refused(

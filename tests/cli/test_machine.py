@@ -140,7 +140,23 @@ def test_another_video_of_the_same_size_and_time_is_another_one(video, tmp_path)
     assert fingerprint(copy) != fingerprint(video)
 
 
-def test_a_video_that_changes_while_it_is_watched_is_told(video, tmp_path, monkeypatch):
+def touched(path):
+    os.utime(path, (1.0, 1.0))
+
+
+def grown(path):
+    with path.open("ab") as file:
+        file.write(bytes(1000))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (touched, "was changed while it was processed: run the same command again$"),
+        (grown, "has grown while it was processed: run the same command again when its recording has ended$"),
+    ],
+)
+def test_a_video_that_changes_while_it_is_watched_is_told(video, tmp_path, monkeypatch, change, said):
     copy = tmp_path / video.name
     shutil.copy2(video, copy)
     monkeypatch.setattr(watching, "SEGMENT", 4)
@@ -151,9 +167,9 @@ def test_a_video_that_changes_while_it_is_watched_is_told(video, tmp_path, monke
 
     def touch(done, total):
         if done == learning + 6:
-            os.utime(copy, (1.0, 1.0))
+            change(copy)
 
-    with pytest.raises(InputError, match="camera C1: was changed while it was processed: run the same command again"):
+    with pytest.raises(InputError, match=f"camera C1: {said}"):
         watch_camera(job, touch)
     kept = [path.name for path in (tmp_path / "shelf").glob("people-*/*")]
     assert kept == ["000000.npz"], "of what was seen before"

@@ -78,6 +78,25 @@ def test_cameras_without_wall_times_are_told(folder: Path) -> None:
     assert "2026-11-22T08:05:00+00:00" in text
 
 
+def test_a_gap_makes_no_recording_long(folder: Path, tmp_path: Path) -> None:
+    """The clock of one recorder jumps an hour ahead: that is a gap, and the other camera's video was not cut short."""
+    for piece, later in enumerate((0, 4, 3600)):
+        film(frigate(tmp_path, "north", later), 20, 10 + piece)
+        film(frigate(tmp_path, "south", 4 * piece), 20, 40 + piece)
+    found = check_scene(scene(tmp_path, "north", "south"))
+    assert found.faults == ()
+    assert "recording_gaps" in [one.code for one in found.diagnostics]
+
+
+def test_a_fault_of_one_camera_is_all_that_is_said_of_it(folder: Path, tmp_path: Path) -> None:
+    """Whose files cannot be read, has neither a rate nor a wall time, which would only mislead."""
+    for camera in ("north", "south"):
+        film(frigate(tmp_path, camera, 0), 20, COLOURS[camera])
+    found = check_scene(scene(tmp_path, "north", "south", south='"recordings/*/*/sauth/*.mp4"'))
+    assert len(found.faults) == 1
+    assert [one.code for one in found.diagnostics if one.code in ("wall_clock_missing", "frame_rate_missing")] == []
+
+
 def test_files_of_people_keep_their_numbers(folder: Path) -> None:
     path = scene(folder, "north", "south")
     (folder / "north.txt").write_text("3,-1,5,5,10,30,1,-1,-1,-1\n")

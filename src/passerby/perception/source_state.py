@@ -41,6 +41,11 @@ class VideoFilesState:
         self._states = [_state(path) for path in self._files]
         self._single, self._next = not info.pieces, 0
 
+    def grown(self, path: Path) -> bool:
+        """Whether a file that has changed is the same one, longer: it is still being written."""
+        (node, size, _), (before, shorter, _) = _state(path), self._states[self._files.index(path)]
+        return node == before and size > shorter > 0
+
     def changed(self, seconds: float) -> Path | None:
         """The first file that was written or replaced since, of those that begin by this second and were not checked before."""
         if self._single:

@@ -267,7 +267,9 @@ class _Watch:
         """End the segment before this one and begin this one; nothing is kept of a video that has become another one."""
         path = self._files.changed(self._at_s)
         if path is not None:
-            raise VideoError(path, f"camera {self._job.name}: was changed while it was processed: run the same command again")
+            what, when = ("has grown", " when its recording has ended") if self._files.grown(path) else ("was changed", "")
+            told = f"{what} while it was processed: run the same command again{when}"
+            raise VideoError(path, f"camera {self._job.name}: {told}")
         for stage in self._stages:
             if segment:
                 stage.end(segment - 1)

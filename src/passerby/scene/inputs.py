@@ -21,12 +21,13 @@ from passerby.core.observations import Clock, Observations
 from passerby.core.pointing import PointedPerson
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults, faults_of
-from passerby.perception.sources.recording import gaps_of
+from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.lens_sources import group_faults
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults
 from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
+from passerby.scene.same_files import faults_of_same_video
 from passerby.scene.scene import Scene
 from passerby.scene.seen_lenses import add_seen_lenses
 from passerby.scene.upside_down import doubt_of_upside_down
@@ -193,7 +194,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         *group_faults(scene, readings),
         *_joint_faults(scene, readings),
         *_embedding_faults(scene, readings),
-        *_same_video_faults(scene, readings),
+        *faults_of_same_video(scene, readings),
         *_same_file_faults(scene),
         *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
@@ -313,7 +314,7 @@ def _embedding_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 def _short_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     """Videos of which most must be missing, by the length of the others."""
     seconds = {
-        reading.name: reading.video.seconds * reading.video.clock_fps / reading.fps
+        reading.name: recorded_s(reading.video) * reading.video.clock_fps / reading.fps
         for reading in readings
         if reading.video is not None and reading.video.seconds is not None and reading.fps is not None
     }
@@ -327,23 +328,6 @@ def _short_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         for reading in readings
         if reading.video is not None and seconds.get(reading.name, np.inf) < SHORT_VIDEO * seconds[longest]
     ]
-
-
-def _same_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
-    """Cameras that name one and the same file: a slip of the pen, as a rule."""
-    first: dict[Path, str] = {}
-    faults = []
-    for reading in readings:
-        if reading.video is None:
-            continue
-        owners = {first.setdefault(path.resolve(), reading.name): path for path in reading.video.files}
-        other = next((name for name in owners if name != reading.name), None)
-        if other is not None:
-            faults.append(
-                f"{scene.place}: [cameras.{reading.name}] video {owners[other].name} is camera {other}'s too: give each "
-                "camera its own"
-            )
-    return faults
 
 
 def _same_file_faults(scene: Scene) -> list[str]:
@@ -381,8 +365,8 @@ def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
 def _clock_findings(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     """Rates that are missing or contradict the length of the recordings."""
     if all(reading.fps is None for reading in readings):
-        # What is still to be recorded will have a rate.
-        if scene.association.search_s == 0 or scene.unrecorded:
+        # What is still to be recorded, or cannot be read, may have a rate.
+        if scene.association.search_s == 0 or scene.unrecorded or any(reading.faults for reading in readings):
             return []
         return [notice("frame_rate_missing", place=str(scene.place))]
     spans = {

@@ -145,7 +145,7 @@ def align_wall_clocks(scene: Scene, readings: Sequence[CameraInput]) -> None:
     for reading in readings:
         if reading.name in timed:
             reading.video = rebased(timed[reading.name][0], float(origin))
-    others = [reading.name for reading in readings if reading.name not in timed]
+    others = [reading.name for reading in readings if reading.name not in timed and not reading.faults]
     if others:
         text = WallTime(float(origin), all(utc.values())).text
         first = next(reading for reading in readings if reading.name == others[0])

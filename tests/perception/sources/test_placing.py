@@ -50,5 +50,23 @@ def test_gaps_and_overlaps() -> None:
     assert gaps_between(np.array([0.0, 0.0, 10.0, 10.0]), seconds).inside == 2
 
 
+@pytest.mark.parametrize("length", [6.0, 9.3])
+@pytest.mark.parametrize("back_s", [17.0, 60.0])
+def test_a_clock_that_is_set_back_puts_pieces_into_the_time_of_others(length: float, back_s: float) -> None:
+    true = 1000.4 + length * np.arange(30)
+    named = np.sort(np.floor(np.where(np.arange(30) < 15, true, true - back_s)))
+    begins = begins_by_names(named, np.full(30, length), 1.0)
+    gaps = gaps_between(begins, np.full(30, length), 1.0)
+    assert gaps.irregular
+    assert gaps.overlap_s == pytest.approx(back_s, abs=2)
+    assert back_s < 30 or 0.9 * back_s / length < gaps.inside <= 2 * back_s / length
+    assert 1000.4 + 15 * length - back_s - 1.0 <= gaps.longest_overlap_at_s <= 1000.4 + 15 * length + 1.0
+
+
+def test_recorders_that_begin_early_cover_no_piece_wholly() -> None:
+    gaps = gaps_between(np.arange(0.0, 200.0, 8.0), np.full(25, 10.0), 1.0)
+    assert (gaps.overlaps, gaps.overlap_s, gaps.inside, gaps.irregular) == (24, 48.0, 0, False)
+
+
 def test_without_times_one_follows_the_other() -> None:
     np.testing.assert_array_equal(follow_at_once(np.array([3.0, 4.0, 5.0])), [0.0, 3.0, 7.0])

@@ -78,6 +78,10 @@ VIDEOS: Mapping[str, Kind] = {
         NOTICE, "Pieces of a recording overlap; frames that were shown already are passed over.",
         "camera {camera}: {count} pieces begin before the piece before them ends, by {seconds:.0f} s in all: what is there "
         "twice is used once",
+        lambda v: ""
+        if not v["irregular"] or v["longest_at"] is None
+        else f"if the clock of the recorder was set back about {v['longest_at']}, choose a span without that: under [scene] "
+        "set from and until",
     ),
     "recording_gaps": Kind(
         NOTICE, "A recording in pieces, or in images, has gaps.", _gaps,

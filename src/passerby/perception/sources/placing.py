@@ -28,8 +28,12 @@ class Gaps:
     """Where the longest gap begins."""
     overlaps: int
     overlap_s: float
+    longest_overlap_at_s: float
+    """Where the longest overlap begins."""
+    irregular: bool
+    """Whether most pieces do not overlap: recorders that begin a piece early always do."""
     inside: int
-    """Pieces that are over before the piece before them is: they are of another camera, or copies."""
+    """Pieces all of whose time others show too: they are of another camera, copies, or of a clock that was set back."""
 
 
 def follow_at_once(seconds: Floats) -> Floats:
@@ -97,10 +101,14 @@ def gaps_between(begins: Floats, seconds: Floats, least_s: float = GAP_S) -> Gap
     ends = np.maximum.accumulate(begins + seconds)
     gap = begins[1:] - ends[:-1]
     missing = gap[gap >= least_s]
-    twice = -gap[gap <= -OVERLAP_S]
-    inside = int(((begins[1:] + seconds[1:] <= ends[:-1] + SLACK_S) & (gap <= -OVERLAP_S)).sum())
+    overlapping = gap <= -OVERLAP_S
+    twice = -gap[overlapping]
+    inside = overlapping & (begins[1:] + seconds[1:] <= ends[:-1] + SLACK_S)
+    # Two recordings in turn: each piece is over only after the next one but one has begun.
+    inside[:-1] |= overlapping[:-1] & overlapping[1:] & (begins[2:] <= ends[:-2] + least_s)
     longest = int(np.argmax(gap)) if len(missing) else 0
     return Gaps(
         len(missing), float(missing.sum()), float(missing.max(initial=0.0)), float(ends[longest]) if len(ends) else 0.0,
-        len(twice), float(twice.sum()), inside,
+        len(twice), float(twice.sum()), float(begins[1 + int(np.argmin(gap))]) if len(twice) else 0.0,
+        len(twice) <= 0.5 * len(gap), int(inside.sum()),
     )  # fmt: skip

@@ -24,7 +24,7 @@ from passerby.perception.video_probe import VARIABLE_CLOCK_FPS, Piece, VideoInfo
 MIXED = 0.5
 """Files of a second size, as a share of those of the commonest one, from which a folder holds several cameras."""
 TWICE = 0.25
-"""Likewise the share of pieces that are over before the piece before them is."""
+"""Likewise the share of pieces all of whose time others show too."""
 SAME_RATE, OTHER_RATE = 0.001, 0.1
 """Pieces whose rates differ by less than the one count alike; by more than the other they are another stream."""
 LONGEST_PIECE_S = 6 * 3600.0
@@ -118,6 +118,11 @@ def gaps_of(info: VideoInfo) -> list[tuple[float, float]]:
     return found
 
 
+def recorded_s(info: VideoInfo) -> float:
+    """Seconds of the used part of a video of known length, without the gaps in it."""
+    return (info.seconds or 0.0) - sum(last - first for first, last in gaps_of(info))
+
+
 def _near_span(begin: Floats, span: WallSpan, pictures: bool) -> np.ndarray:
     """Which files, in order of time, may show something of a span: those in it, and the pieces before it that reach into it."""
     inside = (begin >= span.first) & (begin <= span.last)
@@ -177,8 +182,9 @@ def _of_videos(
     if len(alike) > 1 and gaps.inside >= max(1, TWICE * len(alike)):
         raise VideoError(
             place,
-            f"{gaps.inside} of {len(alike)} videos were recorded while the one before them was: these are files of several "
-            'cameras; name those of one, with a pattern as video = "recordings/*/*/north/*.mp4"',
+            f"{gaps.inside} of {len(alike)} videos were recorded at the time of others: these are files of several cameras, or "
+            "their clock was set back; name those of one camera, with a pattern as video = "
+            '"recordings/*/*/north/*.mp4", or under [scene] choose a span without that (from, until)',
         )
     pieces = tuple(
         Piece(paths[k], float(at), replace(info, clock_fps=clock, variable=variable), float(length))
@@ -378,7 +384,9 @@ def _gap_findings(name: str, place: Path, gaps: Gaps, wall: WallTime | None, wha
             notice("recording_gaps", name, place=str(place), **values, longest_at_s=gaps.longest_at_s, longest_at=longest_at)
         )
     if gaps.overlaps:
-        found.append(notice("pieces_overlap", name, place=str(place), count=gaps.overlaps, seconds=gaps.overlap_s))
+        at = None if wall is None else WallTime(round(wall.seconds + gaps.longest_overlap_at_s), wall.utc).text
+        values = {"count": gaps.overlaps, "seconds": gaps.overlap_s, "irregular": gaps.irregular, "longest_at": at}
+        found.append(notice("pieces_overlap", name, place=str(place), **values))
     return found
 
 
