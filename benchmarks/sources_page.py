@@ -301,7 +301,7 @@ PARTS: Mapping[str, Part] = {
             "A video of 1920 x 1080 pixels with 25 frames per second and a key frame every "
             f"{watching.KEY_EVERY_S:g} s: 20 s of the construction site, repeated. Processor time of detecting people in it, "
             "without association and solving, by this version and by an earlier one, one after the other. Four cameras take "
-            "four times as long. The background is learnt anew every 300 s, so that longer videos take longer in proportion.",
+            "four times as long.",
         ),
         [GOAL_WATCHING], lambda asked: watching.cases(SCENES, asked.watched_s, asked.against), watching.work, watching_found,
         alone=True,
