@@ -112,7 +112,7 @@ bench-lenses: $(INSTALLED)
 bench-scale: $(INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only scale
 
-## bench-sources: docs/results/sources.md: containers, zones and others. What is finished is kept in build/sources
+## bench-sources: docs/results/sources.md: streams, pieces, containers, processing time, zones and others. What is finished is kept in build/sources
 bench-sources: $(INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only sources
 
