@@ -77,7 +77,10 @@ class SimulationOptions:
 
     def __post_init__(self) -> None:
         if self.preset not in PRESETS:
-            raise InputError(f"preset {self.preset!r} does not exist: choose one of {', '.join(PRESETS)}")
+            known = ", ".join(PRESETS)
+            raise InputError(
+                f"preset {self.preset!r} does not exist: choose one of {known}, or airport for a site of many cameras"
+            )
         _check("seed", self.seed, 0, 2**63 - 1)
         _check("cameras", self.n_cameras, 1, 64)
         _check("people", self.n_people, 1, 200)

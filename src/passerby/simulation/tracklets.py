@@ -25,6 +25,15 @@ def renumber(
         rng: every person's cuts come from a child of it, whatever the camera sees of others.
     """
     boxes, joints = seen.boxes, seen.keypoints
+    number = number_tracklets(boxes, n_people, fps, mean_seconds, rng)
+    return CameraObservations(
+        Boxes(boxes.frame, number, boxes.ltwh, boxes.score, boxes.embedding),
+        Keypoints(joints.frame, number[boxes.identity != UNKNOWN], joints.xy, joints.score, joints.joints),
+    )
+
+
+def number_tracklets(boxes: Boxes, n_people: int, fps: float, mean_seconds: float, rng: np.random.Generator) -> Ints:
+    """(N,) tracklet numbers of one camera's boxes, with the arguments of `renumber`; -1 stays."""
     numbering, *people = rng.spawn(1 + n_people)
     piece = np.zeros(len(boxes), dtype=np.int64)
     if mean_seconds > 0 and len(boxes):
@@ -36,10 +45,7 @@ def renumber(
     pieces, which = np.unique(np.stack([boxes.identity, piece])[:, known], axis=1, return_inverse=True)
     number = np.full(len(boxes), UNKNOWN)
     number[known] = (numbering.permutation(pieces.shape[1]) + 1)[which.ravel()]
-    return CameraObservations(
-        Boxes(boxes.frame, number, boxes.ltwh, boxes.score, boxes.embedding),
-        Keypoints(joints.frame, number[known], joints.xy, joints.score, joints.joints),
-    )
+    return number
 
 
 def _pieces(seconds: NDArray[np.float64], step: float, length: float, mean_seconds: float, rng: np.random.Generator) -> Ints:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -15,11 +16,15 @@ Number = TypeVar("Number", int, float)
 
 def simulate(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write; an earlier simulation in it is replaced.")],
-    preset: Annotated[str, typer.Option(help="terrace, basketball or construction.")] = "terrace",
+    preset: Annotated[
+        str, typer.Option(help="terrace, basketball or construction; airport: a site of 8 to 1,000 cameras.")
+    ] = "terrace",
     seed: Annotated[int, typer.Option(help="The same options and seed give the same scene.")] = 0,
     cameras: Annotated[int | None, typer.Option(help="Number of cameras; default: the preset's.")] = None,
     people: Annotated[int | None, typer.Option(help="Number of people; default: the preset's.")] = None,
-    seconds: Annotated[float, typer.Option(help="Length of the recording.")] = 40.0,
+    seconds: Annotated[
+        float | None, typer.Option(help="Length of the recording; default: 40, of an airport 600.", show_default=False)
+    ] = None,
     fps: Annotated[float, typer.Option(help="Time steps per second.")] = 5.0,
     camera_height_m: Annotated[float | None, typer.Option(help="Height of the cameras; default: the preset's.")] = None,
     person_height_mean_m: Annotated[float, typer.Option(help="Mean standing height, shoes on.")] = PERSON_HEIGHT_M,
@@ -35,8 +40,12 @@ def simulate(
     ] = 0.0,
     clock_offsets: Annotated[
         str,
-        typer.Option(help="Seconds: the largest offset, drawn for each camera, or one offset per camera, separated by commas."),
-    ] = "0",
+        typer.Option(
+            help="Seconds: the largest offset, drawn for each camera, or one offset per camera, separated by commas. Default: "
+            "0, of an airport 5.",
+            show_default=False,
+        ),
+    ] = "",
     joint_noise_px: Annotated[float, typer.Option(help="Standard deviation of the keypoints, in pixels.")] = 0.0,
     unrelated_ids: Annotated[
         bool, typer.Option(help="Ids are tracklets of each camera, not identities across cameras.")
@@ -68,6 +77,24 @@ def simulate(
     ] = 2.5,
 ) -> None:
     """Simulate people in a scene: boxes or videos, true cameras, and a scene file ready to calibrate."""
+    from passerby.simulation.sites import SITES
+
+    faults: dict[str, Any] = {
+        "seed": seed, "fps": fps, "camera_height_m": camera_height_m, "person_height_mean_m": person_height_mean_m,
+        "person_height_sd_m": person_height_sd_m, "occlusion": occlusion, "box_noise": box_noise,
+        "corner_noise_px": corner_noise_px, "box_slack": box_slack, "missing": missing, "false_boxes": false_boxes,
+        "identity_swaps": identity_swaps, "tracklet_seconds": tracklet_seconds, "embeddings": embeddings, "lenses": lenses,
+        "cameras": cameras, "people": people, "seconds": seconds,
+    }  # fmt: skip
+    if preset in SITES:
+        unfit = {
+            "--joint-noise-px": joint_noise_px != 0, "--camera-fps": bool(camera_fps), "--groups": bool(groups),
+            "--keypoints": keypoints, "--video": video, "--clock-offsets": "," in clock_offsets,
+        }  # fmt: skip
+        _write_site(
+            preset, faults | {"clock_offsets": clock_offsets or None}, [name for name, given in unfit.items() if given], out
+        )
+        return
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
     from passerby.simulation import SimulationOptions, write_scene
@@ -76,36 +103,39 @@ def simulate(
 
     chosen = SimulationOptions(
         preset=preset,
-        seed=seed,
-        cameras=cameras,
-        people=people,
-        seconds=seconds,
-        fps=fps,
-        camera_height_m=camera_height_m,
-        person_height_mean_m=person_height_mean_m,
-        person_height_sd_m=person_height_sd_m,
-        occlusion=occlusion,
-        box_noise=box_noise,
-        corner_noise_px=corner_noise_px,
-        box_slack=box_slack,
-        missing=missing,
-        false_boxes=false_boxes,
-        identity_swaps=identity_swaps,
-        clock_offsets=_clock_offsets(clock_offsets),
         joint_noise_px=joint_noise_px,
         # A video tells nobody's identity, so neither do the boxes that it is compared with.
         unrelated_ids=unrelated_ids or video,
-        tracklet_seconds=tracklet_seconds,
-        embeddings=embeddings,
+        clock_offsets=_clock_offsets(clock_offsets or "0"),
         camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
         groups=_numbers(groups, int, "--groups", "the number of cameras of each group"),
-        lenses=lenses,
+        **{name: value for name, value in faults.items() if value is not None},
     )
     rendering = RenderOptions(clothes=clothes, shadows=shadows, noise=pixel_noise) if video else None
     processes = local_processes(0, chosen.n_cameras, chosen.n_cameras if video else 0)
     with stages() as tell, processes as executor:
         tell("simulating")
         path = write_scene(run_simulation(chosen), out, keypoints=keypoints, video=rendering, executor=executor, tell=tell)
+    print(f"written to {out}: passerby calibrate {path} -o {out}-rig")
+
+
+def _write_site(preset: str, options: Mapping[str, Any], unfit: Sequence[str], out: Path) -> None:
+    """A site instead of a scene; `unfit` are options that it has none of."""
+    from passerby.cli.terminal import stages
+    from passerby.simulation.sites import SiteOptions, simulate_site, write_site
+
+    if unfit:
+        raise InputError(
+            f"preset {preset!r} is a site of many cameras: boxes only, one frame rate, one largest clock offset. "
+            f"Leave out {', '.join(unfit)}" + (", or give --clock-offsets one number" if "--clock-offsets" in unfit else "")
+        )
+    given = {name: value for name, value in options.items() if value is not None}
+    if "clock_offsets" in given:
+        given["clock_offsets"] = _clock_offsets(given["clock_offsets"])
+    chosen = SiteOptions(preset=preset, **given)
+    with stages() as tell:
+        tell("simulating")
+        path = write_site(simulate_site(chosen), out, tell)
     print(f"written to {out}: passerby calibrate {path} -o {out}-rig")
 
 

@@ -1,0 +1,232 @@
+"""People with destinations on a site: each walks through doors and over stairs, and stays for a while where it arrives.
+
+A person is a polyline in time. Its body at any time is computed when a camera asks for it, so that memory is that of the
+polylines, whatever the recording's rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from passerby.common.arrays import Bools, Floats, Ints
+from passerby.simulation.body import BodyState, stride_length
+from passerby.simulation.options import MAX_CLOCK_OFFSET_S
+from passerby.simulation.sites.options import SiteOptions
+from passerby.simulation.sites.plan import Link, SitePlan
+
+SETTLING_S = 60.0
+"""People walk so long before the recording, so that nobody starts where it was put."""
+PAD_S = MAX_CLOCK_OFFSET_S + 2.0
+SPEED_MS, SPEED_SD_MS, LEG_SPREAD = (0.8, 1.8), 0.2, 0.1
+"""Of a person on average (mean 1.3), and how much it varies from leg to leg, as a share."""
+MEAN_SPEED_MS = 1.3
+MARGIN_M = 0.6
+"""From walls."""
+STAY_S, STAYS = (3.0, 40.0), (1, 4)
+"""At a destination a person stops at so many points, for so long each."""
+OTHER_FLOOR = 0.3
+"""Share of the destinations on a neighbouring floor."""
+CORRIDOR_SHARE = 0.3
+"""Share of the destinations in a corridor: shops, seats, people who wait."""
+CORNER_S = (-0.4, -0.2, 0.0, 0.2, 0.4)
+"""A place is the mean of those on the polyline at so many seconds from a time: nobody turns on the spot."""
+NOWHERE = -1
+"""The floor of somebody on stairs."""
+SPAN_S = 1e5
+"""Times of one person are so far from the next one's in the list of all knots; longer than any recording."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walkers:
+    """P people as polylines, one after the other in the arrays of K knots."""
+
+    heights: Floats
+    """(P,) metres."""
+    first: Ints
+    """(P + 1,) where each person's knots begin."""
+    times: Floats
+    """(K,) seconds."""
+    xy: Floats
+    """(K, 2) metres."""
+    floor: Ints
+    """(K,) of the segment that begins at a knot; -1 on stairs."""
+    heading: Floats
+    """(K,) of that segment, radians; of one who stands, as before."""
+    speed: Floats
+    """(K,) of that segment, metres per second."""
+    phase: Floats
+    """(K,) gait cycles walked before the knot."""
+
+    def __len__(self) -> int:
+        """The number of people."""
+        return len(self.heights)
+
+    def places(self, people: Ints, times: Floats) -> tuple[Floats, Ints]:
+        """Where people are: (T, P, 2) metres and (T, P) floors, -1 on stairs. `people`: (P,) numbers from 0; `times`: (T,)."""
+        knot, xy = self._on_polyline(people, times[:, None])
+        return xy, self.floor[knot]
+
+    def state(self, people: Ints, times: Floats) -> tuple[BodyState, Ints]:
+        """Bodies of people (P,) at times (T,), and (T, P) the floors that they are on, -1 on stairs."""
+        taps = times[:, None, None] + np.array(CORNER_S)
+        knot, xy = self._on_polyline(people[:, None], taps)
+        moving = self.speed[knot]
+        turn = np.exp(1j * self.heading[knot]).mean(axis=-1)
+        middle, _ = self._on_polyline(people, times[:, None])
+        own = self.phase[middle] + (times[:, None] - self.times[middle]) * self._cadence(middle, people)
+        shape = own.shape
+        zero = np.zeros(shape)
+        body = BodyState(
+            xy=xy.mean(axis=-2), heading=np.angle(turn), speed=moving.mean(axis=-1), phase=own, jump=zero, crouch=zero,
+            lean=zero, seat=zero, raised_left=zero, raised_right=zero, carry=zero,
+        )  # fmt: skip
+        return body, self.floor[middle]
+
+    @cached_property
+    def _keys(self) -> Floats:
+        """(K,) times, ascending over all people."""
+        return self.times + SPAN_S * np.repeat(np.arange(len(self)), np.diff(self.first))
+
+    def _cadence(self, knot: Ints, people: Ints) -> Floats:
+        return _cycles_per_second(self.speed[knot], self.heights[people])
+
+    def _on_polyline(self, people: Ints, times: Floats) -> tuple[Ints, Floats]:
+        """(...) the knot at or before times, and (..., 2) the place; people and times broadcast."""
+        knot = np.searchsorted(self._keys, times + SPAN_S * people, side="right") - 1
+        knot = np.clip(knot, self.first[people], self.first[people + 1] - 2)
+        share = (times - self.times[knot]) / np.maximum(self.times[knot + 1] - self.times[knot], 1e-9)
+        share = np.clip(share, 0.0, 1.0)[..., None]
+        return knot, (1 - share) * self.xy[knot] + share * self.xy[knot + 1]
+
+
+def walk(plan: SitePlan, options: SiteOptions) -> Walkers:
+    """All people of a site, from before the first to after the last time that any camera's clock shows."""
+    zones = _Zones.of(plan)
+    until = options.seconds + PAD_S
+    paths = [_path(plan, zones, until, options.rng(1, person)) for person in range(options.n_people)]
+    normal = np.clip(options.rng(2).standard_normal(options.n_people), -2.5, 2.5)
+    heights = options.person_height_mean_m + options.person_height_sd_m * normal
+    return _walkers(paths, heights)
+
+
+@dataclass(frozen=True, eq=False)
+class _Zones:
+    """What a person has to know of the plan."""
+
+    by_floor: dict[int, dict[str, list[int]]]
+    links: dict[int, list[Link]]
+    area_m2: Floats
+
+    @classmethod
+    def of(cls, plan: SitePlan) -> _Zones:
+        by_floor: dict[int, dict[str, list[int]]] = {}
+        links: dict[int, list[Link]] = {}
+        for index, zone in enumerate(plan.zones):
+            by_floor.setdefault(zone.floor, {}).setdefault(zone.kind, []).append(index)
+        for link in plan.links:
+            for number in link.zones:
+                links.setdefault(number, []).append(link)
+        return cls(by_floor, links, np.array([zone.area_m2 for zone in plan.zones]))
+
+    def destination(self, here: int, floor: int, rng: np.random.Generator) -> int:
+        """A zone to go to, on this floor or a neighbouring one."""
+        if rng.uniform() < OTHER_FLOOR:
+            floor += int(rng.choice((-1, 1)))
+            floor = floor if floor in self.by_floor else min(max(floor, 0), max(self.by_floor))
+        kinds = self.by_floor[floor]
+        kind = "corridor" if rng.uniform() < CORRIDOR_SHARE or "hall" not in kinds else "hall"
+        return int(rng.choice(kinds[kind]))
+
+    def route(self, start: int, goal: int, rng: np.random.Generator) -> list[Link]:
+        """The links on the way with the fewest of them; of equally short ones any."""
+        reached: dict[int, list[Link]] = {start: []}
+        waiting = [start]
+        for zone in waiting:
+            if zone == goal:
+                break
+            own = self.links.get(zone, [])
+            for k in rng.permutation(len(own)).tolist():
+                link = own[k]
+                other = link.zones[1] if link.zones[0] == zone else link.zones[0]
+                if other not in reached:
+                    reached[other] = [*reached[zone], link]
+                    waiting.append(other)
+        return reached[goal]
+
+
+class _Path:
+    """A polyline that grows."""
+
+    def __init__(self, at: Floats, floor: int, start_s: float) -> None:
+        self.times, self.xy, self.floors = [start_s], [at], [floor]
+
+    def go(self, to: Floats, floor: int, speed: float) -> None:
+        """Walk straight to a place."""
+        distance = float(np.hypot(*(to - self.xy[-1])))
+        if distance > 1e-6:
+            self.wait(distance / speed, floor, to)
+
+    def wait(self, seconds: float, floor: int, to: Floats | None = None) -> None:
+        """Spend time where one is, or on the way to a place."""
+        self.floors[-1] = floor
+        self.times.append(self.times[-1] + seconds)
+        self.xy.append(self.xy[-1] if to is None else to)
+        self.floors.append(floor)
+
+
+def _path(plan: SitePlan, zones: _Zones, until: float, rng: np.random.Generator) -> _Path:
+    """One person's trips until a time."""
+    here = int(rng.choice(len(plan.zones), p=zones.area_m2 / zones.area_m2.sum()))
+    own = float(np.clip(rng.normal(MEAN_SPEED_MS, SPEED_SD_MS), *SPEED_MS))
+    path = _Path(_inside(plan, here, rng), plan.zones[here].floor, -PAD_S - SETTLING_S)
+    while path.times[-1] < until:
+        goal = zones.destination(here, plan.zones[here].floor, rng)
+        for link in zones.route(here, goal, rng):
+            side = 0 if link.zones[0] == here else 1
+            share, floor = rng.uniform(0.15, 0.85), plan.zones[here].floor
+            leave, enter = ((1 - share) * link.ends[end][0] + share * link.ends[end][1] for end in (side, 1 - side))
+            speed = own * float(rng.uniform(1 - LEG_SPREAD, 1 + LEG_SPREAD))
+            path.go(leave, floor, speed)
+            if link.seconds > 0:
+                path.wait(link.seconds, NOWHERE, enter)
+            else:
+                path.go(enter, floor, speed)
+            here = link.zones[1 - side]
+        for _ in range(int(rng.integers(*STAYS))):
+            speed = own * float(rng.uniform(1 - LEG_SPREAD, 1 + LEG_SPREAD))
+            path.go(_inside(plan, here, rng), plan.zones[here].floor, speed)
+            path.wait(float(rng.uniform(*STAY_S)), plan.zones[here].floor)
+    return path
+
+
+def _inside(plan: SitePlan, zone: int, rng: np.random.Generator) -> Floats:
+    low, high = np.array(plan.zones[zone].low) + MARGIN_M, np.array(plan.zones[zone].high) - MARGIN_M
+    return np.asarray(rng.uniform(low, high))
+
+
+def _walkers(paths: Sequence[_Path], heights: Floats) -> Walkers:
+    first = np.concatenate([[0], np.cumsum([len(path.times) for path in paths])]).astype(np.int64)
+    times, xy = np.concatenate([path.times for path in paths]), np.concatenate([path.xy for path in paths])
+    floor = np.concatenate([path.floors for path in paths]).astype(np.int64)
+    last: Bools = np.zeros(len(times), dtype=np.bool_)
+    last[first[1:] - 1] = True
+    step = np.diff(xy, axis=0, append=xy[-1:])
+    seconds = np.diff(times, append=times[-1] + 1.0)
+    length = np.hypot(step[:, 0], step[:, 1])
+    moves = (length > 1e-9) & ~last
+    speed = np.where(moves, length / np.where(moves, seconds, 1.0), 0.0)
+    # Of one who stands, the heading of the last segment on which it moved; of one who never has, zero.
+    latest = np.maximum.accumulate(np.where(moves | np.isin(np.arange(len(times)), first[:-1]), np.arange(len(times)), 0))
+    heading = np.where(moves, np.arctan2(step[:, 1], step[:, 0]), 0.0)[latest]
+    cycles = np.where(last, 0.0, seconds * _cycles_per_second(speed, np.repeat(heights, np.diff(first))))
+    phase = np.concatenate([[0.0], np.cumsum(cycles)[:-1]])
+    return Walkers(heights, first, times, xy, floor, heading, speed, phase)
+
+
+def _cycles_per_second(speed: Floats, heights: Floats) -> Floats:
+    stride = stride_length(speed, heights)
+    return np.asarray(np.where(speed > 0.05, speed / np.maximum(stride, 1e-9), 0.0))
