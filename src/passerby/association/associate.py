@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,6 +114,7 @@ def _add_registered(
 def cluster_by_rig(
     tracklets: Tracklets, cameras: Sequence[CameraTracklets], graph: ViewGraph, poses: Sequence[Pose | None], offset_s: Floats,
     person_height_m: float, affinity: Mapping[tuple[int, int], Floats] | None = None, known: Pairs | None = None,
+    candidates: Container[tuple[int, int]] | None = None,
 ) -> Ints:  # fmt: skip
     """(T,) person of each tracklet, joined by whether a calibrated rig lets them meet.
 
@@ -126,6 +127,7 @@ def cluster_by_rig(
         person_height_m: typical standing height, metres.
         affinity: appearance, as for `register_pair`.
         known: what else speaks for one person.
+        candidates: the pairs of cameras, a < b, that are compared; None: all.
     """
     tracks = [None if pose is None else ray_tracks(own.bodies, pose) for own, pose in zip(cameras, poses, strict=True)]
     edges = _Edges([], [], [])
@@ -133,7 +135,7 @@ def cluster_by_rig(
         edges.add(*known)
     for a, in_a in enumerate(tracks):
         for b, in_b in enumerate(tracks):
-            if a >= b or in_a is None or in_b is None:
+            if a >= b or in_a is None or in_b is None or (candidates is not None and (a, b) not in candidates):
                 continue
             i, j, value = pairwise_ray_affinity(in_a, in_b, float(offset_s[a] - offset_s[b]), person_height_m)
             edges.add(i + tracklets.first[a], j + tracklets.first[b], _weight(value, i, j, affinity, (a, b)))

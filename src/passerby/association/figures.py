@@ -29,6 +29,7 @@ def association_figures(
         pairs=tuple(_pairs(cameras, tracklets, appearance, initial, person, offset_s)),
         starts=None if starts is None else starts.differences,
         searched_s=None if starts is None else starts.searched_s,
+        pairs_tried=None if initial is None or initial.candidates is None else initial.candidates.tried,
         people=len(np.unique(person[np.isfinite(tracklets.start_s)])),
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Pairs, Tracklets, cluster_by_appearance_votes, cluster_by_pairwise_poses
 from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.candidates import Candidates
 from passerby.association.clocks.starts import NEAR_S, Starts, shifted, with_lag
 from passerby.association.graph import Edge, ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import GroundTracks
@@ -60,6 +61,8 @@ class InitialAssociation:
     """(T,) in which tracklets the joints of left and right are exchanged; None where that is not known."""
     starts: Starts | None = None
     """When the recordings began; None where all clock offsets were searched in full."""
+    candidates: Candidates | None = None
+    """The pairs of cameras that were tried; None: all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +80,7 @@ class JointEvidence:
 def associate_by_ground_tracks(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, max_lag_s: float, affinity: Mapping[tuple[int, int], Floats],
     executor: Executor | None = None, tell: Progress = silent, joints: JointEvidence | None = None,
-    starts: Starts | None = None,
+    starts: Starts | None = None, candidates: Candidates | None = None,
 ) -> InitialAssociation:  # fmt: skip
     """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
 
@@ -92,6 +95,7 @@ def associate_by_ground_tracks(
         tell: told of every pair that is done.
         joints: what it takes to use joints; None: they are not used.
         starts: when the recordings began, where that has been found before: each pair is searched about it.
+        candidates: the pairs that are tried; None: all.
 
     Raises:
         RefusalError: no two cameras can be registered.
@@ -101,11 +105,12 @@ def associate_by_ground_tracks(
         for a, first in enumerate(cameras)
         for b, second in enumerate(cameras)
         if a < b and first.tracks is not None and second.tracks is not None
+        if candidates is None or (a, b) in candidates
         if (job := _job(a, b, first.tracks, second.tracks, max_lag_s, affinity.get((a, b)), starts)) is not None
     ]
     pairs = side_by_side(_registered, jobs, executor, tell, "registering camera pairs")
     graph = _with_starts(view_graph(pairs, len(cameras)), starts)
-    by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell)
+    by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell, candidates)
     graph = add_joint_edges(graph, by_joints)
     if len(graph.groups[0]) < 2:
         raise RefusalError(_no_pair(cameras, graph, max_lag_s, starts))
@@ -117,19 +122,22 @@ def associate_by_ground_tracks(
         guesses += [joint_hypothesis(one, cameras[one.a], cameras[one.b], joints.person_height_m) for one in used]
     mirrored = find_mirrored_tracklets(tracklets, used) if used else None
     told_guesses = tuple(guess for guess in guesses if guess is not None)
-    return InitialAssociation(person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored, starts)
+    return InitialAssociation(
+        person, graph.offset_s, graph, told_guesses, tuple(by_joints), known, mirrored, starts, candidates
+    )
 
 
 def _registered_by_joints(
-    cameras: Sequence[CameraTracklets], graph: ViewGraph, joints: JointEvidence, executor: Executor | None, tell: Progress
-) -> list[JointRegistration]:
+    cameras: Sequence[CameraTracklets], graph: ViewGraph, joints: JointEvidence, executor: Executor | None, tell: Progress,
+    candidates: Candidates | None,
+) -> list[JointRegistration]:  # fmt: skip
     """The pairs that tracks leave apart, as far as their joints tell."""
     if len(graph.groups) < 2 or sum(len(camera.seen.keypoints) > 0 for camera in cameras) < 2:
         return []
     seen = [
         joint_tracks(camera.seen.keypoints, lens, camera.clock) for camera, lens in zip(cameras, joints.lenses, strict=True)
     ]
-    return register_by_joints(seen, graph, joints.rng, executor, tell)
+    return register_by_joints(seen, graph, joints.rng, executor, tell, candidates)
 
 
 def _hypothesis(edge: Edge, level_a: Level | None, level_b: Level | None) -> PairHypothesis | None:

@@ -13,6 +13,7 @@ from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Tracklets, cluster_by_rig
 from passerby.association.attachment import Attached, attach_camera, known_people
 from passerby.association.camera_tracklets import CameraTracklets, build_tracklets, with_lens
+from passerby.association.candidates import ALL_PAIRS_UP_TO, Candidates, find_candidates, stated_candidates
 from passerby.association.cleaning import reassign_detections
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
 from passerby.association.clocks.frame_rate import estimate_frame_rate
@@ -96,6 +97,8 @@ class AssociationOptions:
     """People of known height, each named by a pixel."""
     measured: tuple[MeasuredStart, ...] = ()
     """Differences of two cameras' clocks that something else than people tells."""
+    groups: tuple[tuple[str, ...], ...] = ()
+    """Names of cameras that may share ground, where the user says so: only cameras of one group are compared."""
 
 
 def solve_with_unknown_identities(
@@ -124,8 +127,9 @@ def solve_with_unknown_identities(
         at_start, near_s = _from_their_starts(cameras, search_s, options)
         rig = search_focals_by_tracks(rig, at_start, near_s, options.person_height_m, rng, tell, executor)
         cameras = _with_lenses(cameras, rig, options.person_height_m)
+    candidates = _candidates(cameras, search_s, options, tell)
     tell("appearance")
-    appearance = AppearanceAffinity.of(cameras, rng) if options.mode != "trajectory" else None
+    appearance = AppearanceAffinity.of(cameras, rng, candidates) if options.mode != "trajectory" else None
     tracklets = Tracklets.of(cameras)
     run = _Run(rig, cameras, tracklets, appearance, options)
     try:
@@ -135,13 +139,32 @@ def solve_with_unknown_identities(
             affinity = appearance.affinity() if appearance else {}
             joints = JointEvidence([camera.lens for camera in rig], options.person_height_m, rng)
             starts = _starts(cameras, search_s, options, affinity, tell)
-            initial = associate_by_ground_tracks(cameras, tracklets, search_s, affinity, executor, tell, joints, starts)
+            initial = associate_by_ground_tracks(
+                cameras, tracklets, search_s, affinity, executor, tell, joints, starts, candidates
+            )
             run = replace(run, cameras=_unmirrored(cameras, tracklets, initial))
             _tell_pairs(tell, initial)
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", findings_of(error)), nobody
     return _alternate(run, initial, solve, refine=search_s > 0, tell=tell)
+
+
+def _candidates(
+    cameras: Sequence[CameraTracklets], search_s: float, options: AssociationOptions, tell: Progress
+) -> Candidates | None:
+    """The pairs of cameras that are compared; None: all, as in small scenes, and where recordings begin at any times."""
+    names = [camera.name for camera in cameras]
+    if options.groups:
+        candidates = stated_candidates(names, options.groups)
+    elif len(cameras) <= ALL_PAIRS_UP_TO or search_s > FULL_SEARCH_S or options.mode == "appearance":
+        return None
+    else:
+        tell("candidate pairs")
+        candidates = find_candidates([camera.tracks for camera in cameras], search_s)
+    tried = candidates.tried
+    tell_note(tell, f"{tried.tried} of {tried.possible} pairs of cameras are tried")
+    return candidates
 
 
 def _starts(
@@ -403,8 +426,9 @@ def _alternate(
             affinity = run.appearance.affinity() if run.appearance else None
             person_height_m = run.options.person_height_m
             person = cluster_by_rig(
-                run.tracklets, run.cameras, initial.graph, poses, offset_s, person_height_m, affinity, initial.known
-            )
+                run.tracklets, run.cameras, initial.graph, poses, offset_s, person_height_m, affinity, initial.known,
+                initial.candidates,
+            )  # fmt: skip
         same = _alike(before, person)
         rounds.append(AssociationRound(registered=sum(pose is not None for pose in poses), unchanged=same))
         tell_note(tell, f"{rounds[-1].registered} of {len(poses)} cameras have poses")

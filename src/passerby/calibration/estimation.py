@@ -50,7 +50,9 @@ class Estimator:
         measured = tuple(one for one in inputs.measured if one.found_by != WALL_CLOCK or search_s > FULL_SEARCH_S)
         height_m = scene.scale.person_height_m
         if not scene.association.given:
-            wanted = AssociationOptions(scene.association.mode, search_s, height_m, inputs.pointed, measured)
+            wanted = AssociationOptions(
+                scene.association.mode, search_s, height_m, inputs.pointed, measured, scene.sites.groups
+            )
             return Estimate(
                 *solve_with_unknown_identities(rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor)
             )

@@ -84,7 +84,7 @@ def _scene(name: str, cameras: list[str], fps: float | Mapping[str, float] | Non
             raise InputError(f"fps: camera {camera} has no lens: name one of {', '.join(cameras) or 'none'}")
         declared[camera] = {**declared[camera], "fps": rate}
     own = {"name": name} | ({} if fps is None or rates else {"fps": fps})
-    allowed = ("association", "scale", "solver", "world")
+    allowed = ("association", "sites", "scale", "solver", "world")
     for table in tables:
         if table not in allowed:
             raise InputError(

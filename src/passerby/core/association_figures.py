@@ -61,6 +61,20 @@ class StartDifference:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PairsTried:
+    """Which pairs of cameras were registered, where not all were tried."""
+
+    possible: int
+    tried: int
+    by_activity: int
+    """Pairs of `tried` whose people come and go alike."""
+    stated: int
+    """Pairs of `tried` that the user named."""
+    most_of_a_camera: int
+    """Pairs of the camera that has most."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class AssociationRound:
     """A turn of solver and association."""
 
@@ -82,6 +96,8 @@ class AssociationFigures:
     """What tells when recordings began; None where all clock offsets were searched in full."""
     searched_s: float | None = field(default=None, metadata=ABSENT)
     """The largest clock offset that was searched for, beside `starts`."""
+    pairs_tried: PairsTried | None = field(default=None, metadata=ABSENT)
+    """None where every pair of cameras was tried."""
     people: int | None = field(default=None, metadata=ABSENT)
     rounds: tuple[AssociationRound, ...] | None = field(default=None, metadata=ABSENT)
     """None where identities were given."""

@@ -14,7 +14,7 @@ from passerby.recording.settings import RecordingPlan
 from passerby.scene.scene import Scene
 
 SCENE_FILE = "scene.toml"
-TABLES = ("scene", "association", "scale", "solver")
+TABLES = ("scene", "association", "sites", "scale", "solver")
 """Of a file of cameras, that are copied: they name no files."""
 
 

@@ -35,6 +35,7 @@ from passerby.scene.tables import (
     RecordingTable,
     ScaleTable,
     SceneTable,
+    SitesTable,
     SolverTable,
     Table,
 )
@@ -54,6 +55,7 @@ class Scene(Table):
     cameras: dict[str, CameraTable]
     perception: PerceptionTable = Field(default_factory=PerceptionTable)
     association: AssociationTable = Field(default_factory=AssociationTable)
+    sites: SitesTable = Field(default_factory=SitesTable)
     solver: SolverTable = Field(default_factory=SolverTable)
     scale: ScaleTable = Field(default_factory=ScaleTable)
     world: WorldTable | None = None
@@ -240,9 +242,29 @@ class Scene(Table):
             )
         return self
 
+    @model_validator(mode="after")
+    def _groups_hold_all_cameras(self) -> Self:
+        if not self.sites.groups:
+            return self
+        if self.association.given:
+            raise ValueError(
+                '[sites] groups: say which cameras are compared to find identities, but mode "given" knows them: delete groups'
+            )
+        grouped = {name for group in self.sites.groups for name in group}
+        for name in self.cameras:
+            if name not in grouped:
+                raise ValueError(
+                    f"[sites] groups: camera {name} is in no group and would be compared with nobody: add it to the groups of "
+                    "the cameras that it may share ground with"
+                )
+        return self
+
     def _mentions(self) -> list[tuple[str, str]]:
         """(place, camera) wherever another table names a camera."""
         found = [("[solver] reference", self.solver.reference)] if self.solver.reference is not None else []
+        found += [
+            (f"[sites] groups {number}", name) for number, group in enumerate(self.sites.groups, start=1) for name in group
+        ]
         lenses = ((name, table.lens) for name, table in self.cameras.items())
         found += [(f"[cameras.{name}] lens", named_camera(lens)) for name, lens in lenses if lens is not None]
         for number, person in enumerate(self.scale.people, start=1):
@@ -270,6 +292,7 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     ("cameras", "*"): CameraTable,
     ("perception",): PerceptionTable,
     ("association",): AssociationTable,
+    ("sites",): SitesTable,
     ("solver",): SolverTable,
     ("scale",): ScaleTable,
     ("scale", "people", "*"): PersonTable,

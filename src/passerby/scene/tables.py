@@ -311,6 +311,24 @@ class AssociationTable(Table):
         return SEARCHED_S if self.mode in ("combined", "trajectory") else 0.0
 
 
+class SitesTable(Table):
+    """`[sites]`: what is known of where many cameras are."""
+
+    groups: tuple[tuple[str, ...], ...] = ()
+    """Names of cameras that may share ground, group by group, as [["C1", "C2"], ["C2", "C3"]]; a camera may be in several, and
+    each is in one at least. Cameras without a common group are not compared. None: of more than twelve cameras, each is
+    compared with those whose people come and go alike."""
+
+    @model_validator(mode="after")
+    def _groups_hold_pairs(self) -> Self:
+        for number, group in enumerate(self.groups, start=1):
+            if len(set(group)) < len(group):
+                raise ValueError(f"groups {number} names a camera twice: name each once")
+            if len(group) < 2:
+                raise ValueError(f"groups {number} holds {len(group)} camera: name two or more that may share ground")
+        return self
+
+
 class SolverTable(Table):
     """`[solver]`: how the rig is computed."""
 

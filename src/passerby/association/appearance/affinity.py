@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -55,14 +55,21 @@ class AppearanceAffinity:
     pairs: dict[tuple[int, int], PairAffinity] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, cameras: Sequence[CameraTracklets], rng: np.random.Generator) -> AppearanceAffinity | None:
-        """The looks of the cameras' tracklets; None where fewer than two cameras have embeddings."""
+    def of(
+        cls, cameras: Sequence[CameraTracklets], rng: np.random.Generator, candidates: Container[tuple[int, int]] | None = None
+    ) -> AppearanceAffinity | None:
+        """The appearance of the cameras' tracklets; None where fewer than two cameras have embeddings.
+
+        Pairs of cameras a < b are compared that are among the `candidates`; all where that is None.
+        """
         found = tuple(_camera_looks(camera, rng) for camera in cameras)
         if sum(appearance is not None for appearance in found) < 2:
             return None
         appearance = cls(found)
         for a in range(len(found)):
             for b in range(a + 1, len(found)):
+                if candidates is not None and (a, b) not in candidates:
+                    continue
                 pair = _pair_looks(found[a], found[b], rng)
                 if pair is not None:
                     appearance.pairs[a, b] = pair

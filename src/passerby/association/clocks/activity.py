@@ -63,12 +63,18 @@ class LagPeak:
     """How far above the values at other lags, in their standard deviations."""
 
 
-def region_activity(tracks: GroundTracks) -> Activity | None:
-    """How many people are in each region of a camera's ground; None without people."""
+def region_activity(tracks: GroundTracks, bearings: int = BEARINGS, ranges: int = RANGES) -> Activity | None:
+    """How many people are in each region of a camera's ground; None without people.
+
+    Args:
+        tracks: of the camera.
+        bearings: number of sectors.
+        ranges: number of regions of a sector.
+    """
     if not len(tracks):
         return None
-    region = _regions(tracks.position)
-    return _activity(tracks.step, region, BEARINGS * RANGES)
+    region = _regions(tracks.position, bearings, ranges)
+    return _activity(tracks.step, region, bearings * ranges)
 
 
 def lag_of_visits(a: GroundTracks, b: GroundTracks) -> tuple[int, int] | None:
@@ -113,16 +119,16 @@ def _visits(tracks: GroundTracks) -> dict[int, Floats]:
     return {person: np.array(middles) for person, middles in out.items()}
 
 
-def _regions(position: NDArray[np.complex128]) -> Ints:
+def _regions(position: NDArray[np.complex128], bearings: int, ranges: int) -> Ints:
     """(N,) the region of each place: sectors by bearing, each cut by distance, all with equally many people."""
     bearing, reach = np.angle(position), np.abs(position)
-    sector = np.searchsorted(np.quantile(bearing, np.arange(1, BEARINGS) / BEARINGS), bearing)
+    sector = np.searchsorted(np.quantile(bearing, np.arange(1, bearings) / bearings), bearing)
     region = np.zeros(len(position), dtype=np.int64)
-    for number in range(BEARINGS):
+    for number in range(bearings):
         inside = sector == number
         if inside.any():
-            cuts = np.quantile(reach[inside], np.arange(1, RANGES) / RANGES)
-            region[inside] = number * RANGES + np.searchsorted(cuts, reach[inside])
+            cuts = np.quantile(reach[inside], np.arange(1, ranges) / ranges)
+            region[inside] = number * ranges + np.searchsorted(cuts, reach[inside])
     return region
 
 

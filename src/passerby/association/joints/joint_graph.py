@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
@@ -47,8 +47,9 @@ class JointJob:
 
 
 def register_by_joints(
-    joints: Sequence[JointTracks], graph: ViewGraph, rng: np.random.Generator, executor: Executor | None, tell: Progress
-) -> list[JointRegistration]:
+    joints: Sequence[JointTracks], graph: ViewGraph, rng: np.random.Generator, executor: Executor | None, tell: Progress,
+    candidates: Container[tuple[int, int]] | None = None,
+) -> list[JointRegistration]:  # fmt: skip
     """Register the cameras that tracks leave apart.
 
     Args:
@@ -57,6 +58,7 @@ def register_by_joints(
         rng: every pair uses a child of it.
         executor: runs the pairs in parallel.
         tell: told of every pair that is done.
+        candidates: the pairs, a < b, that are tried; None: all.
 
     Returns:
         Of each pair whose people are seen together the best registration; those that contradict better ones are not `used`.
@@ -64,7 +66,7 @@ def register_by_joints(
     group = {c: number for number, members in enumerate(graph.groups) for c in members}
     wanted = [
         (a, b) for a in range(len(joints)) for b in range(a + 1, len(joints))
-        if group[a] != group[b] and len(joints[a]) and len(joints[b])
+        if group[a] != group[b] and len(joints[a]) and len(joints[b]) and (candidates is None or (a, b) in candidates)
     ]  # fmt: skip
     if not wanted:
         return []
