@@ -19,7 +19,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sources bench-peers bench-formats reliability peers format clean
+.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-peers bench-formats reliability peers format clean
 
 ## help: what there is to do
 help:
@@ -111,6 +111,10 @@ bench-lenses: $(INSTALLED)
 ## bench-scale: docs/results/scale.md: what each thing that is known of the scale buys. What is finished is kept in build/scale
 bench-scale: $(INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only scale
+
+## bench-sites: docs/results/sites.md: simulated sites of 25 to 1,000 cameras. What is finished is kept in build/sites
+bench-sites: $(INSTALLED)
+	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only sites
 
 ## bench-sources: docs/results/sources.md: streams, pieces, containers, processing time, zones and others. What is finished is kept in build/sources
 bench-sources: $(INSTALLED)

@@ -18,6 +18,7 @@ import lenses_page
 import perception
 import reid
 import scale_page
+import sites_page
 import sources_page
 import speed
 import swaps
@@ -51,6 +52,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "reid": reid.run,
     "lenses": lenses_page.run,
     "scale": scale_page.run,
+    "sites": sites_page.run,
     "sources": sources_page.run,
     "peers": _peers,
     "formats": _formats,
@@ -99,6 +101,14 @@ def main() -> None:
     known.add_argument("--scale-seeds", type=int, default=scale_page.SEEDS, help=f"seeds of each scene; {scale_page.SEEDS}")
     known.add_argument("--scale-kept", type=Path, default=scale_page.KEPT, help="folder of finished cases; build/scale")
     known.add_argument("--scale-workers", type=int, default=2, help="processes; 2")
+    many = parser.add_argument_group("sites")
+    many.add_argument(
+        "--site-parts", nargs="+", choices=sites_page.RUNNABLE, metavar="PART", default=sites_page.RUNNABLE,
+        help=f"of sites: {', '.join(sites_page.RUNNABLE)}; all",
+    )  # fmt: skip
+    many.add_argument("--site-seeds", type=int, default=sites_page.SEEDS, help=f"seeds; {sites_page.SEEDS}")
+    many.add_argument("--site-kept", type=Path, default=sites_page.KEPT, help="folder of finished cases; build/sites")
+    many.add_argument("--site-workers", type=int, default=2, help="processes; 2")
     given = parser.add_argument_group("sources")
     given.add_argument(
         "--source-parts", nargs="+", choices=sources_page.HEADINGS, metavar="PART", default=(),
@@ -121,7 +131,7 @@ def main() -> None:
     out = arguments.out or (None if arguments.quick else RESULTS)
     earlier = {
         name: sections_on(None if out is None else out / f"{name}.md")
-        for name in ("perception", "reid", "lenses", "scale", "sources")
+        for name in ("perception", "reid", "lenses", "scale", "sites", "sources")
     }
     wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier["perception"])
     sections = SECTIONS | {
@@ -143,6 +153,12 @@ def main() -> None:
             scale_page.run,
             wanted=Wanted(
                 arguments.scale_kept, arguments.scale_parts, arguments.scale_seeds, arguments.scale_workers, earlier["scale"]
+            ),
+        ),
+        "sites": partial(
+            sites_page.run,
+            wanted=Wanted(
+                arguments.site_kept, arguments.site_parts, arguments.site_seeds, arguments.site_workers, earlier["sites"]
             ),
         ),
         "sources": partial(

@@ -168,6 +168,17 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[cameras.'../C']\nintrinsics = 'x'\ntracks = 'x'", r"'../C' cannot be a camera's name"),
         (CAMERAS + "[cameras.metadata]\nintrinsics = 'x'\ntracks = 'x'", r"'metadata' cannot be a camera's name"),
         (CAMERAS.split("[cameras.B]")[0], r"1 camera is declared: a calibration needs two"),
+        (CAMERAS + "[sites]\ngroups = [['A', 'C']]", r"\[sites\] groups 1: camera 'C' is not declared: there are A, B"),
+        (CAMERAS + "[sites]\ngroups = [['A', 'B'], ['A']]", r"\[sites\]: groups 2 holds 1 camera: name two or more"),
+        (CAMERAS + "[sites]\ngroups = [['A', 'B', 'A']]", r"\[sites\]: groups 1 names a camera twice: name each once"),
+        (
+            CAMERAS + "[cameras.C]\nintrinsics = 'x'\ntracks = 'x'\n[sites]\ngroups = [['A', 'B']]",
+            r"\[sites\] groups: camera C is in no group and would be compared with nobody: add it",
+        ),
+        (
+            CAMERAS + "[sites]\ngroups = [['A', 'B']]\n[association]\nmode = 'given'",
+            r"\[sites\] groups: .* mode \"given\" knows them: delete groups",
+        ),
         ("cameras = 3", r"\[cameras\] is 3"),
         ("", r"\[cameras\]: is missing"),
     ],

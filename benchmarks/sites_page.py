@@ -1,0 +1,211 @@
+"""`docs/results/sites.md`: sites of many cameras, beside the goals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datasets import ROOT
+from pages.cases import Outcomes
+from pages.page import Page, number, reached, table
+from pages.parts import Wanted, finished, grown
+from pages.sections import Found, Heading, Section
+from sites import cases
+
+CODE = ("sites",)
+"""Folders of the benchmarks that the outcomes depend on, beside the package."""
+KEPT = ROOT / "build" / "sites"
+SEEDS = 5
+"""Of sites of 100 cameras by positions."""
+
+_HEAD = f"""# Sites
+
+Simulated airports (`passerby simulate --preset airport`): {cases.SECONDS / 60:g} minutes, 5 time steps a second, boxes with
+{100 * cases.BOX_NOISE:g} % noise, {100 * cases.MISSING:g} % of them missing, tracklets cut every {cases.TRACKLET_S:g} s, clocks
+off by up to 5 s, identities unknown. What is there and what is not: [Sites of many cameras](../sites.md)."""
+
+Goals = Sequence[tuple[str, str, str]]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of the page: a heading, its goals, its cases and what is said of them."""
+
+    heading: Heading
+    goals: Goals
+    """Text, acceptable and aim; of a part without cases they stand as not run."""
+    cases: Callable[[int], Mapping[str, Any]] | None = None
+    """Of a number of seeds, by key."""
+    work: Callable[[Any], Mapping[str, Any]] | None = None
+    found_in: Callable[[str, Mapping[str, Any], Outcomes, str], Found] | None = None
+
+
+def _note(wanted: Mapping[str, Any], done: Outcomes, code: str) -> str:
+    minutes = sum(case["cpu_s"] for case in done.values()) / 60
+    return f"{len(done)} of {len(wanted)} cases; {minutes:.1f} minutes of processor time; code of commit {code}."
+
+
+def simulation_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+    """Time and memory of the simulation, and what they mean for a thousand cameras."""
+    del part
+    rows = [
+        [str(case["cameras"]), f"{case['boxes']:,}", f"{case['cpu_s']:.0f} s", f"{case['memory_mb']:.0f} MB"]
+        for case in done.values()
+    ]
+    text = _note(wanted, done, code)
+    if len(done) == len(wanted):
+        small, large = done.values()
+        time_s, memory_mb = (_at_thousand(small, large, key) for key in ("cpu_s", "memory_mb"))
+        rows.append(["1000 (extrapolated)", "", f"{time_s:.0f} s", f"{memory_mb:.0f} MB"])
+        ratio = large["cpu_s"] / small["cpu_s"]
+        text += f" Four times the cameras take {number(ratio, 2)} times the processor time. The last row is the straight line "
+        text += "through the two, not measured."
+    columns = ("cameras", "boxes", "processor time", "largest memory")
+    return Found(f"{text}\n\n{table(columns, rows)}")
+
+
+def _at_thousand(small: Mapping[str, Any], large: Mapping[str, Any], key: str) -> float:
+    """The straight line through two sizes, at a thousand cameras."""
+    slope = (large[key] - small[key]) / (large["cameras"] - small["cameras"])
+    return float(large[key] + slope * (1000 - large["cameras"]))
+
+
+def candidates_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
+    """Recall against candidates per camera."""
+    del part
+    rows = []
+    for (cameras, boxes), some in _kinds(done).items():
+        share = [_percent(some, count) for count in cases.COUNTS]
+        search = max(case["search_s"] for case in some)
+        fewest, most = min(case["degree"][0] for case in some), max(case["degree"][2] for case in some)
+        mean = float(np.mean([case["degree"][1] for case in some]))
+        overlaps = sum(case["overlaps"] for case in some)
+        rows.append([
+            str(cameras), "boxes" if boxes else "positions", str(len(some)),
+            f"{overlaps} ({fewest} to {most}, mean {mean:.1f})", *share,
+            f"{search:.1f} s", f"{max(case['memory_mb'] for case in some):.0f} MB",
+        ])  # fmt: skip
+    most = cases.COUNTS[-1]
+    goals = []
+    for cameras, boxes, goal in ((100, True, GOALS_CANDIDATES[0]), (1000, False, GOALS_CANDIDATES[1])):
+        own = _kinds(done).get((cameras, boxes))
+        value = None if own is None else float(np.mean([case["recall"][str(most)] for case in own]))
+        said = "not run" if value is None else f"{100 * value:.1f} % at {most}"
+        # The aim is eight candidates with 99.5 %: reached only where that many do.
+        at_eight = 0.0 if own is None else float(np.mean([case["recall"].get("8", 0.0) for case in own]))
+        verdict = "" if value is None else "aim" if at_eight >= 0.995 else reached([-value], [-0.98], [-2.0])
+        goals.append([goal[0], said, *goal[1:], verdict])
+    own = _kinds(done).get((1000, False))
+    seconds = None if own is None else own[0]["search_s"]
+    said, verdict = ("not run", "") if seconds is None else (f"{seconds:.0f} s", reached([seconds], [300.0], [60.0]))
+    goals.append([GOALS_CANDIDATES[2][0], said, *GOALS_CANDIDATES[2][1:], verdict])
+    columns = (
+        "cameras",
+        "from",
+        "sites",
+        "overlaps (of a camera)",
+        *(f"at {count}" for count in cases.COUNTS),
+        "search",
+        "memory",
+    )
+    return Found(f"{_note(wanted, done, code)}\n\n{table(columns, rows)}", {"goals": goals})
+
+
+def _kinds(done: Outcomes) -> dict[tuple[int, bool], list[dict[str, Any]]]:
+    kinds: dict[tuple[int, bool], list[dict[str, Any]]] = {}
+    for case in done.values():
+        kinds.setdefault((case["about"]["cameras"], case["about"]["boxes"]), []).append(case)
+    return kinds
+
+
+def _percent(some: Sequence[Mapping[str, Any]], count: int) -> str:
+    values = [case["recall"][str(count)] for case in some if str(count) in case["recall"]]
+    return f"{100 * float(np.mean(values)):.1f} %" if values else "-"
+
+
+GOALS_CANDIDATES: Goals = (
+    ("candidates at 100 cameras, of boxes: recall of true overlaps", "98 % at 12", "99.5 % at 8"),
+    ("candidates at 1,000 cameras, of positions: recall of true overlaps", "98 % at 12", "99.5 % at 8"),
+    ("candidates at 1,000 cameras: processor time", "300 s", "60 s"),
+)
+
+PARTS: Mapping[str, Part] = {
+    "simulation": Part(
+        Heading("The simulation", "One process; boxes, truth and scene file written. Only people near a camera are looked at."),
+        (), cases.simulations, cases.measure_simulation, simulation_found,
+    ),
+    "candidates": Part(
+        Heading(
+            "Candidates",
+            "*recall*: the share of the pairs of cameras that share "
+            f"{cases.OVERLAP_M2:g} m2 of ground or more which are among the candidates, where no camera has more "
+            "than so many. *boxes*: people simulated as boxes, tracked in each camera as a calibration does it. *positions*: "
+            "ground tracks "
+            "made of where people are, with the errors of noisy boxes, because boxes and tracking of a thousand cameras take "
+            "an hour: these rows are kinder than boxes would be. *search*: processor time of the search alone, largest of the "
+            f"sites. Seeds from {cases.FIRST_SEED}; the constants of the search come from other seeds.",
+        ),
+        GOALS_CANDIDATES, cases.candidate_cases, cases.measure_candidates, candidates_found,
+    ),
+    "linear": Part(
+        Heading("One hall", "32 cameras that all see one hall, identities known."),
+        [("32 cameras around one hall: processor time, times that of 8", "4.5 x", "4 x")],
+    ),
+    "hundred": Part(
+        Heading("A hundred cameras", "From tracklets, on two cores."),
+        [
+            ("100 cameras from tracklets, two cores: time and memory", "15 min, 6 GB", "8 min, 3 GB"),
+            ("growth of processor time from 25 to 100 cameras", "5 x", "4.2 x"),
+            ("camera errors within their zone, times those of the zone alone", "1.2 x", "1.0 x"),
+            ("cameras 100 m apart or more: distance errors within 2 of their sigmas", "90 %", "95 %"),
+        ],
+    ),
+    "thousand": Part(
+        Heading("A thousand cameras", "Zones, merge and adjustment."),
+        [("1,000 cameras: final adjustment, memory", "10 min, 16 GB", "3 min, 8 GB")],
+    ),
+    "cluster": Part(
+        Heading("A cluster", "Dask on loopback, four workers, one of them killed every 20 s."),
+        [("the same bytes as one process", "all", "all")],
+    ),
+    "small": Part(
+        Heading("Small scenes", "4 to 8 cameras."),
+        [
+            ("PETS2009 with identities: processor time, times that of before", "0.5 x", "0.3 x"),
+            ("solve, times that of COLMAP's incremental mapper", "1.2 x", "0.8 x"),
+        ],
+    ),
+}  # fmt: skip
+"""In their order on the page."""
+HEADINGS: Mapping[str, Heading] = {name: part.heading for name, part in PARTS.items()}
+RUNNABLE = tuple(name for name, part in PARTS.items() if part.work is not None)
+
+
+def run(scratch: Path, quick: bool, wanted: Wanted | None = None) -> Iterator[Page]:
+    """The page after each finished case; one site by positions in a quick run."""
+    del scratch
+    wanted = wanted or Wanted(KEPT, RUNNABLE, SEEDS)
+    count = 1 if quick else wanted.seeds
+    return grown("sites", head, HEADINGS, partial(_part, wanted=wanted, count=count), wanted, CODE)
+
+
+def _part(name: str, wanted: Wanted, count: int) -> Iterator[Found]:
+    part = PARTS[name]
+    assert part.cases is not None
+    assert part.work is not None
+    assert part.found_in is not None
+    return finished(name, part.cases(count), part.work, part.found_in, wanted, CODE)
+
+
+def head(sections: Sequence[Section]) -> str:
+    """What stands above the parts: the goals."""
+    goals: list[list[str]] = []
+    for section in sections:
+        unmet = [[text, "not run", acceptable, aim, ""] for text, acceptable, aim in PARTS[section.part].goals]
+        goals += section.facts.get("goals", unmet)
+    return f"{_HEAD}\n\n## Goals\n\n{table(('case', 'measured', 'acceptable', 'aim', 'reached'), goals)}"

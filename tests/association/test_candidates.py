@@ -1,0 +1,115 @@
+"""Which pairs of cameras are worth registering."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from passerby.association.candidates import (
+    Candidates,
+    activity_agreement,
+    best_partners,
+    find_candidates,
+    stated_candidates,
+    with_common_partners,
+)
+from passerby.association.clocks.activity import Activity
+from passerby.association.ground.ground_tracks import GroundTracks, Tolerance
+from passerby.geometry.single_view import Level
+
+STEPS, REGIONS = 1200, 4
+
+
+def activities(seed: int, shared: dict[tuple[int, int], int], count: int = 5) -> list[Activity]:
+    """Independent signals; each pair of `shared` has one signal in common, later in the second by so many grid steps."""
+    rng = np.random.default_rng(seed)
+
+    def smooth() -> np.ndarray:
+        values = np.convolve(rng.standard_normal(STEPS + 20), np.ones(6), mode="same")[:STEPS]
+        return (values - values.mean()) / values.std()
+
+    signals = [np.column_stack([smooth() for _ in range(REGIONS)]) for _ in range(count)]
+    for number, ((a, b), lag) in enumerate(shared.items()):
+        signals[b][:, number % REGIONS] = np.roll(signals[a][:, number % REGIONS], lag) + 0.5 * smooth()
+    return [Activity(0, own.astype(np.float32)) for own in signals]
+
+
+@pytest.mark.parametrize("lag", [-12, 0, 9])
+def test_cameras_with_a_signal_in_common_agree_most_at_any_possible_lag(lag):
+    agreement = activity_agreement(activities(1, {(1, 3): lag}), 10.0)
+    assert np.unravel_index(agreement.argmax(), agreement.shape) == (1, 3)
+    assert agreement[1, 3] > 3 * np.sort(agreement.ravel())[-2]
+    assert not np.tril(agreement).any()
+
+
+def test_a_lag_that_the_clocks_cannot_have_is_not_counted():
+    agreement = activity_agreement(activities(2, {(0, 4): 14}), 2.0)
+    assert agreement[0, 4] < activity_agreement(activities(2, {(0, 4): 14}), 8.0)[0, 4] / 3
+
+
+def test_blocks_of_cameras_change_nothing(monkeypatch):
+    own = activities(3, {(0, 1): 2, (2, 4): 5})
+    whole = activity_agreement(own, 5.0)
+    monkeypatch.setattr("passerby.association.candidates.CAMERAS_AT_ONCE", 2)
+    assert np.allclose(activity_agreement(own, 5.0), whole, rtol=1e-4, atol=1e-3)
+
+
+def test_recordings_that_begin_at_other_times_are_aligned_by_their_clocks():
+    first, second = activities(4, {(0, 1): 0}, count=2)
+    late = Activity(400, second.signals[400:])
+    assert activity_agreement([first, late], 5.0)[0, 1] > 50
+
+
+def test_no_camera_has_more_than_its_share_of_partners_and_the_best_come_first():
+    agreement = np.triu(np.random.default_rng(0).uniform(size=(9, 9)), 1)
+    pairs = best_partners(agreement, 3)
+    values = [agreement[pair] for pair in pairs]
+    assert values == sorted(values, reverse=True)
+    assert values[0] == agreement.max()
+    assert np.bincount(np.array(pairs).ravel()).max() == 3
+    assert len(best_partners(agreement, 8)) == 36
+
+
+def test_a_common_partner_raises_a_pair_that_alone_says_little():
+    agreement = np.zeros((4, 4), dtype=np.float32)
+    agreement[0, 1], agreement[1, 2], agreement[0, 2], agreement[0, 3] = 100.0, 60.0, 2.0, 3.0
+    raised = with_common_partners(agreement)
+    assert raised[0, 2] > raised[0, 3]
+    assert raised[0, 2] == pytest.approx(2.0 + 0.5 * 60.0)
+
+
+def tracks_of(seed: int, lag: int) -> GroundTracks:
+    """People who come one after the other, each somewhere else: the same ones for one seed, `lag` grid steps later."""
+    rng = np.random.default_rng(seed)
+    step, place = [], []
+    for start in np.cumsum(rng.integers(5, 40, 40)):
+        duration, at = int(rng.integers(6, 30)), complex(*rng.uniform(-10, 10, 2))
+        step.append(np.arange(start, start + duration))
+        place.append(np.full(duration, at))
+    steps, places = np.concatenate(step), np.concatenate(place)
+    order = np.argsort(steps, kind="stable")
+    still = np.zeros(len(steps), dtype=complex)
+    level = Level(np.array([0.0, 1.0, 0.0]), 3.0, 0.0)
+    return GroundTracks(level, Tolerance(), steps[order] + lag, np.zeros(len(steps), dtype=np.int64), places[order], still)
+
+
+def test_candidates_are_the_cameras_that_see_the_same_people():
+    seen = [tracks_of(seed, lag) for seed, lag in ((1, 0), (2, 3), (1, -8), (3, 0), (2, 9), (4, 0))]
+    found = find_candidates([*seen, None], 10.0, most=1)
+    assert (0, 2) in found
+    assert (1, 4) in found
+    assert all(6 not in pair for pair in found.found_by)
+    assert found.tried.possible == 21
+    assert found.tried.tried == found.tried.by_activity == len(found.found_by)
+    assert found.tried.most_of_a_camera == 1
+
+
+def test_fewer_than_two_cameras_with_people_give_no_pairs():
+    assert find_candidates([None, tracks_of(1, 0), None], 5.0) == Candidates(3, {})
+
+
+def test_stated_groups_are_the_only_pairs():
+    found = stated_candidates(("a", "b", "c", "d"), (("c", "a"), ("b", "c", "d")))
+    assert list(found.found_by) == [(0, 2), (1, 2), (1, 3), (2, 3)]
+    assert found.tried.stated == 4
+    assert found.tried.most_of_a_camera == 3

@@ -1,0 +1,84 @@
+"""The benchmark of sites: what its page says of outcomes, and that recall is that of the true overlaps."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import sites_page
+from pages.sections import Section, SectionedPage
+from passerby.association.candidates import stated_candidates
+from passerby.simulation.sites import SiteOptions, simulate_site
+from sites import cases
+from sites.true_tracks import true_tracks
+
+
+def outcome(cameras: int, boxes: bool, at_eight: float, at_twelve: float, search_s: float = 2.0) -> dict[str, object]:
+    return {
+        "about": {"cameras": cameras, "boxes": boxes}, "cpu_s": 60.0, "search_s": search_s, "memory_mb": 200.0, "overlaps": 200,
+        "degree": [2, 4.0, 6], "recall": {"8": at_eight, "12": at_twelve}, "tried": 600,
+    }  # fmt: skip
+
+
+def goals(*outcomes: dict[str, object]) -> list[list[str]]:
+    done = {str(number): case for number, case in enumerate(outcomes)}
+    return sites_page.candidates_found("candidates", done, done, "abc").facts["goals"]
+
+
+def test_recall_is_acceptable_at_twelve_and_the_aim_at_eight():
+    assert goals(outcome(100, True, 0.97, 0.981))[0][-1] == "acceptable"
+    assert goals(outcome(100, True, 0.996, 0.999))[0][-1] == "aim"
+    assert goals(outcome(100, True, 0.97, 0.979))[0][-1] == "**missed**"
+    # Positions are no boxes.
+    assert goals(outcome(100, False, 1.0, 1.0))[0][1:] == ["not run", "98 % at 12", "99.5 % at 8", ""]
+
+
+def test_the_time_of_a_thousand_cameras_has_a_goal():
+    assert goals(outcome(1000, False, 0.0, 0.99, 200.0))[2][-1] == "acceptable"
+    assert goals(outcome(1000, False, 0.0, 0.99, 400.0))[2][-1] == "**missed**"
+
+
+def test_a_thousand_cameras_are_extrapolated_and_marked_so():
+    done = {
+        str(n): {"cameras": n, "cpu_s": float(n), "memory_mb": 100.0 + n, "boxes": 10 * n} for n in (25, 100)
+    }  # fmt: skip
+    text = sites_page.simulation_found("simulation", done, done, "abc").text
+    assert re.search(r"\| 1000 \(extrapolated\) \| +\| 1000 s +\| 1100 MB", text)
+    assert "extrapolated" not in sites_page.simulation_found("simulation", {**done, "more": None}, done, "abc").text
+
+
+def test_the_page_has_all_goals_also_of_parts_that_are_not_run():
+    page = SectionedPage("sites", sites_page.head, sites_page.HEADINGS, "", timed=False).page(
+        [Section(name, heading.title, "not run") for name, heading in sites_page.HEADINGS.items()]
+    )
+    for part in sites_page.PARTS.values():
+        assert f"## {part.heading.title}" in page.text
+        for text, *_ in part.goals:
+            assert text in page.text
+
+
+def test_recall_is_the_share_of_true_pairs():
+    candidates = stated_candidates("abcd", ("abc",))
+    assert cases.recall(candidates, [(0, 1), (1, 2), (2, 3), (0, 3)]) == 0.5
+
+
+def test_tracks_of_true_positions_are_of_the_people_whom_both_cameras_see():
+    """By the true clocks and poses, the same people are at the same places."""
+    site = simulate_site(SiteOptions(cameras=8, seed=805, seconds=60.0))
+    (a, b), _ = max(site.shared_m2.items(), key=lambda item: item[1])
+    tracks = true_tracks(site, 0.0)
+
+    def world(index: int) -> dict[tuple[int, int], complex]:
+        own, camera = tracks[index], site.rig.cameras[index]
+        forward = complex(*camera.pose.R_cw[2, :2])
+        place = own.position / 1j * forward / abs(forward) + complex(*site.plan.mounts[index].ground)
+        late = round(float(site.clock_offsets_s[index]) / 0.5)
+        keys = zip((own.step + late).tolist(), own.tracklet.tolist(), strict=True)
+        return dict(zip(keys, place.tolist(), strict=True))
+
+    first, second = world(a), world(b)
+    common = first.keys() & second.keys()
+    assert len(common) > 50
+    assert np.median([abs(first[key] - second[key]) for key in common]) == pytest.approx(0.6, abs=0.5)
