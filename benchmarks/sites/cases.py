@@ -59,8 +59,8 @@ def simulations(seeds: int) -> dict[str, SiteCase]:
 
 def candidate_cases(seeds: int) -> dict[str, SiteCase]:
     """Sites of which candidates are found, by key."""
-    cases = [SiteCase(100, FIRST_SEED), *(SiteCase(100, FIRST_SEED + k, boxes=False) for k in range(seeds))]
-    cases.append(SiteCase(1000, FIRST_SEED, boxes=False))
+    cases = [SiteCase(100, FIRST_SEED + k, boxes=False) for k in range(seeds)]
+    cases += [SiteCase(1000, FIRST_SEED, boxes=False), SiteCase(100, FIRST_SEED)]
     return {f"{case.cameras} {'boxes' if case.boxes else 'positions'} {case.seed}": case for case in cases}
 
 

@@ -12,11 +12,14 @@ import pytest
 from metrics.identities import IdentityAgreement, identity_agreement
 from passerby.association.associate import OVERLAP_S, Tracklets, cluster_by_pairwise_poses, cluster_by_rig
 from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets
+from passerby.association.candidates import Candidates
 from passerby.association.graph import ViewGraph, view_graph
 from passerby.association.ground.ground_tracks import GroundTracks
-from passerby.association.ground.registration import register_pair
+from passerby.association.ground.registration import PairRegistration, register_pair
+from passerby.association.initial_association import associate_by_ground_tracks
 from passerby.core.cameras import Pose
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock
+from passerby.findings.refusals import RefusalError
 from passerby.simulation import SimulationOptions, simulate
 from passerby.simulation.scene import SimulatedScene
 from support.scenes.walkers_on_plane import bodies_at
@@ -222,3 +225,30 @@ def test_only_tracklets_of_one_camera_are_together() -> None:
     assert 0.1 < OVERLAP_S < 1.0, "tracklets 1 and 3 only touch"
     i, j, seconds = found.together()
     assert sorted(zip(i.tolist(), j.tolist(), seconds.tolist(), strict=True)) == [(0, 1, 1.0), (5, 6, 1.0)]
+
+
+def test_only_candidates_are_joined_by_the_rig(prepared: Prepared) -> None:
+    graph = ViewGraph((), (), np.zeros(4))
+    height_m = prepared.scene.options.person_height_mean_m
+    person = cluster_by_rig(
+        prepared.tracklets, prepared.cameras, graph, prepared.poses, prepared.offset_s, height_m, candidates={(0, 1), (2, 3)}
+    )
+    camera = np.repeat(np.arange(4), np.diff(prepared.tracklets.first))
+    seen_by = [set(camera[person == one].tolist()) for one in np.unique(person)]
+    assert {0, 1} in seen_by
+    assert {2, 3} in seen_by
+    assert all(not (both & {0, 1} and both & {2, 3}) for both in seen_by)
+
+
+def test_only_candidates_are_registered(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+
+    def nothing(a: int, b: int, *_: object) -> PairRegistration:
+        tried.append((a, b))
+        return PairRegistration(a, b, ())
+
+    monkeypatch.setattr("passerby.association.initial_association.register_pair", nothing)
+    candidates = Candidates(4, {(0, 3): "stated", (1, 2): "stated"})
+    with pytest.raises(RefusalError):
+        associate_by_ground_tracks(prepared.cameras, prepared.tracklets, 0.0, {}, candidates=candidates)
+    assert tried == [(0, 3), (1, 2)]

@@ -114,3 +114,13 @@ def test_boxes_are_thinned_to_one_a_tracklet_and_grid_time(offset_s: float) -> N
     every = a.seen.boxes.take(a.seen.boxes.identity > UNKNOWN)
     steps = np.round(a.clock.seconds(every.frame) / STEP_S).astype(np.int64)
     assert set(keys) == set(zip(every.identity.tolist(), steps.tolist(), strict=True)), "none is lost"
+
+
+def test_only_candidates_are_compared() -> None:
+    cameras = [camera(f"C{number}", seed=number)[0] for number in (1, 2, 3)]
+    every = AppearanceAffinity.of(cameras, np.random.default_rng(0))
+    some = AppearanceAffinity.of(cameras, np.random.default_rng(0), {(0, 2)})
+    assert every is not None
+    assert some is not None
+    assert set(every.pairs) == {(0, 1), (0, 2), (1, 2)}
+    assert set(some.pairs) == {(0, 2)}

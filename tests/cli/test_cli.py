@@ -86,6 +86,33 @@ def test_evaluate_against_other_cameras(tmp_path, capsys):
     assert "no camera has a pose in both rigs" in capsys.readouterr().err
 
 
+def test_simulate_a_site(tmp_path, capsys):
+    folder = tmp_path / "site"
+    assert run(["simulate", "-o", str(folder), "--preset", "airport", "--cameras", "8", "--people", "6", "--seconds", "2"]) == 0
+    assert f"passerby calibrate {folder / 'scene.toml'}" in capsys.readouterr().out
+    assert len(read_rig(folder / "truth.toml")) == 8
+    assert (folder / "overlaps.csv").read_text().startswith("camera_a,camera_b,shared_m2\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--video"], "--video"),
+        (["--keypoints", "--groups", "4,4"], "--groups, --keypoints"),
+        (["--camera-fps", "5,5"], "--camera-fps"),
+        (["--joint-noise-px", "1"], "--joint-noise-px"),
+        (["--clock-offsets", "1,2"], "give --clock-offsets one number"),
+    ],
+)
+def test_options_that_no_site_has_are_one_clear_error(tmp_path, capsys, arguments, said):
+    assert run(["simulate", "-o", str(tmp_path / "site"), "--preset", "airport", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: preset 'airport' is a site of many cameras")
+    assert said in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "site").exists()
+
+
 @pytest.mark.parametrize("arguments", [["--clock-offsets", "fast"], ["--preset", "moon"], ["--missing", "2"]])
 def test_simulate_with_a_wrong_value(tmp_path, capsys, arguments):
     assert run(["simulate", "-o", str(tmp_path / "scene"), *arguments]) == 2

@@ -52,8 +52,8 @@ def calibrate_observations(
         seed: as of `calibrate`.
         progress: as of `calibrate`.
         executor: as of `calibrate`.
-        tables: tables of the scene file as mappings: `association`, `scale`, `solver`, `world`. Mode "given" says that an id
-            is the same person in all cameras; without it they are found.
+        tables: tables of the scene file as mappings: `association`, `sites`, `scale`, `solver`, `world`. Mode "given"
+            says that an id is the same person in all cameras; without it they are found.
 
     Raises:
         InputError: a camera without a lens, an array of another shape, a setting that does not exist.
