@@ -4,6 +4,7 @@ import inspect
 import json
 import subprocess
 import sys
+import tomllib
 from dataclasses import fields
 
 import pytest
@@ -91,6 +92,8 @@ def test_simulate_a_site(tmp_path, capsys):
     assert run(["simulate", "-o", str(folder), "--preset", "airport", "--cameras", "8", "--people", "6", "--seconds", "2"]) == 0
     assert f"passerby calibrate {folder / 'scene.toml'}" in capsys.readouterr().out
     assert len(read_rig(folder / "truth.toml")) == 8
+    options = tomllib.loads((folder / "simulation.toml").read_text())["options"]
+    assert (options["seconds"], options["clock_offsets"]) == (2.0, 5.0)  # given, and a site's own default
     assert (folder / "overlaps.csv").read_text().startswith("camera_a,camera_b,shared_m2\n")
 
 

@@ -15,6 +15,7 @@ Number = TypeVar("Number", int, float)
 
 
 def simulate(
+    context: typer.Context,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder to write; an earlier simulation in it is replaced.")],
     preset: Annotated[
         str, typer.Option(help="terrace, basketball or construction; airport: a site of 8 to 1,000 cameras.")
@@ -22,9 +23,7 @@ def simulate(
     seed: Annotated[int, typer.Option(help="The same options and seed give the same scene.")] = 0,
     cameras: Annotated[int | None, typer.Option(help="Number of cameras; default: the preset's.")] = None,
     people: Annotated[int | None, typer.Option(help="Number of people; default: the preset's.")] = None,
-    seconds: Annotated[
-        float | None, typer.Option(help="Length of the recording; default: 40, of an airport 600.", show_default=False)
-    ] = None,
+    seconds: Annotated[float, typer.Option(help="Length of the recording; of an airport 600 by default.")] = 40.0,
     fps: Annotated[float, typer.Option(help="Time steps per second.")] = 5.0,
     camera_height_m: Annotated[float | None, typer.Option(help="Height of the cameras; default: the preset's.")] = None,
     person_height_mean_m: Annotated[float, typer.Option(help="Mean standing height, shoes on.")] = PERSON_HEIGHT_M,
@@ -41,11 +40,10 @@ def simulate(
     clock_offsets: Annotated[
         str,
         typer.Option(
-            help="Seconds: the largest offset, drawn for each camera, or one offset per camera, separated by commas. Default: "
-            "0, of an airport 5.",
-            show_default=False,
+            help="Seconds: the largest offset, drawn for each camera, or one offset per camera, separated by commas. Of an "
+            "airport the largest offset, 5 by default."
         ),
-    ] = "",
+    ] = "0",
     joint_noise_px: Annotated[float, typer.Option(help="Standard deviation of the keypoints, in pixels.")] = 0.0,
     unrelated_ids: Annotated[
         bool, typer.Option(help="Ids are tracklets of each camera, not identities across cameras.")
@@ -91,9 +89,11 @@ def simulate(
             "--joint-noise-px": joint_noise_px != 0, "--camera-fps": bool(camera_fps), "--groups": bool(groups),
             "--keypoints": keypoints, "--video": video, "--clock-offsets": "," in clock_offsets,
         }  # fmt: skip
-        _write_site(
-            preset, faults | {"clock_offsets": clock_offsets or None}, [name for name, given in unfit.items() if given], out
-        )
+        # A site has defaults of its own.
+        own = {"seconds": seconds, "clock_offsets": clock_offsets}
+        chosen_here = {name: value for name, value in own.items() if _given(context, name)}
+        options = {name: value for name, value in faults.items() if name not in own} | chosen_here
+        _write_site(preset, options, [name for name, present in unfit.items() if present], out)
         return
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes
@@ -106,7 +106,7 @@ def simulate(
         joint_noise_px=joint_noise_px,
         # A video tells nobody's identity, so neither do the boxes that it is compared with.
         unrelated_ids=unrelated_ids or video,
-        clock_offsets=_clock_offsets(clock_offsets or "0"),
+        clock_offsets=_clock_offsets(clock_offsets),
         camera_fps=_numbers(camera_fps, float, "--camera-fps", "frames per second of each camera"),
         groups=_numbers(groups, int, "--groups", "the number of cameras of each group"),
         **{name: value for name, value in faults.items() if value is not None},
@@ -117,6 +117,13 @@ def simulate(
         tell("simulating")
         path = write_scene(run_simulation(chosen), out, keypoints=keypoints, video=rendering, executor=executor, tell=tell)
     print(f"written to {out}: passerby calibrate {path} -o {out}-rig")
+
+
+def _given(context: typer.Context, name: str) -> bool:
+    """Whether an option stands on the command line."""
+    # By its name: some releases of typer have a click of their own.
+    source = context.get_parameter_source(name)
+    return source is not None and source.name != "DEFAULT"
 
 
 def _write_site(preset: str, options: Mapping[str, Any], unfit: Sequence[str], out: Path) -> None:
