@@ -8,7 +8,7 @@ explains most of it, and no other pose explains nearly as much.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,6 +133,27 @@ def known_people(
     medians = np.array([np.median(place[group], axis=0) for group in groups]).reshape(-1, 2)
     speeds = np.array([np.median(rate[group], axis=0) for group in groups]).reshape(-1, 2)
     return KnownPeople(keys[:, 0], keys[:, 1], medians, speeds)
+
+
+def attach_cameras(
+    cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None], person: Sequence[Ints], offset_s: Floats,
+    person_height_m: float, lost: Mapping[int, tuple[float, float]],
+) -> dict[int, Attached]:  # fmt: skip
+    """The cameras that the people of the posed ones place beyond doubt, by number.
+
+    Args:
+        cameras: their people.
+        poses: world z up, ground at z = 0; None for cameras without.
+        person: of each camera, (tracklets,) the person of each, or -1.
+        offset_s: (C,) what to add to each camera's clock.
+        person_height_m: how tall people are by the rig, metres.
+        lost: the cameras that are tried: how far their clock offset is searched, and around which.
+    """
+    if not lost:
+        return {}
+    people = known_people(cameras, poses, person, offset_s)
+    found = {c: attach_camera(cameras[c], people, person_height_m, *search) for c, search in lost.items()}
+    return {c: one for c, one in found.items() if one is not None and one.believed}
 
 
 def attach_camera(

@@ -11,7 +11,7 @@ import numpy as np
 
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Tracklets, cluster_by_rig
-from passerby.association.attachment import Attached, attach_camera, known_people
+from passerby.association.attachment import Attached, attach_cameras
 from passerby.association.camera_tracklets import CameraTracklets, build_tracklets, with_lens
 from passerby.association.candidates import ALL_PAIRS_UP_TO, Candidates, find_candidates, stated_candidates
 from passerby.association.cleaning import reassign_detections
@@ -27,6 +27,7 @@ from passerby.association.clocks.offsets import (
 from passerby.association.clocks.starts import FULL_SEARCH_S, NEAR_S, MeasuredStart, Starts, contradicted_starts, find_starts
 from passerby.association.figures import association_figures
 from passerby.association.focal_search import search_focals_by_tracks
+from passerby.association.graph import ViewGraph
 from passerby.association.initial_association import (
     InitialAssociation,
     JointEvidence,
@@ -282,29 +283,18 @@ class _Run:
             for camera, (boxes, joints) in zip(self.cameras, out, strict=True)
         ]
 
-    def attached(
-        self, person: Ints, offset_s: Floats, solution: Solution, before: Mapping[int, Attached], *, search: bool
-    ) -> dict[int, Attached]:
-        """The cameras without a pose that the rig's people place beyond doubt, by number.
+    def lost(
+        self, solution: Solution, graph: ViewGraph, before: Mapping[int, Attached], *, search: bool
+    ) -> dict[int, tuple[float, float]]:
+        """Cameras without a pose that no pair registers, by number: how far which clock offset is to be searched.
 
-        One that was placed `before` is placed again near its clock offset; the others are tried where a `search` is wanted.
+        One that was placed `before` is placed again near its offset; the others are tried where a `search` is wanted.
         """
-        poses = [camera.pose for camera in solution.rig]
-        lost = [c for c, pose in enumerate(poses) if pose is None and (search or c in before)]
-        if not lost:
-            return {}
-        first = self.tracklets.first
-        own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
-        people = known_people(self.cameras, poses, own, offset_s)
-        found = {}
-        for c in lost:
-            around, search_s = float(offset_s[c]), self.options.search_s
-            if c in before:
-                around, search_s = before[c].offset_s, min(search_s, AGAIN_S)
-            one = attach_camera(self.cameras[c], people, self.options.person_height_m, search_s, around)
-            if one is not None and one.believed:
-                found[c] = one
-        return found
+        alone = {group[0] for group in graph.groups if len(group) == 1}
+        without = {c for c, camera in enumerate(solution.rig) if camera.pose is None} & alone
+        search_s = self.options.search_s
+        again = {c: (min(search_s, AGAIN_S), before[c].offset_s) for c in sorted(without & set(before))}
+        return again | (dict.fromkeys(sorted(without - set(before)), (search_s, 0.0)) if search else {})
 
     def known(self, rows: Sequence[tuple[Ints, Ints]]) -> PointedHeights:
         """The heights of the people at whom the user pointed, by the identities that `identified` gives them."""
@@ -419,7 +409,10 @@ def _alternate(
         poses = [camera.pose for camera in solution.rig]
         before = person
         if initial.graph is not None:
-            found = run.attached(person, offset_s, solution, attached, search=number < SEARCHED_ROUNDS)
+            lost = run.lost(solution, initial.graph, attached, search=number < SEARCHED_ROUNDS)
+            first = run.tracklets.first
+            own = [person[first[c] : first[c + 1]] for c in range(len(poses))]
+            found = attach_cameras(run.cameras, poses, own, offset_s, run.options.person_height_m, lost)
             attached |= found
             for c, one in found.items():
                 poses[c], offset_s[c] = one.pose, one.offset_s
