@@ -173,7 +173,7 @@ def write_epfl(folder: Path, sequence="terrace1", views=True) -> Path:
     """A sequence: videos of half the calibrated size, Tsai's files, positions, and with `views` the boxes in each view."""
     for number, (name, camera) in enumerate(cameras().items()):
         size = (camera.size[0] // 2, camera.size[1] // 2)
-        _grey_video(folder / f"{sequence}-c{number}.avi", size)
+        _grey_video(folder / f"{sequence}-c{number}.avi", size, 100 + 10 * number)
         _write(folder / "calibration" / f"terrace-tsai-c{number}.xml", camera.xml())
         if views:
             _write(folder / f"{sequence}-c{number}.txt", vatic(name, 0.5))
@@ -203,11 +203,11 @@ def true_camera(name, new_name):
     return Camera(new_name, Lens(tsai.size, np.diag([1000.0, 1000.0, 1.0]), np.zeros(0)), tsai.pose)
 
 
-def _grey_video(path: Path, size, pictures=6):
+def _grey_video(path: Path, size, first, pictures=6):
     """A video of nothing; .avi files are written as .mkv and renamed, for a reader looks at what is in them."""
     with VideoWriter(path.with_suffix(".mkv"), size, 5.0) as video:
         for level in range(pictures):
-            video.write(np.full((size[1], size[0], 3), 100 + level, np.uint8))
+            video.write(np.full((size[1], size[0], 3), first + level, np.uint8))
     path.with_suffix(".mkv").rename(path)
 
 
