@@ -189,7 +189,7 @@ def write_pets(folder: Path, views=True, pictures=4) -> Path:
         for picture in range(pictures):
             path = folder / "S2" / "L1" / "Time_12-34" / view / f"frame_{picture:04}.jpg"
             path.parent.mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(path), np.full((camera.size[1], camera.size[0], 3), 90 + picture, np.uint8))
+            cv2.imwrite(str(path), np.full((camera.size[1], camera.size[0], 3), 60 + 10 * number + picture, np.uint8))
         if views:
             _write(folder / "annotation" / f"{view}.txt", vatic(name))
     if not views:
