@@ -69,8 +69,8 @@ def without_index(content):
     return found
 
 
-def still(count=60, size=(360, 288)):
-    return (wall(size, 1) for _ in range(count))
+def still(count=60, size=(360, 288), seed=1):
+    return (wall(size, seed) for _ in range(count))
 
 
 @pytest.mark.parametrize("command", ["calibrate", "check"])
@@ -215,8 +215,8 @@ def test_three_pictures(scene, made, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_nobody_anywhere(scene, tmp_path, capsys):
-    for name in ("C1", "C2"):
-        write_video(tmp_path / f"empty{name}.mp4", still(), 5.0)
+    for seed, name in enumerate(("C1", "C2"), start=1):
+        write_video(tmp_path / f"empty{name}.mp4", still(seed=seed), 5.0)
     path = scene({"C1": "emptyC1.mp4", "C2": "emptyC2.mp4"})
     refused(capsys, path, "calibrate", f"{path}: no camera saw anybody: nobody was detected in their videos")
     run(["check", str(path)])

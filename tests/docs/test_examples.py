@@ -185,7 +185,8 @@ def _as_scene(content: dict[str, Any], _: str, __: Path) -> None:
     given = content.get("association", {}).get("mode") == "given"
     alike = {key: value for key, value in next(iter(cameras.values()), {}).items() if key != "fps"}
     other = alike or {"intrinsics": "rig.toml", **({"tracks": "t.txt"} if given else {"video": "v.mp4"})}
-    for name in ("north", "gate", *_mentioned(content)):
+    grouped = "groups" in content.get("sites", {})
+    for name in (*(() if grouped else ("north", "gate")), *sorted(_mentioned(content))):
         if len(cameras) < 2 or name in _mentioned(content):
             cameras.setdefault(name, other)
     if content.get("scale", {}).get("people"):
@@ -200,6 +201,7 @@ def _mentioned(content: dict[str, Any]) -> set[str]:
     found = {solver["reference"]} if "reference" in solver else set()
     found |= {name for one in scale.get("distances", ()) for name in one["between"]}
     found |= {one["camera"] for one in scale.get("camera_heights", ())}
+    found |= {name for group in content.get("sites", {}).get("groups", ()) for name in group}
     return found | {name for one in scale.get("lengths", ()) for name in one["points"]}
 
 
