@@ -48,14 +48,14 @@ def test_there_and_back_again(rig, tmp_path, capsys):
 
 
 def test_what_is_lost_is_an_error_unless_it_is_allowed(rig, tmp_path, capsys):
-    out = tmp_path / "cams"
-    assert run(["export", str(rig), "--format", "mv3dt", "-o", str(out)]) == 2
+    out = tmp_path / "cams.json"
+    assert run(["export", str(rig), "--format", "amc", "-o", str(out)]) == 2
     told = capsys.readouterr()
     assert not told.out
     assert "camera lost has no pose and is left out" in told.err
     assert "--lossy" in told.err
     assert not out.exists()
-    assert run(["export", str(rig), "--format", "mv3dt", "-o", str(out), "--lossy"]) == 0
+    assert run(["export", str(rig), "--format", "amc", "-o", str(out), "--lossy"]) == 0
     notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("note: lost: ")]
     assert len(notes) == 2
     assert "camera bent" in " ".join(notes)

@@ -138,7 +138,44 @@ def test_round_trip_with_names(tmp_path, form):
     assert "01" in ids
 
 
-@pytest.mark.parametrize("form", ["mv3dt", "amc"])
+def test_the_dewarper_of_mv3dt_removes_the_distortion(tmp_path):
+    """Its file by hand: OpenCV's coefficients with k3 third, and the pinhole of the matrix as the result's."""
+    bent = looking_down("bent", distortions=(-0.05, 0.01, 0.002, -0.003, 0.004))
+    rig = Rig((facing("straight"), bent))
+    assert written("mv3dt", rig, tmp_path) == ()
+    assert [path.name for path in (tmp_path / "dewarper").iterdir()] == ["bent.txt"]
+    assert (tmp_path / "dewarper/bent.txt").read_text().splitlines() == [
+        "[property]", "output-width=1920", "output-height=1080", "num-batch-buffers=1", "",
+        "[surface0]", "projection-type=3", "surface-index=0", "width=1920", "height=1080", "focal-length=1000.0;1100.0",
+        "src-x0=960.0", "src-y0=540.0", "distortion=-0.05;0.01;0.004;0.002;-0.003", "dst-focal-length=1000.0;1100.0",
+        "dst-principal-point=960.0;540.0",
+    ]  # fmt: skip
+    stored = yaml.safe_load((tmp_path / "camInfo/bent.yml").read_text())["projectionMatrix_3x4_w2p"]
+    ideal = np.column_stack([bent.pose.R_cw, bent.pose.t_cw])
+    np.testing.assert_allclose(np.reshape(stored, (3, 4)), bent.lens.matrix @ ideal, atol=1e-9)
+    assert same_cameras(rig, read_back("mv3dt", tmp_path)[0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("projection-type=3", "projection-type=4", r"bent\.txt: \[surface0\] projection-type is '4': only 3"),
+        ("focal-length=1000.0;1100.0", "focal-length=wide", r"bent\.txt: \[surface0\] focal-length is 'wide': finite numbers"),
+        ("src-x0=960.0", "", r"bent\.txt: \[surface0\] src-x0 is None"),
+        ("src-x0=960.0", "src-x0=1;2", r"bent\.txt: \[surface0\]: one or two focal lengths"),
+        ("distortion=-0.05", "distortion=nan", r"bent\.txt: \[surface0\] distortion is 'nan"),
+        ("[surface0]", "[surface0", r"bent\.txt: is no configuration file of Gst-nvdewarper"),
+    ],
+)
+def test_a_dewarper_that_cannot_be_read(tmp_path, old, new, match):
+    written("mv3dt", Rig((looking_down("bent", distortions=(-0.05, 0.01, 0, 0)),)), tmp_path)
+    file = tmp_path / "dewarper/bent.txt"
+    file.write_text(file.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=match):
+        read_back("mv3dt", tmp_path)
+
+
+@pytest.mark.parametrize("form", ["amc"])
 def test_distortion_is_a_loss_of_the_told_size(tmp_path, form):
     rig = Rig((looking_down(distortions=(-0.05, 0.01, 0, 0)),))
     with pytest.raises(InputError, match=r"camera down: .*a pinhole without distortion, up to .* px off"):

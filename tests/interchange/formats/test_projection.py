@@ -49,7 +49,7 @@ HOLDS = {
     "kalibr": {"pinhole", "radtan 4", *ESTIMATED, *FISHEYES},
     "ros": {*RADTANS, "rational 8", *FISHEYES},
     "nerfstudio": {*RADTANS, *FISHEYES},
-    "mv3dt": {"pinhole", "skewed"},
+    "mv3dt": {*RADTANS, "skewed"},
     "amc": {"pinhole", "skewed"},
 }
 """Which lenses each format holds as they are."""

@@ -15,7 +15,9 @@ the data sets of the AI City Challenge have it from the ground to pixels, Metrop
 the ground. `imageCoordinates` and `globalCoordinates` are: points on the ground from which both compute it where it is
 missing.
 
-Both are pinholes without distortion: a lens with distortion is a loss, unless its videos are rectified first. Where the
+Both are pinholes without distortion. Where `mv3dt` has a camera whose lens has distortion, `dewarper/NAME.txt` beside
+`camInfo` is the configuration of DeepStream's Gst-nvdewarper that removes it: the matrices are those of its pictures. `amc` has
+no place for it: there it is a loss, unless the videos are rectified first. Where the
 middle of a pixel lies is not told anywhere; OpenCV's pixels are written. A NAME, or id, has ASCII letters, digits and `_ . -`
 and begins with a letter or digit. A true name that had to change is kept in a comment (`mv3dt`, with the picture's size) or
 in the attribute `trueName` (`amc`).
@@ -48,10 +50,11 @@ from passerby.core.cameras import Camera, Lens, Pose, Rig
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.interchange.formats.drawing import draw
 from passerby.interchange.formats.format import Export, Format, Given
-from passerby.interchange.formats.lens_models import PINHOLE, express_lens
+from passerby.interchange.formats.lens_models import PINHOLE, RADTAN_5, LensModel, express_lens
 from passerby.interchange.formats.losses import Losses
 from passerby.interchange.formats.mv3dt_map import MAP, TRANSFORMS, map_files
 from passerby.interchange.formats.names import tame_names
+from passerby.interchange.formats.nvidia_dewarper import dewarper_config, read_dewarper
 from passerby.interchange.formats.values import (
     load_json,
     numbers,
@@ -64,7 +67,7 @@ from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.json_text import to_json
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
 
-CAMERAS, CALIBRATION = "camInfo", "calibration.json"
+CAMERAS, DEWARPERS, CALIBRATION = "camInfo", "dewarper", "calibration.json"
 FORBIDDEN, FIRST = re.compile(r"[^A-Za-z0-9_.-]"), re.compile(r"[A-Za-z0-9]")
 SKEWED = replace(PINHOLE, name="a pinhole with skew", skew=True)
 """A projection matrix holds it; a lens that has none is not given one to come nearer."""
@@ -85,7 +88,9 @@ def _write_mv3dt(export: Export, losses: Losses) -> Mapping[str, bytes]:
     names = tame_names(rig.names, FORBIDDEN, FIRST)
     files = {}
     for camera in rig:
-        lens = _pinhole(camera, losses)
+        lens = express_lens(camera, (*_pinholes(camera), RADTAN_5), losses)[0]
+        if lens.distortions.any():
+            files[f"{DEWARPERS}/{names[camera.name]}.txt"] = dewarper_config(lens)
         told = json.dumps({"name": camera.name, "size": list(lens.size)})
         content = {
             "projectionMatrix_3x4_w2p": (lens.matrix @ _extrinsics(camera)).ravel().tolist(),
@@ -134,7 +139,12 @@ def _sensor(camera: Camera, name: str, losses: Losses) -> dict[str, Any]:
 
 def _pinhole(camera: Camera, losses: Losses) -> Lens:
     """The camera's lens without distortion."""
-    return express_lens(camera, (PINHOLE, SKEWED) if camera.lens.matrix[0, 1] else (PINHOLE,), losses)[0]
+    return express_lens(camera, _pinholes(camera), losses)[0]
+
+
+def _pinholes(camera: Camera) -> tuple[LensModel, ...]:
+    """The models without distortion that may hold its lens."""
+    return (PINHOLE, SKEWED) if camera.lens.matrix[0, 1] else (PINHOLE,)
 
 
 def _extrinsics(camera: Camera) -> Floats:
@@ -196,7 +206,9 @@ def _camera_file(file: Path, values: dict[Any, Any], told: dict[str, Any], given
     else:
         to_corner = np.array([[1.0, 0.0, size[0] / 2], [0.0, 1.0, size[1] / 2], [0.0, 0.0, 1.0]])
         matrix, pose = _taken_apart(place, to_corner @ numbers(place, values, "projectionMatrix_3x4", (3, 4)), metres)
-    return Camera(name if isinstance(name, str) and name else file.stem, _lens(place, size, matrix), pose)
+    dewarper = file.parent.parent / DEWARPERS / f"{file.stem}.txt"
+    lens = read_dewarper(dewarper, size) if dewarper.is_file() else _lens(place, size, matrix)
+    return Camera(name if isinstance(name, str) and name else file.stem, lens, pose)
 
 
 def _is_pair(told: dict[str, Any]) -> bool:
@@ -291,9 +303,10 @@ FORMATS: Mapping[str, Format] = {
         title="DeepStream MV3DT camera files, and the map of their viewer",
         tools=("NVIDIA DeepStream",),
         target="folder",
-        conventions="camInfo: projection matrices from the world to pixels (3 x 4), metres; pinhole without distortion, so "
-        "rectify videos first; no file of distortions is written, since no description of one was found. map.png and "
-        "transforms.yml: a plan of the ground with the cameras, and the matrix from metres to its pixels.",
+        conventions="camInfo: projection matrices from the world to pixels (3 x 4), metres; pinhole without distortion. For a "
+        "lens with distortion, dewarper/NAME.txt is a configuration of Gst-nvdewarper (k1 k2 k3 p1 p2): the matrix is of its "
+        "output, so put that plugin before the stream muxer. map.png and transforms.yml: a plan of the ground with the "
+        "cameras, and the matrix from metres to its pixels.",
         companions=frozenset({MAP, TRANSFORMS}),
         write=_write_mv3dt,
         read=_read_mv3dt,
