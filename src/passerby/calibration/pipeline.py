@@ -21,14 +21,15 @@ from passerby.calibration.diagnostics.known_heights import contradicted_heights
 from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_pictures
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
-from passerby.calibration.estimation import Estimator
+from passerby.calibration.estimation import Estimate, Estimator
+from passerby.calibration.held_out import doubts_of_held_out, hold_out
 from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.repairs import Repair, Repaired, apply_repairs
 from passerby.calibration.scene_solver import solver_options
 from passerby.calibration.unrecorded import Spans, unrecorded_instants
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
-from passerby.core.figures import AdjustedFigures, adjusted, heights_of
+from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted, heights_of
 from passerby.core.scale_cues import combine_heights
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding
@@ -104,7 +105,8 @@ def calibrate_inputs(
         motions = motion.measured_again(repaired.corrections, repaired.estimate)
         association = repaired.estimate.association
         shape = shape_of(repaired.estimate.solution, association.instants, scene.scale.person_height_m)
-        solution = _with_figures(scene, inputs, repaired, motions, shape)
+        held_out = _held_out(scene, repaired.estimate, seed)
+        solution = _with_figures(scene, inputs, repaired, motions, shape, held_out)
         placed = align_to_scene(scene, solution)
         doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
         misplaced = tuple(finding for finding in placed.findings if finding.severity == "doubt")
@@ -136,16 +138,24 @@ def calibrate_inputs(
     )
 
 
+def _held_out(scene: Scene, estimate: Estimate, seed: int) -> HeldOutFigures | None:
+    """Of a rig of the person model; the paper's method knows no other adjustment."""
+    if estimate.solution.method != "people":
+        return None
+    return hold_out(estimate.solution.rig, estimate.association.instants, scene.scale.person_height_m, seed)
+
+
 def _with_figures(
-    scene: Scene, inputs: SceneInputs, repaired: Repaired, motions: Sequence[DetectedMotion], shape: GroundShape | None
-) -> Solution:
-    """The solution, its figures with those of the repairs and of the ground."""
+    scene: Scene, inputs: SceneInputs, repaired: Repaired, motions: Sequence[DetectedMotion], shape: GroundShape | None,
+    held_out: HeldOutFigures | None,
+) -> Solution:  # fmt: skip
+    """The solution, its figures with those of the repairs, of the ground and of the people held out."""
     solution = repaired.estimate.solution
     rates = None
     if "clock_rate" in scene.solver.refine and (inputs.observations.clocks or inputs.observations.fps is not None):
         rates = clock_rate_figures(inputs, repaired.inputs, repaired.estimate)
     moved = tuple(one.figures for one in motions)
-    figures = replace(solution.figures, moved=moved, ground=ground_figures(shape), clock_rates=rates)
+    figures = replace(solution.figures, moved=moved, ground=ground_figures(shape), clock_rates=rates, held_out=held_out)
     if isinstance(figures, AdjustedFigures):
         figures = replace(figures, lenses=with_lens_priors(figures.lenses, inputs.rig))
     return replace(solution, figures=figures)
@@ -172,7 +182,8 @@ def _doubts(
     said |= {cue for found in solution.findings if found.code == "scale_cues_disagree" for cue in found.values["cues"]}
     contradicted = contradicted_heights(solution.rig, association.instants, known)
     heights += [finding for finding in contradicted if finding.values["cue"] not in said]
-    return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven), ground
+    held_out = doubts_of_held_out(solution.figures.held_out)
+    return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven, *held_out), ground
 
 
 def _decided(

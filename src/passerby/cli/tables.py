@@ -13,7 +13,7 @@ from passerby.cli.terminal import MISSING, is_interactive, number, show_table
 from passerby.core.association_figures import TiedPair, route_in_words
 from passerby.core.cameras import Camera, Rig
 from passerby.core.field_of_view import field_of_view_deg
-from passerby.core.figures import AdjustedFigures, adjusted
+from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted
 from passerby.core.lens_parameters import lens_parameters, names_in_words
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.stated import Stated
@@ -36,6 +36,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     columns = ("camera", "x m", "y m", "height m", "position std mm", "rotation std deg", *clock, "boxes", "keypoints")
     show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
     show_scale(adjusted(calibration.figures), calibration.rig)
+    show_held_out(calibration.figures.held_out)
     show_lenses(adjusted(calibration.figures), calibration.rig)
     for finding in calibration.findings if not is_interactive() else ():
         print(f"note: {finding}")
@@ -111,6 +112,23 @@ def show_scale(figures: AdjustedFigures, rig: Rig) -> None:
             f"most of the uncertainty is global scale: relative positions are known to {number(max(within), 0)} mm; one "
             f"measured length under [scale] fixes that"
         )
+
+
+def show_held_out(figures: HeldOutFigures | None) -> None:
+    """How well people fit who were held out of the adjustment; nothing where nobody could be."""
+    if figures is None:
+        return
+    held, fit = figures.held_out, figures.fit
+    stretches = "one stretch" if figures.stretches == 1 else f"{figures.stretches} stretches"
+    print(
+        f"people of {stretches} of {figures.stretch_s:.0f} s, held out: {number(held.median_px, 1)} px off in the median, "
+        f"{number(fit.median_px, 1)} px those fitted; on the ground half within {_centimetres(held.ground_50_m)}, 90 % within "
+        f"{_centimetres(held.ground_90_m)}"
+    )
+
+
+def _centimetres(metres: float | None) -> str:
+    return MISSING if metres is None else f"{100 * metres:.0f} cm"
 
 
 def show_cues(figures: AdjustedFigures) -> None:

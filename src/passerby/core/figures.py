@@ -272,6 +272,33 @@ class GroundFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ResidualFigures:
+    """How far each camera sees people from where the other cameras put them."""
+
+    sightings: int
+    median_px: float | None
+    """None: people's places lie behind the camera in half of the cases; likewise the others."""
+    p90_px: float | None
+    median_share: float | None
+    """As a share of the person's size in the picture."""
+    ground_50_m: float | None
+    """Of so many people in a hundred no more than this on the ground."""
+    ground_90_m: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOutFigures:
+    """A rig that was adjusted without some of the people, held against these."""
+
+    stretches: int
+    stretch_s: float
+    """Length of each of the stretches whose people were held out."""
+    held_out: ResidualFigures
+    fit: ResidualFigures
+    """Of the people who were fitted, by the same rig."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SolverFigures:
     """What every method has; by itself, of a solve that came to no rig."""
 
@@ -280,6 +307,8 @@ class SolverFigures:
     moved: tuple[MotionFigures, ...] = ()
     ground: GroundFigures | None = None
     """None where too few places tell."""
+    held_out: HeldOutFigures | None = field(default=None, metadata=ABSENT)
+    """None where too few people could be held out."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from passerby.core.figures import HeldOutFigures
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element
 from passerby.report.recommendations import Point, points_of, reported_doubts, sentence
@@ -76,6 +77,7 @@ def _figures(contents: Contents, spells: Spells) -> Html:
         ("scale uncertainty (1 sigma)", scale_told if scale is None else f"± {100 * scale:.1f} %"),
         ("worst camera position uncertainty", UNKNOWN if free else MISSING if worst is None else f"± {_length(worst)}"),
         ("up direction uncertainty (1 sigma)", vertical_told if vertical is None else f"± {vertical:.1f}°"),
+        ("median error on people held out", _held_out(figures.held_out)),
         (_people_label(contents, used is not None), str(people) if people else MISSING),
         ("recording length", lasted if len(spells) else MISSING),
     ]
@@ -84,6 +86,14 @@ def _figures(contents: Contents, spells: Spells) -> Html:
         [element("div", element("dt", name), element("dd", value)) for name, value in told],
         class_="key-figures",
     )
+
+
+def _held_out(held_out: HeldOutFigures | None) -> str:
+    """How far off each camera sees people who were not fitted."""
+    if held_out is None or held_out.held_out.median_px is None:
+        return MISSING
+    metres = held_out.held_out.ground_50_m
+    return f"{held_out.held_out.median_px:.1f} px" + ("" if metres is None else f", {_length(1000 * metres)}")
 
 
 def _people_label(contents: Contents, used: bool) -> str:

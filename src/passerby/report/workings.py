@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from passerby.core.figures import AdjustedFigures, StarFigures
+from passerby.core.figures import AdjustedFigures, HeldOutFigures, StarFigures
 from passerby.findings.texts.solver import PART_NAMES
 from passerby.interchange.calibration_json import NetworkEntry, VideoEntry
 from passerby.interchange.storage.json_text import plain
@@ -135,7 +135,22 @@ def _solved(contents: Contents) -> Step:
         with_joints = f" and {one.joints} keypoints" if one.joints else ""
         done = f"{_ended(one.converged)} after {one.iterations} steps"
         facts.append(f"Round {number}: {one.sightings} observations{with_joints}, {done}.")
-    return "Solving", facts + _noise(contents.figures)
+    return "Solving", facts + _noise(contents.figures) + _held_out(figures.held_out)
+
+
+def _held_out(figures: HeldOutFigures | None) -> list[str]:
+    """How people who were held out fit."""
+    if figures is None:
+        return []
+    held, fit = figures.held_out, figures.fit
+    return [
+        f"Checked on people of {count(figures.stretches, 'stretch', 'stretches')} of {figures.stretch_s:.0f} s, who were held "
+        f"out of one more adjustment: each camera sees them {figure(held.median_px, 1)} px (90 %: {figure(held.p90_px, 1)} px) "
+        f"from where the others put them; those who were fitted {figure(fit.median_px, 1)} px ({figure(fit.p90_px, 1)} px).",
+        f"On the ground, one camera puts half of the people held out within {figure(held.ground_50_m, 2)} m of where the "
+        f"others put them, and 90 % within {figure(held.ground_90_m, 2)} m; of those fitted {figure(fit.ground_50_m, 2)} m and "
+        f"{figure(fit.ground_90_m, 2)} m.",
+    ]
 
 
 def _ended(converged: bool) -> str:

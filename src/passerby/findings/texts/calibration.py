@@ -93,6 +93,13 @@ def _to_slow(v: Fields) -> str:
     return "Write their mean height as person_height_m under [scale], or give a length, and check the frame rate"
 
 
+def _held_out(v: Fields) -> str:
+    """How much worse they fit; behind the cameras where no ratio tells."""
+    stretches = "one stretch" if v["stretches"] == 1 else f"{v['stretches']} stretches"
+    how = "lie behind the cameras" if v["ratio"] is None else f"disagree with it {v['ratio']:.1f} times as much as the others"
+    return f"people of {stretches} of {v['stretch_s']:.0f} s, who were held out of the rig's adjustment, {how}"
+
+
 CALIBRATION: Mapping[str, Kind] = {
     "camera_without_pose": Kind(
         DOUBT, "The camera could not be registered, and no other finding says why.",
@@ -160,6 +167,10 @@ CALIBRATION: Mapping[str, Kind] = {
         lambda v: "" if v["severity"] == "notice" else 'provide points with known heights: under [world] set points = '
         '"points.csv" '
         "and tilt = true; or record people on one level", subjects=("vertical",),
+    ),
+    "held_out_disagree": Kind(
+        DOUBT, "People who were held out of the adjustment fit the rig clearly worse than those who were fitted.",
+        _held_out, "record for longer, with more people, and check that no camera was touched meanwhile",
     ),
     "smaller_image_fits": Kind(
         DOUBT, "All cameras agree better if the camera's people were detected in smaller images than its intrinsics are for.",

@@ -1,0 +1,139 @@
+"""Evidence held out: what a rig says of people who had no part in it.
+
+What a rig was adjusted to cannot show how good it is. So it is adjusted once more without the people of every fifth stretch
+of time, and these are then held against it: how far each camera sees them from where the other cameras put them. Who is who,
+the clocks and the lenses stay as the whole recording gave them; only poses, people and the noise are estimated anew. The rig
+that is written is the one from all the evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Pose, Rig
+from passerby.core.figures import HeldOutFigures, ResidualFigures
+from passerby.core.observations import CameraObservations, Observations
+from passerby.core.synchronisation import USUAL_FPS
+from passerby.findings.finding import Finding, doubt
+from passerby.people.one_against_others import CameraDisagreements, disagreements
+from passerby.solver.initialisation import PeopleOptions
+from passerby.solver.readjustment import readjust
+
+STRETCH_S = 10.0
+"""Of time; a fifth of a recording that has not five of these."""
+EVERY, FIRST = 5, 2
+"""One of so many stretches is held out, from this one on: neither the first nor the last of five."""
+LEAST_STRETCH_S = 1.0
+"""People move too little in less to be other evidence."""
+SIGHTINGS = 8000
+"""Of the adjustment without them, at most: it costs a part of the solve, and moves the rig by less than boxes are noisy."""
+TOLERANCE = 1e-5
+FEWEST = 50
+"""Observations on each side, so that a median says something."""
+HARMFUL_RATIO = 1.6
+"""No rig is accepted whose held-out people disagree with it by so many times as much as those who were fitted: above what
+ordinary simulated scenes reach (`benchmarks/reliability/limits.py`, seeds from 940 on)."""
+
+
+def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int) -> HeldOutFigures | None:
+    """Residuals of people held out, beside those of the people who were fitted.
+
+    Args:
+        rig: as solved; world z up, the ground at z = 0.
+        instants: people at common time steps, with identities over all cameras.
+        person_height_m: typical standing height.
+        seed: of the choice among too many observations.
+
+    Returns:
+        None where the recording is too short, or too few people are left on one side.
+    """
+    posed = rig.posed()
+    steps = _time_steps(posed, instants)
+    if len(posed) < 2 or not len(steps):
+        return None
+    fps = instants.fps or USUAL_FPS
+    stretch_s = min(STRETCH_S, (int(steps[-1] - steps[0]) + 1) / fps / EVERY)
+    if stretch_s < LEAST_STRETCH_S:
+        return None
+    fitted = _where(instants, lambda step: ~is_held_out(step, posed, instants, stretch_s))
+    options = PeopleOptions(max_sightings=SIGHTINGS, max_joints=SIGHTINGS, tolerance=TOLERANCE)
+    found = readjust(posed, replace(fitted, fps=fps), np.random.default_rng(seed), stretch_s=stretch_s, options=options)
+    if found is None or len(posed) - len(found.loose) < 2:
+        return None
+    poses = [Pose.from_centre(R, centre) for R, centre in zip(found.R, found.centre, strict=True)]
+    tied = [c for c in range(len(posed)) if c not in found.loose]
+    anew = Rig(tuple(replace(posed.cameras[c], pose=poses[c], sigma=None) for c in tied))
+    every = [one for one in disagreements(anew, instants, person_height_m).values() if len(one)]
+    sides = [is_held_out(one.step, posed, instants, stretch_s) for one in every]
+    held = _residuals([one.take(rows) for one, rows in zip(every, sides, strict=True)])
+    fit = _residuals([one.take(~rows) for one, rows in zip(every, sides, strict=True)])
+    if held is None or fit is None:
+        return None
+    stretches = np.unique((steps[is_held_out(steps, posed, instants, stretch_s)] - steps[0]) // (stretch_s * fps))
+    return HeldOutFigures(stretches=len(stretches), stretch_s=stretch_s, held_out=held, fit=fit)
+
+
+def is_held_out(step: Ints, rig: Rig, instants: Observations, stretch_s: float) -> NDArray[np.bool_]:
+    """Which time steps lie in a stretch that is held out; the first stretch begins where somebody is seen first."""
+    first = int(_time_steps(rig.posed(), instants)[0])
+    return np.asarray((step - first) // (stretch_s * (instants.fps or USUAL_FPS)) % EVERY == FIRST)
+
+
+def held_out_ratio(figures: HeldOutFigures) -> float | None:
+    """How many times as much as fitted people those held out disagree, each as a share of the size in the picture."""
+    held, fit = figures.held_out.median_share, figures.fit.median_share
+    return None if held is None or not fit else held / fit
+
+
+def doubts_of_held_out(figures: HeldOutFigures | None) -> tuple[Finding, ...]:
+    """What speaks against a rig that people held out do not bear out."""
+    if figures is None:
+        return ()
+    ratio = held_out_ratio(figures)
+    if ratio is not None and ratio <= HARMFUL_RATIO:
+        return ()
+    return (doubt("held_out_disagree", ratio=ratio, stretches=figures.stretches, stretch_s=figures.stretch_s),)
+
+
+def _residuals(found: Sequence[CameraDisagreements]) -> ResidualFigures | None:
+    """Of all cameras together; None of too few."""
+    every = CameraDisagreements.joined(found)
+    if len(every) < FEWEST:
+        return None
+    return ResidualFigures(
+        sightings=len(every),
+        median_px=_within(every.pixels, 50),
+        p90_px=_within(every.pixels, 90),
+        median_share=_within(every.pixels / every.extent_px, 50),
+        ground_50_m=_within(every.metres, 50),
+        ground_90_m=_within(every.metres, 90),
+    )
+
+
+def _within(values: Floats, percent: float) -> float | None:
+    """What so many values in a hundred are not above; None where that is infinite."""
+    found = float(np.percentile(values, percent, method="inverted_cdf"))  # a value that occurs: infinite ones give no NaN
+    return found if np.isfinite(found) else None
+
+
+def _time_steps(rig: Rig, instants: Observations) -> Ints:
+    """All time steps at which somebody was seen."""
+    frames = [part.frame for name in rig.names for part in (instants[name].boxes, instants[name].keypoints)]
+    return np.unique(np.concatenate(frames)) if frames else np.zeros(0, np.int64)
+
+
+def _where(instants: Observations, wanted: Callable[[Ints], NDArray[np.bool_]]) -> Observations:
+    """What was seen at the time steps that are wanted."""
+    cameras = {
+        name: CameraObservations(
+            seen.boxes.take(np.flatnonzero(wanted(seen.boxes.frame))),
+            seen.keypoints.take(np.flatnonzero(wanted(seen.keypoints.frame))),
+        )
+        for name, seen in instants.cameras.items()
+    }
+    return replace(instants, cameras=cameras)

@@ -1,0 +1,85 @@
+"""How far one camera's people are from where the other cameras put them: in the picture and on the ground.
+
+Each person is located by all cameras but one (`triangulate_people`). In the picture of the one that was left out, the distance
+of the person's middle from the projection of that place is a residual with no part of its own in it. On the ground, the ray of
+the middle meets the height of that place somewhere: the horizontal distance is how far off the camera by itself puts somebody.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.common.columns import Columns
+from passerby.core.cameras import Camera, Rig
+from passerby.core.observations import Observations
+from passerby.people.body_centres import BodyCentres, TriangulatedPeople, identified_body_centres, triangulate_people
+
+LEAST_DESCENT = 0.02
+"""Sine of a ray's angle with the horizontal: a flatter ray meets no height that a pixel would not move by a hundredth of its
+range squared."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraDisagreements(Columns):
+    """M people of one camera whom another one saw at the same time step."""
+
+    step: Ints
+    """(M,) time steps."""
+    pixels: Floats
+    """(M,) distance from the projection of their place by the others; infinite behind the camera."""
+    extent_px: Floats
+    """(M,) their size in the picture."""
+    metres: Floats
+    """(M,) distance on the ground; infinite where the ray does not come down to the height of the place."""
+
+    def __len__(self) -> int:
+        return len(self.step)
+
+
+def disagreements(rig: Rig, instants: Observations, person_height_m: float) -> dict[str, CameraDisagreements]:
+    """By camera with a pose, how far its people are from where the others put them.
+
+    Args:
+        rig: world z up, the ground at z = 0; cameras without a pose are left out.
+        instants: people at common time steps, with identities that hold over the cameras.
+        person_height_m: typical standing height.
+    """
+    centres = identified_body_centres(rig, instants)
+    found = {}
+    for index, (camera, own) in enumerate(zip(rig, centres, strict=True)):
+        if own is not None:
+            found[camera.name] = _of_camera(camera, own, triangulate_people(rig, centres, person_height_m, excluding=index))
+    return found
+
+
+def _of_camera(camera: Camera, own: BodyCentres, people: TriangulatedPeople) -> CameraDisagreements:
+    """The distances of one camera's people from their places by the others."""
+    rows, places = _shared(own, people)
+    own = own.take(rows)
+    pose = camera.pose
+    assert pose is not None
+    seen = camera.lens.project_rays(own.ray)
+    predicted = camera.project(places)
+    pixels = np.linalg.norm(predicted - seen, axis=1)
+    ahead = (places - pose.centre) @ pose.R_cw[2] > 0
+    ray = own.ray @ pose.R_cw
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = (places[:, 2] - pose.centre[2]) / ray[:, 2]
+    down = (np.abs(ray[:, 2]) > LEAST_DESCENT) & (reach > 0)
+    hit = pose.centre[:2] + np.where(down, reach, np.nan)[:, None] * ray[:, :2]
+    metres = np.where(down, np.linalg.norm(hit - places[:, :2], axis=1), np.inf)
+    return CameraDisagreements(own.instant, np.where(ahead, pixels, np.inf), own.extent_px, metres)
+
+
+def _shared(own: BodyCentres, people: TriangulatedPeople) -> tuple[Ints, Floats]:
+    """Rows of one camera's people whom another camera saw, and (M, 3) where that puts them."""
+    every = np.concatenate([np.column_stack([own.instant, own.identity]), np.column_stack([people.instant, people.identity])])
+    _, key = np.unique(every, axis=0, return_inverse=True)
+    mine, theirs = np.split(key.ravel(), [len(own)])
+    place_of = np.full(int(key.max(initial=-1)) + 1, -1)
+    place_of[theirs] = np.arange(len(theirs))
+    rows = np.flatnonzero(place_of[mine] >= 0)
+    return rows, people.place[place_of[mine[rows]]]
