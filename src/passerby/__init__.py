@@ -16,7 +16,7 @@ from passerby._version import __version__ as __version__
 from passerby.common.display import set_drawing
 
 if TYPE_CHECKING:
-    from passerby.api import align, evaluate, export_rig, import_rig, monitor, read_calibration, trajectories
+    from passerby.api import align, compare_rigs, evaluate, export_rig, import_rig, monitor, read_calibration, trajectories
     from passerby.calibration.alignment.world import Aligned
     from passerby.calibration.calibration import Calibration
     from passerby.calibration.in_memory import calibrate_observations
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from passerby.core.solution import Verdict
     from passerby.core.trajectories import Trajectories
     from passerby.evaluation.metrics import Comparison
+    from passerby.evaluation.on_people import PeopleComparison
     from passerby.findings.finding import Finding
     from passerby.interchange.output_folder import OutputFolder
     from passerby.interchange.rig_toml import read_rig, write_rig
@@ -52,6 +53,7 @@ __all__ = [
     "Observations",
     "OutputFolder",
     "PasserbyError",
+    "PeopleComparison",
     "Pose",
     "PoseSigma",
     "Rig",
@@ -61,6 +63,7 @@ __all__ = [
     "align",
     "calibrate",
     "calibrate_observations",
+    "compare_rigs",
     "evaluate",
     "export_rig",
     "import_rig",
@@ -89,6 +92,7 @@ _HOMES = {
     "Observations": "core.observations",
     "OutputFolder": "interchange.output_folder",
     "PasserbyError": "common.errors",
+    "PeopleComparison": "evaluation.on_people",
     "Pose": "core.cameras",
     "PoseSigma": "core.cameras",
     "Rig": "core.cameras",
@@ -98,6 +102,7 @@ _HOMES = {
     "align": "api",
     "calibrate": "calibration.pipeline",
     "calibrate_observations": "calibration.in_memory",
+    "compare_rigs": "api",
     "evaluate": "api",
     "export_rig": "api",
     "import_rig": "api",

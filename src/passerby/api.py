@@ -8,6 +8,7 @@ from pathlib import Path
 from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.following import folder_clocks, people_of_folder, track_options, trajectories_by_rig
+from passerby.calibration.rig_comparison import compare_rigs as on_people
 from passerby.common.errors import EvidenceError, InputError, PasserbyError
 from passerby.common.progress import Progress
 from passerby.core.cameras import Rig
@@ -15,6 +16,7 @@ from passerby.core.known_places import KnownPoint, KnownPosition
 from passerby.core.observations import Clock
 from passerby.core.trajectories import Trajectories
 from passerby.evaluation.metrics import Comparison, compare
+from passerby.evaluation.on_people import PeopleComparison
 from passerby.interchange.formats import Export, Given, export, find_format, read_rig_as
 from passerby.interchange.output_folder import OutputFolder, read_output, read_rig_at
 from passerby.interchange.world_files import read_known_points, read_known_positions
@@ -101,6 +103,29 @@ def evaluate(rig: RigLike, truth: RigLike, reference: str | None = None) -> Comp
         InputError: no camera has a pose in both, or the reference has none.
     """
     return compare(_rig(rig), _rig(truth), reference)
+
+
+def compare_rigs(
+    first: RigLike, second: RigLike, people: Scene | str | Path, *, shape: bool = False, seed: int = 0,
+    progress: Progress | None = None,
+) -> PeopleComparison:  # fmt: skip
+    """Which of two rigs of the same cameras places the people of a recording more consistently, as `passerby compare`.
+
+        passerby.compare_rigs("out", "last_year.toml", "today.toml").better
+
+    Args:
+        first: a rig, a calibration, or the path of a rig file or an output folder.
+        second: likewise.
+        people: a scene, or its file, of a recording that neither was made from; or the output folder of its calibration.
+        shape: move the second rig onto the first by the best similarity before: its frame and scale do not count.
+        seed: of the calibration of the scene.
+        progress: as of `calibrate`.
+
+    Raises:
+        InputError: a file is missing or broken, or the rigs have not two cameras in common.
+        EvidenceError: too few people, or their identities could not be found.
+    """
+    return on_people(_rig(first), _rig(second), people, shape=shape, seed=seed, progress=progress)
 
 
 def trajectories(

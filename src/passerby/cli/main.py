@@ -19,6 +19,7 @@ import typer
 
 from passerby._version import __version__
 from passerby.cli.commands.align import align
+from passerby.cli.commands.compare import compare
 from passerby.cli.commands.dataset import dataset
 from passerby.cli.commands.demo import demo
 from passerby.cli.commands.export import export
@@ -268,6 +269,7 @@ app.command()(track)
 app.command()(report)
 app.command()(monitor)
 app.command()(align)
+app.command()(compare)
 app.command()(dataset)
 app.command()(export)
 app.command("import")(import_)

@@ -16,6 +16,7 @@ from passerby.core.field_of_view import field_of_view_deg
 from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted
 from passerby.core.lens_parameters import lens_parameters, names_in_words
 from passerby.evaluation.metrics import Comparison
+from passerby.evaluation.on_people import PeopleComparison
 from passerby.evaluation.stated import Stated
 from passerby.findings.texts import text_of
 from passerby.interchange.storage.json_text import to_json
@@ -231,6 +232,23 @@ def show_comparison(comparison: Comparison) -> None:
     )
     if comparison.stated is not None and comparison.stated.position_sigmas:
         print(_sigmas_in_words(comparison.stated))
+
+
+def show_people_comparison(found: PeopleComparison) -> None:
+    """How far each camera's people are from where the others put them, by both rigs."""
+    rows = [
+        [name, str(one.sightings), number(one.first_px, 2), number(one.second_px, 2)] for name, one in found.cameras.items()
+    ]
+    show_table("median distance of people from where the other cameras put them", ("camera", "people", "A px", "B px"), rows)
+    for name, rig in (("A", found.first), ("B", found.second)):
+        print(
+            f"{name}: median {number(rig.median_px, 2)} px, 90 % within {number(rig.p90_px, 2)} px; on the ground half within "
+            f"{_centimetres(rig.ground_50_m)}, 90 % within {_centimetres(rig.ground_90_m)}"
+        )
+    sigma = "sigma unknown: the recording is too short" if found.sigma_px is None else f"sigma {number(found.sigma_px, 2)} px"
+    print(f"B less A: {number(found.difference_px, 2)} px ({sigma}; {found.stretches} stretches of 10 s)")
+    words = {"first": "A places these people better", "second": "B places these people better"}
+    print(words.get(found.better, "no difference beyond 2 sigma"))
 
 
 def _sigmas_in_words(stated: Stated) -> str:

@@ -1,0 +1,58 @@
+"""Two rigs of the same cameras on people of a recording that neither was made from."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from pathlib import Path
+
+from passerby.calibration.pipeline import calibrate
+from passerby.common.errors import EvidenceError
+from passerby.common.progress import Progress
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
+from passerby.core.stature import PERSON_HEIGHT_M
+from passerby.core.synchronisation import clocks_of, resample_to_common_steps
+from passerby.evaluation.on_people import PeopleComparison, compare_on_people
+from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.interchange.output_folder import TRACKS_FOLDER
+from passerby.report.contents import contents_from
+from passerby.scene.scene import Scene
+
+
+def compare_rigs(
+    first: Rig, second: Rig, people: Scene | str | Path, *, shape: bool = False, seed: int = 0,
+    progress: Progress | None = None, executor: Executor | None = None,
+) -> PeopleComparison:  # fmt: skip
+    """Hold two rigs against the people of a recording.
+
+    Args:
+        first: metres, z up, the ground at z = 0.
+        second: likewise, of the same cameras by name.
+        people: a scene, or its file, which is calibrated to learn who is who and how the clocks differ (its own poses are not
+            used); or the output folder of a calibration, whose tracks are taken.
+        shape: move the second rig onto the first by the best similarity before.
+        seed: of the calibration.
+        progress: as of `calibrate`.
+        executor: as of `calibrate`.
+
+    Raises:
+        InputError: a file is missing or broken, or the rigs have not two cameras in common.
+        EvidenceError: the scene's people could not be associated, or are too few.
+    """
+    if not isinstance(people, Scene) and (Path(people) / CALIBRATION_FILE).is_file():
+        instants, height_m = _people_of_folder(Path(people))
+        return compare_on_people(first, second, instants, height_m, shape=shape)
+    found = calibrate(people, seed=seed, progress=progress, executor=executor)
+    if found.verdict == "refused":
+        raise EvidenceError("; ".join(found.reasons))
+    return compare_on_people(first, second, found.instants, found.scene.scale.person_height_m, shape=shape)
+
+
+def _people_of_folder(folder: Path) -> tuple[Observations, float]:
+    """The people in a calibration's tracks at common time steps, and how tall it took them to be."""
+    contents = contents_from(folder)
+    seen = contents.observations
+    names = [name for name in contents.rig.names if (folder / TRACKS_FOLDER).is_dir()]
+    sizes = {camera.name: camera.lens.size for camera in contents.rig}
+    stated = contents.document.scene.scale.person_height_m
+    return resample_to_common_steps(seen, clocks_of(seen, names), sizes=sizes), stated or PERSON_HEIGHT_M

@@ -1,0 +1,166 @@
+"""Two rigs of the same cameras held against people: which of them places people more consistently, and by how much.
+
+For each rig every camera's people are compared with where the other cameras put them (`one_against_others`). Residuals of one
+person are alike from one time step to the next, so the recording is divided into stretches: the difference of the two rigs is
+found in each camera and stretch, and its sigma comes from how the stretches differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Camera, Pose, Rig
+from passerby.core.observations import Observations
+from passerby.core.synchronisation import USUAL_FPS
+from passerby.evaluation.metrics import place
+from passerby.people.one_against_others import CameraDisagreements, disagreements
+
+STRETCH_S = 10.0
+FEWEST = 20
+"""People in a camera and stretch, for a median of it."""
+FEWEST_STRETCHES = 4
+"""For a sigma from how they differ."""
+SURE_SIGMAS = 2.0
+"""A difference below is none."""
+
+Better = Literal["first", "second", "neither"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOnPeople:
+    """How well one rig places the people of a recording."""
+
+    median_px: float | None
+    """Of all cameras: distance from where the others put a person. None: they are behind the camera; likewise the others."""
+    p90_px: float | None
+    ground_50_m: float | None
+    """Half of the people are put no farther than this from where the other cameras put them."""
+    ground_90_m: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraOnPeople:
+    """One camera's part in the difference."""
+
+    first_px: float | None
+    second_px: float | None
+    sightings: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeopleComparison:
+    """Two rigs, and what the same people say of them."""
+
+    first: RigOnPeople
+    second: RigOnPeople
+    cameras: Mapping[str, CameraOnPeople]
+    difference_px: float
+    """Median residual of the second rig less that of the first, mean over stretches: above 0 where the first is better."""
+    sigma_px: float | None
+    """None of fewer than `FEWEST_STRETCHES`."""
+    stretches: int
+    better: Better
+    """By `SURE_SIGMAS` or more."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+
+def compare_on_people(
+    first: Rig, second: Rig, instants: Observations, person_height_m: float, *, shape: bool = False
+) -> PeopleComparison:
+    """Hold two rigs of the same cameras against the people of a recording that neither was made from.
+
+    Args:
+        first: metres, z up, the ground at z = 0.
+        second: likewise. Cameras that only one of the two has a pose of are left out.
+        instants: people at common time steps, with identities that hold over the cameras.
+        person_height_m: typical standing height.
+        shape: move the second rig onto the first by the best similarity before: its own frame and scale do not count.
+
+    Raises:
+        InputError: fewer than two cameras in common.
+        EvidenceError: too few people whom two of them see.
+    """
+    shared = [name for name in first.posed().names if name in second.posed().names and name in instants.cameras]
+    if len(shared) < 2:
+        few = "one camera" if shared else "no camera"
+        raise InputError(f"the rigs and the people have {few} in common that both rigs have a pose of: two are needed, by name")
+    one, two = (Rig(tuple(rig[name] for name in shared)) for rig in (first, second))
+    if shape:
+        found = place([_pose(camera) for camera in two], [_pose(camera) for camera in one])
+        if found is None:
+            raise InputError("the cameras that both rigs have fix no similarity: compare the rigs without --shape")
+        two = two.moved(found.rotation, found.translation, found.scale)
+    fps = instants.fps or USUAL_FPS
+    sides = [disagreements(rig, instants, person_height_m) for rig in (one, two)]
+    medians: list[tuple[float, float]] = []
+    stretch: list[int] = []
+    for name in shared:
+        numbers = [np.asarray(side[name].step // (STRETCH_S * fps)).astype(np.int64) for side in sides]
+        for number in np.unique(np.concatenate(numbers)):
+            values = [side[name].pixels[of == number] for side, of in zip(sides, numbers, strict=True)]
+            if min(map(len, values)) >= FEWEST:
+                medians.append((_within(values[0], 50) or np.inf, _within(values[1], 50) or np.inf))
+                stretch.append(int(number))
+    if not medians:
+        raise EvidenceError(
+            f"the recording has too few people whom two cameras see at once: {FEWEST} are needed in {STRETCH_S:g} s of a camera"
+        )
+    difference, sigma, count = _difference(np.array(medians), np.array(stretch))
+    cameras = {
+        name: CameraOnPeople(
+            first_px=_within(sides[0][name].pixels, 50), second_px=_within(sides[1][name].pixels, 50),
+            sightings=len(sides[0][name]),
+        )
+        for name in shared
+        if len(sides[0][name]) and len(sides[1][name])
+    }  # fmt: skip
+    sure = sigma is not None and abs(difference) > SURE_SIGMAS * sigma
+    better: Better = ("first" if difference > 0 else "second") if sure else "neither"
+    return PeopleComparison(
+        first=_on_people(sides[0]), second=_on_people(sides[1]), cameras=cameras, difference_px=difference,
+        sigma_px=sigma, stretches=count, better=better,
+    )  # fmt: skip
+
+
+def _difference(medians: Floats, stretch: Ints) -> tuple[float, float | None, int]:
+    """Mean difference over the stretches, its sigma, and their number.
+
+    Args:
+        medians: (K, 2) of both rigs, pixels.
+        stretch: (K,) which stretch each is of; several cameras of one count as one.
+    """
+    largest = float(np.max(medians, initial=1.0, where=np.isfinite(medians)))
+    gain = np.diff(np.minimum(medians, 10 * largest), axis=1)[:, 0]
+    _, group = np.unique(stretch, return_inverse=True)
+    means = np.bincount(group, gain) / np.bincount(group)
+    count = len(means)
+    sigma = float(means.std(ddof=1) / np.sqrt(count)) if count >= FEWEST_STRETCHES else None
+    return float(means.mean()), sigma, count
+
+
+def _on_people(side: Mapping[str, CameraDisagreements]) -> RigOnPeople:
+    every = CameraDisagreements.joined(list(side.values()))
+    return RigOnPeople(
+        median_px=_within(every.pixels, 50), p90_px=_within(every.pixels, 90), ground_50_m=_within(every.metres, 50),
+        ground_90_m=_within(every.metres, 90),
+    )  # fmt: skip
+
+
+def _within(values: Floats, percent: float) -> float | None:
+    """What so many values in a hundred are not above; None where that is infinite."""
+    found = float(np.percentile(values, percent, method="inverted_cdf"))
+    return found if np.isfinite(found) else None
+
+
+def _pose(camera: Camera) -> Pose:
+    assert camera.pose is not None
+    return camera.pose
