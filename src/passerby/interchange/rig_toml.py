@@ -1,7 +1,8 @@
 """Rigs as TOML: the tables of Anipose, Caliscope and Pose2Sim, so that those tools open a Passerby rig as it is.
 
 One table a camera: `name`, `size` [width, height], `matrix`, `distortions`, `rotation` (Rodrigues vector, world to camera),
-`translation` (metres), `fisheye`. `[metadata]` holds `units` and the `verdict`. Keys and tables of other tools are left alone.
+`translation` (metres), `fisheye`. `[metadata]` holds `format_version`, `units` and the `verdict`. Keys and tables of other tools
+are left alone.
 Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
 then rotation vector in radians, camera frame), `focal_sd_percent` (one standard deviation of a focal length that is a
 guess), and `uncalibrated` (nobody knows the lens: its matrix is a stand-in, to be estimated). A sigma that is infinite, since
@@ -31,6 +32,8 @@ from passerby.interchange.storage.safe_parsing import leaves
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 METADATA = "metadata"
+RIG_FORMAT = 1
+"""Version of the tables, written under `[metadata]`; files without one are of the first."""
 RIG = "a rig file (TOML)"
 FOCAL_SD = "focal_sd_percent"
 UNCALIBRATED = "uncalibrated"
@@ -46,6 +49,7 @@ def read_rig(path: str | Path) -> Rig:
     content = read_toml(path, RIG)
     metadata = content.get(METADATA, {})
     metadata = metadata if isinstance(metadata, dict) else {}
+    _check_version(Path(path), metadata)
     metres = _metres_per_unit(Path(path), metadata)
     tables = _camera_tables(Path(path), content)
     texts = {key: value for key, value in metadata.items() if isinstance(value, str) and key not in ("units", "verdict")}
@@ -80,7 +84,7 @@ def write_rig(path: str | Path, rig: Rig) -> None:
             raise InputError(f"{path}: a camera cannot be called {METADATA} in a rig file: rename it")
         content[camera.name] = table_of(camera)
     verdict = {} if rig.verdict is None else {"verdict": rig.verdict}
-    content[METADATA] = {"units": "m", **verdict, **rig.metadata}
+    content[METADATA] = {"format_version": RIG_FORMAT, "units": "m", **verdict, **rig.metadata}
     write_text(path, tomli_w.dumps(content))
 
 
@@ -94,6 +98,16 @@ def _camera_tables(path: Path, content: dict[str, Any]) -> dict[str, dict[str, A
     if not tables:
         raise InputError(f"{path}: holds no camera: one table per camera with size, matrix and distortions is needed")
     return tables
+
+
+def _check_version(path: Path, metadata: dict[str, Any]) -> None:
+    """Raise `InputError` for a file of a later Passerby. Other tools' files have no version."""
+    version = metadata.get("format_version", RIG_FORMAT)
+    if isinstance(version, int) and version > RIG_FORMAT:
+        raise InputError(
+            f"{path}: [{METADATA}] format_version is {shortened(version)}, of a later Passerby; this one reads up to "
+            f"{RIG_FORMAT}: install a later one"
+        )
 
 
 def _metres_per_unit(path: Path, metadata: dict[str, Any]) -> float:

@@ -104,6 +104,10 @@ class Table(BaseModel):
         return plain_without_credentials(values) if isinstance(values, dict) else values
 
 
+SCENE_FORMAT = 1
+"""Version of the keys of a scene file. New keys need no new version: an older Passerby names what it does not know."""
+
+
 class SceneTable(Table):
     """`[scene]`: the scene as a whole."""
 
@@ -118,6 +122,17 @@ class SceneTable(Table):
     used."""
     until: Moment | None = None
     """Wall time at which the used span ends, likewise."""
+    format_version: int = 1
+    """Of the scene file's keys; a file of a later Passerby is not read. It can be left out."""
+
+    @field_validator("format_version")
+    @classmethod
+    def _is_known(cls, version: int) -> int:
+        if version < 1:
+            raise ValueError("is no version: delete the key")
+        if version > SCENE_FORMAT:
+            raise ValueError(f"is of a later Passerby; this one reads up to {SCENE_FORMAT}: install a later one")
+        return version
 
     @model_validator(mode="after")
     def _span_in_order(self) -> Self:
