@@ -1,8 +1,8 @@
 """Rigs as TOML: the tables of Anipose, Caliscope and Pose2Sim, so that those tools open a Passerby rig as it is.
 
 One table a camera: `name`, `size` [width, height], `matrix`, `distortions`, `rotation` (Rodrigues vector, world to camera),
-`translation` (metres), `fisheye`. `[metadata]` holds `format_version`, `units` and the `verdict`. Keys and tables of other tools
-are left alone.
+`translation` (metres), `fisheye`. `[metadata]` holds `format_version`, `units` and the `verdict`. Keys and tables of other
+tools are left alone.
 Passerby's own extra keys are `position_sigma_mm`, `orientation_sigma_deg` and `covariance` (6 x 6: centre in metres, world;
 then rotation vector in radians, camera frame), `focal_sd_percent` (one standard deviation of a focal length that is a
 guess), and `uncalibrated` (nobody knows the lens: its matrix is a stand-in, to be estimated). A sigma that is infinite, since
