@@ -48,10 +48,18 @@ def disagreements(rig: Rig, instants: Observations, person_height_m: float) -> d
         person_height_m: typical standing height.
     """
     centres = identified_body_centres(rig, instants)
+    largest = max((int(seen.identity.max(initial=0)) for seen in centres if seen is not None), default=0)
+    keys = [None if seen is None else seen.instant * (largest + 1) + seen.identity for seen in centres]
     found = {}
-    for index, (camera, own) in enumerate(zip(rig, centres, strict=True)):
-        if own is not None:
-            found[camera.name] = _of_camera(camera, own, triangulate_people(rig, centres, person_height_m, excluding=index))
+    for index, (camera, own, wanted) in enumerate(zip(rig, centres, keys, strict=True)):
+        if own is None or wanted is None:
+            continue
+        # Everybody else's people cost as much as all cameras together, for each camera.
+        same = [
+            seen if seen is None or key is None else seen.take(np.isin(key, wanted))
+            for seen, key in zip(centres, keys, strict=True)
+        ]
+        found[camera.name] = _of_camera(camera, own, triangulate_people(rig, same, person_height_m, excluding=index))
     return found
 
 
