@@ -15,9 +15,11 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.interchange.video_writer import VideoWriter
-from passerby.page.server import find_session
+from passerby.page import pictures
+from passerby.page.server import find_opened
 from passerby.page.session import Session
 from passerby.page.work import EVENTS, FOLDER, RESULT, RUN_LOCK, Work
+from passerby.perception.sources.recording import open_source
 from passerby.scene.scene import Scene
 from passerby.scene.world_tables import WorldTable
 
@@ -217,14 +219,14 @@ def test_a_run_is_found_by_its_files_after_the_server_was_ended(tmp_path):
 
 
 def test_what_can_be_opened(session, tmp_path):
-    opened = find_session(session.scene_file)
+    opened = find_opened(session.scene_file)
     assert (opened.scene_file, opened.out.name) == (session.scene_file, "out")
-    assert find_session(session.scene_file.parent).scene_file == session.scene_file
+    assert find_opened(session.scene_file.parent).scene_file == session.scene_file
     with pytest.raises(InputError, match="no such file"):
-        find_session(tmp_path / "nothing")
+        find_opened(tmp_path / "nothing")
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError):
-        find_session(tmp_path / "empty")
+        find_opened(tmp_path / "empty")
 
 
 def test_without_the_extra_the_command_names_it(monkeypatch, capsys, session):
@@ -251,3 +253,52 @@ def test_a_picture_is_that_of_its_frame(simulated, tmp_path):
     assert (answer.headers["content-type"], answer.headers["x-frame"]) == ("image/jpeg", "30")
     picture = cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_COLOR)
     assert picture.mean() == pytest.approx(150, abs=4)
+
+
+def videos(folder, names, frames=20):
+    """A film for each name, one second of 20 frames."""
+    for number, name in enumerate(names):
+        with VideoWriter(folder / name, (64, 48), 20.0) as video:
+            for _ in range(frames):
+                video.write(np.full((48, 64, 3), 40 + 30 * number, np.uint8))
+
+
+def test_a_picture_of_one_camera_waits_for_no_other_camera(tmp_path, monkeypatch):
+    videos(tmp_path, ("A.mp4", "B.mp4"))
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[cameras.A]\nvideo = "A.mp4"\n[cameras.B]\nvideo = "B.mp4"\n')
+    opened = []
+
+    def recorded(source, name=""):
+        opened.append(name)
+        return open_source(source, name)
+
+    monkeypatch.setattr(pictures, "open_source", recorded)
+    client = Client(Session(scene, tmp_path / "out"))
+    assert client.get("/picture", "camera=A&frame=1").status == 200
+    assert opened == ["A"]
+    assert client.get("/api/people", "camera=A&frame=3").json()["why"] is None
+    assert opened == ["A"]
+
+
+def test_recordings_in_pieces_count_from_their_common_wall_time(tmp_path):
+    """Frame numbers of one camera depend on when the other one begins, as in a calibration: two seconds at 20 a second."""
+    for name in ("A", "B"):
+        (tmp_path / name).mkdir()
+    videos(tmp_path, ("A/2024-05-01_10-00-00.mp4", "B/2024-05-01_10-00-02.mp4"))
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[cameras.A]\nvideo = "A"\n[cameras.B]\nvideo = "B"\n')
+    client = Client(Session(scene, tmp_path / "out"))
+    first, second = (client.get("/api/people", f"camera={name}").json()["first"] for name in ("A", "B"))
+    assert second - first == 40
+
+
+def test_first_pictures_need_no_import_of_what_calibrates():
+    """These imports take longer than the pictures; they come with the check of the scene, afterwards."""
+    code = (
+        "import sys, passerby.page.server as s; light = set(sys.modules); import passerby.page.app, passerby.page.session; "
+        "print(sorted(light & {'numpy', 'cv2', 'starlette'}), "
+        "sorted({'scipy.spatial', 'scipy.optimize', 'passerby.association', 'passerby.scene.check'} & set(sys.modules)))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split("\n")[0] == "[] []"

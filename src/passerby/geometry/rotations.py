@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from passerby.common.arrays import Floats
 
@@ -22,6 +21,8 @@ def exp_rotation(vectors: Floats) -> Floats:
     v = np.asarray(vectors, dtype=np.float64)
     if v.size == 0:
         return np.zeros((*v.shape, 3))
+    from scipy.spatial.transform import Rotation  # a quarter of a second, which reading a scene does without
+
     matrices = Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix()
     return np.asarray(matrices, dtype=np.float64).reshape(*v.shape, 3)
 
@@ -31,6 +32,8 @@ def log_rotation(rotations: Floats) -> Floats:
     R = np.asarray(rotations, dtype=np.float64)
     if R.size == 0:
         return np.zeros(R.shape[:-1])
+    from scipy.spatial.transform import Rotation
+
     vectors = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(vectors, dtype=np.float64).reshape(R.shape[:-1])
 

@@ -110,7 +110,11 @@ def _frame(request: Request) -> int:
 def _picture(session: Session, request: Request) -> Response:
     name = request.query_params.get("camera", "")
     scene, version = session.camera(name)
-    still = session.pictures.still(scene, version, name, _frame(request))
+    frame = _frame(request)
+    still = session.pictures.known(version, name, frame)
+    if still is None:
+        with session.pictures.turn:
+            still = session.pictures.still(scene, version, name, frame)
     headers = {"cache-control": "private, max-age=3600", "x-frame": str(still.frame)}
     return Response(still.jpeg, media_type="image/jpeg", headers=headers)
 
@@ -125,18 +129,20 @@ def _people(session: Session, request: Request) -> dict[str, Any]:
     first, last = (int(frames[0]), int(frames[-1])) if len(frames) else (1, 1)
     told: dict[str, Any] = {"size": None, "why": None}
     info = None
-    try:
-        info = session.pictures.video(scene, version, name)
-        first = 1 + round(info.begin_s * info.clock_fps)
-        last = max(last, first, round((info.end_s or 0.0) * info.clock_fps))
-        told["size"] = list(info.size)
-    except InputError as error:
-        told["why"] = session.public(str(error))
-    frame = _frame(request) if "frame" in request.query_params else int(frames[np.argmax(counts)]) if len(frames) else first
-    try:
-        frame = frame if info is None else session.pictures.still(scene, version, name, frame).frame
-    except InputError as error:
-        told["why"] = session.public(str(error))
+    asked = _frame(request) if "frame" in request.query_params else int(frames[np.argmax(counts)]) if len(frames) else None
+    with session.pictures.turn:
+        try:
+            info = session.pictures.video(scene, version, name)
+            first = 1 + round(info.begin_s * info.clock_fps)
+            last = max(last, first, round((info.end_s or 0.0) * info.clock_fps))
+            told["size"] = list(info.size)
+        except InputError as error:
+            told["why"] = session.public(str(error))
+        frame = first if asked is None else asked
+        try:
+            frame = frame if info is None else session.pictures.still(scene, version, name, frame).frame
+        except InputError as error:
+            told["why"] = session.public(str(error))
     if info is None and len(frames):
         frame = int(frames[np.argmin(np.abs(frames - frame))])
     return {**told, "frame": frame, "first": first, "last": last, "boxes": boxes.ltwh[boxes.frame == frame].round(1).tolist()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -39,46 +40,93 @@ class Still:
 
 @dataclass(eq=False)
 class PictureStore:
-    """The pictures of the scenes that a page shows."""
+    """The pictures of the scenes that a page shows; as many are decoded at once as there are cores, each by one thread."""
 
     _kept: OrderedDict[tuple[str, str, int], Still] = field(default_factory=OrderedDict)
-    _videos: tuple[str, dict[str, VideoInfo | str]] | None = None
-    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _videos: dict[str, VideoInfo | str] = field(default_factory=dict)
+    _version: str | None = None
+    """Of the scene whose videos these are."""
+    _lock: threading.RLock = field(default_factory=threading.RLock)
+    _opening: dict[str, threading.Lock] = field(default_factory=dict)
+    turn: threading.Semaphore = field(default_factory=lambda: threading.BoundedSemaphore(os.cpu_count() or 1))
+    """To be held by who asks for videos and pictures: one camera's are whole before the next camera's are begun."""
 
     def video(self, scene: Scene, version: str, camera: str) -> VideoInfo:
         """A camera's video. Raises `InputError` where it has none, or it cannot be read."""
         with self._lock:
-            return self._video(scene, version, camera)
+            if self._version != version:
+                self._version, self._videos, self._opening = version, {}, {}
+            # Recordings in pieces share one wall clock, and so are opened together; others each when it is asked for.
+            alone = _is_alone(scene)
+            lock = self._opening.setdefault(camera if alone else "", threading.Lock())
+        with lock:
+            found = self._opened(version, camera)
+            if found is None:
+                opened = {camera: open_video_alone(scene, camera)} if alone else open_videos(scene)
+                found = opened[camera]
+                with self._lock:
+                    if self._version == version:
+                        self._videos |= opened
+        if isinstance(found, str):
+            raise InputError(found)
+        return found
 
     def still(self, scene: Scene, version: str, camera: str, frame: int) -> Still:
         """The picture nearest to a frame, at it or before. Raises `InputError` as `video` does, or where there is none."""
         key = version, camera, frame
-        with self._lock:  # one at a time: decoding takes all cores
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
-            info = self._video(scene, version, camera)
-            if info.size[0] * info.size[1] > MOST_PIXELS:
-                raise InputError(f"camera {camera}: pictures of {info.size[0]} x {info.size[1]} are too large to be shown")
-            number = np.arange(max(1, frame - REACH), frame + 1, dtype=np.int64)
-            found = still(info, number, number.astype(np.float64), MOST_DECODED)
-            if found is None:
-                raise InputError(f"camera {camera}: the video has no picture at frame {frame}")
-            done, data = cv2.imencode(".jpg", found.picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-            if not done:
-                raise InputError(f"camera {camera}: the picture cannot be shown")
-            self._kept[key] = self._kept[version, camera, found.number] = Still(data.tobytes(), found.number)
+        known = self.known(*key)
+        if known is not None:
+            return known
+        info = self.video(scene, version, camera)
+        found = _decoded(info, camera, frame)
+        with self._lock:
+            self._kept[key] = self._kept[version, camera, found.frame] = found
             while len(self._kept) > KEPT:
                 self._kept.popitem(last=False)
-            return self._kept[key]
-
-    def _video(self, scene: Scene, version: str, camera: str) -> VideoInfo:
-        if self._videos is None or self._videos[0] != version:
-            self._videos = version, open_videos(scene)
-        found = self._videos[1][camera]
-        if isinstance(found, str):
-            raise InputError(found)
         return found
+
+    def known(self, version: str, camera: str, frame: int) -> Still | None:
+        """A picture that was decoded before: for this no turn is waited for."""
+        with self._lock:
+            found = self._kept.get((version, camera, frame))
+            if found is not None:
+                self._kept.move_to_end((version, camera, frame))
+            return found
+
+    def _opened(self, version: str, camera: str) -> VideoInfo | str | None:
+        with self._lock:
+            return self._videos.get(camera) if self._version == version else None
+
+
+def _decoded(info: VideoInfo, camera: str, frame: int) -> Still:
+    """The picture nearest to a frame, at it or before."""
+    if info.size[0] * info.size[1] > MOST_PIXELS:
+        raise InputError(f"camera {camera}: pictures of {info.size[0]} x {info.size[1]} are too large to be shown")
+    number = np.arange(max(1, frame - REACH), frame + 1, dtype=np.int64)
+    found = still(info, number, number.astype(np.float64), MOST_DECODED)
+    if found is None:
+        raise InputError(f"camera {camera}: the video has no picture at frame {frame}")
+    done, data = cv2.imencode(".jpg", found.picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    if not done:
+        raise InputError(f"camera {camera}: the picture cannot be shown")
+    return Still(data.tobytes(), found.number)
+
+
+def _is_alone(scene: Scene) -> bool:
+    """Whether each camera's video can be opened without the others: single files, whose frames count from their first."""
+    if scene.scene.from_ is not None or scene.scene.until is not None:
+        return False
+    sources = [source_of(scene, name) for name in scene.cameras]
+    return all(source is None or source.single is not None for source in sources)
+
+
+def open_video_alone(scene: Scene, camera: str) -> VideoInfo | str:
+    """A camera's video that is a single file, or why there is none to be shown."""
+    try:
+        source = source_of(scene, camera)
+        return f"camera {camera} has no video" if source is None else open_source(source, camera).info
+    except InputError as error:
+        return str(error)
 
 
 def open_videos(scene: Scene) -> dict[str, VideoInfo | str]:

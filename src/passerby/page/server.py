@@ -1,4 +1,8 @@
-"""What `passerby open` opens, and the server on this machine's own address."""
+"""What `passerby open` opens, and the server on this machine's own address.
+
+The address is printed, and the browser begins to start, before all that the page needs is imported: the browser's requests wait
+in the listening socket meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +11,25 @@ import socket
 import threading
 import webbrowser
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-import uvicorn
-
 from passerby.common.errors import InputError
-from passerby.interchange.calibration_json import CALIBRATION_FILE
-from passerby.interchange.output_folder import read_report
-from passerby.page.app import make_app
-from passerby.page.session import Session
-from passerby.scene.start.start import SCENE_FILE, start
 
 HOST = "127.0.0.1"
 DEFAULT_OUT = "out"
 
 
-def find_session(opened: Path, out: Path | None = None) -> Session:
+@dataclass(frozen=True)
+class Opened:
+    """What a page is for."""
+
+    scene_file: Path
+    out: Path
+    """The output folder."""
+
+
+def find_opened(opened: Path, out: Path | None = None) -> Opened:
     """The scene and the output folder that a path stands for.
 
     Args:
@@ -32,26 +39,31 @@ def find_session(opened: Path, out: Path | None = None) -> Session:
     Raises:
         InputError: nothing there that can be opened.
     """
+    if opened.is_file():
+        return Opened(opened, out or opened.absolute().parent / DEFAULT_OUT)
+    if not opened.is_dir():
+        raise InputError(f"{opened}: no such file or folder: give an output folder, a scene file or a folder of videos")
+    from passerby.interchange.calibration_json import CALIBRATION_FILE
+    from passerby.interchange.output_folder import read_report
+
     if (opened / CALIBRATION_FILE).is_file():
         named = read_report(opened).scene_file
         if named is None or not Path(named).is_file():
             raise InputError(f"{opened}: the scene file of this calibration is not there: open the scene file instead")
-        return Session(Path(named), out or opened)
-    if opened.is_dir():
-        scene = opened / SCENE_FILE
-        if not scene.exists():
-            start(opened)
-        return Session(scene, out or opened / DEFAULT_OUT)
-    if not opened.is_file():
-        raise InputError(f"{opened}: no such file or folder: give an output folder, a scene file or a folder of videos")
-    return Session(opened, out or opened.absolute().parent / DEFAULT_OUT)
+        return Opened(Path(named), out or opened)
+    from passerby.scene.start.start import SCENE_FILE, start
+
+    scene = opened / SCENE_FILE
+    if not scene.exists():
+        start(opened)
+    return Opened(scene, out or opened / DEFAULT_OUT)
 
 
-def serve(session: Session, port: int, tell: Callable[[str], None], *, browser: bool) -> None:
+def serve(opened: Opened, port: int, tell: Callable[[str], None], *, browser: bool) -> None:
     """Serve a page until the process is interrupted.
 
     Args:
-        session: what to show.
+        opened: what to show.
         port: 0 for any free one.
         tell: is told the page's address, once it can be opened.
         browser: open it in the user's browser.
@@ -70,11 +82,22 @@ def serve(session: Session, port: int, tell: Callable[[str], None], *, browser: 
     number = listener.getsockname()[1]
     token = secrets.token_urlsafe(32)
     address = f"http://{HOST}:{number}/?token={token}"
-    config = uvicorn.Config(
-        make_app(session, token, number), log_level="error", access_log=False, server_header=False, lifespan="off",
-        limit_concurrency=200, timeout_keep_alive=5,
-    )  # fmt: skip
     tell(address)
     if browser:
         threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    _listen(opened, listener, token)
+
+
+def _listen(opened: Opened, listener: socket.socket, token: str) -> None:
+    """Answer requests until the process is interrupted."""
+    import uvicorn
+
+    from passerby.page.app import make_app
+    from passerby.page.session import Session
+
+    app = make_app(Session(opened.scene_file, opened.out), token, listener.getsockname()[1])
+    config = uvicorn.Config(
+        app, log_level="error", access_log=False, server_header=False, lifespan="off",
+        limit_concurrency=200, timeout_keep_alive=5,
+    )  # fmt: skip
     uvicorn.Server(config).run(sockets=[listener])

@@ -19,7 +19,6 @@ from passerby.page.pictures import PictureStore
 from passerby.page.results import outcome
 from passerby.page.scene_edits import save_scene, text_of, version_of
 from passerby.page.work import Work
-from passerby.scene.check import check_scene
 from passerby.scene.scene import Scene
 
 UNDO_FILE = "undo.json"
@@ -99,6 +98,9 @@ class Session:
 
     def check(self) -> dict[str, Any]:
         """What `passerby check` says of the scene as it stands; read once for each version of the file."""
+        # With what a calibration needs: a second, which the first pictures do not wait for.
+        from passerby.scene.check import check_scene
+
         with self._checking:
             version = self.version
             if self._checked is None or self._checked[0] != version:

@@ -26,15 +26,14 @@ def open_(
     Everything that you say is written into the scene file. A folder of videos without a scene file gets one, as by
     `passerby init`. The page ends with Ctrl-C; a calibration that it has started goes on. Needs the extra `page`.
     """
+    from importlib.util import find_spec
+
     from passerby.common.errors import InputError
+    from passerby.page.server import find_opened, serve
 
-    try:
-        from passerby.page.server import find_session, serve
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn", "tomlkit"):
-            raise
-        raise InputError(f"the page needs {error.name}: pip install 'passerby[page]'") from None
-
-    session = find_session(opened, out)
-    print(f"scene {session.scene_file}, results in {session.out}")
-    serve(session, port, lambda address: print(f"open {address}", flush=True), browser=browser)
+    for needed in ("starlette", "uvicorn", "tomlkit"):
+        if find_spec(needed) is None:
+            raise InputError(f"the page needs {needed}: pip install 'passerby[page]'")
+    found = find_opened(opened, out)
+    print(f"scene {found.scene_file}, results in {found.out}")
+    serve(found, port, lambda address: print(f"open {address}", flush=True), browser=browser)

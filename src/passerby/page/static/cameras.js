@@ -5,13 +5,14 @@ import { ask } from "./server.js";
 import { View } from "./view.js";
 
 export class Cameras {
-  constructor(page) { this.page = page; this.cards = new Map(); this.names = ""; }
+  constructor(page) { this.page = page; this.cards = new Map(); this.names = ""; this.loads = []; }
 
   update(state) {
     const names = JSON.stringify(state.cameras);
     if (names !== this.names) {
       this.names = names;
       this.cards.clear();
+      this.loads = [];
       for (const name of state.cameras) this.cards.set(name, this.card(name));
       show(find("grid"), ...[...this.cards.values()].map(({ card }) => card));
     }
@@ -32,7 +33,7 @@ export class Cameras {
     entry.card = make("article", { class: "camera", "aria-label": `Camera ${name}` },
       make("header", {}, make("h3", {}, name), leave), view.stage,
       make("div", { class: "frames" }, entry.frame, entry.number), entry.known, entry.faults);
-    this.load(entry, null);
+    this.loads.push(this.load(entry, null));
     return entry;
   }
 
@@ -47,9 +48,13 @@ export class Cameras {
     [entry.frame.min, entry.frame.max, entry.frame.value] = [told.first, told.last, told.frame];
     entry.number.textContent = told.why ?? `frame ${told.frame}`;
     if (told.why) view.frame = told.frame;
-    else if (view.frame !== told.frame) view.load(told.frame);
+    const shown = !told.why && view.frame !== told.frame ? view.load(told.frame) : null;
     this.page.redraw();
+    await shown;
   }
+
+  // The first pictures, or so many milliseconds, whatever is first: what is slow to know waits for them.
+  pictures(most) { return Promise.race([Promise.all(this.loads), new Promise((done) => { setTimeout(done, most); })]); }
 
   check(told) {
     for (const one of told.cameras) {

@@ -6,7 +6,7 @@ import { showCues, showResult, showRun } from "./results.js";
 import { ask, send } from "./server.js";
 import { LengthTool, PersonTool, RegionTool, TimeTool, WorldTool } from "./tools.js";
 
-const FAST_MS = 1000, SLOW_MS = 3000;
+const FAST_MS = 1000, SLOW_MS = 3000, PICTURES_MS = 4000;
 
 class Page {
   constructor() {
@@ -63,6 +63,7 @@ class Page {
 
   async check(version) {
     this.checked = version;
+    await this.cameras.pictures(PICTURES_MS);
     const told = await ask("/api/check").catch((error) => this.tell(error.message));
     if (!told) return;
     this.cameras.check(told);

@@ -26,11 +26,13 @@ export class View {
     this.image.addEventListener("error", () => { this.image.hidden = true; });
   }
 
-  // A scene of boxes has no pictures: then its frame alone is set.
+  // A scene of boxes has no pictures: then its frame alone is set. Done when the picture is there, or cannot be had.
   load(frame) {
     this.frame = frame;
     this.image.hidden = false;
+    const shown = new Promise((done) => { for (const end of ["load", "error"]) this.image.addEventListener(end, done, { once: true }); });
     this.image.src = `/picture?${new URLSearchParams({ camera: this.name, frame })}`;
+    return shown;
   }
 
   resize(size) {
