@@ -1,6 +1,7 @@
 """Acts through the server: acknowledged ones are in the file, stale and wrong ones change nothing."""
 
 import json
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -302,3 +303,45 @@ def test_first_pictures_need_no_import_of_what_calibrates():
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.split("\n")[0] == "[] []"
+
+
+@pytest.mark.slow
+def test_a_prepared_calibration_writes_what_the_command_line_writes(simulated, session, tmp_path):
+    """The process that was begun before the button is pressed gives the same bytes, holds the lock, and answers once."""
+    served = Session(session.scene_file, tmp_path / "page", serves=True)
+    client = Client(served)
+    shutil.copytree(session.out, served.out)
+    truth = read_rig(session.scene_file.parent / "truth.toml")
+    assert act(client, served, **length(truth, metres=3.0)).status == 200
+    waiting = served.work._waiting.process
+    other = Work(served.out)
+    assert not other.running()
+    served.work.start(served.scene_file, served.version)
+    assert served.work._process is waiting
+    assert other.running()
+    with pytest.raises(InputError, match="running already"):
+        other.start(served.scene_file, served.version)
+    waiting.wait(timeout=240)
+    assert other.status()["state"] == "done"
+    assert run(["calibrate", str(served.scene_file), "-o", str(tmp_path / "line")]) in (0, 3)
+    for name in ("rig.toml", "calibration.json"):
+        assert (served.out / name).read_bytes() == (tmp_path / "line" / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_a_prepared_process_that_has_ended_is_replaced(session, tmp_path):
+    work = Work(tmp_path / "out", prepares=True)
+    work.prepare()
+    first = work._waiting.process
+    first.kill()
+    first.wait(timeout=60)
+    work.prepare()
+    second = work._waiting.process
+    assert second is not first
+    second.kill()
+    second.wait(timeout=60)
+    work.start(tmp_path / "missing.toml", "v")
+    assert work._process not in (first, second)
+    work._process.wait(timeout=60)
+    assert work.status()["state"] == "failed"
+    assert "missing.toml" in work.status()["error"]

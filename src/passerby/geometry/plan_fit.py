@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.stats import chi2
 
 from passerby.common.arrays import Bools, Floats, Ints
 
@@ -190,6 +189,8 @@ def _improbability(placements: Placements, prior: ScalePrior | None) -> float:
     fit = fit_plan(placements)
     if fit.freedom + (prior is not None) < 1:
         return 0.0
+    from scipy.stats import chi2  # takes half a second to import, and most scenes have no plan
+
     return _chi_squared(fit, prior) / float(chi2.isf(LEAST_PROBABLE, fit.freedom + (prior is not None)))
 
 

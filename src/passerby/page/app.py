@@ -158,6 +158,7 @@ def _report(session: Session, request: Request) -> Response:
 
 def _epipolar(session: Session, content: Any) -> dict[str, Any]:
     asked = read_as(tuple[Name, Pixel], [content.get("camera"), content.get("at")] if isinstance(content, dict) else content)
+    session.work.prepare()
     return {"lines": [asdict(one) for one in epipolar_lines(session.rig(), *asked)]}
 
 
@@ -170,6 +171,7 @@ def _ground(session: Session, content: Any) -> dict[str, Any]:
     camera, at = read_as(
         tuple[Name, Pixel], [content.get("camera"), content.get("at")] if isinstance(content, dict) else content
     )
+    session.work.prepare()
     return {"ground": ground_point(session.rig(), camera, at).round(4).tolist()}
 
 

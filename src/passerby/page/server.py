@@ -95,7 +95,7 @@ def _listen(opened: Opened, listener: socket.socket, token: str) -> None:
     from passerby.page.app import make_app
     from passerby.page.session import Session
 
-    app = make_app(Session(opened.scene_file, opened.out), token, listener.getsockname()[1])
+    app = make_app(Session(opened.scene_file, opened.out, serves=True), token, listener.getsockname()[1])
     config = uvicorn.Config(
         app, log_level="error", access_log=False, server_header=False, lifespan="off",
         limit_concurrency=200, timeout_keep_alive=5,

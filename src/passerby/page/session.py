@@ -35,6 +35,8 @@ class Session:
 
     scene_file: Path
     out: Path
+    serves: bool = False
+    """Whether for a server that lasts: then a process is ready for the next calibration as soon as somebody marks something."""
     pictures: PictureStore = field(default_factory=PictureStore)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _checking: threading.Lock = field(default_factory=threading.Lock)
@@ -42,7 +44,7 @@ class Session:
     _rig: tuple[tuple[int, int], Rig] | None = None
 
     def __post_init__(self) -> None:
-        self.work = Work(self.out)
+        self.work = Work(self.out, self.serves)
 
     @property
     def version(self) -> str:
@@ -120,6 +122,7 @@ class Session:
             after = change(before)
             save_scene(self.scene_file, after)
             self._remember(before)
+        self.work.prepare()
 
     def undo(self, version: str) -> None:
         """Take back the last act. Raises as `act` does, and `InputError` where there is none."""

@@ -9,10 +9,11 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from passerby.common.errors import InputError
 from passerby.interchange.calibration_json import CALIBRATION_FILE
@@ -30,6 +31,9 @@ class Work:
     """The calibrations of one output folder, one at a time."""
 
     out: Path
+    prepares: bool = False
+    """Whether a process waits for the next calibration; a server does so."""
+    _waiting: _Waiting | None = None
     _process: subprocess.Popen[bytes] | None = None
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
@@ -38,25 +42,34 @@ class Work:
         """Where the page keeps its files."""
         return self.out / FOLDER
 
+    def prepare(self) -> None:
+        """Begin a process that imports what a calibration needs and waits, so that the next one starts at once."""
+        with self._lock:
+            if not self.prepares or (self._waiting is not None and self._waiting.process.poll() is None) or self.running():
+                return
+            with suppress(InputError, OSError):  # then the calibration is begun as ever
+                make_folder(self.folder)
+                lock = (self.folder / RUN_LOCK).open("a+b")
+                self._waiting = _Waiting(_begin("passerby.cli.ready", [], lock, subprocess.PIPE, None, None), lock)
+
     def start(self, scene: Path, version: str) -> None:
         """Begin or resume a calibration. Raises `InputError` where one is running, or the folder cannot be written."""
         with self._lock:
             make_folder(self.folder)
-            lock = (self.folder / RUN_LOCK).open("a+b")
+            waiting, self._waiting = self._waiting, None
+            # The lock that the process holds ends with it.
+            lock = (self.folder / RUN_LOCK).open("a+b") if waiting is None else waiting.lock
             try:
                 if not try_lock(lock):
                     raise InputError("a calibration is running already: stop it first")
                 self._keep_before()
                 for name in (EVENTS, RESULT):
                     (self.folder / name).unlink(missing_ok=True)
-                command = [sys.executable, "-m", "passerby", "calibrate", str(scene.absolute()), "-o", str(self.out.absolute())]
-                with (self.folder / EVENTS).open("wb") as events, (self.folder / RESULT).open("wb") as result:
-                    # A session of its own: it survives the server, and stops with all its processes. The lock that it holds
-                    # ends with it.
-                    self._process = subprocess.Popen(
-                        [*command, "--json", "--progress", "json"], stdin=subprocess.DEVNULL, stdout=result, stderr=events,
-                        pass_fds=() if sys.platform == "win32" else (lock.fileno(),), start_new_session=True,
-                    )  # fmt: skip
+                command = ["calibrate", str(scene.absolute()), "-o", str(self.out.absolute()), "--json", "--progress", "json"]
+                self._process = None if waiting is None else waiting.run(command, self.folder / RESULT, self.folder / EVENTS)
+                if self._process is None:
+                    with (self.folder / EVENTS).open("wb") as events, (self.folder / RESULT).open("wb") as result:
+                        self._process = _begin("passerby", command, lock, None, result, events)
                 write_text(self.folder / RUN_FILE, json.dumps({"pid": self._process.pid, "version": version}))
             finally:
                 lock.close()
@@ -132,6 +145,36 @@ class Work:
             return "verdict" in json.loads((self.folder / RESULT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return False
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    """A process that waits for its command line, and the open file of the lock that it will hold."""
+
+    process: subprocess.Popen[bytes]
+    lock: IO[bytes]
+
+    def run(self, command: Sequence[str], output: Path, errors: Path) -> subprocess.Popen[bytes] | None:
+        """Give it its command line; None where it has ended."""
+        assert self.process.stdin is not None
+        told = {"arguments": list(command), "output": str(output.absolute()), "errors": str(errors.absolute())}
+        try:
+            with self.process.stdin as words:
+                words.write(json.dumps(told).encode() + b"\n")
+        except OSError:
+            return None
+        return self.process if self.process.poll() is None else None
+
+
+def _begin(
+    module: str, arguments: Sequence[str], lock: IO[bytes], words: int | None, output: IO[bytes] | None, errors: IO[bytes] | None
+) -> subprocess.Popen[bytes]:  # fmt: skip
+    """A process of a session of its own: it survives the server, and stops with all its processes. It shares the lock."""
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        stdin=words or subprocess.DEVNULL, stdout=output or subprocess.DEVNULL, stderr=errors or subprocess.DEVNULL,
+        pass_fds=() if sys.platform == "win32" else (lock.fileno(),), start_new_session=True,
+    )  # fmt: skip
 
 
 def _events(path: Path) -> list[dict[str, Any]]:

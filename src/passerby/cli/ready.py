@@ -1,0 +1,39 @@
+"""`python -m passerby.cli.ready`: a process that has imported what a calibration needs, and waits for its command line.
+
+It takes one line of JSON on standard input, `{"arguments": [...], "output": FILE, "errors": FILE}`, and becomes the program with
+these arguments, its standard output and error in the files. At the end of its input it ends: nobody wants it any more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+
+
+def wait_for_command() -> None:
+    """Import, wait, run; ends the process with the exit status of the command."""
+    from passerby.calibration import calibration, pipeline
+    from passerby.cli import streams, tables, terminal
+    from passerby.cli.main import main
+    from passerby.recording import scene_streams
+    from passerby.report import page
+
+    del calibration, pipeline, streams, tables, terminal, scene_streams, page
+    line = sys.stdin.buffer.readline()
+    if not line.endswith(b"\n"):
+        return
+    asked = json.loads(line)
+    for number, name in ((1, asked["output"]), (2, asked["errors"])):
+        file = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+        os.dup2(file, number)
+        os.close(file)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    sys.argv = ["passerby", *asked["arguments"]]
+    main()
+
+
+if __name__ == "__main__":
+    wait_for_command()
