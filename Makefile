@@ -19,7 +19,7 @@ WITH_DATA := $(if $(DATA),--data $(DATA))
 PEERS := .venv-peer-caliscope/.installed .venv-peer-colmap/.installed .venv-peer-humancalib/.installed
 PIP := -m pip install --quiet --disable-pip-version-check
 
-.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-peers bench-formats limits reliability peers format clean
+.PHONY: help hooks demo test test-slow lint types docs bench bench-quick bench-association bench-perception bench-reid bench-lenses bench-scale bench-sites bench-sources bench-page bench-peers bench-formats limits reliability peers format clean
 
 ## help: what there is to do
 help:
@@ -123,6 +123,10 @@ bench-sites: $(INSTALLED)
 ## bench-sources: docs/results/sources.md: streams, pieces, containers, processing time, zones and others. What is finished is kept in build/sources
 bench-sources: $(INSTALLED)
 	$(ONE_THREAD) $(VENV)/bin/python benchmarks/run.py --only sources
+
+## bench-page: docs/results/page.md: the local page in Chromium. What is finished is kept in build/page
+bench-page: $(INSTALLED)
+	$(VENV)/bin/python benchmarks/run.py --only page
 
 ## clean: delete all environments
 clean:

@@ -15,6 +15,7 @@ from pathlib import Path
 import accuracy
 import association
 import lenses_page
+import local_page_page
 import perception
 import reid
 import scale_page
@@ -54,6 +55,7 @@ SECTIONS: dict[str, Callable[[Path, bool], Page | Iterable[Page]]] = {
     "scale": scale_page.run,
     "sites": sites_page.run,
     "sources": sources_page.run,
+    "page": local_page_page.run,
     "peers": _peers,
     "formats": _formats,
 }
@@ -127,11 +129,19 @@ def main() -> None:
         "--source-seconds", type=float, default=sources_page.Asked.watched_s, metavar="SECONDS",
         help=f"length of the video of processing time; {sources_page.Asked.watched_s:g}",
     )  # fmt: skip
+    opened = parser.add_argument_group("page")
+    opened.add_argument(
+        "--page-parts", nargs="+", choices=local_page_page.HEADINGS, metavar="PART", default=(),
+        help=f"of page: {', '.join(local_page_page.HEADINGS)}; all",
+    )  # fmt: skip
+    opened.add_argument(
+        "--page-kept", type=Path, default=local_page_page.KEPT, help="folder of finished cases; build/page/kept"
+    )
     arguments = parser.parse_args()
     out = arguments.out or (None if arguments.quick else RESULTS)
     earlier = {
         name: sections_on(None if out is None else out / f"{name}.md")
-        for name in ("perception", "reid", "lenses", "scale", "sites", "sources")
+        for name in ("perception", "reid", "lenses", "scale", "sites", "sources", "page")
     }
     wanted = perception.Wanted(arguments.scenes, arguments.seeds, arguments.parts, earlier["perception"])
     sections = SECTIONS | {
@@ -171,6 +181,10 @@ def main() -> None:
                 earlier["sources"],
             ),
             asked=sources_page.Asked(arguments.source_seeds, arguments.source_seconds, arguments.source_against),
+        ),
+        "page": partial(
+            local_page_page.run,
+            wanted=Wanted(arguments.page_kept, arguments.page_parts, workers=1, earlier=earlier["page"]),
         ),
     }
     for name in arguments.only or SECTIONS:

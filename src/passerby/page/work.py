@@ -167,7 +167,8 @@ class _Waiting:
 
 
 def _begin(
-    module: str, arguments: Sequence[str], lock: IO[bytes], words: int | None, output: IO[bytes] | None, errors: IO[bytes] | None
+    module: str, arguments: Sequence[str], lock: IO[bytes], words: int | None, output: IO[bytes] | None,
+    errors: IO[bytes] | None,
 ) -> subprocess.Popen[bytes]:  # fmt: skip
     """A process of a session of its own: it survives the server, and stops with all its processes. It shares the lock."""
     return subprocess.Popen(
