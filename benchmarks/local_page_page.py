@@ -62,12 +62,12 @@ def clicks_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str
     if not some:
         return Found(_note(wanted, done, code))
     scale, before = (100 * np.abs([case[key] for case in some]) for key in ("scale", "scale_before"))
-    heading, seconds = (np.abs([case[key] for case in some]) for key in ("heading_deg", "solving_s"))
+    heading, seconds, cpu = (np.abs([case[key] for case in some]) for key in ("heading_deg", "solving_s", "solving_cpu_s"))
     rows = [
         [name, *(number(float(value), digits) for value in (np.median(values), values.max()))]
         for name, values, digits in (
             ("scale, %", scale, 2), ("scale before, %", before, 2), ("heading, °", heading, 2),
-            ("solving again, s", seconds, 1),
+            ("solving again, s", seconds, 1), ("its processor time, s", cpu, 1),
         )
     ]  # fmt: skip
     complaints = sum(len(case["errors"]) + len(case["foreign"]) for case in some)
@@ -80,9 +80,12 @@ def clicks_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str
         _goal(GOALS_CLICKS[3], complaints, str(complaints), 0, 0),
         _goal(GOALS_CLICKS[4], len(faults), str(len(faults)), 0, 0),
     ]
-    told = f"{_note(wanted, done, code)} {most} clicks each at most.\n\n{table(('', 'median', 'largest'), rows)}"
+    told = f"{_note(wanted, done, code)} {most} clicks each at most. {_load(some)}\n\n{table(('', 'median', 'largest'), rows)}"
     listed = "".join(f"\n- {fault}" for fault in faults)
     return Found(told + (f"\n\nFaults of accessibility:\n{listed}" if faults else ""), {"goals": values})
+
+
+_CPU = ("processor time of the server until the first picture", "first_cpu_s")
 
 
 def first_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
@@ -92,12 +95,13 @@ def first_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str)
     if not some:
         return Found(_note(wanted, done, code))
     rows = []
-    for name, key in (("address printed", "address_s"), ("first picture", "first_s"), ("all pictures", "all_s")):
+    for name, key in (("address printed", "address_s"), ("first picture", "first_s"), ("all pictures", "all_s"), _CPU):
         values = np.array([case[key] for case in some])
         rows.append([name, *(number(float(value), 2) for value in (values.min(), np.median(values), values.max()))])
     median = float(np.median([case["first_s"] for case in some]))
     goals = [_goal(GOAL_FIRST, median, f"{median:.2f} s", 2.0, 0.7)]
-    return Found(f"{_note(wanted, done, code)}\n\n{table(('seconds', 'least', 'median', 'most'), rows)}", {"goals": goals})
+    told = f"{_note(wanted, done, code)} {_load(some)}"
+    return Found(f"{told}\n\n{table(('seconds', 'least', 'median', 'most'), rows)}", {"goals": goals})
 
 
 def kills_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str) -> Found:
@@ -127,6 +131,11 @@ def kills_found(part: str, wanted: Mapping[str, Any], done: Outcomes, code: str)
 
 def _note(wanted: Mapping[str, Any], done: Outcomes, code: str) -> str:
     return f"{len(done)} of {len(wanted)} cases; code of commit {code}."
+
+
+def _load(some: Sequence[Mapping[str, Any]]) -> str:
+    """Times on a machine on which much else runs are not those of a user's."""
+    return f"Mean load of the machine at the end of a case: {np.median([case['load'] for case in some]):.1f} (median)."
 
 
 def _goal(goal: tuple[str, str, str], value: float, said: str, acceptable: float, aim: float) -> list[str]:

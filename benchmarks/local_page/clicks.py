@@ -16,6 +16,7 @@ from local_page.access import FAULTS
 from local_page.hand import SIZE, Hand, chromium
 from local_page.judging import against, best_views, ends_of
 from local_page.serving import served
+from pages.page import load
 from passerby.interchange.rig_toml import read_rig
 
 NOISE_PX = 2.0
@@ -66,16 +67,17 @@ def work(case: ClickCase) -> dict[str, Any]:
                 hand.click(truth[axis_camera], end)
             hand.until("() => document.getElementById('tool').textContent.includes('runs through')")
             hand.save("Save the world frame")
-            began = time.perf_counter()
+            began, cpu_s = time.perf_counter(), server.cpu_s
             hand.page.get_by_role("button", name="Solve again").click()
             hand.until("() => document.getElementById('run-state').textContent === 'finished'")
             hand.until("() => document.querySelector('#result table thead').textContent.includes('moved m')")
-            solving_s = time.perf_counter() - began
+            solving_s, cpu_s = time.perf_counter() - began, server.cpu_s - cpu_s
             faults = [f"{one['rule']}: {one['what']}" for one in hand.page.evaluate(FAULTS)]
             foreign = [url for url in hand.asked if not url.startswith(server.origin)]
         scale, heading = against(truth, ends, read_rig(out / "rig.toml"))
         scale_before, _ = against(truth, ends, before)
     return {
         "scale": scale, "scale_before": scale_before, "heading_deg": heading, "clicks": hand.clicks, "solving_s": solving_s,
+        "solving_cpu_s": cpu_s, "load": load(),
         "errors": hand.errors, "foreign": foreign, "faults": faults,
     }  # fmt: skip

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
+from passerby.association.tracking.kept_tracklets import FOLDER, KeptTracklets, Tracked
 from passerby.association.tracking.splitting import find_continuations, split_tracklets
 from passerby.association.tracking.stitching import StitchingOptions, find_stitches
 from passerby.association.tracking.tracking import overlaps, track
@@ -58,6 +60,7 @@ def build_camera_tracklets(
     rng: np.random.Generator,
     *,
     given: bool = False,
+    kept: KeptTracklets | None = None,
 ) -> CameraTracklets:
     """Track, split, level.
 
@@ -68,9 +71,10 @@ def build_camera_tracklets(
         person_height_m: expected standing height, metres.
         rng: draws the people that the level is fitted to.
         given: whether the identities are known people, which are neither tracked nor split nor renumbered.
+        kept: tracklets of earlier runs, and of this one for later ones.
     """
     none = np.zeros(0, np.int64)
-    tracked, continued = (seen, (none, none)) if given else _tracked(seen, clock.fps)
+    tracked, continued = (seen, (none, none)) if given else _tracked_or_kept(seen, clock.fps, kept)
     bodies = upright_rays(tracked, camera.lens, clock)
     level = level_from_people(bodies, person_height_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
@@ -94,17 +98,27 @@ def with_lens(camera: CameraTracklets, lens: Lens, person_height_m: float, rng: 
 
 def build_tracklets(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], person_height_m: float, rng: np.random.Generator,
-    executor: Executor | None = None, *, given: bool = False, tell: Progress = silent,
+    executor: Executor | None = None, *, given: bool = False, tell: Progress = silent, keep: Path | None = None,
 ) -> list[CameraTracklets]:  # fmt: skip
     """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
 
-    `tell` is told of every camera that is done.
+    `tell` is told of every camera that is done. `keep` is the output folder in which tracklets are kept; the result does not
+    depend on it either.
     """
+    kept = None if keep is None or given else KeptTracklets(keep / FOLDER)
     jobs = [
-        _Job(camera, observations[camera.name], clocks[camera.name], person_height_m, own, given)
+        _Job(camera, observations[camera.name], clocks[camera.name], person_height_m, own, given, kept)
         for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
     ]
     return side_by_side(_prepared, jobs, executor, tell, "tracking in each camera")
+
+
+def are_kept(observations: Observations, clocks: Mapping[str, Clock], keep: Path | None) -> bool:
+    """Whether an earlier run has left the tracklets of all cameras."""
+    if keep is None:
+        return False
+    kept = KeptTracklets(keep / FOLDER)
+    return all(kept.has(observations[name], clock.fps) for name, clock in clocks.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +129,26 @@ class _Job:
     person_height_m: float
     rng: np.random.Generator
     given: bool
+    kept: KeptTracklets | None
 
 
 def _prepared(job: _Job) -> CameraTracklets:
-    return build_camera_tracklets(job.camera, job.seen, job.clock, job.person_height_m, job.rng, given=job.given)
+    return build_camera_tracklets(
+        job.camera, job.seen, job.clock, job.person_height_m, job.rng, given=job.given, kept=job.kept
+    )  # fmt: skip
 
 
-def _tracked(seen: CameraObservations, fps: float) -> tuple[CameraObservations, tuple[Ints, Ints]]:
+def _tracked_or_kept(seen: CameraObservations, fps: float, kept: KeptTracklets | None) -> Tracked:
+    """As `_tracked`, unless that was done before."""
+    found = None if kept is None else kept.load(seen, fps)
+    if found is None:
+        found = _tracked(seen, fps)
+        if kept is not None:
+            kept.save(seen, fps, found)
+    return found
+
+
+def _tracked(seen: CameraObservations, fps: float) -> Tracked:
     """Every box and all joints in a tracklet of one person, or in none; and the tracklets that go on as others."""
     boxes, joints = seen.boxes, seen.keypoints
     if len(boxes):

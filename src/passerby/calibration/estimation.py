@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -39,6 +40,8 @@ class Estimator:
     seed: int
     progress: Progress
     executor: Executor | None = None
+    keep: Path | None = None
+    """Output folder, in which tracklets are kept for the next run."""
 
     def __call__(self, inputs: SceneInputs) -> Estimate:
         """The rig and the association from one set of inputs; six solves at most: four rounds of identities and two more."""
@@ -54,7 +57,9 @@ class Estimator:
                 scene.association.mode, search_s, height_m, inputs.pointed, measured, scene.sites.groups
             )
             return Estimate(
-                *solve_with_unknown_identities(rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor)
+                *solve_with_unknown_identities(
+                    rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor, keep=self.keep
+                )
             )
         heights = pointed_heights(inputs.pointed, identity_in(seen))
         solver = replace(solver, known=heights.people)

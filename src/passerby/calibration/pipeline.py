@@ -58,8 +58,9 @@ def calibrate(
             that are done and their total.
         executor: works on cameras, and on pairs of them, side by side, such as a `concurrent.futures.ProcessPoolExecutor`;
             None: one after the other. The result does not depend on it.
-        keep: folder in which is kept what was seen in the videos, so that a run that was stopped, or is repeated with other
-            options, goes on from there: mostly that which the calibration is written into. None: nothing is kept.
+        keep: folder in which are kept what was seen in the videos and each camera's tracklets, so that a run that was stopped,
+            or is repeated with other options, goes on from there: mostly that which the calibration is written into.
+            None: nothing is kept.
 
     Raises:
         InputError: the scene file or a file that it names is missing, broken, or contradicts another.
@@ -74,7 +75,7 @@ def calibrate(
     for note in (_amount(inputs), *texts_of(inputs.findings)):  # what `watch` has to note was told when it was found
         tell_note(tell, note)
     read = time.perf_counter()
-    found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor)
+    found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor, keep=keep)
     missing = len(found.rig.posed()) < len(found.rig)
     joints = joints_remedy(scene) if missing else None
     return replace(
@@ -86,8 +87,9 @@ def calibrate(
 
 
 def calibrate_inputs(
-    scene: Scene, inputs: SceneInputs, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None
-) -> Calibration:
+    scene: Scene, inputs: SceneInputs, *, seed: int = 0, progress: Progress | None = None, executor: Executor | None = None,
+    keep: str | Path | None = None,
+) -> Calibration:  # fmt: skip
     """Calibrate from inputs that were read; arguments and errors as of `calibrate`.
 
     An estimate is six solves at most (`Estimator`). There is one, and one more for each correction: as many as there are
@@ -96,7 +98,7 @@ def calibrate_inputs(
     """
     tell = progress or silent
     began = time.perf_counter()
-    estimator = Estimator(scene, solver_options(scene), seed, tell, executor)
+    estimator = Estimator(scene, solver_options(scene), seed, tell, executor, None if keep is None else Path(keep))
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
         motion = MotionRepair(inputs, scene.association.given, scene.scale.person_height_m)

@@ -1,0 +1,99 @@
+"""Tracklets that an earlier run found in the same boxes of a camera, kept in its output folder.
+
+They take most of association's time, and depend on boxes, keypoints and frame rate alone, not on lengths, heights or the world
+frame. A file is named by a key of all that decides it, the code of this room too; one that is damaged counts as missing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from passerby._version import __version__
+from passerby.common.arrays import Ints
+from passerby.common.errors import InputError
+from passerby.core.observations import UNKNOWN, CameraObservations
+from passerby.interchange.storage.archives import open_archive
+from passerby.interchange.storage.atomic import write_bytes
+from passerby.interchange.storage.safe_parsing import NotParsed
+
+FOLDER = "association"
+"""In the output folder."""
+KEPT = 64
+"""Files; the oldest are deleted. Repairs of one run make several for each camera."""
+KEY_BYTES = 16
+Tracked = tuple[CameraObservations, tuple[Ints, Ints]]
+"""A camera's people with the numbers of their tracklets, and the tracklets that go on as others."""
+
+
+@dataclass(frozen=True)
+class KeptTracklets:
+    """The kept tracklets of one output folder."""
+
+    folder: Path
+
+    def has(self, seen: CameraObservations, fps: float) -> bool:
+        """Whether there is a file for these people, which may be damaged."""
+        return self._path(seen, fps).is_file()
+
+    def load(self, seen: CameraObservations, fps: float) -> Tracked | None:
+        """What `save` was given for these people; None where it was not."""
+        path = self._path(seen, fps)
+        if not path.is_file():
+            return None
+        try:
+            with open_archive(path, "kept tracklets") as archive:
+                boxes, joints, ends, begins = (archive.array(name) for name in ("boxes", "joints", "ends", "begins"))
+        except (InputError, NotParsed):
+            return None
+        for found, length in ((boxes, len(seen.boxes)), (joints, len(seen.keypoints)), (ends, len(begins))):
+            if found.dtype != np.int64 or found.shape != (length,) or found.min(initial=0) < UNKNOWN:
+                return None
+        named = CameraObservations(replace(seen.boxes, identity=boxes), replace(seen.keypoints, identity=joints))
+        return named, (ends, begins.astype(np.int64))
+
+    def save(self, seen: CameraObservations, fps: float, tracked: Tracked) -> None:
+        """Keep what was found in these people; where the folder cannot be written, nothing is kept."""
+        named, (ends, begins) = tracked
+        content = io.BytesIO()
+        np.savez(content, boxes=named.boxes.identity, joints=named.keypoints.identity, ends=ends, begins=begins)
+        with suppress(InputError, OSError):
+            write_bytes(self._path(seen, fps), content.getvalue())
+            files = sorted(self.folder.glob("*.npz"), key=lambda path: path.stat().st_mtime_ns)
+            for path in files[:-KEPT]:
+                path.unlink(missing_ok=True)
+
+    def _path(self, seen: CameraObservations, fps: float) -> Path:
+        return self.folder / f"{_key(seen, fps)}.npz"
+
+
+def _key(seen: CameraObservations, fps: float) -> str:
+    """Of people and the frame rate, and of what finds tracklets in them."""
+    digest = hashlib.blake2b(f"{_code()} {float(fps)!r} {seen.keypoints.joints}".encode(), digest_size=KEY_BYTES)
+    boxes, joints = seen.boxes, seen.keypoints
+    for array in (boxes.frame, boxes.identity, boxes.ltwh, boxes.score, boxes.embedding, joints.frame, joints.identity,
+                  joints.xy, joints.score):  # fmt: skip
+        if array is None:
+            digest.update(b"none")
+            continue
+        digest.update(f"{array.dtype.str} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array))
+    return digest.hexdigest()
+
+
+@cache
+def _code() -> str:
+    """Digest of the code that tracklets depend on, and of the libraries' versions."""
+    digest = hashlib.blake2b(f"{__version__} {np.__version__} {scipy.__version__}".encode(), digest_size=KEY_BYTES)
+    package = Path(__file__).parents[2]
+    for room in ("association", "core", "geometry", "common"):
+        for path in sorted((package / room).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

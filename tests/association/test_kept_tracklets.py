@@ -1,0 +1,110 @@
+"""Kept tracklets are those that would be found, or they are not used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from passerby.association import camera_tracklets
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
+from passerby.association.tracking import kept_tracklets
+from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.simulation import SimulatedScene
+from support.scenes.people_and_rigs import simulated
+
+FPS = 5.0
+
+
+@pytest.fixture(scope="module")
+def scene() -> SimulatedScene:
+    return simulated("terrace", 6.0, 5, people=4)
+
+
+def nameless(found: CameraObservations, *, boxes: bool = True) -> CameraObservations:
+    """Detections, or joints alone."""
+    joints = replace(found.keypoints, identity=np.full(len(found.keypoints), UNKNOWN))
+    kept = replace(found.boxes, identity=np.full(len(found.boxes), UNKNOWN)) if boxes else Boxes.empty()
+    return CameraObservations(kept, joints)
+
+
+def built(scene: SimulatedScene, keep: Path | None, *, boxes: bool = True, fps: float = FPS) -> list[CameraTracklets]:
+    names = scene.rig.names
+    seen = Observations({name: nameless(scene.observations[name], boxes=boxes) for name in names}, fps)
+    clocks = {name: Clock(fps) for name in names}
+    return build_tracklets(scene.rig, seen, clocks, 1.72, np.random.default_rng(3), keep=keep)
+
+
+def assert_same(found: CameraTracklets, other: CameraTracklets) -> None:
+    for one, two in ((found.seen.boxes, other.seen.boxes), (found.seen.keypoints, other.seen.keypoints)):
+        np.testing.assert_array_equal(one.identity, two.identity)
+        np.testing.assert_array_equal(one.frame, two.frame)
+    for part, its in zip(found.continued, other.continued, strict=True):
+        np.testing.assert_array_equal(part, its)
+    assert found.level is not None
+    assert other.level is not None
+    assert (found.level.up == other.level.up).all()
+    assert found.n_tracklets == other.n_tracklets > 0
+
+
+@pytest.mark.parametrize("boxes", [True, False])
+def test_kept_tracklets_are_those_that_are_found(
+    scene: SimulatedScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, boxes: bool
+) -> None:
+    without = built(scene, None, boxes=boxes)
+    first = built(scene, tmp_path, boxes=boxes)
+
+    def fails(*_: object) -> None:
+        raise AssertionError("sought anew")
+
+    monkeypatch.setattr(camera_tracklets, "_tracked", fails)
+    again = built(scene, tmp_path, boxes=boxes)
+    for one, two, three in zip(without, first, again, strict=True):
+        assert_same(one, two)
+        assert_same(one, three)
+
+
+def test_other_people_and_another_rate_are_sought_anew(scene: SimulatedScene, tmp_path: Path) -> None:
+    files = []
+    for fps, boxes in ((FPS, True), (2 * FPS, True), (FPS, False)):
+        built(scene, tmp_path, fps=fps, boxes=boxes)
+        files.append(len(list((tmp_path / kept_tracklets.FOLDER).iterdir())))
+    cameras = len(scene.rig)
+    assert files == [cameras, 2 * cameras, 3 * cameras]
+    known = kept_tracklets.KeptTracklets(tmp_path / kept_tracklets.FOLDER)
+    own = nameless(scene.observations[scene.rig.names[0]])
+    assert known.has(own, FPS)
+    moved = replace(own, boxes=replace(own.boxes, ltwh=own.boxes.ltwh + 0.25))
+    assert not known.has(moved, FPS)
+    assert not known.has(replace(own, keypoints=Keypoints.empty()), FPS)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK nonsense", "cut", "float", "short", "pickled"])
+def test_a_damaged_file_is_not_used(scene: SimulatedScene, tmp_path: Path, content: bytes | str) -> None:
+    own = nameless(scene.observations[scene.rig.names[0]])
+    kept = kept_tracklets.KeptTracklets(tmp_path)
+    none = np.zeros(0, np.int64)
+    named = replace(own, boxes=replace(own.boxes, identity=np.arange(len(own.boxes))))
+    kept.save(own, FPS, (named, (none, none)))
+    [path] = tmp_path.iterdir()
+    assert kept.load(own, FPS) is not None
+    fields = {"boxes": np.arange(len(own.boxes)), "joints": own.keypoints.identity, "ends": none, "begins": none}
+    if content == "cut":
+        path.write_bytes(path.read_bytes()[:-20])
+    elif isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        wrong = {"float": np.ones(len(own.boxes)), "short": np.arange(3), "pickled": np.array([{}], dtype=object)}
+        np.savez(path, **(fields | {"boxes": wrong[content]}))
+    assert kept.load(own, FPS) is None
+
+
+def test_the_oldest_files_are_deleted(scene: SimulatedScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_tracklets, "KEPT", 3)
+    own, none = nameless(scene.observations[scene.rig.names[0]]), np.zeros(0, np.int64)
+    kept = kept_tracklets.KeptTracklets(tmp_path)
+    for fps in (1.0, 2.0, 3.0, 4.0, 5.0):
+        kept.save(own, fps, (own, (none, none)))
+    assert [fps for fps in (1.0, 2.0, 3.0, 4.0, 5.0) if kept.has(own, fps)] == [3.0, 4.0, 5.0]
