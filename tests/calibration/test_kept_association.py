@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from passerby.association.tracking import kept_tracklets
+from passerby.calibration import kept_tracklets
 from passerby.cli.main import run
 from passerby.interchange.rig_toml import read_rig
 

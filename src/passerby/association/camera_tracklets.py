@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
-from passerby.association.tracking.kept_tracklets import FOLDER, KeptTracklets, Tracked
 from passerby.association.tracking.splitting import find_continuations, split_tracklets
 from passerby.association.tracking.stitching import StitchingOptions, find_stitches
 from passerby.association.tracking.tracking import overlaps, track
@@ -28,6 +27,20 @@ SAME_PERSON_OVERLAP = 0.5
 BEYOND_DOUBT = StitchingOptions(margin=6.0)
 """As sure as the tracker is of its links, 20 to 1. On pets2009 precision and recall of the pairs of boxes that are tied are
 0.947 and 0.803 with them, 0.942 and 0.785 without, and 0.945 and 0.800 with all links of odds above 2.7 to 1."""
+
+
+Tracked = tuple[CameraObservations, tuple[Ints, Ints]]
+"""A camera's people with the numbers of their tracklets, and (K,) tracklets and (K,) those that go on where they end."""
+
+
+class KnownTracklets(Protocol):
+    """Tracklets that earlier runs found. It is picklable, for processes that work on cameras."""
+
+    def load(self, seen: CameraObservations, fps: float) -> Tracked | None:
+        """Those of these people at this frame rate; None where they are not known."""
+
+    def save(self, seen: CameraObservations, fps: float, tracked: Tracked) -> None:
+        """Keep them for a later run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +73,7 @@ def build_camera_tracklets(
     rng: np.random.Generator,
     *,
     given: bool = False,
-    kept: KeptTracklets | None = None,
+    kept: KnownTracklets | None = None,
 ) -> CameraTracklets:
     """Track, split, level.
 
@@ -98,27 +111,18 @@ def with_lens(camera: CameraTracklets, lens: Lens, person_height_m: float, rng: 
 
 def build_tracklets(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], person_height_m: float, rng: np.random.Generator,
-    executor: Executor | None = None, *, given: bool = False, tell: Progress = silent, keep: Path | None = None,
+    executor: Executor | None = None, *, given: bool = False, tell: Progress = silent,
+    kept: KnownTracklets | None = None,
 ) -> list[CameraTracklets]:  # fmt: skip
     """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
 
-    `tell` is told of every camera that is done. `keep` is the output folder in which tracklets are kept; the result does not
-    depend on it either.
+    `tell` is told of every camera that is done. The result does not depend on what is `kept` either.
     """
-    kept = None if keep is None or given else KeptTracklets(keep / FOLDER)
     jobs = [
         _Job(camera, observations[camera.name], clocks[camera.name], person_height_m, own, given, kept)
         for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
     ]
     return side_by_side(_prepared, jobs, executor, tell, "tracking in each camera")
-
-
-def are_kept(observations: Observations, clocks: Mapping[str, Clock], keep: Path | None) -> bool:
-    """Whether an earlier run has left the tracklets of all cameras."""
-    if keep is None:
-        return False
-    kept = KeptTracklets(keep / FOLDER)
-    return all(kept.has(observations[name], clock.fps) for name, clock in clocks.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +133,7 @@ class _Job:
     person_height_m: float
     rng: np.random.Generator
     given: bool
-    kept: KeptTracklets | None
+    kept: KnownTracklets | None
 
 
 def _prepared(job: _Job) -> CameraTracklets:
@@ -138,7 +142,7 @@ def _prepared(job: _Job) -> CameraTracklets:
     )  # fmt: skip
 
 
-def _tracked_or_kept(seen: CameraObservations, fps: float, kept: KeptTracklets | None) -> Tracked:
+def _tracked_or_kept(seen: CameraObservations, fps: float, kept: KnownTracklets | None) -> Tracked:
     """As `_tracked`, unless that was done before."""
     found = None if kept is None else kept.load(seen, fps)
     if found is None:

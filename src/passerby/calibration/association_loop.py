@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Tracklets, cluster_by_rig
 from passerby.association.attachment import Attached, attach_cameras
-from passerby.association.camera_tracklets import CameraTracklets, are_kept, build_tracklets, with_lens
+from passerby.association.camera_tracklets import CameraTracklets, build_tracklets, with_lens
 from passerby.association.candidates import ALL_PAIRS_UP_TO, Candidates, find_candidates, stated_candidates
 from passerby.association.cleaning import reassign_detections
 from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
@@ -39,6 +38,7 @@ from passerby.association.joints.joint_graph import joined_by_joints
 from passerby.association.joints.joint_tracks import swap_left_and_right
 from passerby.association.registration_failures import nobody_walks, unregistered_cameras
 from passerby.association.result import Association
+from passerby.calibration.kept_tracklets import KeptTracklets
 from passerby.calibration.pointed_heights import PointedHeights, identity_at, pointed_heights
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError
@@ -106,7 +106,7 @@ class AssociationOptions:
 
 def solve_with_unknown_identities(
     rig: Rig, observations: Observations, options: AssociationOptions, solve: RigSolver, rng: np.random.Generator,
-    *, tell: Progress = silent, executor: Executor | None = None, keep: Path | None = None,
+    *, tell: Progress = silent, executor: Executor | None = None, kept: KeptTracklets | None = None,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Calibrate cameras from people whom nobody has identified.
 
@@ -119,16 +119,16 @@ def solve_with_unknown_identities(
         rng: drives sampling.
         tell: told each stage as it begins.
         executor: prepares cameras and registers pairs of them in parallel.
-        keep: output folder in which tracklets are kept for the next run.
+        kept: tracklets of earlier runs, and of this one for the next.
 
     Returns:
         The solution, refused where the evidence does not do, and the association that it rests on.
     """
     search_s = options.search_s if observations.clocks else 0.0
     clocks = _clocks(rig, observations, options.person_height_m, rng)
-    if are_kept(observations, clocks, keep) and not pays(0, len(rig), MAX_PROCESSES):
+    if kept is not None and kept.has_all(observations, clocks) and not pays(0, len(rig), MAX_PROCESSES):
         executor = None  # its processes would take longer to start than the rest takes
-    cameras = build_tracklets(rig, observations, clocks, options.person_height_m, rng, executor, tell=tell, keep=keep)
+    cameras = build_tracklets(rig, observations, clocks, options.person_height_m, rng, executor, tell=tell, kept=kept)
     if needs_focal_search(rig) and options.mode != "appearance":
         at_start, near_s = _from_their_starts(cameras, search_s, options)
         rig = search_focals_by_tracks(rig, at_start, near_s, options.person_height_m, rng, tell, executor)

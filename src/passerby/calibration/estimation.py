@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from passerby.association.clocks.starts import FULL_SEARCH_S, WALL_CLOCK
 from passerby.association.result import Association
 from passerby.calibration.association_loop import AssociationOptions, solve_with_unknown_identities
+from passerby.calibration.kept_tracklets import KeptTracklets
 from passerby.calibration.pointed_heights import identity_in, pointed_heights
 from passerby.calibration.scene_solver import SceneSolver, SolverOptions
 from passerby.calibration.temporal_calibration import associate_synchronised, solve_with_unknown_offsets
@@ -40,8 +40,8 @@ class Estimator:
     seed: int
     progress: Progress
     executor: Executor | None = None
-    keep: Path | None = None
-    """Output folder, in which tracklets are kept for the next run."""
+    kept: KeptTracklets | None = None
+    """Tracklets of earlier runs, and of this one for the next."""
 
     def __call__(self, inputs: SceneInputs) -> Estimate:
         """The rig and the association from one set of inputs; six solves at most: four rounds of identities and two more."""
@@ -58,7 +58,7 @@ class Estimator:
             )
             return Estimate(
                 *solve_with_unknown_identities(
-                    rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor, keep=self.keep
+                    rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor, kept=self.kept
                 )
             )
         heights = pointed_heights(inputs.pointed, identity_in(seen))

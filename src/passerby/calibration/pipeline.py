@@ -23,6 +23,7 @@ from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
 from passerby.calibration.estimation import Estimate, Estimator
 from passerby.calibration.held_out import doubts_of_held_out, hold_out
+from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
 from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.repairs import Repair, Repaired, apply_repairs
 from passerby.calibration.scene_solver import solver_options
@@ -98,7 +99,8 @@ def calibrate_inputs(
     """
     tell = progress or silent
     began = time.perf_counter()
-    estimator = Estimator(scene, solver_options(scene), seed, tell, executor, None if keep is None else Path(keep))
+    kept = None if keep is None else KeptTracklets(Path(keep) / FOLDER)
+    estimator = Estimator(scene, solver_options(scene), seed, tell, executor, kept)
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
         motion = MotionRepair(inputs, scene.association.given, scene.scale.person_height_m)

@@ -10,7 +10,7 @@ import pytest
 
 from passerby.association import camera_tracklets
 from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
-from passerby.association.tracking import kept_tracklets
+from passerby.calibration import kept_tracklets
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.simulation import SimulatedScene
 from support.scenes.people_and_rigs import simulated
@@ -34,7 +34,8 @@ def built(scene: SimulatedScene, keep: Path | None, *, boxes: bool = True, fps: 
     names = scene.rig.names
     seen = Observations({name: nameless(scene.observations[name], boxes=boxes) for name in names}, fps)
     clocks = {name: Clock(fps) for name in names}
-    return build_tracklets(scene.rig, seen, clocks, 1.72, np.random.default_rng(3), keep=keep)
+    kept = None if keep is None else kept_tracklets.KeptTracklets(keep / kept_tracklets.FOLDER)
+    return build_tracklets(scene.rig, seen, clocks, 1.72, np.random.default_rng(3), kept=kept)
 
 
 def assert_same(found: CameraTracklets, other: CameraTracklets) -> None:

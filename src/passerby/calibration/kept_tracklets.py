@@ -1,13 +1,14 @@
 """Tracklets that an earlier run found in the same boxes of a camera, kept in its output folder.
 
 They take most of association's time, and depend on boxes, keypoints and frame rate alone, not on lengths, heights or the world
-frame. A file is named by a key of all that decides it, the code of this room too; one that is damaged counts as missing.
+frame. A file is named by a key of all that decides it, the code that finds them too; one that is damaged counts as missing.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,9 +18,9 @@ import numpy as np
 import scipy
 
 from passerby._version import __version__
-from passerby.common.arrays import Ints
+from passerby.association.camera_tracklets import Tracked
 from passerby.common.errors import InputError
-from passerby.core.observations import UNKNOWN, CameraObservations
+from passerby.core.observations import UNKNOWN, CameraObservations, Clock, Observations
 from passerby.interchange.storage.archives import open_archive
 from passerby.interchange.storage.atomic import write_bytes
 from passerby.interchange.storage.safe_parsing import NotParsed
@@ -29,8 +30,6 @@ FOLDER = "association"
 KEPT = 64
 """Files; the oldest are deleted. Repairs of one run make several for each camera."""
 KEY_BYTES = 16
-Tracked = tuple[CameraObservations, tuple[Ints, Ints]]
-"""A camera's people with the numbers of their tracklets, and the tracklets that go on as others."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,10 @@ class KeptTracklets:
     def has(self, seen: CameraObservations, fps: float) -> bool:
         """Whether there is a file for these people, which may be damaged."""
         return self._path(seen, fps).is_file()
+
+    def has_all(self, observations: Observations, clocks: Mapping[str, Clock]) -> bool:
+        """Whether there are files for all cameras."""
+        return all(self.has(observations[name], clock.fps) for name, clock in clocks.items())
 
     def load(self, seen: CameraObservations, fps: float) -> Tracked | None:
         """What `save` was given for these people; None where it was not."""
@@ -84,7 +87,7 @@ def _key(seen: CameraObservations, fps: float) -> str:
             digest.update(b"none")
             continue
         digest.update(f"{array.dtype.str} {array.shape}".encode())
-        digest.update(np.ascontiguousarray(array))
+        digest.update(array.tobytes())
     return digest.hexdigest()
 
 
@@ -92,7 +95,7 @@ def _key(seen: CameraObservations, fps: float) -> str:
 def _code() -> str:
     """Digest of the code that tracklets depend on, and of the libraries' versions."""
     digest = hashlib.blake2b(f"{__version__} {np.__version__} {scipy.__version__}".encode(), digest_size=KEY_BYTES)
-    package = Path(__file__).parents[2]
+    package = Path(__file__).parents[1]
     for room in ("association", "core", "geometry", "common"):
         for path in sorted((package / room).rglob("*.py")):
             digest.update(path.read_bytes())
