@@ -17,6 +17,7 @@ from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import read_rig, write_rig
 from passerby.interchange.video_writer import VideoWriter
 from passerby.page import pictures
+from passerby.page.app import prepare_pictures
 from passerby.page.server import find_opened
 from passerby.page.session import Session
 from passerby.page.work import EVENTS, FOLDER, RESULT, RUN_LOCK, Work
@@ -280,6 +281,21 @@ def test_a_picture_of_one_camera_waits_for_no_other_camera(tmp_path, monkeypatch
     assert opened == ["A"]
     assert client.get("/api/people", "camera=A&frame=3").json()["why"] is None
     assert opened == ["A"]
+
+
+def test_first_pictures_are_there_before_a_browser_asks(tmp_path):
+    """One that cannot be had keeps no other camera's back."""
+    videos(tmp_path, ("B.mp4",))
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[cameras.A]\nvideo = "A.mp4"\n[cameras.B]\nvideo = "B.mp4"\n')
+    session = Session(scene, tmp_path / "out")
+    assert session.pictures.known(session.version, "B", 1) is None
+    prepare_pictures(session)
+    known = session.pictures.known(session.version, "B", 1)
+    assert known is not None
+    assert Client(session).get("/picture", "camera=B&frame=1").body == known.jpeg
+    scene.write_text("[cameras")
+    prepare_pictures(session)
 
 
 def test_recordings_in_pieces_count_from_their_common_wall_time(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from importlib import resources
 from typing import Annotated, Any
@@ -29,6 +30,8 @@ from passerby.page.session import Session, StaleError
 TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 REPORT_POLICY = "sandbox allow-scripts; frame-ancestors 'self'"
 """The report has its own policy; here it runs apart from the page, without its cookie."""
+PREPARED = 24
+"""Cameras whose first picture is decoded before a browser asks for it."""
 Answer = Callable[[Request], Any]
 
 
@@ -38,7 +41,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         *(_static(name) for name in _static_names()),
         Route("/api/state", _answering(lambda _: session.state())),
         Route("/api/check", _answering(lambda _: session.check())),
-        Route("/api/people", _answering(lambda request: _people(session, request))),
+        Route("/api/people", _answering(lambda request: _people(session, _camera(request), _asked_frame(request)))),
         Route("/picture", lambda request: _picture(session, request)),
         Route("/report", lambda request: _report(session, request)),
         _posting("/api/act", session, lambda content: perform(session, content)),
@@ -107,8 +110,16 @@ def _frame(request: Request) -> int:
     return max(1, int(text))
 
 
+def _asked_frame(request: Request) -> int | None:
+    return _frame(request) if "frame" in request.query_params else None
+
+
+def _camera(request: Request) -> str:
+    return request.query_params.get("camera", "")
+
+
 def _picture(session: Session, request: Request) -> Response:
-    name = request.query_params.get("camera", "")
+    name = _camera(request)
     scene, version = session.camera(name)
     frame = _frame(request)
     still = session.pictures.known(version, name, frame)
@@ -119,9 +130,18 @@ def _picture(session: Session, request: Request) -> Response:
     return Response(still.jpeg, media_type="image/jpeg", headers=headers)
 
 
-def _people(session: Session, request: Request) -> dict[str, Any]:
+def prepare_pictures(session: Session) -> None:
+    """Decode what the page shows at first, while the browser begins: it will find these pictures in memory."""
+    names: list[str] = []
+    with suppress(PasserbyError):
+        names += session.scene()[0].cameras
+    for name in names[:PREPARED]:
+        with suppress(PasserbyError):  # what is wrong is said when the browser asks
+            _people(session, name, None)
+
+
+def _people(session: Session, name: str, asked: int | None) -> dict[str, Any]:
     """The picture nearest to a frame and the boxes in it; without a frame, those of the one in which most people are seen."""
-    name = request.query_params.get("camera", "")
     scene, version = session.camera(name)
     path = session.out / TRACKS_FOLDER / f"{name}.txt"
     boxes = read_boxes(path) if path.is_file() else Boxes.empty()
@@ -129,7 +149,8 @@ def _people(session: Session, request: Request) -> dict[str, Any]:
     first, last = (int(frames[0]), int(frames[-1])) if len(frames) else (1, 1)
     told: dict[str, Any] = {"size": None, "why": None}
     info = None
-    asked = _frame(request) if "frame" in request.query_params else int(frames[np.argmax(counts)]) if len(frames) else None
+    if asked is None and len(frames):
+        asked = int(frames[np.argmax(counts)])
     with session.pictures.turn:
         try:
             info = session.pictures.video(scene, version, name)

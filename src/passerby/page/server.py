@@ -92,10 +92,12 @@ def _listen(opened: Opened, listener: socket.socket, token: str) -> None:
     """Answer requests until the process is interrupted."""
     import uvicorn
 
-    from passerby.page.app import make_app
+    from passerby.page.app import make_app, prepare_pictures
     from passerby.page.session import Session
 
-    app = make_app(Session(opened.scene_file, opened.out, serves=True), token, listener.getsockname()[1])
+    session = Session(opened.scene_file, opened.out, serves=True)
+    threading.Thread(target=prepare_pictures, args=(session,), daemon=True).start()
+    app = make_app(session, token, listener.getsockname()[1])
     config = uvicorn.Config(
         app, log_level="error", access_log=False, server_header=False, lifespan="off",
         limit_concurrency=200, timeout_keep_alive=5,
