@@ -6,13 +6,16 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
-from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
 
 from local_page.serving import TIMEOUT_S
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Camera
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, ConsoleMessage, Page
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SIZE = {"width": 1300, "height": 900}
@@ -24,6 +27,8 @@ def chromium() -> Iterator[Browser]:
     path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if path is None:
         raise RuntimeError("no Chromium: install the package chromium")
+    from playwright.sync_api import sync_playwright  # other pages of results are made where it is not installed
+
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield browser
