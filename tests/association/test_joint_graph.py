@@ -10,7 +10,8 @@ import passerby.association.joints.joint_graph as joint_graph
 from passerby.association.associate import Tracklets
 from passerby.association.graph import ViewGraph
 from passerby.association.joints.joint_pairs import JointRegistration, SamePerson
-from passerby.calibration.association_loop import AssociationOptions, solve_with_unknown_identities
+from passerby.calibration.association_loop import solve_with_unknown_identities
+from passerby.calibration.association_run import AssociationOptions
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Observations
 from passerby.core.scale_cues import ScaleCues

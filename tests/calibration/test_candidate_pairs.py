@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 import passerby
-from passerby.calibration.association_loop import AssociationOptions, _candidates
+from passerby.calibration.association_loop import _candidates
+from passerby.calibration.association_run import AssociationOptions
 from passerby.common.progress import silent
 from passerby.simulation import SimulationOptions, simulate
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from passerby.association.clocks.starts import FULL_SEARCH_S, WALL_CLOCK
 from passerby.association.result import Association
-from passerby.calibration.association_loop import AssociationOptions, solve_with_unknown_identities
+from passerby.calibration.association_loop import solve_with_unknown_identities
+from passerby.calibration.association_run import AssociationOptions
 from passerby.calibration.kept_tracklets import KeptTracklets
 from passerby.calibration.pointed_heights import identity_in, pointed_heights
 from passerby.calibration.scene_solver import SceneSolver, SolverOptions

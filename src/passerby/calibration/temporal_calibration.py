@@ -23,7 +23,7 @@ from passerby.association.figures import association_figures
 from passerby.association.initial_association import InitialAssociation, associate_by_ground_tracks
 from passerby.association.registration_failures import unregistered_cameras
 from passerby.association.result import Association
-from passerby.calibration.association_loop import RigSolver
+from passerby.calibration.rig_solver import RigSolver
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import EvidenceError
 from passerby.common.progress import Progress, silent

@@ -1,0 +1,225 @@
+"""The people of all cameras while identities and clocks are being found: rows, common time steps and figures of one state."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from passerby.association.appearance.affinity import AppearanceAffinity
+from passerby.association.associate import Tracklets
+from passerby.association.attachment import Attached
+from passerby.association.camera_tracklets import CameraTracklets, with_lens
+from passerby.association.cleaning import reassign_detections
+from passerby.association.clocks.drift import Drift, clock_drifts, drift_findings
+from passerby.association.clocks.offsets import (
+    clocks_with,
+    relative_to_reference,
+    synchronise,
+)
+from passerby.association.clocks.starts import MeasuredStart, contradicted_starts
+from passerby.association.figures import association_figures
+from passerby.association.graph import ViewGraph
+from passerby.association.initial_association import (
+    InitialAssociation,
+)
+from passerby.association.joints.joint_graph import joined_by_joints
+from passerby.association.registration_failures import nobody_walks, unregistered_cameras
+from passerby.association.result import Association
+from passerby.calibration.pointed_heights import PointedHeights, identity_at, pointed_heights
+from passerby.common.arrays import Floats, Ints
+from passerby.core.association_figures import AssociationRound
+from passerby.core.cameras import Rig
+from passerby.core.observations import UNKNOWN, CameraObservations, Observations, once_in_frame
+from passerby.core.pointing import PointedPerson
+from passerby.core.solution import Solution
+from passerby.core.stature import PERSON_HEIGHT_M
+from passerby.core.synchronisation import common_time_steps
+from passerby.findings.finding import Finding, notice
+
+AGAIN_S = 0.5
+"""How far the clock offset of a camera that the rig's people placed may be off in the next round, seconds."""
+
+
+@dataclass(frozen=True)
+class AssociationOptions:
+    """How identities are found."""
+
+    mode: str = "combined"
+    """combined | trajectory | appearance"""
+    search_s: float = 5.0
+    """Largest difference of two cameras' clocks that is searched for, seconds; 0 takes them as in step."""
+    person_height_m: float = PERSON_HEIGHT_M
+    """Mean standing height, metres."""
+    pointed: tuple[PointedPerson, ...] = ()
+    """People of known height, each named by a pixel."""
+    measured: tuple[MeasuredStart, ...] = ()
+    """Differences of two cameras' clocks that something else than people tells."""
+    groups: tuple[tuple[str, ...], ...] = ()
+    """Names of cameras that may share ground, where the user says so: only cameras of one group are compared."""
+
+
+def with_lenses_of(cameras: Sequence[CameraTracklets], rig: Rig, person_height_m: float) -> list[CameraTracklets]:
+    """The cameras' people by the lenses of a rig."""
+    rngs = np.random.default_rng(0).spawn(len(cameras))
+    return [
+        with_lens(one, camera.lens, person_height_m, rng) for one, camera, rng in zip(cameras, rig, rngs, strict=True)
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class AssociationRun:
+    """What stays the same over the rounds of association, and what follows from it for any identities and clocks."""
+
+    rig: Rig
+    cameras: Sequence[CameraTracklets]
+    tracklets: Tracklets
+    appearance: AppearanceAffinity | None
+    options: AssociationOptions
+
+    def with_lenses(self, found: Rig) -> AssociationRun:
+        """The same people by the lenses of a solution, where these were found with it."""
+        cameras = tuple(
+            replace(old, lens=replace(new.lens, uncalibrated=True)) if old.lens.uncalibrated and new.pose else old
+            for old, new in zip(self.rig, found, strict=True)
+        )
+        rig = replace(self.rig, cameras=cameras)
+        return replace(self, rig=rig, cameras=with_lenses_of(self.cameras, rig, self.options.person_height_m))
+
+    def rows(self, person: Ints, offset_s: Floats, solution: Solution | None) -> list[tuple[Ints, Ints]]:
+        """The person of every box and of every set of joints, camera by camera; -1 for nobody."""
+        out = []
+        for c, camera in enumerate(self.cameras):
+            own = person[self.tracklets.first[c] : self.tracklets.first[c + 1]]
+            parts = []
+            for part in (camera.seen.boxes, camera.seen.keypoints):
+                known = part.identity > UNKNOWN
+                column = np.full(len(part), UNKNOWN)
+                column[known] = own[part.identity[known]]
+                parts.append(_once(column, part.frame, part.identity))
+            out.append((parts[0], parts[1]))
+        if solution is None:
+            return out
+        bodies = [camera.bodies for camera in self.cameras]
+        before = [
+            np.where(seen.from_joints, _at(joints, seen.row), _at(boxes, seen.row))
+            for seen, (boxes, joints) in zip(bodies, out, strict=True)
+        ]
+        clocks = clocks_with(self.cameras, offset_s)
+        grid = common_time_steps(Observations({camera.name: camera.seen for camera in self.cameras}), clocks).clock
+        for (boxes, joints), seen, after in zip(
+            out,
+            bodies,
+            reassign_detections(solution.rig, bodies, before, clocks, grid, self.options.person_height_m),
+            strict=True,
+        ):
+            boxes[seen.row[~seen.from_joints]] = after[~seen.from_joints]
+            joints[seen.row[seen.from_joints]] = after[seen.from_joints]
+        return [
+            (_once(boxes, camera.seen.boxes.frame, boxes), _once(joints, camera.seen.keypoints.frame, joints))
+            for camera, (boxes, joints) in zip(self.cameras, out, strict=True)
+        ]
+
+    def lost(
+        self, solution: Solution, graph: ViewGraph, before: Mapping[int, Attached], *, search: bool
+    ) -> dict[int, tuple[float, float]]:
+        """Cameras without a pose that no pair registers, by number: how far which clock offset is to be searched.
+
+        One that was placed `before` is placed again near its offset; the others are tried where a `search` is wanted.
+        """
+        alone = {group[0] for group in graph.groups if len(group) == 1}
+        without = {c for c, camera in enumerate(solution.rig) if camera.pose is None} & alone
+        search_s = self.options.search_s
+        again = {c: (min(search_s, AGAIN_S), before[c].offset_s) for c in sorted(without & set(before))}
+        return again | (dict.fromkeys(sorted(without - set(before)), (search_s, 0.0)) if search else {})
+
+    def known(self, rows: Sequence[tuple[Ints, Ints]]) -> PointedHeights:
+        """The heights of the people at whom the user pointed, by the identities that `identified` gives them."""
+        number = {camera.name: c for c, camera in enumerate(self.cameras)}
+
+        def identify(one: PointedPerson) -> int | None:
+            if one.camera not in number:
+                return None
+            c = number[one.camera]
+            person = identity_at(one, self.cameras[c].seen, *rows[c])
+            return None if person is None else person + 1
+
+        return pointed_heights(self.options.pointed, identify)
+
+    def identified(self, rows: Sequence[tuple[Ints, Ints]]) -> Observations:
+        """The people who are somebody, in each camera's own frames."""
+        cameras = {}
+        for camera, (boxes, joints) in zip(self.cameras, rows, strict=True):
+            named = replace(camera.seen.boxes, identity=boxes + 1), replace(camera.seen.keypoints, identity=joints + 1)
+            cameras[camera.name] = CameraObservations(named[0].take(boxes > UNKNOWN), named[1].take(joints > UNKNOWN))
+        return Observations(cameras)
+
+    def instants(self, identified: Observations, offset_s: Floats) -> Observations:
+        """The same at instants that all cameras share."""
+        return synchronise(self.rig, self.cameras, identified, offset_s)
+
+    def association(
+        self, person: Ints, offset_s: Floats, solution: Solution | None, initial: InitialAssociation | None,
+        rounds: list[AssociationRound], sigma_s: Floats | None = None, attached: Collection[int] = (),
+    ) -> Association:  # fmt: skip
+        """The result; the first registered camera's clock is the rig's. `attached`: cameras that the rig's people placed."""
+        offset_s = relative_to_reference(offset_s, solution.rig if solution else None)
+        rows = self.rows(person, offset_s, solution)
+        identified, heights = self.identified(rows), self.known(rows)
+        known = {} if sigma_s is None else dict(zip(self.rig.names, sigma_s.tolist(), strict=True))
+        figures = association_figures(self.cameras, self.tracklets, self.appearance, initial, person, offset_s)
+        graph = initial.graph if initial is not None else None
+        drifts = {} if solution is None else self._drifts(person, offset_s, solution)
+        return Association(
+            identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
+            {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
+            {} if graph is None or initial is None
+            else unregistered_cameras(self.cameras, graph, self.options.search_s, starts=initial.starts),
+            *self._findings(solution, initial, drifts, offset_s, attached),
+            {self.cameras[c].name: drift for c, drift in drifts.items()},
+            heights.people, heights.findings,
+        )  # fmt: skip
+
+    def _drifts(self, person: Ints, offset_s: Floats, solution: Solution) -> dict[int, Drift]:
+        """How the clocks drift, by the rig."""
+        first, poses = self.tracklets.first, [camera.pose for camera in solution.rig]
+        own = [person[first[c] : first[c + 1]] for c in range(len(self.cameras))]
+        return clock_drifts(self.cameras, poses, own, offset_s)
+
+    def _findings(
+        self,
+        solution: Solution | None,
+        initial: InitialAssociation | None,
+        drifts: Mapping[int, Drift],
+        offset_s: Floats,
+        attached: Collection[int],
+    ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
+        """What speaks against relying on the association, and what is odd about it."""
+        if solution is None:
+            return (), ()
+        poses = [camera.pose for camera in solution.rig]
+        doubts, notices = drift_findings(self.cameras, drifts)
+        graph = initial.graph if initial is not None else None
+        walked = graph is not None and any(edge.used for edge in graph.edges)
+        joined = joined_by_joints(self.cameras, initial.by_joints) if initial is not None else []
+        joined += [notice("registered_by_rig", self.cameras[c].name) for c in sorted(attached) if poses[c] is not None]
+        if initial is not None and initial.starts is not None:
+            registered = [pose is not None for pose in poses]
+            contradicted = contradicted_starts(initial.starts, self.rig.names, offset_s, registered)
+            notices = [*initial.starts.notices, *contradicted, *notices]
+        return (*(nobody_walks(self.cameras, poses) if walked else ()), *doubts), (*joined, *notices)
+
+
+def _at(column: Ints, row: Ints) -> Ints:
+    """The column at the rows, -1 where it is too short (the rows are of another column there)."""
+    padded = np.append(column, UNKNOWN)
+    return np.asarray(padded[np.minimum(row, len(column))])
+
+
+def _once(person: Ints, frame: Ints, tracklet: Ints) -> Ints:
+    """Everybody once in a frame: of two boxes the one of the longer tracklet keeps the name."""
+    length = np.bincount(tracklet[tracklet > UNKNOWN], minlength=1)
+    long = np.where(tracklet > UNKNOWN, length[np.maximum(tracklet, 0)], 0)
+    kept = np.isin(np.arange(len(person)), once_in_frame(frame, person, -long))
+    return np.where(kept, person, UNKNOWN)
