@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.calibration.calibration import Calibration, write_calibration, write_results
+from passerby.calibration.calibration import Calibration
+from passerby.calibration.writing import write_calibration, write_results
 from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.cameras import Pose, Rig

@@ -153,11 +153,11 @@ main()
 """The program `passerby`, without the lines that tell how far a run is after half a minute of wall time."""
 ENDLESS = """
 import time
-from passerby.calibration import calibration
+from passerby.calibration import writing
 def write_boxes(*given):
     while True:
         time.sleep(600)
-calibration.write_boxes = write_boxes
+writing.write_boxes = write_boxes
 """
 """Before that: a run that never comes to its end, so that none ends before it is stopped, however late."""
 

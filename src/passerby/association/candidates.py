@@ -76,7 +76,7 @@ def stated_candidates(names: Sequence[str], groups: Sequence[Sequence[str]]) -> 
 
     Args:
         names: of all cameras.
-        groups: names of cameras that may share ground; a camera may be in several.
+        groups: names of cameras that may share ground; a camera may be in several. Names of other cameras say nothing.
     """
     number = {name: index for index, name in enumerate(names)}
     pairs = {
@@ -84,7 +84,7 @@ def stated_candidates(names: Sequence[str], groups: Sequence[Sequence[str]]) -> 
         for group in groups
         for k, one in enumerate(group)
         for other in group[k + 1 :]
-        if one != other
+        if one != other and one in number and other in number
     }
     return Candidates(len(names), dict.fromkeys(sorted(pairs), STATED))
 

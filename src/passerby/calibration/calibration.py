@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -12,12 +12,13 @@ import numpy as np
 
 from passerby._version import __version__
 from passerby.association.result import Association
+from passerby.calibration.writing import write_calibration
 from passerby.common.errors import EvidenceError, InputError
 from passerby.common.progress import Progress
 from passerby.core.association_figures import AssociationFigures
 from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import SolverFigures, adjusted
-from passerby.core.observations import UNKNOWN, CameraObservations, Observations
+from passerby.core.observations import UNKNOWN, Observations
 from passerby.core.solution import Verdict
 from passerby.evaluation.reprojection import median_residuals
 from passerby.findings.finding import Finding
@@ -27,26 +28,17 @@ from passerby.interchange.calibration_json import (
     CameraEntry,
     DeclaredScene,
     DiagnosticEntry,
+    GroupEntry,
     PerceptionEntry,
     WorldEntry,
     entry_of,
     parse_document,
-    read_document,
-    write_document,
 )
-from passerby.interchange.coco import write_keypoints
-from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.output_folder import (
-    REPORT_FILE,
-    RIG_FILE,
-    TRACKS_FOLDER,
-    checksums,
+    group_folder,
     scene_file,
 )
-from passerby.interchange.rig_toml import write_rig
-from passerby.interchange.storage.atomic import forget_halves
 from passerby.interchange.storage.json_text import plain, to_json
-from passerby.interchange.storage.transaction import folder_lock, transaction
 from passerby.perception.video_probe import WallTime
 from passerby.report.contents import Contents, declared_videos
 from passerby.scene.scene import Scene
@@ -85,11 +77,13 @@ class Calibration:
     """JSON-ready: how `[world]` set the frame; empty where the first camera did."""
     seconds: dict[str, float] = field(default_factory=dict)
     """Wall time by stage; never written to a file, so that the same input gives the same files."""
+    group: int = 1
+    """Number among the groups of cameras of the scene; 1 is the largest, the main rig."""
+    groups: tuple[Calibration, ...] = ()
+    """Groups of cameras that share nobody with this one: calibrations of their own, in frames of their own."""
 
     def __repr__(self) -> str:
-        return (
-            f"Calibration({self.scene.name!r}: {self.verdict}, {len(self.rig.posed())} of {len(self.rig)} cameras registered)"
-        )
+        return f"Calibration({self.name!r}: {self.verdict}, {len(self.rig.posed())} of {len(self.rig)} cameras registered)"
 
     def _repr_html_(self) -> str:
         """In a notebook: the verdict with its reasons, the cameras, and the rig from above."""
@@ -97,7 +91,7 @@ class Calibration:
         from passerby.report.notebook import Outcome, result_html
 
         outcome = Outcome(self.verdict, self.reasons, self.findings, len(self.rig))
-        return result_html(self.scene.name, self.rig, outcome, calibration_document(self).cameras, clocked=self.clocks_searched)
+        return result_html(self.name, self.rig, outcome, calibration_document(self).cameras, clocked=self.clocks_searched)
 
     @property
     def doubts(self) -> tuple[Finding, ...]:
@@ -135,15 +129,28 @@ class Calibration:
         return self.observations if self.association is None else self.association.instants
 
     @property
+    def name(self) -> str:
+        """The scene's name, with the number of a further group."""
+        return self.scene.name if self.group == 1 else f"{self.scene.name}, group {self.group}"
+
+    @property
     def exit_status(self) -> int:
-        """0 accepted, 3 doubtful or refused."""
-        return 0 if self.accepted else EvidenceError.exit_status
+        """0 accepted, 3 doubtful or refused; of all groups."""
+        return 0 if self.accepted and all(one.accepted for one in self.groups) else EvidenceError.exit_status
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the observations and the wall times, as plain values for JSON."""
         table: dict[str, Any] = plain(calibration_document(self))
         del table["scene_file"]
         return table
+
+    def document(self, files: Mapping[str, str] | None = None) -> CalibrationDocument:
+        """Its `calibration.json`; `files` are the checksums of the files beside it."""
+        return calibration_document(self, files)
+
+    def contents(self) -> Contents:
+        """What its report is made from."""
+        return contents_of(self)
 
     def write(self, folder: str | Path, *, report: bool = True, progress: Progress | None = None) -> None:
         """Write `rig.toml`, `calibration.json`, what was seen, and the report into a folder, each file whole or not at all.
@@ -188,66 +195,8 @@ def contents_of(calibration: Calibration) -> Contents:
     return Contents(document, calibration.rig, seen, dict(clocks), videos)
 
 
-WORK = "passerby calibrate"
-
-WHOLE = "all other results in {0} are complete and can be used; `passerby report {0}` writes the report again"
-
 COMPUTING_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "poselib", "av", "onnxruntime")
 """Whose versions can change a figure."""
-
-
-def write_calibration(calibration: Calibration, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
-    """Write a calibration as `write_results` does, alone in its folder.
-
-    Raises `InputError` where the folder is not writable, or another process works in it.
-    """
-    with folder_lock(folder, WORK):
-        write_results(calibration, folder, report=report, progress=progress)
-
-
-def write_results(calibration: Calibration, folder: Path, *, report: bool = True, progress: Progress | None = None) -> None:
-    """Write a calibration into a folder that is locked for this process.
-
-    Rig, tracks and `calibration.json`, which has the checksums of the others, change together: all or none. The report comes
-    last and can be made again from them; one of an earlier run does not stay beside new figures. The same input, seed and
-    libraries give the same bytes. Raises `InputError` where the folder is not writable.
-    """
-    seen = {camera.name: calibration.observations[camera.name] for camera in calibration.rig}
-    with transaction(folder, [REPORT_FILE, *_earlier_tracks(folder, seen)]) as new:
-        for name, people in seen.items():
-            _write_seen(new / TRACKS_FOLDER, name, people)
-        write_rig(new / RIG_FILE, calibration.rig)
-        write_document(new, calibration_document(calibration, checksums(new)))
-        forget_halves(folder / REPORT_FILE)
-    if report:
-        from passerby.calibration.calibration import contents_of
-        from passerby.report.page import write_report
-
-        try:
-            write_report(contents_of(calibration), folder / REPORT_FILE, progress)
-        except InputError as error:
-            raise InputError(f"{error}; {WHOLE.format(folder)}") from error
-        except Exception as error:
-            error.add_note(WHOLE.format(folder))
-            raise
-
-
-def _write_seen(folder: Path, name: str, seen: CameraObservations) -> None:
-    """A camera's boxes and joints, where there are any."""
-    if len(seen.boxes):
-        write_boxes(folder / f"{name}.txt", seen.boxes)
-    if len(seen.keypoints):
-        write_keypoints(folder / f"{name}.json", seen.keypoints)
-
-
-def _earlier_tracks(folder: Path, cameras: Iterable[str]) -> list[str]:
-    """The tracks of an earlier run: of these cameras, and those that its `calibration.json` tells of."""
-    ours = [f"{TRACKS_FOLDER}/{name}{ending}" for name in cameras for ending in (".txt", ".json")]
-    try:
-        files = read_document(folder).files or {}
-    except InputError:  # none, or one that is broken
-        return ours
-    return ours + [name for name in files if name.startswith(f"{TRACKS_FOLDER}/") and name.count("/") == 1]
 
 
 def calibration_document(calibration: Calibration, files: Mapping[str, str] | None = None) -> CalibrationDocument:
@@ -258,7 +207,7 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
     return CalibrationDocument(
         scene_file=scene_file(scene.path),
         files=files,
-        name=scene.name,
+        name=calibration.name,
         passerby=__version__,
         versions={name: _version(name) for name in COMPUTING_LIBRARIES},
         verdict=calibration.verdict,
@@ -276,7 +225,17 @@ def calibration_document(calibration: Calibration, files: Mapping[str, str] | No
         wall_clock_origin=None if clock is None else clock.origin.text,
         wall_clock_span=None if clock is None else _texts(clock.first, clock.last),
         world=entry_of(WorldEntry, calibration.world) if calibration.world else None,
+        group=None if calibration.group == 1 else calibration.group,
+        groups=tuple(map(_group, calibration.groups)) or None,
     )
+
+
+def _group(one: Calibration) -> GroupEntry:
+    """What the main rig's file says of a further group."""
+    return GroupEntry(
+        group=one.group, folder=group_folder(one.group), verdict=one.verdict, registered=len(one.rig.posed()),
+        cameras=tuple(one.rig.names),
+    )  # fmt: skip
 
 
 def _entry(calibration: Calibration, camera: Camera, residual_px: float | None) -> CameraEntry:

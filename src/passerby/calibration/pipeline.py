@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
 from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.repairs import Repair, Repaired, apply_repairs
 from passerby.calibration.scene_solver import solver_options
+from passerby.calibration.separate_groups import calibrate_by_groups
 from passerby.calibration.unrecorded import Spans, unrecorded_instants
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
@@ -84,6 +86,7 @@ def calibrate(
         diagnostics=(*found.doubts, *([joints] if joints else []), *watch.notes, *found.notices),
         perception=watch.figures,
         seconds={"reading": read - began, **watch.seconds, **found.seconds},
+        groups=tuple(replace(one, perception=watch.figures) for one in found.groups),
     )
 
 
@@ -93,14 +96,24 @@ def calibrate_inputs(
 ) -> Calibration:  # fmt: skip
     """Calibrate from inputs that were read; arguments and errors as of `calibrate`.
 
+    Cameras that share nobody with the largest group are calibrated by themselves (`Calibration.groups`).
+    """
+    tell = progress or silent
+    kept = None if keep is None else KeptTracklets(Path(keep) / FOLDER)
+    estimator = Estimator(scene, solver_options(scene), seed, tell, executor, kept)
+    stated = scene.sites.groups if scene.solver.method == "people" else ()
+    return calibrate_by_groups(inputs, stated, partial(_calibrate_together, estimator), tell)
+
+
+def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibration:
+    """The calibration of cameras as one rig; those that share nobody with its largest group have no pose.
+
     An estimate is six solves at most (`Estimator`). There is one, and one more for each correction: as many as there are
     cameras (`MotionRepair`), and six of clock rates where these are refined. The check of picture sizes adds one solve for each
     camera whose people keep to a part of the picture, and one.
     """
-    tell = progress or silent
+    scene, tell = estimator.scene, estimator.progress
     began = time.perf_counter()
-    kept = None if keep is None else KeptTracklets(Path(keep) / FOLDER)
-    estimator = Estimator(scene, solver_options(scene), seed, tell, executor, kept)
     # The systems are small: more BLAS threads only wait for each other, and the number of them would change the last bits.
     with threadpool_limits(limits=1, user_api="blas"):
         motion = MotionRepair(inputs, scene.association.given, scene.scale.person_height_m)
@@ -109,9 +122,9 @@ def calibrate_inputs(
         motions = motion.measured_again(repaired.corrections, repaired.estimate)
         association = repaired.estimate.association
         shape = shape_of(repaired.estimate.solution, association.instants, scene.scale.person_height_m)
-        held_out = _held_out(scene, repaired.estimate, seed)
+        held_out = _held_out(scene, repaired.estimate, estimator.seed)
         solution = _with_figures(scene, inputs, repaired, motions, shape, held_out)
-        placed = align_to_scene(scene, solution)
+        placed = align_to_scene(scene, solution, inputs.elsewhere)
         doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
         misplaced = tuple(finding for finding in placed.findings if finding.severity == "doubt")
         solution = _decided(scene, solution, association, (*doubts, *misplaced), placed.rig, inputs.gaps)
@@ -131,7 +144,7 @@ def calibrate_inputs(
         verdict=solution.verdict,
         diagnostics=(*solution.findings, *inputs.findings, *association.notices, *unused, *refined, *frame),
         observations=association.observations,
-        seed=seed,
+        seed=estimator.seed,
         options=asdict(estimator.options),
         figures=placed.figures,
         association=association,

@@ -35,7 +35,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
         rows.append([camera.name, *place, *sure, str(len(seen.boxes)), str(len(seen.keypoints))])
     clock = ("time offset s", "offset std s") if timed else ()
     columns = ("camera", "x m", "y m", "height m", "position std mm", "rotation std deg", *clock, "boxes", "keypoints")
-    show_table(f"{calibration.scene.name}: {calibration.verdict}", columns, rows)
+    show_table(f"{calibration.name}: {calibration.verdict}", columns, rows)
     show_scale(adjusted(calibration.figures), calibration.rig)
     show_held_out(calibration.figures.held_out)
     show_lenses(adjusted(calibration.figures), calibration.rig)
@@ -51,6 +51,8 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
             print(f"{calibration.verdict}: {' '.join(reason.split())}")
         print("seconds: " + ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in calibration.seconds.items()))
         print(to_json(calibration.figures), end="")
+    for one in calibration.groups:
+        show_calibration(one, verbose)
 
 
 def _clock(calibration: Calibration, camera: Camera) -> list[str]:
@@ -65,7 +67,10 @@ def tell_reasons(calibration: Calibration) -> None:
     """On standard error, why a calibration is not to be relied upon; nothing where it is."""
     if not calibration.accepted:
         reasons = "; ".join(calibration.reasons) or "no reason given"
-        print(f"{calibration.verdict}: {' '.join(reasons.split())}", file=sys.stderr)
+        which = "" if calibration.group == 1 else f"group {calibration.group}: "
+        print(f"{which}{calibration.verdict}: {' '.join(reasons.split())}", file=sys.stderr)
+    for one in calibration.groups:
+        tell_reasons(one)
 
 
 def show_pairs(pairs: Sequence[TiedPair]) -> None:

@@ -261,6 +261,20 @@ class DeclaredScene:
     world: Mapping[str, Any] | None = field(default=None, metadata=ABSENT)
 
 
+@dataclass(frozen=True, kw_only=True)
+class GroupEntry:
+    """A further group of cameras: a calibration of its own, which shares nobody with this one."""
+
+    group: int
+    """2, 3, ...; the main rig is group 1."""
+    folder: str
+    """Its output folder, from the one that this file is in."""
+    verdict: Verdict
+    registered: int
+    """Cameras with a pose."""
+    cameras: tuple[str, ...]
+
+
 def _kind_of_figures(value: Any) -> str:
     """Which of the tags below a table of figures has."""
     if isinstance(value, Mapping):
@@ -307,6 +321,10 @@ class CalibrationDocument:
     wall_clock_span: tuple[str | None, str | None] | None = field(default=None, metadata=ABSENT)
     """The span of wall time that was used, ISO 8601; None for an end that was not chosen."""
     world: WorldEntry | None = field(default=None, metadata=ABSENT)
+    group: int | None = field(default=None, metadata=ABSENT)
+    """2, 3, ... where this is a further group of a scene."""
+    groups: tuple[GroupEntry, ...] | None = field(default=None, metadata=ABSENT)
+    """The further groups of the scene, in the main rig's file; None where there are none."""
 
     @property
     def entries(self) -> dict[str, CameraEntry]:

@@ -25,6 +25,7 @@ from passerby.interchange.storage.json_text import plain
 from passerby.interchange.storage.transaction import recover
 
 RIG_FILE, TRACKS_FOLDER, REPORT_FILE = "rig.toml", "tracks", "report.html"
+GROUPS_FOLDER = "groups"
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +177,11 @@ def _clocks(out: Path, cameras: Mapping[str, CameraEntry], rig: Rig) -> dict[str
         without = next(name for name in rig.names if name not in found)
         raise unlike(out / CALIBRATION_FILE, f"camera {without} has no fps, though others have")
     return found
+
+
+def group_folder(number: int) -> str:
+    """The folder of a further group of cameras, within the output folder of the main rig."""
+    return f"{GROUPS_FOLDER}/{number}"
 
 
 def checksums(folder: Path) -> dict[str, str]:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from passerby.common.text import shortened_text
 from passerby.core.figures import HeldOutFigures
+from passerby.interchange.calibration_json import GroupEntry
+from passerby.interchange.output_folder import REPORT_FILE
 from passerby.report.contents import Contents
 from passerby.report.html import Html, Section, element
 from passerby.report.recommendations import Point, points_of, reported_doubts, sentence
@@ -49,6 +52,7 @@ def headline_section(contents: Contents, seen: Seen) -> Section:
         _points("Problems", "reasons", reasons),
         _points("Possible improvements", "weak", weak_points(contents, seen)) if verdict != "refused" else None,
         _findings(contents.document.findings),
+        _groups(contents.document.groups or ()),
     ]
     return Section("summary", "", "", element("div", parts, class_=f"summary verdict-{verdict}"), "Verdict")
 
@@ -145,6 +149,21 @@ def _findings(findings: Sequence[str]) -> Html | None:
     shown, more = rows[:SHOWN_REASONS], rows[SHOWN_REASONS:]
     rest = element("details", element("summary", count(len(more), "more note")), element("ul", more)) if more else None
     return element("div", element("h2", "Warnings"), element("ul", shown), rest, class_="points findings")
+
+
+def _groups(groups: Sequence[GroupEntry]) -> Html | None:
+    """The further groups of cameras, each with a link to its own report; nothing where there are none."""
+    if not groups:
+        return None
+    rows = [
+        element(
+            "li", element("a", f"Group {one.group}", href=f"{one.folder}/{REPORT_FILE}"),
+            f": {WORDS[one.verdict].lower()}, {one.registered} of {len(one.cameras)} cameras with a pose "
+            f"({shortened_text(', '.join(one.cameras))})",
+        )
+        for one in groups
+    ]  # fmt: skip
+    return element("div", element("h2", "Groups with a rig of their own"), element("ul", rows), class_="points groups")
 
 
 def scene_name(contents: Contents) -> str:

@@ -67,6 +67,8 @@ class SceneInputs:
     """Differences of two cameras' clocks that something else than people tells."""
     gaps: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     """By camera with gaps in its recording, spans of its own frame numbers at which it recorded nothing."""
+    elsewhere: tuple[Camera, ...] = ()
+    """Cameras of the scene that have no part in this: they belong to other groups."""
 
 
 class VideoProcessor(Protocol):

@@ -59,7 +59,7 @@ class Fate:
 
 def _watch_over(fate: Fate) -> None:
     """Let the fate know what happens in this process."""
-    from passerby.calibration import calibration
+    from passerby.calibration import writing
     from passerby.cli import terminal
     from passerby.common import parallel
     from passerby.interchange.storage import atomic
@@ -77,8 +77,8 @@ def _watch_over(fate: Fate) -> None:
     opening.learn_background = fate.before("background", opening.learn_background)
     # In the middle of a file, behind it, and between those of the result.
     atomic.os = _Os(fate)
-    calibration.write_rig = fate.before("rig", calibration.write_rig)
-    calibration.write_boxes = fate.before("tracks", calibration.write_boxes)
+    writing.write_rig = fate.before("rig", writing.write_rig)
+    writing.write_boxes = fate.before("tracks", writing.write_boxes)
     terminal._Log = lambda: lambda stage, done=0, total=0, *, part="": fate(stage) if not part else None
 
 

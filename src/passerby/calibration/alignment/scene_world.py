@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from passerby.calibration.alignment.plan import align_to_plan
 from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
 from passerby.common.errors import EvidenceError, InputError
-from passerby.core.cameras import Rig
+from passerby.core.cameras import Camera, Rig
 from passerby.core.figures import AdjustedFigures, SolvedCamera, SolverFigures
 from passerby.core.solution import Solution
 from passerby.findings.finding import Finding, notice
@@ -61,8 +62,11 @@ def align_rig(rig: Rig, wanted: WorldTable, shown: Path | None = None) -> Aligne
     return align_to_camera(rig, wanted.camera, wanted.towards)
 
 
-def align_to_scene(scene: Scene, solution: Solution) -> AlignedSolution:
-    """A solution in the frame that the scene wants; where that cannot be, in its own frame, with a finding that says so."""
+def align_to_scene(scene: Scene, solution: Solution, elsewhere: Sequence[Camera] = ()) -> AlignedSolution:
+    """A solution in the frame that the scene wants; where that cannot be, in its own frame, with a finding that says so.
+
+    Cameras `elsewhere` belong to other groups of the scene: known places of theirs say nothing of this one.
+    """
     table = scene.world
     if table is None or not len(solution.rig.posed()):
         return AlignedSolution(solution.rig, solution.figures)
@@ -74,11 +78,18 @@ def align_to_scene(scene: Scene, solution: Solution) -> AlignedSolution:
     wanted = table.model_copy(update=paths)
     place = f"{scene.place}: [world]"
     try:
-        aligned = align_rig(solution.rig, wanted, None if table.plan is None else table.plan.image)
+        everywhere = replace(solution.rig, cameras=(*solution.rig.cameras, *elsewhere))
+        aligned = align_rig(everywhere, wanted, None if table.plan is None else table.plan.image)
     except (InputError, EvidenceError) as error:
         return AlignedSolution(solution.rig, solution.figures, findings=(notice("world_not_set", place=place, why=str(error)),))
-    findings = tuple(replace(one, values={"place": place, **one.values}) for one in aligned.diagnostics)
-    return AlignedSolution(aligned.rig, scaled_figures(solution.figures, aligned.motion.scale), aligned.figures, findings)
+    others = {camera.name for camera in elsewhere}
+    findings = tuple(
+        replace(one, values={"place": place, **one.values})
+        for one in aligned.diagnostics
+        if not one.cameras or not others.issuperset(one.cameras)
+    )
+    own = replace(aligned.rig, cameras=tuple(camera for camera in aligned.rig if camera.name not in others))
+    return AlignedSolution(own, scaled_figures(solution.figures, aligned.motion.scale), aligned.figures, findings)
 
 
 def scaled_figures(figures: SolverFigures, scale: float) -> SolverFigures:

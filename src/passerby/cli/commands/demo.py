@@ -34,8 +34,8 @@ def demo(
     """
     import tempfile
 
-    from passerby.calibration.calibration import write_results
     from passerby.calibration.pipeline import calibrate
+    from passerby.calibration.writing import write_results
     from passerby.cli.tables import show_calibration, show_comparison, tell_reasons
     from passerby.cli.terminal import stages
     from passerby.common.parallel import local_processes

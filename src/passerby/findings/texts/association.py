@@ -81,6 +81,14 @@ def _nobody_shared(v: Fields) -> str:
     return f"{v['who']} share{'' if several else 's'} no people with {', '.join(v['main'])}{separate}"
 
 
+def _separate(v: Fields) -> str:
+    among = "" if v["registered"] == len(v["names"]) else f", {v['registered']} of them with a pose"
+    return f"{v['who']} are group {v['group']}, calibrated by themselves in {v['folder']} ({v['verdict']}{among})"
+
+
+_JOIN = "give known positions of cameras of each group under [world], or record people where their views overlap"
+
+
 def _to_share(v: Fields) -> str:
     if v["given"]:
         return "give the same person the same identity in all cameras, and synchronised frames the same frame number"
@@ -98,6 +106,10 @@ ASSOCIATION: Mapping[str, Kind] = {
     "cameras_share_nobody": Kind(
         _ANY, "No person connects a group of cameras to the largest group, `main`.",
         _nobody_shared, lambda v: f"record people where their views overlap, or {_to_share(v)}",
+    ),
+    "separate_group": Kind(
+        NOTICE, "A group of cameras that shares nobody with the main rig has a rig of its own, in `folder`.",
+        _separate, "its frame, scale and clock are its own; to join it, " + _JOIN, joint="; ",
     ),
     "no_pair_registered": Kind(
         REFUSAL, "The ground tracks of no two cameras fit each other.",

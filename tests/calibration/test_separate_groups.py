@@ -1,0 +1,146 @@
+"""Groups of cameras that share nobody: each a rig of its own, in files of its own."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import passerby
+from passerby.calibration.calibration import Calibration
+from passerby.calibration.separate_groups import stated_parts
+from passerby.calibration.writing import write_calibration
+from passerby.cli.tables import show_calibration, tell_reasons
+from passerby.core.cameras import Rig
+from passerby.core.observations import Boxes
+from passerby.evaluation.metrics import compare
+from passerby.interchange.output_folder import read_output
+from passerby.report.contents import contents_from
+from passerby.scene.inputs import SceneInputs
+from passerby.scene.part import part_of
+from passerby.simulation import SimulatedScene, SimulationOptions, simulate
+
+ANOTHER_FLOOR = 1000
+"""Added to the identities of the people of the second room."""
+
+
+def room(seed: int, cameras: int) -> SimulatedScene:
+    return simulate(SimulationOptions(seed=seed, seconds=15.0, cameras=cameras, box_noise=0.01))
+
+
+@pytest.fixture(scope="module")
+def rooms() -> tuple[Rig, dict[str, Boxes]]:
+    """The true rig and the boxes of a room with three cameras and of one with two (U1, U2) that nobody walks between."""
+    lower, upper = room(840, 3), room(841, 2)
+    named = {camera.name: f"U{number}" for number, camera in enumerate(upper.rig, start=1)}
+    boxes = {name: seen.boxes for name, seen in lower.observations.cameras.items()}
+    boxes |= {
+        named[name]: replace(seen.boxes, identity=seen.boxes.identity + ANOTHER_FLOOR)
+        for name, seen in upper.observations.cameras.items()
+    }
+    cameras = (*lower.rig, *(replace(camera, name=named[camera.name]) for camera in upper.rig))
+    return Rig(cameras), boxes
+
+
+@pytest.fixture(scope="module")
+def found(rooms: tuple[Rig, dict[str, Boxes]]) -> Calibration:
+    truth, boxes = rooms
+    return passerby.calibrate_observations(truth, boxes, fps=5.0, association={"mode": "given", "max_offset_s": 0})
+
+
+def test_each_group_is_a_rig_of_its_own(rooms, found):
+    truth, _ = rooms
+    assert found.rig.posed().names == ("C1", "C2", "C3")
+    assert found.rig.names == truth.names
+    (upper,) = found.groups
+    assert upper.group == 2
+    assert upper.rig.names == upper.rig.posed().names == ("U1", "U2")
+    for one in (found, upper):
+        assert max(compare(one.rig.posed(), truth).similarity.orientation_deg.values()) < 1.5
+    assert [one.code for one in found.notices] == ["separate_group"]
+    assert found.verdict == "doubtful"
+    assert "cameras_share_nobody" in {one.code for one in found.doubts}
+
+
+def test_a_group_is_what_its_cameras_alone_would_be(rooms, found):
+    truth, boxes = rooms
+    alone = Rig(tuple(camera for camera in truth if camera.name.startswith("U")))
+    own = {name: seen for name, seen in boxes.items() if name in alone.names}
+    again = passerby.calibrate_observations(alone, own, fps=5.0, association={"mode": "given", "max_offset_s": 0})
+    assert not again.groups
+    for camera in again.rig:
+        np.testing.assert_array_equal(camera.centre, found.groups[0].rig[camera.name].centre)
+
+
+def test_files_of_groups_are_an_output_folder_each_and_go_with_them(rooms, found, tmp_path):
+    out = tmp_path / "out"
+    write_calibration(found, out, report=True)
+    written = json.loads((out / "calibration.json").read_text())
+    assert written["groups"] == [
+        {"group": 2, "folder": "groups/2", "verdict": found.groups[0].verdict, "registered": 2, "cameras": ["U1", "U2"]}
+    ]
+    upper = read_output(out / "groups/2")
+    assert upper.rig.names == ("U1", "U2")
+    assert upper.document.group == 2
+    assert len(upper.boxes["U1"]) > 100
+    assert 'href="groups/2/report.html"' in (out / "report.html").read_text(encoding="utf-8")
+    assert (out / "groups/2/report.html").is_file()
+    assert contents_from(out / "groups/2").document.name == f"{found.scene.name}, group 2"
+    (out / "groups/2/notes.txt").write_text("mine")
+    write_calibration(replace(found, groups=()), out, report=False)
+    assert [path.name for path in (out / "groups").rglob("*") if path.is_file()] == ["notes.txt"]
+    (out / "groups/2/notes.txt").unlink()
+    write_calibration(found, out, report=False)
+    write_calibration(replace(found, groups=()), out, report=False)
+    assert not (out / "groups").exists()
+    assert "groups" not in json.loads((out / "calibration.json").read_text())
+
+
+def test_all_groups_are_shown_and_decide_the_exit_status(found, capsys):
+    show_calibration(found, verbose=False)
+    tell_reasons(replace(found, groups=(replace(found.groups[0], verdict="doubtful"),)))
+    told = capsys.readouterr()
+    assert ", group 2: " in told.out
+    assert "U2" in told.out.split(", group 2: ")[1]
+    assert "group 2: doubtful: " in told.err
+    main = replace(found, verdict="accepted")
+    for verdict, status in (("accepted", 0), ("doubtful", 3)):
+        assert replace(main, groups=(replace(found.groups[0], verdict=verdict),)).exit_status == status
+
+
+@pytest.mark.slow
+def test_stated_groups_do_not_doubt_each_other():
+    lower, upper = room(842, 3), room(843, 2)
+    boxes = {f"L{name}": seen.boxes for name, seen in lower.observations.cameras.items()}
+    boxes |= {f"U{name}": seen.boxes for name, seen in upper.observations.cameras.items()}
+    lenses = {f"L{camera.name}": camera.lens for camera in lower.rig} | {f"U{camera.name}": camera.lens for camera in upper.rig}
+    groups = [[name for name in lenses if name[0] == floor] for floor in "LU"]
+    tables = {"sites": {"groups": groups}, "association": {"max_offset_s": 0}}
+    found = passerby.calibrate_observations(lenses, boxes, fps=5.0, **tables)
+    assert found.rig.names == tuple(groups[0])
+    assert [one.rig.names for one in found.groups] == [tuple(groups[1])]
+    assert "cameras_share_nobody" not in {one.code for one in found.diagnostics}
+
+
+@pytest.mark.parametrize(
+    ("stated", "parts"),
+    [
+        ((), [["a", "b", "c", "d"]]),
+        ((("a", "b"), ("c", "d")), [["a", "b"], ["c", "d"]]),
+        ((("c", "d"), ("b", "d"), ("a", "c")), [["a", "b", "c", "d"]]),
+        ((("d", "b"), ("a", "c")), [["a", "c"], ["b", "d"]]),
+    ],
+)
+def test_stated_groups_with_a_common_camera_are_one_part(stated, parts):
+    assert stated_parts(["a", "b", "c", "d"], stated) == parts
+
+
+def test_a_part_has_its_own_cameras_and_names_the_others(rooms):
+    truth, boxes = rooms
+    seen = passerby.Observations({name: passerby.core.observations.CameraObservations(one) for name, one in boxes.items()})
+    inputs = SceneInputs(truth, seen, findings=())
+    part = part_of(inputs, ["U1", "U2"])
+    assert part.rig.names == tuple(part.observations.cameras) == ("U1", "U2")
+    assert [camera.name for camera in part.elsewhere] == ["C1", "C2", "C3"]
