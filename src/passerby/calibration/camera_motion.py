@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.result import Association
-from passerby.calibration.diagnostics.correspondences import Correspondences, match_people, resect_correspondences
+from passerby.calibration.diagnostics.correspondences import (
+    Correspondences,
+    instants_compared,
+    match_people,
+    resect_correspondences,
+)
 from passerby.calibration.diagnostics.pose_change import PoseChange, detect_pose_change
 from passerby.calibration.diagnostics.zoom import detect_zoom, zoom_of
 from passerby.calibration.estimation import Estimate
@@ -19,6 +24,7 @@ from passerby.common.arrays import Bools, Ints
 from passerby.core.cameras import Pose, Rig
 from passerby.core.figures import MotionFigures
 from passerby.core.observations import Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
+from passerby.core.overlap import count_shared_observations
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.findings.finding import Finding, doubt
 from passerby.interchange.storage.toml_text import key
@@ -27,6 +33,8 @@ from passerby.scene.inputs import SceneInputs
 
 MARGIN_S = 0.5
 """So much is left out on both sides of a move: when it was is known to a few samples."""
+ALL_AROUND_UP_TO = 12
+"""Cameras of a rig in which each one is compared with the people of all others: as many as have all pairs registered."""
 ON_A_FRAME = 1e-6
 """So near to a whole frame is on it: what rounding leaves on the way through seconds."""
 
@@ -117,11 +125,14 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
     """The camera whose motion explains most of what does not fit; others may look moved because of it."""
     rig, association = estimate.solution.rig, estimate.association
     middles = identified_body_centres(rig, association.instants)
+    around = _cameras_around(rig, association.instants)
     best: tuple[float, int, PoseChange] | None = None
     for c, camera in enumerate(rig):
         if camera.pose is None:
             continue
-        m = _matched(c, rig, middles, inputs.observations, association, repair)
+        m = _matched(
+            c, rig, [m if k in around[c] else None for k, m in enumerate(middles)], inputs.observations, association, repair
+        )
         rate = association.instants.fps or USUAL_FPS
         stated = camera.lens.focal_sd is None
         for change in (detect_pose_change(m, camera.pose, rate), detect_zoom(m, camera.pose, rate, stated=stated)):
@@ -141,6 +152,20 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
     return DetectedMotion(name, first, last, fps, change, either)
 
 
+def _cameras_around(rig: Rig, instants: Observations) -> list[set[int]]:
+    """Of each camera, itself and those whose people it may see: all in small rigs, those within two overlaps in large ones.
+
+    A camera that moved sees what lies beside its old view. With all cameras the time would grow with the square of their
+    number.
+    """
+    every = set(range(len(rig)))
+    if len(rig.posed()) <= ALL_AROUND_UP_TO:
+        return [every] * len(rig)
+    shared, number = count_shared_observations(instants), {name: c for c, name in enumerate(rig.names)}
+    next_to = [{c} | {number[other] for other, one in shared[name].items() if one.people} for name, c in number.items()]
+    return [set().union(*(next_to[other] for other in near)) for near in next_to]
+
+
 def _matched(
     c: int, rig: Rig, middles: list[BodyCentres | None], observations: Observations, association: Association,
     repair: MotionRepair,
@@ -153,7 +178,12 @@ def _matched(
     known, height_m = repair.identities_known, repair.person_height_m
     if not known or own is None:
         own = body_centres(_at_instants(camera.name, observations, association, rig), camera)
-    return match_people(own, triangulate_people(rig, middles, height_m, excluding=c), height_m, given=known)
+    seen = [np.unique(m.instant) for k, m in enumerate(middles) if m is not None and k != c]
+    instants = instants_compared(own, np.concatenate([np.zeros(0, np.int64), *seen]))
+    # Only where it is compared: each instant's people are triangulated by themselves.
+    others = [m if m is None or k == c else m.take(np.isin(m.instant, instants)) for k, m in enumerate(middles)]
+    people = triangulate_people(rig, others, height_m, excluding=c)
+    return match_people(own, people, height_m, given=known, instants=instants)
 
 
 def _at_instants(name: str, observations: Observations, association: Association, rig: Rig) -> CameraObservations:

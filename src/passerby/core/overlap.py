@@ -32,16 +32,25 @@ def person_instants(seen: CameraObservations) -> Ints:
 
 def count_shared_observations(observations: Observations) -> dict[str, dict[str, Shared]]:
     """For every camera and every other camera, what they share."""
-    instants = {name: person_instants(seen) for name, seen in observations.cameras.items()}
-    found: dict[str, dict[str, Shared]] = {name: {} for name in instants}
-    names = list(instants)
-    for index, first in enumerate(names):
-        for second in names[index + 1 :]:
-            both, count = np.unique(np.concatenate([instants[first], instants[second]]), axis=0, return_counts=True)
-            common = both[count == 2]
-            shared = Shared(len(np.unique(common[:, 1])), len(common))
-            found[first][second] = found[second][first] = shared
-    return found
+    names = list(observations.cameras)
+    instants = [person_instants(seen) for seen in observations.cameras.values()]
+    camera = np.repeat(np.arange(len(names)), [len(own) for own in instants])
+    rows = np.concatenate([np.zeros((0, 2), np.int64), *instants])
+    order = np.argsort(rows[:, 1], kind="stable")
+    people, common = np.zeros((2, len(names), len(names)), np.int64)
+    # Person by person: few cameras see each, so that the time grows with the rows and not with the pairs of cameras.
+    for one in np.split(order, np.flatnonzero(np.diff(rows[order, 1])) + 1):
+        cameras, row = np.unique(camera[one], return_inverse=True)
+        frames, column = np.unique(rows[one, 0], return_inverse=True)
+        there = np.zeros((len(cameras), len(frames)))
+        there[row, column] = 1.0
+        together = (there @ there.T).astype(np.int64)
+        common[np.ix_(cameras, cameras)] += together
+        people[np.ix_(cameras, cameras)] += together > 0
+    return {
+        first: {second: Shared(int(people[a, b]), int(common[a, b])) for b, second in enumerate(names) if b != a}
+        for a, first in enumerate(names)
+    }
 
 
 def connected_groups(shared: Mapping[str, Mapping[str, Shared]]) -> list[list[str]]:

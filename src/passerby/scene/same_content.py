@@ -25,6 +25,9 @@ MIN_FRAMES, MIN_MATCHES = 30, 60
 """Fewer frames with people in both, or fewer boxes that agree, tell nothing."""
 MOST_FRAMES = 150
 """Of those that are compared, at even steps."""
+FIRST_FRAMES, FIRST_BOXES, FIRST_MARGIN = 30, 150, 0.7
+"""So many frames are compared first. With so many boxes in each of the two, they show other people where even this share of
+what the same content needs is not reached. It saves most of the time with many cameras, whose pairs are many."""
 LAGS = 4
 """Time shifts that are tried: those at which numbers, places and sizes of the boxes agree best over the recording."""
 NEAR = (0.6, 0.3, 0.3)
@@ -276,24 +279,77 @@ def _matched(
     both = np.intersect1d(a.bin + lag, b.bin)
     if len(both) < MIN_FRAMES:
         return None
-    both = both[np.unique(np.linspace(0, len(both) - 1, min(len(both), MOST_FRAMES)).astype(int))]
-    one, other = np.isin(a.bin + lag, both), np.isin(b.bin, both)
-    (bin_a, from_a), (bin_b, from_b) = (a.bin[one] + lag, a.extent[one]), (b.bin[other], b.extent[other])
-    pairs, change = (np.zeros(0, np.int64),) * 2, begin
-    for near in NEAR:
-        pairs = _nearest(bin_a, change(from_a), bin_b, from_b, near)
-        if len(pairs[0]) < MIN_MATCHES:
-            return None
-        change = _fitted(from_a[pairs[0]], from_b[pairs[1]])
-    mine, theirs = from_a[pairs[0]], from_b[pairs[1]]
-    tall = theirs[:, 3] - theirs[:, 1]
-    off = float(np.median(np.abs(change(mine) - theirs).mean(axis=1) / tall))
-    shares = len(tall) / len(from_a), len(tall) / len(from_b)
-    if max(shares) < LEAST_SHARE or min(shares) < 0.5 * LEAST_SHARE or off > (SAME_PICTURE if sure else LOOSELY_SAME):
+    if len(both) > 2 * FIRST_FRAMES and _surely_others(_Shared.of(a, b, lag, _spread(both, FIRST_FRAMES)), begin, sure):
         return None
-    if off > SAME_NUMBERS and not (_begins_alike(change, size) and _at_one_place(mine, theirs, aspects, sure)):
+    shared = _Shared.of(a, b, lag, _spread(both, MOST_FRAMES))
+    fit = shared.fit(begin, MIN_MATCHES)
+    if fit is None:
         return None
-    return max(shares), change
+    shares = fit.shares
+    if max(shares) < LEAST_SHARE or min(shares) < 0.5 * LEAST_SHARE or fit.off > (SAME_PICTURE if sure else LOOSELY_SAME):
+        return None
+    alike = _begins_alike(fit.map, size) and _at_one_place(fit.mine, fit.theirs, aspects, sure)
+    return (max(shares), fit.map) if fit.off <= SAME_NUMBERS or alike else None
+
+
+def _spread(frames: Ints, most: int) -> Ints:
+    """So many of the frames at even steps, or all."""
+    return np.asarray(frames[np.unique(np.linspace(0, len(frames) - 1, min(len(frames), most)).astype(int))])
+
+
+def _surely_others(shared: _Shared, begin: _Map, sure: bool) -> bool:
+    """Whether a few frames with many boxes show that the people are others, by far."""
+    if min(len(shared.from_a), len(shared.from_b)) < FIRST_BOXES:
+        return False
+    fit = shared.fit(begin, 2)
+    if fit is None:
+        return True
+    least, most = FIRST_MARGIN * LEAST_SHARE, (SAME_PICTURE if sure else LOOSELY_SAME) / FIRST_MARGIN
+    return max(fit.shares) < least or min(fit.shares) < 0.5 * least or fit.off > most
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Boxes of one camera on those of the other."""
+
+    map: _Map
+    mine: Floats
+    """(K, 4) matched boxes,"""
+    theirs: Floats
+    """(K, 4) and those that they are on."""
+    shares: tuple[float, float]
+    """Of all boxes of either that are matched."""
+    off: float
+    """Median difference of the edges, as a share of the height."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """The boxes of two cameras at steps that both have, the first's brought to the second's time."""
+
+    bin_a: Ints
+    from_a: Floats
+    bin_b: Ints
+    from_b: Floats
+
+    @classmethod
+    def of(cls, a: _Binned, b: _Binned, lag: int, steps: Ints) -> _Shared:
+        """Those at some of the second's steps."""
+        one, other = np.isin(a.bin + lag, steps), np.isin(b.bin, steps)
+        return cls(a.bin[one] + lag, a.extent[one], b.bin[other], b.extent[other])
+
+    def fit(self, begin: _Map, least: int) -> _Fit | None:
+        """The map that puts most boxes of the first on boxes of the second; None where fewer than `least` match."""
+        pairs, change = (np.zeros(0, np.int64),) * 2, begin
+        for near in NEAR:
+            pairs = _nearest(self.bin_a, change(self.from_a), self.bin_b, self.from_b, near)
+            if len(pairs[0]) < least:
+                return None
+            change = _fitted(self.from_a[pairs[0]], self.from_b[pairs[1]])
+        mine, theirs = self.from_a[pairs[0]], self.from_b[pairs[1]]
+        tall = theirs[:, 3] - theirs[:, 1]
+        off = float(np.median(np.abs(change(mine) - theirs).mean(axis=1) / tall))
+        return _Fit(change, mine, theirs, (len(tall) / len(self.from_a), len(tall) / len(self.from_b)), off)
 
 
 def _nearest(bin_a: Ints, at: Floats, bin_b: Ints, extent: Floats, near: float) -> tuple[Ints, Ints]:

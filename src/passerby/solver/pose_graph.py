@@ -46,22 +46,29 @@ def cycle_consistency(hypotheses: Sequence[PairHypothesis], n_cameras: int) -> F
         by_pair.setdefault((h.b, h.a), []).append(h.inverse)
     support = np.zeros(len(hypotheses))
     for index, h in enumerate(hypotheses):
-        votes = []
-        for c in range(n_cameras):
-            ways = [(first, second) for first in by_pair.get((h.a, c), ()) for second in by_pair.get((c, h.b), ())]
-            if ways:
-                votes.append(max(_agreement(h, first, second) for first, second in ways))
-        support[index] = float(np.mean(votes)) if votes else 0.0
+        ways = [
+            (c, first, second)
+            for c in range(n_cameras)
+            for first in by_pair.get((h.a, c), ())
+            for second in by_pair.get((c, h.b), ())
+        ]
+        if ways:
+            camera = np.array([c for c, _, _ in ways])
+            agreement = _agreements(h, [first for _, first, _ in ways], [second for _, _, second in ways])
+            votes = np.maximum.reduceat(agreement, np.flatnonzero(np.diff(camera, prepend=-1)))
+            support[index] = float(np.mean(votes))
     return support
 
 
-def _agreement(h: PairHypothesis, first: PairHypothesis, second: PairHypothesis) -> float:
-    R = second.R_ba @ first.R_ba
-    t = second.R_ba @ first.t_ba + second.t_ba
-    turn = float(angle_between(R, h.R_ba)) / _CYCLE_ANGLE
-    reach = np.linalg.norm(first.t_ba) + np.linalg.norm(second.t_ba) + np.linalg.norm(h.t_ba)
-    shift = float(np.linalg.norm(t - h.t_ba) / (_CYCLE_SHARE * 0.5 * reach))
-    return float(np.exp(-0.5 * (turn**2 + shift**2)))
+def _agreements(h: PairHypothesis, first: Sequence[PairHypothesis], second: Sequence[PairHypothesis]) -> Floats:
+    """(K,) how well ways over two pairs lead where the hypothesis does."""
+    R1, t1 = np.array([one.R_ba for one in first]), np.array([one.t_ba for one in first])
+    R2, t2 = np.array([one.R_ba for one in second]), np.array([one.t_ba for one in second])
+    t = (R2 @ t1[:, :, None])[:, :, 0] + t2
+    turn = angle_between(R2 @ R1, h.R_ba) / _CYCLE_ANGLE
+    reach = np.linalg.norm(t1, axis=1) + np.linalg.norm(t2, axis=1) + np.linalg.norm(h.t_ba)
+    shift = np.linalg.norm(t - h.t_ba, axis=1) / (_CYCLE_SHARE * 0.5 * reach)
+    return np.asarray(np.exp(-0.5 * (turn**2 + shift**2)))
 
 
 def spanning_trees(

@@ -59,7 +59,23 @@ class Correspondences:
         return replace(self, own=replace(self.own, ray=ray / length[:, None], tangent=tangent))
 
 
-def match_people(own: BodyCentres, people: TriangulatedPeople, person_height_m: float, *, given: bool) -> Correspondences:
+def instants_compared(own: BodyCentres, others: Ints) -> Ints:
+    """The instants at which a camera's sightings are compared with people, ascending: of more than `MOST_ROWS`, even steps.
+
+    Args:
+        own: sightings, in the order of their instants.
+        others: instants at which other cameras saw somebody, in any order.
+    """
+    instants = np.unique(own.instant[np.isin(own.instant, others)])
+    count = np.searchsorted(own.instant, instants, side="right") - np.searchsorted(own.instant, instants)
+    if count.sum() > MOST_ROWS:
+        instants = instants[:: int(np.ceil(count.sum() / MOST_ROWS))]
+    return np.asarray(instants)
+
+
+def match_people(
+    own: BodyCentres, people: TriangulatedPeople, person_height_m: float, *, given: bool, instants: Ints | None = None
+) -> Correspondences:
     """A camera's sightings with the people of their instants.
 
     Args:
@@ -67,11 +83,9 @@ def match_people(own: BodyCentres, people: TriangulatedPeople, person_height_m: 
         people: by the other cameras.
         person_height_m: typical standing height, metres.
         given: whether the sightings' identities are the people's.
+        instants: of `instants_compared`; None: they follow from the people.
     """
-    instants = np.unique(own.instant[np.isin(own.instant, people.instant)])
-    count = np.searchsorted(own.instant, instants, side="right") - np.searchsorted(own.instant, instants)
-    if count.sum() > MOST_ROWS:
-        instants = instants[:: int(np.ceil(count.sum() / MOST_ROWS))]
+    instants = instants_compared(own, people.instant) if instants is None else instants
     own = own.take(np.isin(own.instant, instants))
     row, person = rows_of_equal(own.instant, people.instant)
     if given:
