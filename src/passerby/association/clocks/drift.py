@@ -218,16 +218,15 @@ def _slopes(walks: _Walks) -> tuple[Floats, Floats]:
     weight: Floats = np.ones(known.shape)
     for _ in range(_ROUNDS):
         weighed = np.asarray(weight[:, :, None, None] * walks.information, dtype=np.float64)
-        rows, target = _eliminated(walks, design, weighed, np.asarray(root, dtype=np.float64))
-        scaled = rows * weight[:, :, None, None]
-        normal = np.einsum("gcik,gcil->kl", scaled, rows, optimize=True)
+        normal, target, off = _eliminated(walks, design, weighed)
         # Only differences are seen: a little keeps what all cameras have in common at 0.
         normal += 1e-9 * np.diag(np.diag(normal)) + 1e-12 * np.trace(normal) * np.eye(len(normal))
-        solved = np.linalg.solve(normal, np.einsum("gcik,gci->k", scaled, target, optimize=True))
-        miss = target - rows @ solved
-        square = (miss**2).sum(axis=2)
+        solved = np.linalg.solve(normal, target)
+        fitted = np.einsum("gik,ck->gci", design, solved.reshape(n, _UNKNOWNS))
+        miss = off - _less_mean(fitted, weighed)
+        square = (np.einsum("gcij,gcj->gci", root, miss) ** 2).sum(axis=2)
         weight = cauchy_weights(square / (3.0 * float(np.median(square[known])) + 1e-12))
-    score = np.einsum("gcik,gci->gk", scaled, miss, optimize=True)
+    score = np.einsum("gik,gcij,gcj->gck", design, weighed, miss, optimize=True).reshape(len(design), -1)
     summed = group_sums(walks.cluster, score, int(walks.cluster.max()) + 1)
     inverse = np.linalg.inv(normal)
     slopes = np.arange(n) * _UNKNOWNS + 1
@@ -251,16 +250,28 @@ def _design(walks: _Walks, t: Floats) -> Floats:
     return design
 
 
-def _eliminated(walks: _Walks, design: Floats, information: Floats, root: Floats) -> tuple[Floats, Floats]:
-    """Rows (G, C, 2, C * U) and targets (G, C, 2), in sigmas, less the place of the walker."""
+def _less_mean(values: Floats, information: Floats) -> Floats:
+    """(G, C, 2) values less their mean over the cameras, weighed by the information (G, C, 2, 2)."""
+    summed = np.einsum("gcij,gcj->gi", information, values)
+    return np.asarray(values - np.linalg.solve(information.sum(axis=1), summed[:, :, None])[:, None, :, 0])
+
+
+def _eliminated(walks: _Walks, design: Floats, information: Floats) -> tuple[Floats, Floats, Floats]:
+    """Normal equations (C * U, C * U), their right side (C * U,), and places less the walker's (G, C, 2).
+
+    The walker's place is eliminated: what it makes of each sighting is the mean, weighed by information. No row over all
+    cameras is made; with a hundred cameras these would take several gigabytes.
+    """
     groups, n = information.shape[:2]
-    # What the walker's place makes of each sighting: the mean, weighed by information.
-    share = np.einsum("gij,gcjk->gcik", np.linalg.inv(information.sum(axis=1)), information)
-    mean = np.einsum("gcij,gcj->gi", share, walks.place)
-    target = np.einsum("gcij,gcj->gci", root, walks.place - mean[:, None])
-    rows = np.empty((groups, n, 2, n, _UNKNOWNS))
-    rows[:] = -np.einsum("gdij,gjk->gidk", share, design)[:, None]
-    cameras = np.arange(n)
-    rows[:, cameras, :, cameras] += design
-    rows = np.einsum("gcij,gcjdk->gcidk", root, rows, optimize=True)
-    return rows.reshape(groups, n, 2, n * _UNKNOWNS), target
+    size = n * _UNKNOWNS
+    off = _less_mean(walks.place, information)
+    by_camera = np.einsum("gcij,gjk->gick", information, design)
+    inverse_root = np.linalg.inv(np.linalg.cholesky(information.sum(axis=1)))
+    common = (inverse_root @ by_camera.reshape(groups, 2, size)).reshape(2 * groups, size)
+    normal = -(common.T @ common)
+    own = np.einsum("gik,gicl->ckl", design, by_camera)
+    for c in range(n):
+        part = slice(c * _UNKNOWNS, (c + 1) * _UNKNOWNS)
+        normal[part, part] += own[c]
+    target = np.einsum("gick,gci->ck", by_camera, off).ravel()
+    return normal, target, off
