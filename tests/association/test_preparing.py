@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets, build_tracklets
+from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets, build_tracklets, earlier_tracklets
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
 from passerby.simulation import SimulatedScene
 from support.scenes.people_and_rigs import simulated
@@ -176,3 +176,21 @@ def test_an_executor_changes_nothing(scene: SimulatedScene) -> None:
         assert one.level is not None
         assert other.level is not None
         np.testing.assert_allclose(one.level.height, other.level.height, rtol=1e-9)
+
+
+def test_a_camera_is_prepared_again_only_where_what_it_saw_has_changed(scene: SimulatedScene) -> None:
+    seen = {name: nameless(CameraObservations(scene.truth[name])) for name in scene.rig.names}
+    clocks = dict.fromkeys(scene.rig.names, Clock(FPS))
+    changed = scene.rig.names[1]
+    rest = {**seen, changed: replace(seen[changed], boxes=seen[changed].boxes.take(slice(40, None)))}
+    earlier = earlier_tracklets()
+    rng = np.random.default_rng
+    first = build_tracklets(scene.rig, Observations(seen), clocks, 1.72, rng(3), earlier=earlier)
+    again = build_tracklets(scene.rig, Observations(rest), clocks, 1.72, rng(3), earlier=earlier)
+    alone = build_tracklets(scene.rig, Observations(rest), clocks, 1.72, rng(3))
+    for one, same, other in zip(first, again, alone, strict=True):
+        assert (one is same) == (one.name != changed)
+        np.testing.assert_array_equal(same.seen.boxes.identity, other.seen.boxes.identity)
+        assert same.level is not None
+        assert other.level is not None
+        assert same.level.height == other.level.height

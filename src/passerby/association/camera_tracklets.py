@@ -15,7 +15,7 @@ from passerby.association.tracking.splitting import find_continuations, split_tr
 from passerby.association.tracking.stitching import StitchingOptions, find_stitches
 from passerby.association.tracking.tracking import overlaps, track
 from passerby.common.arrays import Floats, Ints
-from passerby.common.parallel import side_by_side
+from passerby.common.earlier import EarlierResults
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
@@ -112,17 +112,21 @@ def with_lens(camera: CameraTracklets, lens: Lens, person_height_m: float, rng: 
 def build_tracklets(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], person_height_m: float, rng: np.random.Generator,
     executor: Executor | None = None, *, given: bool = False, tell: Progress = silent,
-    kept: KnownTracklets | None = None,
+    earlier: EarlierTracklets | None = None, kept: KnownTracklets | None = None,
 ) -> list[CameraTracklets]:  # fmt: skip
     """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
 
-    `tell` is told of every camera that is done. The result does not depend on what is `kept` either.
+    `tell` is told of every camera that is done. `earlier` are those of other estimates of the scene: a camera that saw the same
+    by the same lens and clock is taken from there, and the draws of its level with it. `kept` are the tracklets of earlier
+    runs; the result does not depend on them.
     """
     jobs = [
         _Job(camera, observations[camera.name], clocks[camera.name], person_height_m, own, given, kept)
         for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
     ]
-    return side_by_side(_prepared, jobs, executor, tell, "tracking in each camera")
+    earlier = earlier_tracklets() if earlier is None else earlier
+    keys = [job.camera.name for job in jobs]
+    return earlier.side_by_side(_prepared, jobs, keys, executor, tell, "tracking in each camera")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +138,21 @@ class _Job:
     rng: np.random.Generator
     given: bool
     kept: KnownTracklets | None
+
+
+EarlierTracklets = EarlierResults[_Job, CameraTracklets]
+"""By camera."""
+
+
+def earlier_tracklets() -> EarlierTracklets:
+    """None so far."""
+    return EarlierTracklets(_same_job)
+
+
+def _same_job(a: _Job, b: _Job) -> bool:
+    """Whether two jobs of one camera make the same tracklets, whatever people their levels draw."""
+    same_input = a.camera.lens is b.camera.lens and a.seen is b.seen
+    return same_input and (a.clock, a.person_height_m, a.given) == (b.clock, b.person_height_m, b.given)
 
 
 def _prepared(job: _Job) -> CameraTracklets:

@@ -27,7 +27,7 @@ from passerby.association.joints.joint_pairs import JointRegistration
 from passerby.association.joints.joint_tracks import joint_tracks
 from passerby.association.registration_failures import fit_of, fixed_by, sees_too_little, what_would_fit
 from passerby.common.arrays import Bools, Floats, Ints
-from passerby.common.parallel import side_by_side
+from passerby.common.earlier import EarlierResults
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Lens
 from passerby.findings.finding import Finding, refusal
@@ -80,7 +80,7 @@ class JointEvidence:
 def associate_by_ground_tracks(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, max_lag_s: float, affinity: Mapping[tuple[int, int], Floats],
     executor: Executor | None = None, tell: Progress = silent, joints: JointEvidence | None = None,
-    starts: Starts | None = None, candidates: Candidates | None = None,
+    starts: Starts | None = None, candidates: Candidates | None = None, earlier: EarlierPairs | None = None,
 ) -> InitialAssociation:  # fmt: skip
     """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
 
@@ -96,6 +96,7 @@ def associate_by_ground_tracks(
         joints: what it takes to use joints; None: they are not used.
         starts: when the recordings began, where that has been found before: each pair is searched about it.
         candidates: the pairs that are tried; None: all.
+        earlier: registrations of other estimates of the scene: pairs of the same tracks are taken from there.
 
     Raises:
         RefusalError: no two cameras can be registered.
@@ -108,7 +109,10 @@ def associate_by_ground_tracks(
         if candidates is None or (a, b) in candidates
         if (job := _job(a, b, first.tracks, second.tracks, max_lag_s, affinity.get((a, b)), starts)) is not None
     ]
-    pairs = side_by_side(_registered, jobs, executor, tell, "registering camera pairs")
+    earlier = earlier_pairs() if earlier is None else earlier
+    keys = [(cameras[job.a].name, cameras[job.b].name) for job in jobs]
+    found = earlier.side_by_side(_registered, jobs, keys, executor, tell, "registering camera pairs")
+    pairs = [replace(pair, a=job.a, b=job.b) for pair, job in zip(found, jobs, strict=True)]
     graph = _with_starts(view_graph(pairs, len(cameras)), starts)
     by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell, candidates)
     graph = add_joint_edges(graph, by_joints)
@@ -177,6 +181,22 @@ def _job(
     if lag is not None:
         return _Job(a, b, first, shifted(second, lag), min(NEAR_S, max_lag_s), affinity, lag)
     return None if starts.far else _Job(a, b, first, second, max_lag_s, affinity)
+
+
+EarlierPairs = EarlierResults[_Job, PairRegistration]
+"""By the names of the two cameras."""
+
+
+def earlier_pairs() -> EarlierPairs:
+    """None so far."""
+    return EarlierPairs(_same_pair)
+
+
+def _same_pair(one: _Job, other: _Job) -> bool:
+    """Whether two jobs of one pair have the same result, whatever the cameras' numbers."""
+    same_tracks = one.tracks_a is other.tracks_a and one.tracks_b is other.tracks_b
+    searched = (one.max_lag_s, one.lag) == (other.max_lag_s, other.lag)
+    return same_tracks and searched and one.affinity is None and other.affinity is None
 
 
 def _registered(job: _Job) -> PairRegistration:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from passerby.association.appearance.affinity import AppearanceAffinity
 from passerby.association.associate import Tracklets, cluster_by_rig
 from passerby.association.attachment import Attached, attach_cameras
-from passerby.association.camera_tracklets import CameraTracklets, build_tracklets
+from passerby.association.camera_tracklets import CameraTracklets, EarlierTracklets, build_tracklets, earlier_tracklets
 from passerby.association.candidates import ALL_PAIRS_UP_TO, Candidates, find_candidates, stated_candidates
 from passerby.association.clocks.frame_rate import estimate_frame_rate
 from passerby.association.clocks.offsets import (
@@ -21,10 +21,12 @@ from passerby.association.clocks.offsets import (
 from passerby.association.clocks.starts import FULL_SEARCH_S, NEAR_S, Starts, find_starts
 from passerby.association.focal_search import search_focals_by_tracks
 from passerby.association.initial_association import (
+    EarlierPairs,
     InitialAssociation,
     JointEvidence,
     associate_by_appearance,
     associate_by_ground_tracks,
+    earlier_pairs,
 )
 from passerby.association.joints.joint_tracks import swap_left_and_right
 from passerby.association.result import Association
@@ -49,9 +51,18 @@ SETTLED = 0.98
 """Identities have settled when so many of the box pairs that are one person were so a round before, and the other way round."""
 
 
+@dataclass(frozen=True, eq=False)
+class EarlierAssociation:
+    """What other estimates of a scene have found of single cameras and of pairs, used again where their input is the same."""
+
+    tracklets: EarlierTracklets = field(default_factory=earlier_tracklets)
+    pairs: EarlierPairs = field(default_factory=earlier_pairs)
+
+
 def solve_with_unknown_identities(
     rig: Rig, observations: Observations, options: AssociationOptions, solve: RigSolver, rng: np.random.Generator,
-    *, tell: Progress = silent, executor: Executor | None = None, kept: KeptTracklets | None = None,
+    *, tell: Progress = silent, executor: Executor | None = None, earlier: EarlierAssociation | None = None,
+    kept: KeptTracklets | None = None,
 ) -> tuple[Solution, Association]:  # fmt: skip
     """Calibrate cameras from people whom nobody has identified.
 
@@ -64,16 +75,20 @@ def solve_with_unknown_identities(
         rng: drives sampling.
         tell: told each stage as it begins.
         executor: prepares cameras and registers pairs of them in parallel.
+        earlier: what other estimates of the scene have found of single cameras and pairs; this one's is added.
         kept: tracklets of earlier runs, and of this one for the next.
 
     Returns:
         The solution, refused where the evidence does not do, and the association that it rests on.
     """
+    earlier = earlier or EarlierAssociation()
     search_s = options.search_s if observations.clocks else 0.0
     clocks = _clocks(rig, observations, options.person_height_m, rng)
     if kept is not None and kept.has_all(observations, clocks) and not pays(0, len(rig), MAX_PROCESSES):
         executor = None  # its processes would take longer to start than the rest takes
-    cameras = build_tracklets(rig, observations, clocks, options.person_height_m, rng, executor, tell=tell, kept=kept)
+    cameras = build_tracklets(
+        rig, observations, clocks, options.person_height_m, rng, executor, tell=tell, earlier=earlier.tracklets, kept=kept
+    )
     if needs_focal_search(rig) and options.mode != "appearance":
         at_start, near_s = _from_their_starts(cameras, search_s, options)
         rig = search_focals_by_tracks(rig, at_start, near_s, options.person_height_m, rng, tell, executor)
@@ -91,7 +106,7 @@ def solve_with_unknown_identities(
             joints = JointEvidence([camera.lens for camera in rig], options.person_height_m, rng)
             starts = _starts(cameras, search_s, options, affinity, tell)
             initial = associate_by_ground_tracks(
-                cameras, tracklets, search_s, affinity, executor, tell, joints, starts, candidates
+                cameras, tracklets, search_s, affinity, executor, tell, joints, starts, candidates, earlier.pairs
             )
             run = replace(run, cameras=_unmirrored(cameras, tracklets, initial))
             _tell_pairs(tell, initial)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from passerby.association.clocks.starts import FULL_SEARCH_S, WALL_CLOCK
 from passerby.association.result import Association
-from passerby.calibration.association_loop import solve_with_unknown_identities
+from passerby.calibration.association_loop import EarlierAssociation, solve_with_unknown_identities
 from passerby.calibration.association_run import AssociationOptions
 from passerby.calibration.kept_tracklets import KeptTracklets
 from passerby.calibration.pointed_heights import identity_in, pointed_heights
@@ -34,7 +34,10 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Estimator:
-    """Makes estimates of one scene. Each begins with the same random numbers, so that one never depends on another."""
+    """Makes estimates of one scene, each with the same random numbers: none depends on another.
+
+    Only what was found of single cameras and pairs is used again where their input is the same.
+    """
 
     scene: Scene
     options: SolverOptions
@@ -43,6 +46,7 @@ class Estimator:
     executor: Executor | None = None
     kept: KeptTracklets | None = None
     """Tracklets of earlier runs, and of this one for the next."""
+    earlier: EarlierAssociation = field(default_factory=EarlierAssociation)
 
     def __call__(self, inputs: SceneInputs) -> Estimate:
         """The rig and the association from one set of inputs; six solves at most: four rounds of identities and two more."""
@@ -59,7 +63,8 @@ class Estimator:
             )
             return Estimate(
                 *solve_with_unknown_identities(
-                    rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor, kept=self.kept
+                    rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor, earlier=self.earlier,
+                    kept=self.kept,
                 )
             )
         heights = pointed_heights(inputs.pointed, identity_in(seen))
