@@ -15,7 +15,7 @@ from passerby.geometry.single_view import Level
 from passerby.solver import pairs
 from passerby.solver.evidence import Evidence, gather_evidence
 from passerby.solver.initialisation import level_of
-from passerby.solver.pairs import body_lengths, pair_hypotheses, shared_rows
+from passerby.solver.pairs import body_lengths, compared_pairs, pair_hypotheses, shared_rows
 from support.scenes.people_and_rigs import observe, part, ring, simulated
 from support.tiers import thinned
 
@@ -160,3 +160,23 @@ def test_levels_are_not_needed_for_the_epipolar_route() -> None:
     focal = np.array([camera.lens.focal for camera in truth.rig])
     found = pair_hypotheses(evidence, levels, focal, BODY, np.random.default_rng(0))
     assert {h.route for h in found} == {"epipolar"}
+
+
+def test_small_rigs_compare_all_pairs_and_large_ones_those_that_share_most() -> None:
+    assert len(compared_pairs(np.zeros((12, 12), np.int64))) == 66
+    n = 40
+    near = np.abs(np.arange(n)[:, None] - np.arange(n)[None, :])
+    everybody = compared_pairs(np.where(near > 0, 1000 - near, 0))
+    assert len(everybody) <= 13 * n
+    assert {(k, k + 1) for k in range(n - 1)} <= set(everybody)
+
+
+def test_a_weak_link_between_halls_is_compared() -> None:
+    """Each of two halls has more cameras than a camera has partners: what joins them is not among the partners of anybody."""
+    hall = np.arange(40) // 20
+    shared = np.where(hall[:, None] == hall[None, :], 900, 0)
+    for a, b in ((3, 25), (7, 31)):
+        shared[a, b] = shared[b, a] = 12
+    found = compared_pairs(shared)
+    assert {(3, 25), (7, 31)} <= set(found)
+    assert all(shared[pair] > 0 for pair in found)

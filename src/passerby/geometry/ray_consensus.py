@@ -17,6 +17,9 @@ from passerby.geometry.triangulation import triangulate
 
 # Blocks seen by many cameras propose at most this many points each; neighbours in the cameras' order are tried first.
 _MAX_OFFSETS = 7
+# So many rows of a block begin pairs at most, at even steps: with all of them the time would grow with the square of the
+# cameras that see one person. Blocks of up to so many cameras, as in all small rigs, propose all they can.
+_MAX_FIRST = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +128,12 @@ def reassign_outliers(
 
 def _pairs(block: Ints, most: int) -> tuple[Ints, Ints]:
     """Row pairs within blocks of sorted rows."""
+    start = np.searchsorted(block, block)
+    count = np.searchsorted(block, block, side="right") - start
+    begins = (np.arange(len(block)) - start) % -(-count // _MAX_FIRST) == 0
     first, second = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for offset in range(1, min(most, _MAX_OFFSETS + 1)):
-        same = np.flatnonzero(block[offset:] == block[:-offset])
+        same = np.flatnonzero((block[offset:] == block[:-offset]) & begins[:-offset])
         first.append(same)
         second.append(same + offset)
     return np.concatenate(first), np.concatenate(second)

@@ -28,7 +28,7 @@ from passerby.solver.focal_search import search_focals
 from passerby.solver.lens_sigmas import lens_evidence
 from passerby.solver.lens_unknowns import LensPart, LensUnknowns
 from passerby.solver.optimizer.least_squares import Result, Stopping
-from passerby.solver.pairs import pair_hypotheses, verify_guesses
+from passerby.solver.pairs import ALL_PAIRS_UP_TO, pair_hypotheses, verify_guesses
 from passerby.solver.people_state import AdjustmentState
 from passerby.solver.pose_graph import gravity_aligned, poses_of_tree, spanning_trees
 from passerby.solver.refinement import (
@@ -60,6 +60,9 @@ _MISLEADING_FOCAL, _MISLEADING_PX = 0.05, 30.0
 _MISLEADING_SEARCHED = 0.25
 # What boxes are off by alike makes priors of the lenses count more by this at most.
 _MOST_EXCESS = 30.0
+# Observations of a camera in the coarse descents and in the round that learns the noise, in the mean, where there are many
+# cameras: in rooms of eight of which half see each person, the default numbers of people give 200 and 750.
+_COARSE_OF_CAMERA, _LEARNING_OF_CAMERA = 60, 200
 # A coarse descent stops here; the optimum needs more evidence anyhow.
 _COARSE = Stopping(15, 1e-4)
 
@@ -245,10 +248,27 @@ def level_of(evidence: Evidence, camera: int, person_height_m: float, rng: np.ra
     return level_camera(s.top, s.bottom, s.top_tangent, s.extent_px, span, foot, rng)
 
 
+def people_for_all(evidence: Evidence, people: int, of_camera: int) -> int:
+    """How many person-instants a part of the evidence takes, so that in a rig of many cameras each of them is seen enough.
+
+    Where each person is seen by few of many cameras, a fixed number would leave each camera a handful of observations.
+
+    Args:
+        evidence: all of it.
+        people: person-instants that are enough for up to `ALL_PAIRS_UP_TO` cameras.
+        of_camera: observations that a camera has at least in the mean.
+    """
+    if evidence.n_cameras <= ALL_PAIRS_UP_TO or not len(evidence.sightings):
+        return people
+    seen_by = len(evidence.sightings) / len(evidence.person)
+    return max(people, int(np.ceil(of_camera * evidence.n_cameras / seen_by)))
+
+
 def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.random.Generator) -> InitialRig:
     """Descend from every tree on a part of the evidence, and keep the rig that most sightings agree with."""
     n = len(start.rig)
-    blocks = np.sort(rng.permutation(len(start.evidence.person))[: options.coarse_people])
+    most = people_for_all(start.evidence, options.coarse_people, _COARSE_OF_CAMERA)
+    blocks = np.sort(rng.permutation(len(start.evidence.person))[:most])
     joints = np.sort(rng.permutation(start.evidence.n_joints)[: options.coarse_joints])
     found = []
     start = start.with_free()
@@ -302,7 +322,8 @@ def refine_in_stages(start: Initialisation, state: RigState, options: PeopleOpti
     while True:
         last = number >= options.rounds - 1 and not (growing and number < options.rounds - 1 + _MORE_ROUNDS)
         part = number == 0 and not last
-        blocks = np.sort(rng.permutation(len(evidence.person))[: options.learning_people]) if part else None
+        most = people_for_all(evidence, options.learning_people, _LEARNING_OF_CAMERA)
+        blocks = np.sort(rng.permutation(len(evidence.person))[:most]) if part else None
         joints = np.sort(rng.permutation(evidence.n_joints)[: options.learning_joints]) if part else None
         if number == 0:
             start = start.with_free("focal")

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import minimum_spanning_tree
 
 from passerby.common.arrays import Floats, Ints
 from passerby.common.errors import EvidenceError
@@ -26,6 +28,10 @@ from passerby.solver.people_state import UprightObservations
 
 MIN_MATCHES = 8
 MAX_MATCHES = 600
+ALL_PAIRS_UP_TO = 12
+"""Cameras of which all pairs are compared, and of more cameras the partners of each: then the time grows with the cameras."""
+FORESTS = 3
+"""Spanning forests by what is shared whose pairs are compared too: a few ways, for third cameras to confirm, between groups."""
 _GROUND_TRIALS = 400
 # A ground position is known to about this share of its distance: box noise, stance, and what is left of the level's tilt.
 _GROUND_SHARE, _GROUND_FLOOR_M = 0.06, 0.15
@@ -37,7 +43,8 @@ to agree on one length; which one it is hardly matters."""
 def pair_hypotheses(
     evidence: Evidence, levels: list[Level | None], focal: Floats, person_height_m: float, rng: np.random.Generator
 ) -> list[PairHypothesis]:
-    """All hypotheses of all pairs of cameras that saw the same people at the same instants.
+    """All hypotheses of the pairs of cameras that saw the same people at the same instants: of all in small rigs, of
+    `compared_pairs` in large ones.
 
     Args:
         evidence: sightings with identities.
@@ -47,10 +54,46 @@ def pair_hypotheses(
         rng: draws samples.
     """
     out: list[PairHypothesis] = []
-    for a in range(evidence.n_cameras):
-        for b in range(a + 1, evidence.n_cameras):
-            out += _pair(evidence, levels, focal, person_height_m, a, b, rng)
+    for a, b in compared_pairs(shared_blocks(evidence)):
+        out += _pair(evidence, levels, focal, person_height_m, a, b, rng)
     return out
+
+
+def shared_blocks(evidence: Evidence) -> Ints:
+    """(C, C) how many person-instants and joints each two cameras have in common."""
+    n, s, j = evidence.n_cameras, evidence.sightings, evidence.joints
+    total = np.zeros((n, n), np.int64)
+    for camera, block in ((s.camera, s.block), (j.camera, j.point)):
+        if len(block):
+            there = np.zeros((n, int(block.max()) + 1), np.float32)
+            there[camera, block] = 1.0
+            total += (there @ there.T).astype(np.int64)
+    return total
+
+
+def compared_pairs(shared: Ints) -> list[tuple[int, int]]:
+    """The pairs (a, b), a < b, of which hypotheses are made: all of up to `ALL_PAIRS_UP_TO` cameras; else the partners of each
+    camera that share most with it, and what holds together groups of cameras that share more among themselves.
+
+    Args:
+        shared: (C, C) what each two cameras have in common.
+    """
+    n = len(shared)
+    if n <= ALL_PAIRS_UP_TO:
+        return [(a, b) for a in range(n) for b in range(a + 1, n)]
+    weight = np.triu(shared, 1)
+    both = weight + weight.T
+    chosen = np.zeros((n, n), bool)
+    partners = np.argsort(-both, axis=1, kind="stable")[:, :ALL_PAIRS_UP_TO]
+    chosen[np.arange(n)[:, None], partners] = True
+    rest = weight.copy()
+    for _ in range(FORESTS):
+        # The lightest first: maximum spanning forest. Pairs that share nothing are no edges.
+        forest = minimum_spanning_tree(csr_array(np.where(rest > 0, rest.max() + 1.0 - rest, 0.0))).toarray() > 0
+        chosen |= forest
+        rest[forest] = 0
+    chosen = (chosen | chosen.T) & (both > 0)
+    return [(int(a), int(b)) for a, b in zip(*np.nonzero(np.triu(chosen, 1)), strict=True)]
 
 
 def verify_guesses(
