@@ -11,7 +11,7 @@ import sites_page
 from pages.sections import Section, SectionedPage
 from passerby.association.candidates import stated_candidates
 from passerby.simulation.sites import SiteOptions, simulate_site
-from sites import cases
+from sites import calibrations, cases
 from sites.true_tracks import true_tracks
 
 
@@ -82,3 +82,31 @@ def test_tracks_of_true_positions_are_of_the_people_whom_both_cameras_see():
     common = first.keys() & second.keys()
     assert len(common) > 50
     assert np.median([abs(first[key] - second[key]) for key in common]) == pytest.approx(0.6, abs=0.5)
+
+
+def calibrated(cameras: int, cpu_s: float, wall_s: float = 600.0) -> dict[str, object]:
+    groups = [
+        {"verdict": "doubtful", "position_mm": [10.0, 30.0, 20.0], "orientation_deg": [0.1, 0.1, 0.4]},
+        {"verdict": "accepted", "position_mm": [50.0, 40.0], "orientation_deg": [0.2, 0.3]},
+    ]
+    return {
+        "cameras": cameras, "cpu_s": cpu_s, "wall_s": wall_s, "memory_mb": 2048.0, "registered": 5, "moved": 0,
+        "groups": groups,
+    }  # fmt: skip
+
+
+def test_growth_of_time_is_judged_only_where_both_sizes_are_run():
+    small, large = calibrated(8, 10.0), calibrated(32, 44.0)
+    goals_of = {len(cases_): sites_page.halls_found("linear", {}, dict(enumerate(map(dict, cases_))), "abc").facts["goals"]
+                for cases_ in ([small], [small, large])}  # fmt: skip
+    assert goals_of[1][0][1] == "not run"
+    assert goals_of[2][0][1::3] == ["4.4 x", "acceptable"]
+    found = sites_page.sites_found("hundred", {}, {"a": calibrated(25, 300.0), "b": calibrated(100, 1600.0)}, "abc")
+    assert [goal[1] for goal in found.facts["goals"]] == ["10 min, 2.0 GB", "5.3 x", "not run", "not run"]
+    assert [goal[-1] for goal in found.facts["goals"]] == ["acceptable", "**missed**", "", ""]
+    assert "2 (1 doubtful, 1 accepted)" in found.text
+
+
+def test_errors_are_medians_over_the_cameras_of_all_groups():
+    assert calibrations.errors_of(calibrated(25, 1.0)) == (30.0, 0.2)
+    assert all(np.isnan(calibrations.errors_of({"groups": []})))
