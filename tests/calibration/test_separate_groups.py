@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import passerby
+from passerby.calibration.alignment.folder import write_aligned
+from passerby.calibration.alignment.world import align_to_camera
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.separate_groups import stated_parts
 from passerby.calibration.writing import write_calibration
@@ -96,6 +98,18 @@ def test_files_of_groups_are_an_output_folder_each_and_go_with_them(rooms, found
     write_calibration(replace(found, groups=()), out, report=False)
     assert not (out / "groups").exists()
     assert "groups" not in json.loads((out / "calibration.json").read_text())
+
+
+def test_another_frame_is_that_of_one_group_only(found, tmp_path):
+    out = tmp_path / "out"
+    write_calibration(found, out, report=False)
+    aligned = align_to_camera(found.rig, "C2")
+    assert any("groups/2" in told for told in write_aligned(out, tmp_path / "new", aligned))
+    assert "groups" not in json.loads((tmp_path / "new/calibration.json").read_text())
+    before = (out / "groups/2/rig.toml").read_bytes()
+    assert any("groups/2" in told for told in write_aligned(out, out, aligned))
+    assert json.loads((out / "calibration.json").read_text())["groups"][0]["folder"] == "groups/2"
+    assert (out / "groups/2/rig.toml").read_bytes() == before
 
 
 def test_all_groups_are_shown_and_decide_the_exit_status(found, capsys):

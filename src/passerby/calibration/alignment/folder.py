@@ -47,20 +47,26 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     document = _in_new_frame(out, read_report(out), aligned)
     with_report = (out / REPORT_FILE).is_file()
     old = [name for name in OLD_FRAME if (out / name).exists()]
+    apart = [
+        f"group {one.group} keeps its own frame: align {out / one.folder} by itself" for one in document.groups or ()
+    ]  # fmt: skip
     if target.resolve() == out.resolve():
         with transaction(out, [REPORT_FILE]) as new:
             _write_moved(new, document, aligned)
             forget_halves(out / REPORT_FILE)
         _report_again(with_report, out, tell)
-        return [f"{out / name} still uses the old frame: write it again with `{OLD_FRAME[name]} {out}`" for name in old]
+        again = [f"{out / name} still uses the old frame: write it again with `{OLD_FRAME[name]} {out}`" for name in old]
+        return [*again, *apart]
     if target.is_dir() and any(target.iterdir()):
         raise InputError(f"{target}: is not empty: give a new folder, or {out} itself")
     with whole_folder(target, CALIBRATION_FILE, "a calibration") as new:
         if (out / TRACKS_FOLDER).is_dir():
             shutil.copytree(out / TRACKS_FOLDER, new / TRACKS_FOLDER)
-        _write_moved(new, document, aligned)
+        # Folders of further groups do not come along.
+        _write_moved(new, replace(document, groups=None), aligned)
     _report_again(with_report, target, tell)
-    return [f"{out / name} uses the old frame: write it in the new one with `{OLD_FRAME[name]} {target}`" for name in old]
+    again = [f"{out / name} uses the old frame: write it in the new one with `{OLD_FRAME[name]} {target}`" for name in old]
+    return [*again, *apart]
 
 
 def _write_moved(folder: Path, document: CalibrationDocument, aligned: Aligned) -> None:
