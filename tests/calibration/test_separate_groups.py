@@ -100,6 +100,19 @@ def test_files_of_groups_are_an_output_folder_each_and_go_with_them(rooms, found
     assert "groups" not in json.loads((out / "calibration.json").read_text())
 
 
+@pytest.mark.slow
+def test_known_positions_place_all_groups_in_one_frame(rooms, tmp_path):
+    truth, boxes = rooms
+    rows = [f"{camera.name},{','.join(f'{value:.3f}' for value in camera.centre)},0.05" for camera in truth]
+    (tmp_path / "positions.csv").write_text("\n".join(["camera,x,y,z,sd_m", *rows]) + "\n")
+    tables = {"association": {"mode": "given", "max_offset_s": 0}, "world": {"positions": tmp_path / "positions.csv"}}
+    found = passerby.calibrate_observations(truth, boxes, fps=5.0, **tables)
+    for one in (found, *found.groups):
+        for camera in one.rig.posed():
+            assert np.linalg.norm(camera.centre - truth[camera.name].centre) < 0.3
+    assert "position_without_pose" not in {one.code for one in found.groups[0].notices}
+
+
 def test_another_frame_is_that_of_one_group_only(found, tmp_path):
     out = tmp_path / "out"
     write_calibration(found, out, report=False)
