@@ -63,7 +63,14 @@ class Estimator:
             )
             return Estimate(
                 *solve_with_unknown_identities(
-                    rig, seen, wanted, solver, rng, tell=self.progress, executor=self.executor, earlier=self.earlier,
+                    rig,
+                    seen,
+                    wanted,
+                    solver,
+                    rng,
+                    tell=self.progress,
+                    executor=self.executor,
+                    earlier=self.earlier,
                     kept=self.kept,
                 )
             )
