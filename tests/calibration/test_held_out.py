@@ -10,7 +10,7 @@ import pytest
 from passerby.calibration.held_out import (
     EVERY,
     HARMFUL_RATIO,
-    doubts_of_held_out,
+    findings_of_held_out,
     held_out_ratio,
     hold_out,
     is_held_out,
@@ -29,10 +29,9 @@ def scene():
     return simulate(SimulationOptions(preset="terrace", seed=950, seconds=25.0, box_noise=0.01))
 
 
-def fitted(median_share, held_share):
-    figures = [ResidualFigures(sightings=99, median_px=1.0, p90_px=2.0, median_share=share, ground_50_m=0.1, ground_90_m=None)
-               for share in (held_share, median_share)]  # fmt: skip
-    return HeldOutFigures(stretches=1, stretch_s=5.0, held_out=figures[0], fit=figures[1])
+def fitted(median_share, least_share, stretches=2):
+    one = ResidualFigures(sightings=99, median_px=1.0, p90_px=2.0, median_share=median_share, ground_50_m=0.1, ground_90_m=None)
+    return HeldOutFigures(stretches=stretches, stretch_s=5.0, held_out=one, fit=one, least_share=least_share)
 
 
 def test_a_good_rig_fits_people_whom_it_never_saw(scene):
@@ -44,7 +43,7 @@ def test_a_good_rig_fits_people_whom_it_never_saw(scene):
     assert 0.6 < held_out_ratio(figures) < 1.5
     assert 0.02 < figures.held_out.ground_50_m < 0.4
     assert figures.held_out.ground_50_m < figures.held_out.ground_90_m
-    assert doubts_of_held_out(figures) == ()
+    assert findings_of_held_out(figures) == ()
 
 
 def test_a_camera_that_was_elsewhere_in_the_stretch_held_out(scene):
@@ -87,12 +86,28 @@ def test_too_short_or_too_few(scene):
 
 
 def test_the_limit():
-    assert doubts_of_held_out(None) == ()
-    assert doubts_of_held_out(fitted(0.02, 0.99 * HARMFUL_RATIO * 0.02)) == ()
-    (one,) = doubts_of_held_out(fitted(0.02, 1.01 * HARMFUL_RATIO * 0.02))
+    assert findings_of_held_out(None) == ()
+    assert findings_of_held_out(fitted(0.02, None)) == ()
+    assert findings_of_held_out(fitted(0.02, 0.99 * HARMFUL_RATIO * 0.02)) == ()
+    (one,) = findings_of_held_out(fitted(0.02, 1.01 * HARMFUL_RATIO * 0.02))
     assert (one.code, one.severity) == ("held_out_disagree", "doubt")
-    (behind,) = doubts_of_held_out(fitted(0.02, None))
-    assert behind.values["ratio"] is None
+    (alone,) = findings_of_held_out(fitted(0.02, 1.01 * HARMFUL_RATIO * 0.02, stretches=1))
+    assert alone.severity == "notice"
+
+
+def test_one_odd_stretch_of_two_says_nothing_of_the_rig():
+    long = simulate(SimulationOptions(preset="terrace", seed=951, seconds=85.0, people=3, box_noise=0.01))
+    rig, instants = long.rig, long.observations
+    seen = instants["C2"]
+    held = is_held_out(seen.boxes.frame, rig, instants, 10.0)
+    for first_alone in (True, False):
+        rows = held & (seen.boxes.frame < 40 * instants.fps) if first_alone else held
+        ltwh = seen.boxes.ltwh.copy()
+        ltwh[rows, 0] += 0.5 * ltwh[rows, 3]
+        bumped = replace(instants, cameras={**instants.cameras, "C2": CameraObservations(replace(seen.boxes, ltwh=ltwh))})
+        figures = hold_out(rig, bumped, HEIGHT_M, 0)
+        assert figures.stretches == 2
+        assert (findings_of_held_out(figures) == ()) == first_alone
 
 
 def test_one_camera_against_the_others_by_hand(scene):

@@ -23,7 +23,7 @@ from passerby.calibration.diagnostics.smaller_pictures import doubts_of_smaller_
 from passerby.calibration.diagnostics.verdict import judged
 from passerby.calibration.diagnostics.walking_speed import ScaleBasis, doubts_of_heights, scale_basis
 from passerby.calibration.estimation import Estimate, Estimator
-from passerby.calibration.held_out import doubts_of_held_out, hold_out
+from passerby.calibration.held_out import findings_of_held_out, hold_out
 from passerby.calibration.kept_tracklets import FOLDER, KeptTracklets
 from passerby.calibration.lens_priors import with_lens_priors
 from passerby.calibration.repairs import Repair, Repaired, apply_repairs
@@ -182,7 +182,7 @@ def _doubts(
     scene: Scene, inputs: SceneInputs, solution: Solution, association: Association, motions: Sequence[DetectedMotion],
     shape: GroundShape | None, estimator: Estimator,
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:  # fmt: skip
-    """What speaks against relying on the solution, and what is only to be noted of the ground."""
+    """What speaks against relying on the solution, and what is only to be noted of the ground and of people held out."""
     tilt_known = scene.world is not None and scene.world.tilt
     uneven, ground = told_of_ground(shape, placed=scene.world is not None, tilt_known=tilt_known)
     sizes = doubts_of_smaller_pictures(
@@ -199,8 +199,10 @@ def _doubts(
     said |= {cue for found in solution.findings if found.code == "scale_cues_disagree" for cue in found.values["cues"]}
     contradicted = contradicted_heights(solution.rig, association.instants, known)
     heights += [finding for finding in contradicted if finding.values["cue"] not in said]
-    held_out = doubts_of_held_out(solution.figures.held_out)
-    return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven, *held_out), ground
+    held_out = findings_of_held_out(solution.figures.held_out)
+    against = [finding for finding in held_out if finding.severity == "doubt"]
+    noticed = tuple(finding for finding in held_out if finding.severity == "notice")
+    return (*inputs.doubts, *places, *sizes, *moved, *association.doubts, *heights, *uneven, *against), (*ground, *noticed)
 
 
 def _decided(

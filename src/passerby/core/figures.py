@@ -291,11 +291,14 @@ class HeldOutFigures:
     """A rig that was adjusted without some of the people, held against these."""
 
     stretches: int
+    """Those with people enough, where there is one."""
     stretch_s: float
     """Length of each of the stretches whose people were held out."""
     held_out: ResidualFigures
     fit: ResidualFigures
     """Of the people who were fitted, by the same rig."""
+    least_share: float | None
+    """`median_share` of the people of that stretch held out which fits best; None where no stretch has enough of them."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -94,10 +94,11 @@ def _to_slow(v: Fields) -> str:
 
 
 def _held_out(v: Fields) -> str:
-    """How much worse they fit; behind the cameras where no ratio tells."""
     stretches = "one stretch" if v["stretches"] == 1 else f"{v['stretches']} stretches"
-    how = "lie behind the cameras" if v["ratio"] is None else f"disagree with it {v['ratio']:.1f} times as much as the others"
-    return f"people of {stretches} of {v['stretch_s']:.0f} s, who were held out of the rig's adjustment, {how}"
+    return (
+        f"people of {stretches} of {v['stretch_s']:.0f} s, who were held out of the rig's adjustment, disagree with it "
+        f"{v['ratio']:.1f} times as much as the others"
+    )
 
 
 CALIBRATION: Mapping[str, Kind] = {
@@ -169,7 +170,9 @@ CALIBRATION: Mapping[str, Kind] = {
         "and tilt = true; or record people on one level", subjects=("vertical",),
     ),
     "held_out_disagree": Kind(
-        DOUBT, "People who were held out of the adjustment fit the rig clearly worse than those who were fitted.",
+        _MORE_OR_LESS,
+        "People who were held out of the adjustment fit the rig clearly worse than those who were fitted; a doubt if those "
+        "of several stretches do.",
         _held_out, "record for longer, with more people, and check that no camera was touched meanwhile",
     ),
     "smaller_image_fits": Kind(
