@@ -297,8 +297,9 @@ class HeldOutFigures:
     held_out: ResidualFigures
     fit: ResidualFigures
     """Of the people who were fitted, by the same rig."""
-    least_share: float | None
-    """`median_share` of the people of that stretch held out which fits best; None where no stretch has enough of them."""
+    least_share: float | None = None
+    """`median_share` of the people of that stretch held out which fits best; None where no stretch has enough of them, and in
+    files of an older Passerby."""
 
 
 @dataclass(frozen=True, kw_only=True)
