@@ -87,7 +87,9 @@ def test_too_short_or_too_few(scene):
 
 def test_the_limit():
     assert findings_of_held_out(None) == ()
-    assert findings_of_held_out(fitted(0.02, None)) == ()
+    (behind,) = findings_of_held_out(fitted(0.02, None, stretches=1))
+    assert (behind.severity, behind.values["ratio"]) == ("doubt", None)
+    assert findings_of_held_out(fitted(0.0, 0.0)) == ()
     assert findings_of_held_out(fitted(0.02, 0.99 * HARMFUL_RATIO * 0.02)) == ()
     (one,) = findings_of_held_out(fitted(0.02, 1.01 * HARMFUL_RATIO * 0.02))
     assert (one.code, one.severity) == ("held_out_disagree", "doubt")

@@ -81,13 +81,14 @@ def hold_out(rig: Rig, instants: Observations, person_height_m: float, seed: int
     by_stretch = [
         _residuals([one.take(of == stretch) for one, of in zip(every, numbers, strict=True)]) for stretch in stretches
     ]
-    shares = [one.median_share for one in by_stretch if one is not None and one.median_share is not None]
+    counted = [one.median_share for one in by_stretch if one is not None]
+    shares = [share for share in counted if share is not None]
     return HeldOutFigures(
-        stretches=len(shares) or len(stretches),
+        stretches=len(counted) or len(stretches),
         stretch_s=stretch_s,
         held_out=held,
         fit=fit,
-        least_share=min(shares, default=None),
+        least_share=min(shares, default=held.median_share),
     )
 
 
@@ -98,17 +99,24 @@ def is_held_out(step: Ints, rig: Rig, instants: Observations, stretch_s: float) 
 
 
 def held_out_ratio(figures: HeldOutFigures) -> float | None:
-    """How many times as much as fitted people those of the best stretch held out disagree, each as a share of their size."""
+    """How many times as much as fitted people those of the best stretch held out disagree, each as a share of their size.
+
+    None where half of the people of either lie behind the cameras that see them.
+    """
     least, fit = figures.least_share, figures.fit.median_share
-    return None if least is None or not fit else least / fit
+    return None if least is None or fit is None else least / max(fit, 1e-9)
 
 
 def findings_of_held_out(figures: HeldOutFigures | None) -> tuple[Finding, ...]:
-    """A doubt about a rig that people of no stretch held out bear out; of a single stretch, a notice."""
-    ratio = None if figures is None else held_out_ratio(figures)
-    if figures is None or ratio is None or ratio <= HARMFUL_RATIO:
+    """A doubt about a rig that people of no stretch held out bear out; of a single stretch, a notice, unless they lie behind
+    the cameras.
+    """
+    if figures is None:
         return ()
-    say = doubt if figures.stretches >= FEWEST_STRETCHES else notice
+    ratio = held_out_ratio(figures)
+    if ratio is not None and ratio <= HARMFUL_RATIO:
+        return ()
+    say = doubt if ratio is None or figures.stretches >= FEWEST_STRETCHES else notice
     return (say("held_out_disagree", ratio=ratio, stretches=figures.stretches, stretch_s=figures.stretch_s),)
 
 

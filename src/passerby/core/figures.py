@@ -298,7 +298,7 @@ class HeldOutFigures:
     fit: ResidualFigures
     """Of the people who were fitted, by the same rig."""
     least_share: float | None = None
-    """`median_share` of the people of that stretch held out which fits best; None where no stretch has enough of them, and in
+    """`median_share` of the people of that stretch held out which fits best; None where they lie behind the cameras, and in
     files of an older Passerby."""
 
 

@@ -95,10 +95,8 @@ def _to_slow(v: Fields) -> str:
 
 def _held_out(v: Fields) -> str:
     stretches = "one stretch" if v["stretches"] == 1 else f"{v['stretches']} stretches"
-    return (
-        f"people of {stretches} of {v['stretch_s']:.0f} s, who were held out of the rig's adjustment, disagree with it "
-        f"{v['ratio']:.1f} times as much as the others"
-    )
+    how = "lie behind cameras" if v["ratio"] is None else f"disagree with it {v['ratio']:.1f} times as much as the others"
+    return f"people of {stretches} of {v['stretch_s']:.0f} s, who were held out of the rig's adjustment, {how}"
 
 
 CALIBRATION: Mapping[str, Kind] = {
