@@ -11,7 +11,9 @@ from passerby.page.scene_edits import (
     save_scene,
     version_of,
     with_excluded,
+    with_identities,
     with_length,
+    with_not_a_person,
     with_person,
     with_world_points,
     without_camera,
@@ -112,3 +114,26 @@ def test_a_region_and_a_span_are_added_to_a_camera_and_removed_again():
         without_excluded(text, "gate 2", "exclude", 3)
     with pytest.raises(InputError, match=r"\[cameras.gate\] is not there"):
         with_excluded(TEXT, "gate", "exclude", corners)
+
+
+def test_identities_are_corrected_and_the_corrections_removed():
+    boxes = [("C1", 31, (8.5, 4.0)), ("gate 2", 40, (1.0, 2.125))]
+    text = with_identities(with_identities(TEXT, "same", boxes), "different", boxes)
+    text = with_not_a_person(with_not_a_person(text, *boxes[0]), *boxes[1])
+    assert all(line in text.splitlines() for line in TEXT.splitlines())
+    first, second = {"camera": "C1", "frame": 31, "at": [8.5, 4.0]}, {"camera": "gate 2", "frame": 40, "at": [1.0, 2.12]}
+    both = [{"boxes": [first, second]}]
+    assert tomllib.loads(text)["association"] == {"same": both, "different": both, "not_people": [first, second]}
+    text = without_entry(without_entry(text, "same", 1), "not_people", 1)
+    assert tomllib.loads(text)["association"] == {"different": both, "not_people": [second]}
+    with pytest.raises(InputError, match=r"\[\[association.same\]\] 1 is not there"):
+        without_entry(text, "same", 1)
+
+
+def test_corrections_join_an_association_table_that_is_there():
+    text = with_not_a_person('[association]\nmode = "trajectory"  # no looks\n' + TEXT, "C1", 3, (1.0, 2.0))
+    assert tomllib.loads(text)["association"] == {
+        "mode": "trajectory",
+        "not_people": [{"camera": "C1", "frame": 3, "at": [1, 2]}],
+    }
+    assert "# no looks" in text

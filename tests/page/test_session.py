@@ -54,6 +54,22 @@ def middle(rig):
     return np.mean([camera.centre for camera in rig], axis=0) * [1, 1, 0]
 
 
+def test_corrections_of_identities_are_in_the_file_and_can_be_removed(client, session):
+    boxes = [{"camera": "C1", "frame": 5, "at": [10.0, 20.0]}, {"camera": "C2", "frame": 6, "at": [30.0, 20.0]}]
+    given = act(client, session, act="identities", key="same", boxes=boxes)
+    assert (given.status, "correct the ids there" in given.body.decode()) == (422, True)
+    session.scene_file.write_text(session.scene_file.read_text().replace('mode = "given"', 'mode = "combined"'))
+    assert act(client, session, act="identities", key="same", boxes=boxes).status == 200
+    state = json.loads(act(client, session, act="not_people", box=boxes[0]).body)
+    assert (state["same"], state["not_people"]) == ([{"boxes": boxes}], boxes[:1])
+    assert scene_of(session)["association"]["same"] == [{"boxes": boxes}]
+    assert act(client, session, act="identities", key="same", boxes=boxes[:1]).status == 422
+    assert act(client, session, act="identities", key="all", boxes=boxes).status == 422
+    for key in ("same", "not_people"):
+        assert act(client, session, act="remove", key=key, number=1).status == 200
+    assert "same" not in scene_of(session).get("association", {})
+
+
 def test_an_acknowledged_length_is_in_the_file_and_in_the_state(client, session, truth):
     answer = act(client, session, **length(truth))
     assert answer.status == 200

@@ -72,6 +72,15 @@ class Tracklets:
         return np.concatenate(first), np.concatenate(second), np.concatenate(seconds)
 
 
+def joined_pairs(*parts: Pairs | None) -> Pairs | None:
+    """All pairs of the parts; None where there are none."""
+    known = [part for part in parts if part is not None]
+    if not known:
+        return None
+    first, second, weight = (np.concatenate(columns) for columns in zip(*known, strict=True))
+    return first, second, weight
+
+
 @dataclass(frozen=True, eq=False)
 class _Edges:
     first: list[Ints]
@@ -150,12 +159,15 @@ def _weight(value: Floats, i: Ints, j: Ints, affinity: Mapping[tuple[int, int], 
     return weight + affinity[key][i, j] if affinity is not None and key in affinity else weight
 
 
-def cluster_by_appearance_votes(tracklets: Tracklets, appearance: AppearanceAffinity) -> Ints:
+def cluster_by_appearance_votes(tracklets: Tracklets, appearance: AppearanceAffinity, known: Pairs | None = None) -> Ints:
     """(T,) person of each tracklet, joined by looks.
 
-    For one person speaks every instant at which the two tracklets were matched, against it every other that both were seen at.
+    For one person speaks every instant at which the two tracklets were matched, against it every other that both were seen at;
+    `known` is what else speaks for one person.
     """
     edges = _Edges([], [], [])
+    if known is not None:
+        edges.add(*known)
     for (a, b), pair in appearance.pairs.items():
         together, matched = pair.votes.together.tocoo(), pair.votes.matched
         row_a, row_b = together.coords

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from passerby.association.ground.ground_tracks import GroundTracks, ground_tracks
+from passerby.association.not_people import without_people
 from passerby.association.tracking.splitting import find_continuations, split_tracklets
 from passerby.association.tracking.stitching import StitchingOptions, find_stitches
 from passerby.association.tracking.tracking import overlaps, track
@@ -19,6 +20,7 @@ from passerby.common.earlier import EarlierResults
 from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Lens, Rig
 from passerby.core.observations import MIN_JOINT_SCORE, UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations
+from passerby.core.pointing import Sighting
 from passerby.geometry.single_view import Level
 from passerby.people.upright_rays import UprightRays, level_from_people, upright_rays
 
@@ -74,6 +76,7 @@ def build_camera_tracklets(
     *,
     given: bool = False,
     kept: KnownTracklets | None = None,
+    not_people: tuple[Sighting, ...] = (),
 ) -> CameraTracklets:
     """Track, split, level.
 
@@ -85,9 +88,12 @@ def build_camera_tracklets(
         rng: draws the people that the level is fitted to.
         given: whether the identities are known people, which are neither tracked nor split nor renumbered.
         kept: tracklets of earlier runs, and of this one for later ones.
+        not_people: boxes of this camera that the user says are nobody.
     """
     none = np.zeros(0, np.int64)
     tracked, continued = (seen, (none, none)) if given else _tracked_or_kept(seen, clock.fps, kept)
+    if not_people:
+        tracked = without_people(tracked, not_people)
     bodies = upright_rays(tracked, camera.lens, clock)
     level = level_from_people(bodies, person_height_m, rng)
     tracks = None if level is None else ground_tracks(bodies, level)
@@ -112,16 +118,17 @@ def with_lens(camera: CameraTracklets, lens: Lens, person_height_m: float, rng: 
 def build_tracklets(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], person_height_m: float, rng: np.random.Generator,
     executor: Executor | None = None, *, given: bool = False, tell: Progress = silent,
-    earlier: EarlierTracklets | None = None, kept: KnownTracklets | None = None,
+    earlier: EarlierTracklets | None = None, kept: KnownTracklets | None = None, not_people: Sequence[Sighting] = (),
 ) -> list[CameraTracklets]:  # fmt: skip
     """All cameras of a rig, side by side where there is an executor; the result does not depend on it.
 
     `tell` is told of every camera that is done. `earlier` are those of other estimates of the scene: a camera that saw the same
     by the same lens and clock is taken from there, and the draws of its level with it. `kept` are the tracklets of earlier
-    runs; the result does not depend on them.
+    runs; the result does not depend on them. `not_people` are boxes that the user says are nobody.
     """
+    nobody = {camera.name: tuple(one for one in not_people if one.camera == camera.name) for camera in rig}
     jobs = [
-        _Job(camera, observations[camera.name], clocks[camera.name], person_height_m, own, given, kept)
+        _Job(camera, observations[camera.name], clocks[camera.name], person_height_m, own, given, kept, nobody[camera.name])
         for camera, own in zip(rig, rng.spawn(len(rig)), strict=True)
     ]
     earlier = earlier_tracklets() if earlier is None else earlier
@@ -138,6 +145,7 @@ class _Job:
     rng: np.random.Generator
     given: bool
     kept: KnownTracklets | None
+    not_people: tuple[Sighting, ...]
 
 
 EarlierTracklets = EarlierResults[_Job, CameraTracklets]
@@ -152,12 +160,14 @@ def earlier_tracklets() -> EarlierTracklets:
 def _same_job(a: _Job, b: _Job) -> bool:
     """Whether two jobs of one camera make the same tracklets, whatever people their levels draw."""
     same_input = a.camera.lens is b.camera.lens and a.seen is b.seen
-    return same_input and (a.clock, a.person_height_m, a.given) == (b.clock, b.person_height_m, b.given)
+    settings = [(one.clock, one.person_height_m, one.given, one.not_people) for one in (a, b)]
+    return same_input and settings[0] == settings[1]
 
 
 def _prepared(job: _Job) -> CameraTracklets:
     return build_camera_tracklets(
-        job.camera, job.seen, job.clock, job.person_height_m, job.rng, given=job.given, kept=job.kept
+        job.camera, job.seen, job.clock, job.person_height_m, job.rng, given=job.given, kept=job.kept,
+        not_people=job.not_people,
     )  # fmt: skip
 
 

@@ -9,7 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from passerby.association.appearance.affinity import AppearanceAffinity
-from passerby.association.associate import Pairs, Tracklets, cluster_by_appearance_votes, cluster_by_pairwise_poses
+from passerby.association.associate import (
+    Pairs,
+    Tracklets,
+    cluster_by_appearance_votes,
+    cluster_by_pairwise_poses,
+    joined_pairs,
+)
 from passerby.association.camera_tracklets import CameraTracklets
 from passerby.association.candidates import Candidates
 from passerby.association.clocks.starts import NEAR_S, Starts, shifted, with_lag
@@ -56,7 +62,7 @@ class InitialAssociation:
     by_joints: tuple[JointRegistration, ...] = ()
     """The pairs that tracks left apart, as their joints have it."""
     known: Pairs | None = None
-    """What joints say of who is who."""
+    """What joints and the user say of who is who."""
     mirrored: Bools | None = None
     """(T,) in which tracklets the joints of left and right are exchanged; None where that is not known."""
     starts: Starts | None = None
@@ -81,6 +87,7 @@ def associate_by_ground_tracks(
     cameras: Sequence[CameraTracklets], tracklets: Tracklets, max_lag_s: float, affinity: Mapping[tuple[int, int], Floats],
     executor: Executor | None = None, tell: Progress = silent, joints: JointEvidence | None = None,
     starts: Starts | None = None, candidates: Candidates | None = None, earlier: EarlierPairs | None = None,
+    stated: Pairs | None = None,
 ) -> InitialAssociation:  # fmt: skip
     """Register all pairs by their ground tracks, keep what agrees, and join the tracklets by it.
 
@@ -97,6 +104,7 @@ def associate_by_ground_tracks(
         starts: when the recordings began, where that has been found before: each pair is searched about it.
         candidates: the pairs that are tried; None: all.
         earlier: registrations of other estimates of the scene: pairs of the same tracks are taken from there.
+        stated: what the user says of who is who.
 
     Raises:
         RefusalError: no two cameras can be registered.
@@ -119,7 +127,7 @@ def associate_by_ground_tracks(
     if len(graph.groups[0]) < 2:
         raise RefusalError(_no_pair(cameras, graph, max_lag_s, starts))
     used = [one for one in by_joints if one.used]
-    known = known_pairs(tracklets, used) if used else None
+    known = joined_pairs(known_pairs(tracklets, used) if used else None, stated)
     person = cluster_by_pairwise_poses(tracklets, [camera.tracks for camera in cameras], graph, affinity, known)
     guesses = [_hypothesis(edge, cameras[edge.a].level, cameras[edge.b].level) for edge in graph.edges if edge.used]
     if joints is not None:
@@ -229,8 +237,9 @@ def _no_pair(
 
 
 def associate_by_appearance(
-    cameras: Sequence[CameraTracklets], tracklets: Tracklets, appearance: AppearanceAffinity | None
-) -> InitialAssociation:
+    cameras: Sequence[CameraTracklets], tracklets: Tracklets, appearance: AppearanceAffinity | None,
+    stated: Pairs | None = None,
+) -> InitialAssociation:  # fmt: skip
     """Join tracklets by looks alone, as the paper does: those that were matched at most of the instants when both were seen.
 
     Raises:
@@ -241,5 +250,5 @@ def associate_by_appearance(
     clearest = max((pair.usefulness.weight for pair in appearance.pairs.values() if pair.usefulness is not None), default=0.0)
     if clearest < MIN_LOOKS:
         raise RefusalError(refusal("embeddings_useless"))
-    person = cluster_by_appearance_votes(tracklets, appearance)
+    person = cluster_by_appearance_votes(tracklets, appearance, stated)
     return InitialAssociation(person, np.zeros(len(cameras)), None)

@@ -30,6 +30,7 @@ from passerby.association.initial_association import (
 )
 from passerby.association.joints.joint_tracks import swap_left_and_right
 from passerby.association.result import Association
+from passerby.association.stated import stated_pairs
 from passerby.calibration.association_run import AssociationOptions, AssociationRun, with_lenses_of
 from passerby.calibration.kept_tracklets import KeptTracklets
 from passerby.calibration.rig_solver import RigSolver
@@ -87,8 +88,9 @@ def solve_with_unknown_identities(
     if kept is not None and kept.has_all(observations, clocks) and not pays(0, len(rig), MAX_PROCESSES):
         executor = None  # its processes would take longer to start than the rest takes
     cameras = build_tracklets(
-        rig, observations, clocks, options.person_height_m, rng, executor, tell=tell, earlier=earlier.tracklets, kept=kept
-    )
+        rig, observations, clocks, options.person_height_m, rng, executor, tell=tell, earlier=earlier.tracklets, kept=kept,
+        not_people=options.stated.not_people,
+    )  # fmt: skip
     if needs_focal_search(rig) and options.mode != "appearance":
         at_start, near_s = _from_their_starts(cameras, search_s, options)
         rig = search_focals_by_tracks(rig, at_start, near_s, options.person_height_m, rng, tell, executor)
@@ -98,15 +100,26 @@ def solve_with_unknown_identities(
     appearance = AppearanceAffinity.of(cameras, rng, candidates) if options.mode != "trajectory" else None
     tracklets = Tracklets.of(cameras)
     run = AssociationRun(rig, cameras, tracklets, appearance, options)
+    stated = stated_pairs(tracklets, cameras, options.stated)
     try:
         if options.mode == "appearance":
-            initial = associate_by_appearance(cameras, tracklets, appearance)
+            initial = associate_by_appearance(cameras, tracklets, appearance, stated)
         else:
             affinity = appearance.affinity() if appearance else {}
             joints = JointEvidence([camera.lens for camera in rig], options.person_height_m, rng)
             starts = _starts(cameras, search_s, options, affinity, tell)
             initial = associate_by_ground_tracks(
-                cameras, tracklets, search_s, affinity, executor, tell, joints, starts, candidates, earlier.pairs
+                cameras,
+                tracklets,
+                search_s,
+                affinity,
+                executor,
+                tell,
+                joints,
+                starts,
+                candidates,
+                earlier.pairs,
+                stated,
             )
             run = replace(run, cameras=_unmirrored(cameras, tracklets, initial))
             _tell_pairs(tell, initial)

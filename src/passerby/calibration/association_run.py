@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,12 +27,12 @@ from passerby.association.initial_association import (
 from passerby.association.joints.joint_graph import joined_by_joints
 from passerby.association.registration_failures import nobody_walks, unregistered_cameras
 from passerby.association.result import Association
-from passerby.calibration.pointed_heights import PointedHeights, identity_at, pointed_heights
+from passerby.calibration.pointed_heights import PointedHeights, identity_at, pointed_heights, unfulfilled
 from passerby.common.arrays import Floats, Ints
 from passerby.core.association_figures import AssociationRound
 from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations, once_in_frame
-from passerby.core.pointing import PointedPerson
+from passerby.core.pointing import PointedPerson, Sighting, StatedIdentities
 from passerby.core.solution import Solution
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.core.synchronisation import common_time_steps
@@ -56,6 +56,8 @@ class AssociationOptions:
     """People of known height, each named by a pixel."""
     measured: tuple[MeasuredStart, ...] = ()
     """Differences of two cameras' clocks that something else than people tells."""
+    stated: StatedIdentities = field(default_factory=StatedIdentities)
+    """What the user says of who is who."""
     groups: tuple[tuple[str, ...], ...] = ()
     """Names of cameras that may share ground, where the user says so: only cameras of one group are compared."""
 
@@ -136,16 +138,13 @@ class AssociationRun:
 
     def known(self, rows: Sequence[tuple[Ints, Ints]]) -> PointedHeights:
         """The heights of the people at whom the user pointed, by the identities that `identified` gives them."""
-        number = {camera.name: c for c, camera in enumerate(self.cameras)}
+        return pointed_heights(self.options.pointed, lambda one: self._identity(one, rows))
 
-        def identify(one: PointedPerson) -> int | None:
-            if one.camera not in number:
-                return None
-            c = number[one.camera]
-            person = identity_at(one, self.cameras[c].seen, *rows[c])
-            return None if person is None else person + 1
-
-        return pointed_heights(self.options.pointed, identify)
+    def _identity(self, one: PointedPerson | Sighting, rows: Sequence[tuple[Ints, Ints]]) -> int | None:
+        """The identity of a person at a pixel, as `identified` numbers them."""
+        c = self.rig.names.index(one.camera) if one.camera in self.rig.names else None
+        person = None if c is None else identity_at(one, self.cameras[c].seen, *rows[c])
+        return None if person is None else person + 1
 
     def identified(self, rows: Sequence[tuple[Ints, Ints]]) -> Observations:
         """The people who are somebody, in each camera's own frames."""
@@ -176,7 +175,7 @@ class AssociationRun:
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
             {} if graph is None or initial is None
             else unregistered_cameras(self.cameras, graph, self.options.search_s, starts=initial.starts),
-            *self._findings(solution, initial, drifts, offset_s, attached),
+            *self._findings(solution, initial, drifts, offset_s, attached, rows),
             {self.cameras[c].name: drift for c, drift in drifts.items()},
             heights.people, heights.findings,
         )  # fmt: skip
@@ -194,6 +193,7 @@ class AssociationRun:
         drifts: Mapping[int, Drift],
         offset_s: Floats,
         attached: Collection[int],
+        rows: Sequence[tuple[Ints, Ints]],
     ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
         """What speaks against relying on the association, and what is odd about it."""
         if solution is None:
@@ -202,6 +202,7 @@ class AssociationRun:
         doubts, notices = drift_findings(self.cameras, drifts)
         graph = initial.graph if initial is not None else None
         walked = graph is not None and any(edge.used for edge in graph.edges)
+        notices = [*notices, *unfulfilled(self.options.stated, lambda one: self._identity(one, rows))]
         joined = joined_by_joints(self.cameras, initial.by_joints) if initial is not None else []
         joined += [notice("registered_by_rig", self.cameras[c].name) for c in sorted(attached) if poses[c] is not None]
         if initial is not None and initial.starts is not None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from passerby.association.clocks.starts import FULL_SEARCH_S, WALL_CLOCK
+from passerby.association.not_people import without_people
 from passerby.association.result import Association
 from passerby.calibration.association_loop import EarlierAssociation, solve_with_unknown_identities
 from passerby.calibration.association_run import AssociationOptions
@@ -18,6 +19,7 @@ from passerby.calibration.temporal_calibration import associate_synchronised, so
 from passerby.common.progress import Progress
 from passerby.core.cameras import Rig
 from passerby.core.observations import Observations
+from passerby.core.pointing import StatedIdentities
 from passerby.core.solution import Solution
 from passerby.core.synchronisation import clocks_of, resample_to_common_steps
 from passerby.scene.inputs import SceneInputs
@@ -59,7 +61,13 @@ class Estimator:
         height_m = scene.scale.person_height_m
         if not scene.association.given:
             wanted = AssociationOptions(
-                scene.association.mode, search_s, height_m, inputs.pointed, measured, scene.sites.groups
+                scene.association.mode,
+                search_s,
+                height_m,
+                inputs.pointed,
+                measured,
+                inputs.stated,
+                scene.sites.groups,
             )
             return Estimate(
                 *solve_with_unknown_identities(
@@ -74,6 +82,7 @@ class Estimator:
                     kept=self.kept,
                 )
             )
+        seen = _without_not_people(seen, inputs.stated)
         heights = pointed_heights(inputs.pointed, identity_in(seen))
         solver = replace(solver, known=heights.people)
         if search_s > 0:
@@ -90,6 +99,17 @@ class Estimator:
     def solver(self, rig: Rig) -> SceneSolver:
         """The scene's solver for cameras with these lenses, at the beginning of its random numbers."""
         return SceneSolver(self.scene, rig, self.options, np.random.default_rng(self.seed))
+
+
+def _without_not_people(seen: Observations, stated: StatedIdentities) -> Observations:
+    """The people without the ids, in their cameras, of what the user says is nobody."""
+    if not stated.not_people:
+        return seen
+    cameras = {
+        name: without_people(camera, [one for one in stated.not_people if one.camera == name])
+        for name, camera in seen.cameras.items()
+    }
+    return replace(seen, cameras=cameras)
 
 
 def _synchronised(rig: Rig, seen: Observations) -> Observations:

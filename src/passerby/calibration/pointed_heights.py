@@ -9,7 +9,7 @@ import numpy as np
 
 from passerby.common.arrays import Ints
 from passerby.core.observations import UNKNOWN, CameraObservations, Observations
-from passerby.core.pointing import PointedPerson, find_pointed
+from passerby.core.pointing import PointedPerson, Sighting, StatedIdentities, find_pointed
 from passerby.core.scale_cues import PersonHeight
 from passerby.findings.finding import Finding, doubt, notice
 
@@ -47,6 +47,20 @@ def pointed_heights(pointed: Sequence[PointedPerson], identify: Identify) -> Poi
     return PointedHeights(tuple(people), tuple(findings))
 
 
+def unfulfilled(stated: StatedIdentities, identify: Callable[[Sighting], int | None]) -> list[Finding]:
+    """A notice for each statement of the user that the identities found do not follow."""
+    findings = []
+    for groups, one_person in ((stated.same, True), (stated.different, False)):
+        for group in groups:
+            found = [(one, identity) for one in group if (identity := identify(one)) is not None]
+            distinct = len({identity for _, identity in found})
+            if distinct != (1 if one_person else len(found)) and len(found) > 1:
+                cameras = dict.fromkeys(one.camera for one in group)
+                values = {"place": group[0].place, "same": one_person, "found": distinct, "boxes": len(group)}
+                findings.append(notice("stated_identity_unfulfilled", *cameras, **values))
+    return findings
+
+
 def identity_in(observations: Observations) -> Identify:
     """Identifies people by the identities of their boxes or keypoints."""
     return lambda one: identity_at(
@@ -54,7 +68,7 @@ def identity_in(observations: Observations) -> Identify:
     )
 
 
-def identity_at(one: PointedPerson, seen: CameraObservations, boxes: Ints, keypoints: Ints) -> int | None:
+def identity_at(one: PointedPerson | Sighting, seen: CameraObservations, boxes: Ints, keypoints: Ints) -> int | None:
     """The identity of a pointed-at person.
 
     Where association left that very row out, the identity of its tracklet's row nearest in time.

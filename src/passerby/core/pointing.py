@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,6 +19,19 @@ JOINT_MARGIN = 0.1
 
 
 @dataclass(frozen=True)
+class Sighting:
+    """A person in one camera at one of its frames, named by a pixel."""
+
+    camera: str
+    frame: int
+    """A frame in which the camera saw somebody, by its own count."""
+    at: tuple[float, float]
+    """Pixel."""
+    place: str
+    """Of the table in the scene file: `[[association.same]] 1`."""
+
+
+@dataclass(frozen=True)
 class PointedPerson:
     """A person of known standing height, named by a pixel of one camera at one of its frames."""
 
@@ -30,6 +44,27 @@ class PointedPerson:
     """Pixel."""
     metres: float
     sd_m: float
+
+
+@dataclass(frozen=True)
+class StatedIdentities:
+    """What a user says of who is who."""
+
+    same: tuple[tuple[Sighting, ...], ...] = ()
+    """Sightings of one person each."""
+    different: tuple[tuple[Sighting, ...], ...] = ()
+    """Sightings of as many people each."""
+    not_people: tuple[Sighting, ...] = ()
+
+    def within(self, names: Collection[str]) -> StatedIdentities:
+        """What is said of these cameras."""
+
+        def inside(groups: tuple[tuple[Sighting, ...], ...]) -> tuple[tuple[Sighting, ...], ...]:
+            parts = (tuple(one for one in group if one.camera in names) for group in groups)
+            return tuple(part for part in parts if len(part) > 1)
+
+        nobody = tuple(one for one in self.not_people if one.camera in names)
+        return StatedIdentities(inside(self.same), inside(self.different), nobody)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,9 @@ from passerby.page.scene_edits import (
     POINTS_FILE,
     GroundClick,
     with_excluded,
+    with_identities,
     with_length,
+    with_not_a_person,
     with_person,
     with_world_points,
     without_camera,
@@ -28,6 +30,7 @@ from passerby.scene.scene import Scene
 
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 Pixel = tuple[Coordinate, Coordinate]
+Frame = Annotated[int, Field(ge=0, le=10**10)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 ORIGIN, ALONG_X = "origin", "x axis"
 
@@ -53,7 +56,7 @@ class PointAtPerson(Act):
 
     act: Literal["person"]
     camera: Name
-    frame: Annotated[int, Field(ge=0, le=10**10)]
+    frame: Frame
     at: Pixel
     height_m: Annotated[float, Field(gt=0.3, lt=3)]
     sd_m: Annotated[float, Field(gt=0, le=1)] = 0.01
@@ -75,11 +78,35 @@ class SetWorld(Act):
     along_x: GroundAt
 
 
+class PersonAt(BaseModel):
+    """A person in one camera's picture."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    camera: Name
+    frame: Frame
+    at: Pixel
+
+
+class CorrectIdentities(Act):
+    """Boxes that are one person, or different people."""
+
+    act: Literal["identities"]
+    key: Literal["same", "different"]
+    boxes: Annotated[list[PersonAt], Field(min_length=2, max_length=50)]
+
+
+class NotAPerson(Act):
+    """A box that is nobody: a poster, a mannequin."""
+
+    act: Literal["not_people"]
+    box: PersonAt
+
+
 class Remove(Act):
-    """A length or a person less."""
+    """An entry of one of the lists of tables less."""
 
     act: Literal["remove"]
-    key: Literal["lengths", "people"]
+    key: Literal["lengths", "people", "same", "different", "not_people"]
     number: Annotated[int, Field(ge=1, le=10**6)]
 
 
@@ -123,7 +150,17 @@ class Undo(Act):
 
 
 AnyAct = Annotated[
-    MarkLength | PointAtPerson | SetWorld | Remove | ExcludeRegion | ExcludeTime | Include | LeaveOut | Undo,
+    MarkLength
+    | PointAtPerson
+    | SetWorld
+    | CorrectIdentities
+    | NotAPerson
+    | Remove
+    | ExcludeRegion
+    | ExcludeTime
+    | Include
+    | LeaveOut
+    | Undo,
     Field(discriminator="act"),
 ]
 _ACTS: TypeAdapter[AnyAct] = TypeAdapter(AnyAct)
@@ -154,6 +191,10 @@ def _changed(session: Session, act: AnyAct, text: str) -> str:
         return _with_rescaled_world(session, with_length(text, act.metres, act.sd_m, act.points), act)
     if isinstance(act, PointAtPerson):
         return with_person(text, act.camera, act.frame, act.at, act.height_m, act.sd_m)
+    if isinstance(act, CorrectIdentities):
+        return with_identities(text, act.key, [(one.camera, one.frame, one.at) for one in act.boxes])
+    if isinstance(act, NotAPerson):
+        return with_not_a_person(text, act.box.camera, act.box.frame, act.box.at)
     if isinstance(act, SetWorld):
         return with_world_points(text, _world_points(session, act))
     if isinstance(act, Remove):

@@ -24,6 +24,10 @@ from passerby.scene.scene import Scene
 
 POINTS_FILE = "world-points-{}.csv"
 PERSON_DIGITS, PIXEL_DIGITS = 3, 2
+TABLE_OF = {
+    "lengths": "scale", "people": "scale", "same": "association", "different": "association", "not_people": "association",
+}  # fmt: skip
+"""The table that holds each list of tables."""
 
 Pixel = tuple[float, float]
 
@@ -73,7 +77,7 @@ def with_length(text: str, metres: float, sd_m: float, points: Mapping[str, Sequ
     for name, ends in points.items():
         marks[name] = _pixels(ends)
     entry["points"] = marks
-    _append(document, "lengths", entry)
+    _append(document, "scale", "lengths", entry)
     return tomlkit.dumps(document)
 
 
@@ -86,19 +90,43 @@ def with_person(text: str, camera: str, frame: int, at: Pixel, height_m: float, 
     entry["at"] = [round(value, PIXEL_DIGITS) for value in at]
     entry["height_m"] = round(height_m, PERSON_DIGITS)
     entry["sd_m"] = sd_m
-    _append(document, "people", entry)
+    _append(document, "scale", "people", entry)
+    return tomlkit.dumps(document)
+
+
+def with_identities(text: str, key: str, boxes: Sequence[tuple[str, int, Pixel]]) -> str:
+    """With one more `[[association.same]]` or `[[association.different]]`: boxes by camera, frame and pixel."""
+    document = _parsed(text)
+    entry = tomlkit.table()
+    entry["boxes"] = tomlkit.array()
+    for camera, frame, at in boxes:
+        one = tomlkit.inline_table()
+        one.update({"camera": camera, "frame": frame, "at": _rounded(at)})
+        entry["boxes"].append(one)
+    entry["boxes"].multiline(True)
+    _append(document, "association", key, entry)
+    return tomlkit.dumps(document)
+
+
+def with_not_a_person(text: str, camera: str, frame: int, at: Pixel) -> str:
+    """With one more `[[association.not_people]]`."""
+    document = _parsed(text)
+    entry = tomlkit.table()
+    entry.update({"camera": camera, "frame": frame, "at": _rounded(at)})
+    _append(document, "association", "not_people", entry)
     return tomlkit.dumps(document)
 
 
 def without_entry(text: str, key: str, number: int) -> str:
-    """Without the table of this number, from 1, under `[[scale.lengths]]` or `[[scale.people]]`."""
+    """Without the table of this number, from 1, under `[[scale.lengths]]` and the other lists of tables."""
     document = _parsed(text)
-    entries = document.get("scale", {}).get(key, [])
+    table = TABLE_OF[key]
+    entries = document.get(table, {}).get(key, [])
     if not 1 <= number <= len(entries):
-        raise InputError(f"[[scale.{key}]] {number} is not there: it has {len(entries)}")
+        raise InputError(f"[[{table}.{key}]] {number} is not there: it has {len(entries)}")
     del entries[number - 1]
     if not len(entries):
-        del cast(Table, document["scale"])[key]
+        del cast(Table, document[table])[key]
     return tomlkit.dumps(document)
 
 
@@ -192,21 +220,21 @@ def _parsed(text: str) -> tomlkit.TOMLDocument:
         raise InputError(f"the scene file is not TOML: {error}: correct it in an editor first") from None
 
 
-def _append(document: tomlkit.TOMLDocument, key: str, entry: Table) -> None:
-    """Add a table to `[[scale.KEY]]`, which may be missing, or a list of inline tables."""
+def _append(document: tomlkit.TOMLDocument, name: str, key: str, entry: Table) -> None:
+    """Add a table to `[[NAME.KEY]]`, which may be missing, or a list of inline tables."""
     entry.trivia.indent = "\n"  # an empty line before its header
-    scale: Any = document.get("scale")
-    if scale is None:
-        scale = tomlkit.table(is_super_table=True)
-        document["scale"] = scale
-    if key not in scale:
-        scale[key] = tomlkit.aot()
-    entries = scale[key]
+    table: Any = document.get(name)
+    if table is None:
+        table = tomlkit.table(is_super_table=True)
+        document[name] = table
+    if key not in table:
+        table[key] = tomlkit.aot()
+    entries = table[key]
     if isinstance(entries, AoT):
         entries.append(entry)
         return
     if not isinstance(entries, Array):
-        raise InputError(f"[scale] {key} is no list of tables: write [[scale.{key}]]")
+        raise InputError(f"[{name}] {key} is no list of tables: write [[{name}.{key}]]")
     inline = tomlkit.inline_table()
     inline.update(entry.unwrap())
     entries.append(inline)

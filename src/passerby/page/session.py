@@ -184,7 +184,7 @@ class Session:
 
 
 def _cues(scene: Scene) -> dict[str, Any]:
-    """What the scene file says of lengths, heights, what is excluded, and the world."""
+    """What the scene file says of lengths, heights, identities, what is excluded, and the world."""
     world = scene.world
     how = None
     if world is not None:
@@ -196,6 +196,10 @@ def _cues(scene: Scene) -> dict[str, Any]:
             for one in scene.scale.lengths
         ],
         "people": [one.model_dump(mode="json", exclude_none=True) for one in scene.scale.people],
+        **{
+            key: [one.model_dump(mode="json", exclude_none=True) for one in getattr(scene.association, key)]
+            for key in ("same", "different", "not_people")
+        },
         "excluded": {
             name: {"exclude": camera.exclude, "exclude_s": camera.exclude_s}
             for name, camera in scene.cameras.items()

@@ -53,9 +53,10 @@ def _place(location: tuple[str | int, ...], tables: Tables) -> str:
         pattern = _pattern(location[:length])
         if pattern in tables:
             key = " ".join(str(part)[:LONGEST_KEY] for part in location[length:])
-            if isinstance(location[length - 1], int):
-                number = int(location[length - 1]) + 1
-                head = f"[[{'.'.join(map(str, location[: length - 1]))}]] {number}"
+            numbered = [place for place, part in enumerate(location[:length]) if isinstance(part, int)]
+            if numbered:
+                rest = [str(part + 1 if isinstance(part, int) else part) for part in location[numbered[0] : length]]
+                head = f"[[{'.'.join(map(str, location[: numbered[0]]))}]] {' '.join(rest)}"
             else:
                 head = f"[{'.'.join(str(part)[:LONGEST_KEY] for part in location[:length])}]"
             return f"{head} {key}".strip()

@@ -18,13 +18,13 @@ from passerby.association.clocks.starts import WALL_CLOCK, MeasuredStart
 from passerby.common.errors import InputError
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
-from passerby.core.pointing import PointedPerson
+from passerby.core.pointing import PointedPerson, StatedIdentities
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.faults import FileFaults, faults_of
 from passerby.perception.sources.recording import gaps_of, recorded_s
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.lens_sources import group_faults
-from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults
+from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
 from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.same_files import faults_of_same_video
@@ -67,6 +67,8 @@ class SceneInputs:
     """Differences of two cameras' clocks that something else than people tells."""
     gaps: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     """By camera with gaps in its recording, spans of its own frame numbers at which it recorded nothing."""
+    stated: StatedIdentities = field(default_factory=StatedIdentities)
+    """What the scene file says of who is who."""
     elsewhere: tuple[Camera, ...] = ()
     """Cameras of the scene that have no part in this: they belong to other groups."""
 
@@ -123,6 +125,7 @@ def assemble_inputs(scene: Scene, readings: list[CameraInput]) -> SceneInputs:
     return SceneInputs(
         rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)),
         pointed_people(scene, readings), wall_clock_of(scene, readings), gaps=_gaps(readings),
+        stated=stated_identities(scene, readings),
     )  # fmt: skip
 
 

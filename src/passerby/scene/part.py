@@ -32,6 +32,7 @@ def part_of(inputs: SceneInputs, names: Collection[str]) -> SceneInputs:
         findings=tuple(finding for finding in inputs.findings if _about(finding, own)),
         doubts=tuple(finding for finding in inputs.doubts if not finding.cameras or _about(finding, own)),
         pointed=tuple(one for one in inputs.pointed if one.camera in own),
+        stated=inputs.stated.within(own),
         measured=tuple(one for one in inputs.measured if set(one.cameras) <= set(own)),
         gaps={name: spans for name, spans in inputs.gaps.items() if name in own},
         elsewhere=(*inputs.elsewhere, *(camera for camera in inputs.rig if camera.name not in names)),

@@ -1,4 +1,4 @@
-"""People at whom the scene file points, `[[scale.people]]` with a camera, a time and a pixel: found in what that camera saw."""
+"""People at whom the scene file points, with a camera, a time and a pixel: found in what that camera saw."""
 
 from __future__ import annotations
 
@@ -6,56 +6,98 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from passerby.core.pointing import PeopleInFrame, PointedPerson, nearest_frame, people_in_frame
+from passerby.core.pointing import PeopleInFrame, PointedPerson, Sighting, StatedIdentities, nearest_frame, people_in_frame
 from passerby.findings.finding import Finding, notice
 from passerby.scene.camera_input import CameraInput
+from passerby.scene.identity_tables import PersonAtTable, TogetherTable
 from passerby.scene.scene import Scene
 from passerby.scene.tables import PersonTable
 
+PersonAt = PersonTable | PersonAtTable
+
 
 def pointed_people(scene: Scene, readings: Sequence[CameraInput]) -> tuple[PointedPerson, ...]:
-    """The people at whom the scene points, each with the frame in which it is looked for; without faults in them."""
+    """The people of known height at whom the scene points, each with the frame in which it is looked for; without faults."""
+    by_name = {reading.name: reading for reading in readings}
     found = []
-    for number, cue, reading in _pointings(scene, readings):
-        frame = nearest_frame(reading.seen, _frame(cue, reading), reading.fps)
-        if frame is not None and cue.at is not None:
-            found.append(PointedPerson(number, reading.name, frame, cue.at, cue.height_m, cue.sd_m))
+    for number, cue in enumerate(scene.scale.people, start=1):
+        frame = None if cue.camera is None else _nearest(cue, by_name.get(cue.camera))
+        if cue.camera is not None and cue.at is not None and frame is not None:
+            found.append(PointedPerson(number, cue.camera, frame, cue.at, cue.height_m, cue.sd_m))
     return tuple(found)
+
+
+def stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> StatedIdentities:
+    """What the scene says of who is who, each person with the frame in which it is looked for; without faults."""
+    by_name = {reading.name: reading for reading in readings}
+    association = scene.association
+
+    def sightings(place: str, boxes: Sequence[PersonAtTable]) -> tuple[Sighting, ...]:
+        frames = [_nearest(one, by_name.get(one.camera)) for one in boxes]
+        return tuple(
+            Sighting(one.camera, frame, one.at, place) for one, frame in zip(boxes, frames, strict=True) if frame is not None
+        )
+
+    def groups(key: str, tables: Sequence[TogetherTable]) -> tuple[tuple[Sighting, ...], ...]:
+        return tuple(sightings(f"[[association.{key}]] {number}", one.boxes) for number, one in enumerate(tables, start=1))
+
+    return StatedIdentities(
+        groups("same", association.same),
+        groups("different", association.different),
+        sightings("[[association.not_people]]", association.not_people),
+    )
 
 
 def pointing_faults(scene: Scene, readings: Sequence[CameraInput]) -> list[str]:
     """Pixels outside the image, times outside the recording, and pixels where nobody is."""
     faults = [
-        (number, _place_fault(cue, reading) or (None if reading.awaiting else _person_fault(cue, reading)))
-        for number, cue, reading in _pointings(scene, readings)
+        (place, _place_fault(cue, reading) or (None if reading.awaiting else _person_fault(cue, reading)))
+        for place, cue, reading in _pointings(scene, readings)
         if not reading.faults
     ]
-    return [f"{scene.place}: [[scale.people]] {number} {fault}" for number, fault in faults if fault is not None]
+    return [f"{scene.place}: {place} {fault}" for place, fault in faults if fault is not None]
 
 
 def overlapped_people(scene: Scene, readings: Sequence[CameraInput]) -> list[Finding]:
     """A notice wherever somebody points at several people at once."""
     findings = []
-    for pointed in pointed_people(scene, [reading for reading in readings if not reading.awaiting]):
-        seen = next(reading.seen for reading in readings if reading.name == pointed.camera)
-        people = people_in_frame(seen, pointed.frame)
-        holding = people.holding(pointed.at)
+    for place, cue, reading in _pointings(scene, readings):
+        frame = None if reading.awaiting or cue.at is None else _nearest(cue, reading)
+        if frame is None or cue.at is None:
+            continue
+        people = people_in_frame(reading.seen, frame)
+        holding = people.holding(cue.at)
         if len(holding) > 1:
-            values = {"frame": pointed.frame, "at": list(pointed.at), "count": len(holding), "box": _box(people, holding[0])}
-            place = f"{scene.place}: [[scale.people]] {pointed.number}"
-            findings.append(notice("pointed_people_overlap", pointed.camera, place=place, **values))
+            values = {"frame": frame, "at": list(cue.at), "count": len(holding), "box": _box(people, holding[0])}
+            findings.append(notice("pointed_people_overlap", reading.name, place=f"{scene.place}: {place}", **values))
     return findings
 
 
-def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[int, PersonTable, CameraInput]]:
-    """The number of each such table, the table, and its camera."""
+def _pointings(scene: Scene, readings: Sequence[CameraInput]) -> Iterator[tuple[str, PersonAt, CameraInput]]:
+    """The place of each table that points at a person, the table, and its camera."""
     by_name = {reading.name: reading for reading in readings}
-    for number, cue in enumerate(scene.scale.people, start=1):
+    association = scene.association
+    tables: list[tuple[str, PersonAt]] = [
+        (f"[[scale.people]] {number}", cue) for number, cue in enumerate(scene.scale.people, start=1)
+    ]
+    for key, groups in (("same", association.same), ("different", association.different)):
+        tables += [
+            (f"[[association.{key}]] {number} boxes {row}", one)
+            for number, group in enumerate(groups, start=1)
+            for row, one in enumerate(group.boxes, start=1)
+        ]
+    tables += [(f"[[association.not_people]] {number}", one) for number, one in enumerate(association.not_people, start=1)]
+    for place, cue in tables:
         if cue.camera is not None and cue.camera in by_name:
-            yield number, cue, by_name[cue.camera]
+            yield place, cue, by_name[cue.camera]
 
 
-def _frame(cue: PersonTable, reading: CameraInput) -> float:
+def _nearest(cue: PersonAt, reading: CameraInput | None) -> int | None:
+    """The frame in which a person is looked for; None where the camera saw nobody near the time."""
+    return None if reading is None else nearest_frame(reading.seen, _frame(cue, reading), reading.fps)
+
+
+def _frame(cue: PersonAt, reading: CameraInput) -> float:
     """The frame number, fractional where a time is stated; NaN for a time without a frame rate."""
     if cue.frame is not None:
         return float(cue.frame)
@@ -64,7 +106,7 @@ def _frame(cue: PersonTable, reading: CameraInput) -> float:
     return 1.0 + cue.time_s * reading.fps
 
 
-def _place_fault(cue: PersonTable, reading: CameraInput) -> str | None:
+def _place_fault(cue: PersonAt, reading: CameraInput) -> str | None:
     """What is wrong with the pixel or the time, whoever is there."""
     if cue.at is None:
         return None
@@ -88,7 +130,7 @@ def _place_fault(cue: PersonTable, reading: CameraInput) -> str | None:
     return None
 
 
-def _person_fault(cue: PersonTable, reading: CameraInput) -> str | None:
+def _person_fault(cue: PersonAt, reading: CameraInput) -> str | None:
     """That the recording is over then, or that nobody is at the pixel."""
     frames = reading.frames
     if cue.at is None or not len(frames):
@@ -129,9 +171,9 @@ def _box(people: PeopleInFrame, row: int) -> list[float]:
     return [round(float(value), 1) for value in people.ltwh[row]]
 
 
-def _key(cue: PersonTable) -> str:
+def _key(cue: PersonAt) -> str:
     return "time_s" if cue.frame is None else "frame"
 
 
-def _when(cue: PersonTable) -> str:
+def _when(cue: PersonAt) -> str:
     return f"{cue.time_s:g} s" if cue.frame is None else f"frame {cue.frame}"

@@ -22,7 +22,9 @@ from passerby.interchange.storage.faults import FileFaults, read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml, path_problem
 from passerby.scene.errors import explain_fault, find_repeated_key
 from passerby.scene.floor_plan import floor_plan
+from passerby.scene.identity_tables import PersonAtTable, TogetherTable
 from passerby.scene.lens_keys import check_models, models_of, named_camera
+from passerby.scene.table import Table
 from passerby.scene.tables import (
     RECORDS,
     AssociationTable,
@@ -37,7 +39,6 @@ from passerby.scene.tables import (
     SceneTable,
     SitesTable,
     SolverTable,
-    Table,
 )
 from passerby.scene.world_tables import PlanDistanceTable, PlanPointTable, PlanTable, WorldTable
 
@@ -269,6 +270,11 @@ class Scene(Table):
         found += [(f"[cameras.{name}] lens", named_camera(lens)) for name, lens in lenses if lens is not None]
         for number, person in enumerate(self.scale.people, start=1):
             found += [] if person.camera is None else [(f"[[scale.people]] {number} camera", person.camera)]
+        for key, entries in (("same", self.association.same), ("different", self.association.different)):
+            for number, together in enumerate(entries, start=1):
+                found += [(f"[[association.{key}]] {number} boxes", one.camera) for one in together.boxes]
+        for number, nobody in enumerate(self.association.not_people, start=1):
+            found.append((f"[[association.not_people]] {number} camera", nobody.camera))
         for number, length in enumerate(self.scale.lengths, start=1):
             found += [(f"[[scale.lengths]] {number} points", name) for name in length.points]
         for number, distance in enumerate(self.scale.distances, start=1):
@@ -292,6 +298,11 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     ("cameras", "*"): CameraTable,
     ("perception",): PerceptionTable,
     ("association",): AssociationTable,
+    ("association", "same", "*"): TogetherTable,
+    ("association", "same", "*", "boxes", "*"): PersonAtTable,
+    ("association", "different", "*"): TogetherTable,
+    ("association", "different", "*", "boxes", "*"): PersonAtTable,
+    ("association", "not_people", "*"): PersonAtTable,
     ("sites",): SitesTable,
     ("solver",): SolverTable,
     ("scale",): ScaleTable,

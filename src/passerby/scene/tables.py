@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from datetime import datetime, time
 from pathlib import Path
@@ -10,27 +9,21 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     ValidationInfo,
     field_validator,
     model_validator,
 )
 
-from passerby.common.addresses import not_a_file, plain_without_credentials
+from passerby.common.addresses import not_a_file
 from passerby.common.text import shortened
 from passerby.core.data_sheet import NARROWEST_FIELD_DEG, WIDEST_FISHEYE_DEG
 from passerby.core.stature import PERSON_HEIGHT_M, PERSON_HEIGHT_SD_M, POPULATIONS
 from passerby.perception.sources.name_times import NamePattern
+from passerby.scene.identity_tables import PersonAtTable, TogetherTable
 from passerby.scene.lens_keys import check_lens_keys, named_camera
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("a finite number is needed")
-    return value
+from passerby.scene.table import FramesPerSecond, Metres, Pixel, Positive, Seconds, Table
 
 
 def _moment(value: Any) -> Any:
@@ -83,25 +76,9 @@ WATCHED_FPS = 5.0
 SEARCHED_S = 5.0
 """Recordings that are started by hand, or by cameras whose clocks are set occasionally, differ by a few seconds."""
 
-Metres = Annotated[float, Field(gt=0), AfterValidator(_finite)]
 Height = Annotated[float, AfterValidator(_standing)]
-Pixel = Annotated[float, AfterValidator(_finite)]
-FramesPerSecond = Annotated[float, Field(gt=0), AfterValidator(_finite)]
-Seconds = Annotated[float, Field(ge=0), AfterValidator(_finite)]
 Polygon = Annotated[tuple[tuple[Pixel, Pixel], ...], AfterValidator(_polygon)]
 Ends = tuple[tuple[Pixel, Pixel], tuple[Pixel, Pixel]]
-
-
-class Table(BaseModel):
-    """A table of the scene file: frozen, unknown keys rejected."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, serialize_by_alias=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _without_passwords(cls, values: Any) -> Any:
-        """No message, and no file that a scene is copied into, repeats the password of an address in it."""
-        return plain_without_credentials(values) if isinstance(values, dict) else values
 
 
 SCENE_FORMAT = 1
@@ -211,13 +188,13 @@ class CameraTable(Table):
     """Standard deviation of a stated focal length, in per cent of it. Every reported uncertainty includes it, and it is
     the prior if `refine` has "focal". None: the value of the same key in the table of `intrinsics`, or else the intrinsics
     are assumed to be exact."""
-    focal_mm: Annotated[float, Field(gt=0), AfterValidator(_finite)] | None = None
+    focal_mm: Positive | None = None
     """Focal length in millimetres, as on a data sheet, with `sensor_width_mm`, if there are no `intrinsics`. Its standard
     deviation is `focal_sd_percent`; not given, 15 %, since cameras crop when they film."""
-    sensor_width_mm: Annotated[float, Field(gt=0), AfterValidator(_finite)] | None = None
+    sensor_width_mm: Positive | None = None
     """Length in millimetres of the part of the sensor that the image's longer side shows; of the whole sensor, if nothing else
     is known."""
-    focal_35mm: Annotated[float, Field(gt=0), AfterValidator(_finite)] | None = None
+    focal_35mm: Positive | None = None
     """35 mm equivalent focal length, over the diagonal, instead of `focal_mm`. Not given: that of the video's metadata, where
     they have one. Standard deviation as for `focal_mm`."""
     lens_model: Literal["pinhole", "fisheye"] | None = None
@@ -312,6 +289,23 @@ class AssociationTable(Table):
     the people's activity over time."""
     sound: Literal["auto", "off"] | None = None
     """Clock offsets by the sound of the videos, where two cameras have any. None: auto; off: nothing is listened to."""
+    same: tuple[TogetherTable, ...] = ()
+    """`[[association.same]]`: boxes that are one person, whatever the association would find."""
+    different: tuple[TogetherTable, ...] = ()
+    """`[[association.different]]`: boxes that are all different people."""
+    not_people: tuple[PersonAtTable, ...] = ()
+    """`[[association.not_people]]`: boxes of a poster, a mannequin, a trolley. The tracklet of such a box is not used, nor are
+    the camera's tracklets that stay in its place."""
+
+    @model_validator(mode="after")
+    def _corrects_what_is_found(self) -> Self:
+        if self.given and (self.same or self.different):
+            key = "same" if self.same else "different"
+            raise ValueError(
+                f'{key}: corrects identities that are found, but mode "given" takes those of the files: correct the ids there, '
+                "or use another mode"
+            )
+        return self
 
     @property
     def given(self) -> bool:

@@ -9,7 +9,7 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from passerby.core.floor_plan import CLICK_SD_PX, UNIT_SD
-from passerby.scene.tables import Metres, Pixel, Table
+from passerby.scene.table import Metres, Pixel, Table
 
 PlanPixel = tuple[Pixel, Pixel]
 

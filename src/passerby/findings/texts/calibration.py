@@ -93,6 +93,12 @@ def _to_slow(v: Fields) -> str:
     return "Write their mean height as person_height_m under [scale], or give a length, and check the frame rate"
 
 
+def _unfulfilled(v: Fields) -> str:
+    stated = "one person" if v["same"] else "different people"
+    found = "1 identity was" if v["found"] == 1 else f"{v['found']} identities were"
+    return f"{v['boxes']} boxes are stated to be {stated}, but {found} found in them"
+
+
 def _held_out(v: Fields) -> str:
     stretches = "one stretch" if v["stretches"] == 1 else f"{v['stretches']} stretches"
     how = "lie behind cameras" if v["ratio"] is None else f"disagree with it {v['ratio']:.1f} times as much as the others"
@@ -138,6 +144,11 @@ CALIBRATION: Mapping[str, Kind] = {
         "[[scale.people]] {numbers[0]} and {numbers[1]} point at the same person by the identities found, but state "
         "{heights_m[0]:.2f} and {heights_m[1]:.2f} m",
         "check both pixels and heights", subjects=("scale",),
+    ),
+    "stated_identity_unfulfilled": Kind(
+        NOTICE, "What the scene file says of who is who could not be followed.",
+        _unfulfilled,
+        "check the pixels and the other corrections: two may contradict each other, or two boxes lie on one track",
     ),
     "people_walk_fast": Kind(
         DOUBT, "At the rig's scale people walk faster than people do; `heights` says what the scale comes from.",

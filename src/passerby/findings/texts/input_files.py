@@ -85,8 +85,8 @@ INPUT_FILES: Mapping[str, Kind] = {
     ),
     "pointed_people_overlap": Kind(
         NOTICE, "The scene file points at a pixel where several people overlap.",
-        "{count} people overlap at [{at[0]:g}, {at[1]:g}] in camera {camera} in frame {frame}: the height is given to the "
-        "nearest one, whose box is {box[2]:.0f} x {box[3]:.0f} px at left {box[0]:.0f}, top {box[1]:.0f}",
+        "{count} people overlap at [{at[0]:g}, {at[1]:g}] in camera {camera} in frame {frame}: the nearest one "
+        "is meant, whose box is {box[2]:.0f} x {box[3]:.0f} px at left {box[0]:.0f}, top {box[1]:.0f}",
         "if that is somebody else, point at a time at which the person stands alone",
     ),
     "focal_guessed": Kind(

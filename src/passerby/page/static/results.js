@@ -64,6 +64,12 @@ export function showCues(state, remove, include) {
     cue(`Length ${index + 1}: ${one.metres} m, in ${Object.keys(one.points).join(", ")}`, () => remove("lengths", index + 1))));
   (state.people ?? []).forEach((one, index) => lines.push(
     cue(`Person ${index + 1}: ${one.height_m} m${one.camera ? `, in ${one.camera}` : ""}`, () => remove("people", index + 1))));
+  for (const [key, words] of [["same", "are the same person"], ["different", "are different people"]]) {
+    (state[key] ?? []).forEach(({ boxes }, index) => lines.push(
+      cue(`Boxes in ${boxes.map((one) => one.camera).join(", ")} ${words}`, () => remove(key, index + 1))));
+  }
+  (state.not_people ?? []).forEach(({ camera }, index) => lines.push(
+    cue(`Box in ${camera} is not a person`, () => remove("not_people", index + 1))));
   for (const [name, { exclude, exclude_s }] of Object.entries(state.excluded ?? {})) {
     exclude.forEach((corners, index) => lines.push(
       cue(`Region ${index + 1} of ${name} is excluded: ${corners.length} corners`, () => include(name, "exclude", index + 1))));

@@ -144,6 +144,43 @@ export class PersonTool extends Tool {
   save(form) { this.act({ act: "person", ...this.found, height_m: read(form, "height"), sd_m: read(form, "sd") }); }
 }
 
+// Boxes that are one person, or different people, or nobody.
+export class IdentityTool extends Tool {
+  start() { this.boxes = []; this.show(); }
+
+  click(view, at) {
+    if (!this.page.boxes(view.name).some(([left, top, width, height]) =>
+      at[0] >= left && at[0] <= left + width && at[1] >= top && at[1] <= top + height)) {
+      this.page.tell(`Nobody was detected there in camera ${view.name}: click inside a box.`);
+      return;
+    }
+    this.page.tell("");
+    this.boxes.push({ camera: view.name, frame: view.frame, at });
+    this.page.redraw();
+    this.show();
+  }
+
+  drawing(name) {
+    const marks = this.boxes.map((one, index) => ({ ...one, label: String(index + 1) }));
+    const shown = this.page.cameras.cards.get(name)?.view.frame;
+    return { boxes: this.page.boxes(name), marks: marks.filter((one) => one.camera === name && one.frame === shown) };
+  }
+
+  show() {
+    const count = this.boxes.length;
+    const told = count ? this.boxes.map((one, index) => `${index + 1}: camera ${one.camera}, frame ${one.frame}`).join(" · ")
+      : "Click the boxes of one person, or of different people, in one picture or more; or a poster that was taken for a person.";
+    const button = (label, ready, act) => make("button", { type: "button", class: "main", disabled: !ready, onclick: () => this.act(act()) }, label);
+    show(this.box, this.form(make("p", {}, told), make("span", { class: "tool-buttons" },
+      button("The same person", count > 1, () => ({ act: "identities", key: "same", boxes: this.boxes })),
+      button("Different people", count > 1, () => ({ act: "identities", key: "different", boxes: this.boxes })),
+      button("Not a person", count === 1, () => ({ act: "not_people", box: this.boxes[0] })),
+      make("button", { type: "button", class: "quiet", onclick: () => this.clear() }, "Clear"))));
+  }
+
+  save() {}
+}
+
 // A region of one picture: its corners one after another; a click in another picture begins anew there.
 export class RegionTool extends Tool {
   start() { this.camera = null; this.corners = []; this.show(); }

@@ -1,0 +1,159 @@
+"""What a user says of who is who is followed, in every mode that finds identities, and told where it cannot be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.association.not_people import without_people
+from passerby.calibration.in_memory import calibrate_observations
+from passerby.common.errors import InputError
+from passerby.core.observations import Boxes, CameraObservations
+from passerby.core.pointing import Sighting, StatedIdentities
+from passerby.simulation import SimulationOptions, simulate
+
+FPS = 5.0
+
+
+@pytest.fixture(scope="module")
+def small():
+    return simulate(SimulationOptions(seed=4000, seconds=12.0, box_noise=0.02, missing=0.1))
+
+
+def found_by(simulated, **association):
+    boxes = {name: simulated.observations[name].boxes for name in simulated.rig.names}
+    settings = {"mode": "combined", "max_offset_s": 0, **association}
+    return calibrate_observations(simulated.rig, boxes, fps=FPS, association=settings)
+
+
+def alone_in(simulated, camera, who, *, last=False):
+    """A pixel on a person who stands alone, in the first or last frame where that is so."""
+    boxes, true = simulated.observations[camera].boxes, simulated.true_identities[camera]
+    rows = np.flatnonzero(true == who)
+    for row in rows[::-1] if last else rows:
+        at = boxes.ltwh[row, :2] + boxes.ltwh[row, 2:] / 2
+        same = boxes.ltwh[boxes.frame == boxes.frame[row]]
+        if ((same[:, :2] <= at) & (same[:, :2] + same[:, 2:] >= at)).all(axis=1).sum() == 1:
+            return {"camera": camera, "frame": int(boxes.frame[row]), "at": at.tolist()}
+    raise AssertionError(f"{who} never stands alone in {camera}")
+
+
+def identity(calibration, one):
+    """The identity found for a box."""
+    boxes = calibration.association.observations[one["camera"]].boxes
+    inside = (boxes.ltwh[:, :2] <= one["at"]).all(axis=1) & (boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] >= one["at"]).all(axis=1)
+    return int(boxes.identity[inside & (boxes.frame == one["frame"])][0])
+
+
+def test_two_people_stated_to_be_one_and_one_person_to_be_two(small):
+    """Against the truth, so that it has to be the statement that decides."""
+    first, second = alone_in(small, "C1", 1), alone_in(small, "C2", 2)
+    one, other = alone_in(small, "C1", 3), alone_in(small, "C2", 3)
+    plain = found_by(small)
+    assert identity(plain, first) != identity(plain, second)
+    assert identity(plain, one) == identity(plain, other)
+    told = found_by(small, same=[{"boxes": [first, second]}], different=[{"boxes": [one, other]}])
+    assert identity(told, one) != identity(told, other)
+    unfulfilled = [finding for finding in told.notices if finding.code == "stated_identity_unfulfilled"]
+    if identity(told, first) != identity(told, second):  # the rig takes back boxes of two who walk apart, and it is told
+        assert [finding.values["place"] for finding in unfulfilled] == ["[[association.same]] 1"]
+    else:
+        assert not unfulfilled
+
+
+def test_what_cannot_be_is_told(small):
+    one, again, other = alone_in(small, "C1", 3), alone_in(small, "C1", 3, last=True), alone_in(small, "C2", 3)
+    told = found_by(small, same=[{"boxes": [one, other]}], different=[{"boxes": [one, other]}])
+    (finding,) = [finding for finding in told.notices if finding.code == "stated_identity_unfulfilled"]
+    assert finding.values["place"].startswith("[[association.")
+    assert again != one
+
+
+def with_poster(simulated, camera):
+    """The scene with a poster that a detector sees in one camera all the time, and the box of it."""
+    boxes = simulated.observations[camera].boxes
+    frames = np.unique(boxes.frame)
+    rng = np.random.default_rng(5)
+    ltwh = np.array([30.0, 40.0, 45.0, 130.0]) + rng.normal(0, 1.5, (len(frames), 4))
+    number = np.full(len(frames), int(boxes.identity.max()) + 1)
+    all_boxes = Boxes(
+        np.append(boxes.frame, frames), np.append(boxes.identity, number), np.vstack([boxes.ltwh, ltwh]),
+        np.append(boxes.score, np.ones(len(frames))),
+    )  # fmt: skip
+    order = np.argsort(all_boxes.frame, kind="stable")
+    seen = dict(simulated.observations.cameras) | {camera: CameraObservations(all_boxes.take(order))}
+    at = {"camera": camera, "frame": int(frames[len(frames) // 2]), "at": [50.0, 100.0]}
+    return replace(simulated, observations=replace(simulated.observations, cameras=seen)), at
+
+
+def has_boxes_at(calibration, at):
+    boxes = calibration.association.observations[at["camera"]].boxes
+    centre = boxes.ltwh[:, :2] + boxes.ltwh[:, 2:] / 2
+    return int((np.abs(centre - [52.5, 105.0]).max(axis=1) < 15).sum())
+
+
+def test_a_poster_is_no_person(small):
+    posted, at = with_poster(small, "C1")
+    assert has_boxes_at(found_by(posted), at) > 20
+    assert has_boxes_at(found_by(posted, not_people=[at]), at) == 0
+
+
+def test_a_poster_is_no_person_in_given_identities(small):
+    """Here an id is known, and all of it goes, of this camera only."""
+    posted, at = with_poster(small, "C1")
+    given = {
+        name: replace(
+            seen.boxes, identity=np.append(small.true_identities[name], np.full(len(seen.boxes), 99))[: len(seen.boxes)]
+        )
+        for name, seen in posted.observations.cameras.items()
+    }
+    boxes = posted.observations["C1"].boxes
+    own = np.full(len(boxes), 99)
+    own[boxes.identity < boxes.identity.max()] = small.true_identities["C1"]
+    given["C1"] = replace(boxes, identity=own)
+    result = calibrate_observations(
+        small.rig, given, fps=FPS, association={"mode": "given", "max_offset_s": 0, "not_people": [at]}
+    )
+    assert 99 not in result.association.observations["C1"].boxes.identity
+
+
+def test_the_tracklet_of_a_box_goes_and_what_stays_in_its_place():
+    def rows(first, identity, left):
+        frames = np.arange(first, first + 10)
+        return frames, np.full(10, identity), np.column_stack([left, np.full(10, 50.0), np.full(10, 40.0), np.full(10, 100.0)])
+
+    stays = np.full(10, 20.0)
+    parts = [rows(1, 0, stays), rows(20, 1, stays + 3), rows(40, 2, stays + 60 * np.arange(10)), rows(60, -1, stays - 2)]
+    frame, identity, ltwh = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    seen = CameraObservations(Boxes(frame, identity, ltwh, np.ones(len(frame))))
+    left = without_people(seen, [Sighting("C1", 3, (40.0, 90.0), "")]).boxes
+    assert set(left.identity.tolist()) == {2}
+    assert len(left) == 10
+    nobody = without_people(seen, [Sighting("C1", 3, (400.0, 90.0), "")]).boxes
+    assert len(nobody) == len(frame)
+
+
+def test_statements_of_some_cameras():
+    boxes = tuple(Sighting(name, 1, (0.0, 0.0), "") for name in ("A", "B", "C"))
+    stated = StatedIdentities((boxes,), (boxes[:2],), boxes[2:])
+    assert stated.within(["A", "C"]) == StatedIdentities((boxes[::2],), (), boxes[2:])
+
+
+HERE, THERE = {"camera": "C1", "frame": 1, "at": [1, 1]}, {"camera": "C2", "frame": 1, "at": [1, 1]}
+
+
+@pytest.mark.parametrize(
+    ("association", "fault"),
+    [
+        ({"mode": "given", "same": [{"boxes": [HERE, THERE]}]}, 'same: corrects .* mode "given"'),
+        ({"same": [{"boxes": [HERE]}]}, r"\[\[association.same\]\] 1 boxes"),
+        ({"same": [{"boxes": [HERE, {"camera": "C2", "at": [1, 1]}]}]}, r"same\]\] 1 boxes 2: has no time_s and no frame"),
+        ({"not_people": [{**HERE, "time_s": 1}]}, r"\[\[association.not_people\]\] 1: has time_s and frame"),
+        ({"not_people": [{**HERE, "camera": "C9"}]}, r"not_people\]\] 1 camera: camera '?C9"),
+        ({"not_people": [{**HERE, "at": [-5, 1]}]}, r"not_people\]\] 1 at: .* lies outside"),
+        ({"different": [{"boxes": [HERE, {**THERE, "att": 1}]}]}, r"different\]\] 1 boxes 2: unknown key 'att'"),
+    ],
+)  # fmt: skip
+def test_faults_name_their_place(small, association, fault):
+    with pytest.raises(InputError, match=fault):
+        found_by(small, **association)
