@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from command import ONE_THREAD, passerby
-from local_page.access import FAULTS
+from local_page.access import access_faults
 from local_page.hand import SIZE, Hand, chromium
 from local_page.judging import against, best_views, ends_of
 from local_page.serving import served
@@ -72,7 +72,7 @@ def work(case: ClickCase) -> dict[str, Any]:
             hand.until("() => document.getElementById('run-state').textContent === 'finished'")
             hand.until("() => document.querySelector('#result table thead').textContent.includes('moved m')")
             solving_s, cpu_s = time.perf_counter() - began, server.cpu_s - cpu_s
-            faults = [f"{one['rule']}: {one['what']}" for one in hand.page.evaluate(FAULTS)]
+            faults = access_faults(hand.page)
             foreign = [url for url in hand.asked if not url.startswith(server.origin)]
         scale, heading = against(truth, ends, read_rig(out / "rig.toml"))
         scale_before, _ = against(truth, ends, before)

@@ -14,6 +14,7 @@ from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.rig_toml import read_rig
 from passerby.page.geometry import ground_point, measure_axis, measure_length
 from passerby.page.work import Work
+from support.accessibility import access_faults
 from support.browser import CHROMIUM
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
@@ -64,8 +65,8 @@ def address(calibrated_scene):
 class Hand:
     """Somebody at the page, with an unsteady hand."""
 
-    def __init__(self, browser, address, seed):
-        self.page = browser.new_context(viewport={"width": 1300, "height": 900}).new_page()
+    def __init__(self, browser, address, seed, **context):
+        self.page = browser.new_context(viewport={"width": 1300, "height": 900}, **context).new_page()
         self.page.set_default_timeout(1000 * PATIENCE_S)
         self.errors, self.asked = [], []
         self.page.on("console", self.hear)
@@ -184,6 +185,15 @@ def test_a_region_is_excluded_by_clicks_and_included_again(browser, address, cal
         hand.save(label)
     assert tomllib.loads(scene.read_text()) == tomllib.loads(before)
     assert hand.errors == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious_whatever_is_shown(browser, address, scheme):
+    """At every tool, since each has a form of its own."""
+    hand = Hand(browser, address, 2, color_scheme=scheme)
+    for button in hand.page.locator("[data-tool]").all():
+        button.click()
+        assert access_faults(hand.page) == [], button.text_content()
 
 
 def best_views(rig, truth, ends):

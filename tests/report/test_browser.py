@@ -12,6 +12,7 @@ from passerby.findings.finding import doubt, notice, refusal
 from passerby.interchange.storage.json_text import plain
 from passerby.report.contents import contents_from
 from passerby.report.page import report_page
+from support.accessibility import access_faults
 from support.browser import CHROMIUM
 from support.report.pages import busy_place, changed, diagnosed, named, without_poses
 
@@ -208,6 +209,12 @@ def test_text_is_readable_in_light_and_dark(opened, laptop, contents, verdict):
 
 
 INK = "getComputedStyle(document.querySelector('#heights-plot .xtitle')).fill"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious(opened, contents, scheme):
+    one = opened(contents, scheme=scheme)
+    assert access_faults(one.page) == []
 
 
 def test_the_switch_changes_page_and_plots(laptop):
