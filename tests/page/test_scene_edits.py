@@ -13,6 +13,7 @@ from passerby.page.scene_edits import (
     with_excluded,
     with_identities,
     with_length,
+    with_line,
     with_not_a_person,
     with_person,
     with_world_points,
@@ -137,3 +138,15 @@ def test_corrections_join_an_association_table_that_is_there():
         "not_people": [{"camera": "C1", "frame": 3, "at": [1, 2]}],
     }
     assert "# no looks" in text
+
+
+def test_lines_are_marked_and_stay_when_the_frame_is_set_anew():
+    post, axis = {"C1": [(1.0, 2.0), (1.5, 90.0)]}, {"C1": [(10.0, 2.0), (90.0, 3.0)]}
+    text = with_line(with_line(TEXT, "vertical", post), "x", axis)
+    told = tomllib.loads(text)["world"]["lines"]
+    assert [one["direction"] for one in told] == ["vertical", "x"]
+    assert told[0]["points"] == {"C1": [[1, 2], [1.5, 90]]}
+    placed = tomllib.loads(with_world_points(text, "a.csv"))["world"]
+    assert placed == {"points": "a.csv", "lines": told[:1]}
+    alone = without_entry(without_entry(text, "lines", 2), "lines", 1)
+    assert "world" not in tomllib.loads(alone)

@@ -70,6 +70,19 @@ def test_corrections_of_identities_are_in_the_file_and_can_be_removed(client, se
     assert "same" not in scene_of(session).get("association", {})
 
 
+def test_a_line_is_measured_and_written(client, session, truth):
+    places = middle(truth) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
+    points = {truth.names[0]: truth[truth.names[0]].project(places).round(2).tolist()}
+    told = json.loads(client.post("/api/line", json.dumps({"direction": "vertical", "points": points}).encode()).body)
+    assert told["off_deg"] < 3 * told["sigma_deg"] + 1
+    assert client.post("/api/line", b'{"direction": "up", "points": {}}').status == 422
+    state = json.loads(act(client, session, act="line", direction="vertical", points=points).body)
+    assert state["lines"] == [{"direction": "vertical", "points": points}]
+    assert act(client, session, act="line", direction="horizontal", points=points).status == 422
+    assert act(client, session, act="remove", key="lines", number=1).status == 200
+    assert "world" not in scene_of(session)
+
+
 def test_an_acknowledged_length_is_in_the_file_and_in_the_state(client, session, truth):
     answer = act(client, session, **length(truth))
     assert answer.status == 200

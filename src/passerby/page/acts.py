@@ -17,6 +17,7 @@ from passerby.page.scene_edits import (
     with_excluded,
     with_identities,
     with_length,
+    with_line,
     with_not_a_person,
     with_person,
     with_world_points,
@@ -102,11 +103,19 @@ class NotAPerson(Act):
     box: PersonAt
 
 
+class MarkLine(Act):
+    """A straight vertical or horizontal thing, two pixels of it in each camera."""
+
+    act: Literal["line"]
+    direction: Literal["vertical", "horizontal", "x"]
+    points: Annotated[dict[Name, tuple[Pixel, Pixel]], Field(min_length=1, max_length=1000)]
+
+
 class Remove(Act):
     """An entry of one of the lists of tables less."""
 
     act: Literal["remove"]
-    key: Literal["lengths", "people", "same", "different", "not_people"]
+    key: Literal["lengths", "people", "same", "different", "not_people", "lines"]
     number: Annotated[int, Field(ge=1, le=10**6)]
 
 
@@ -153,6 +162,7 @@ AnyAct = Annotated[
     MarkLength
     | PointAtPerson
     | SetWorld
+    | MarkLine
     | CorrectIdentities
     | NotAPerson
     | Remove
@@ -191,6 +201,8 @@ def _changed(session: Session, act: AnyAct, text: str) -> str:
         return _with_rescaled_world(session, with_length(text, act.metres, act.sd_m, act.points), act)
     if isinstance(act, PointAtPerson):
         return with_person(text, act.camera, act.frame, act.at, act.height_m, act.sd_m)
+    if isinstance(act, MarkLine):
+        return with_line(text, act.direction, act.points)
     if isinstance(act, CorrectIdentities):
         return with_identities(text, act.key, [(one.camera, one.frame, one.at) for one in act.boxes])
     if isinstance(act, NotAPerson):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from importlib import resources
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -18,6 +18,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
+from passerby.calibration.alignment.lines import MarkedLine, measure_line
 from passerby.common.errors import InputError, PasserbyError
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
@@ -49,6 +50,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         _posting("/api/length", session, lambda content: _length(session, content)),
         _posting("/api/ground", session, lambda content: _ground(session, content)),
         _posting("/api/axis", session, lambda content: _axis(session, content)),
+        _posting("/api/line", session, lambda content: _line(session, content)),
         _posting("/api/start", session, lambda content: session.work.start(session.scene_file, session.version)),
         _posting("/api/stop", session, lambda content: session.work.stop()),
     ]
@@ -194,6 +196,15 @@ def _ground(session: Session, content: Any) -> dict[str, Any]:
     )
     session.work.prepare()
     return {"ground": ground_point(session.rig(), camera, at).round(4).tolist()}
+
+
+def _line(session: Session, content: Any) -> dict[str, Any]:
+    direction, points = read_as(
+        tuple[Literal["vertical", "horizontal", "x"], Annotated[dict[Name, tuple[Pixel, Pixel]], Field(min_length=1)]],
+        [content.get("direction"), content.get("points")] if isinstance(content, dict) else content,
+    )
+    found = measure_line(session.rig(), MarkedLine(direction, points))
+    return {"off_deg": None} if found is None else asdict(found)
 
 
 def _axis(session: Session, content: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
-from tomlkit.items import AoT, Array, Table
+from tomlkit.items import AoT, Array, InlineTable, Table
 
 from passerby.common.errors import InputError
 from passerby.core.known_places import POINT_SD_M
@@ -25,8 +25,13 @@ from passerby.scene.scene import Scene
 POINTS_FILE = "world-points-{}.csv"
 PERSON_DIGITS, PIXEL_DIGITS = 3, 2
 TABLE_OF = {
-    "lengths": "scale", "people": "scale", "same": "association", "different": "association", "not_people": "association",
-}  # fmt: skip
+    "lengths": "scale",
+    "people": "scale",
+    "same": "association",
+    "different": "association",
+    "not_people": "association",
+    "lines": "world",
+}
 """The table that holds each list of tables."""
 
 Pixel = tuple[float, float]
@@ -117,6 +122,16 @@ def with_not_a_person(text: str, camera: str, frame: int, at: Pixel) -> str:
     return tomlkit.dumps(document)
 
 
+def with_line(text: str, direction: str, points: Mapping[str, Sequence[Pixel]]) -> str:
+    """With one more `[[world.lines]]`: two pixels in each camera."""
+    document = _parsed(text)
+    entry = tomlkit.table()
+    entry["direction"] = direction
+    entry["points"] = _marks(points)
+    _append(document, "world", "lines", entry)
+    return tomlkit.dumps(document)
+
+
 def without_entry(text: str, key: str, number: int) -> str:
     """Without the table of this number, from 1, under `[[scale.lengths]]` and the other lists of tables."""
     document = _parsed(text)
@@ -127,6 +142,8 @@ def without_entry(text: str, key: str, number: int) -> str:
     del entries[number - 1]
     if not len(entries):
         del cast(Table, document[table])[key]
+        if table == "world" and not len(cast(Table, document[table])):
+            del document[table]
     return tomlkit.dumps(document)
 
 
@@ -172,10 +189,17 @@ def without_excluded(text: str, camera: str, key: str, number: int) -> str:
 
 
 def with_world_points(text: str, points_file: str) -> str:
-    """With `[world]` set by a file of points, whatever set it before."""
+    """With `[world]` set by a file of points, whatever set it before; lines stay, but for those that set the heading."""
     document = _parsed(text)
     table = tomlkit.table()
     table["points"] = points_file
+    lines = [one for one in document.get("world", {}).get("lines", []) if one.get("direction") != "x"]
+    if lines:
+        table["lines"] = tomlkit.aot()
+        for one in lines:
+            entry = tomlkit.table()
+            entry.update(one.unwrap())
+            table["lines"].append(entry)
     if "world" in document:
         document["world"] = table
     else:
@@ -238,6 +262,14 @@ def _append(document: tomlkit.TOMLDocument, name: str, key: str, entry: Table) -
     inline = tomlkit.inline_table()
     inline.update(entry.unwrap())
     entries.append(inline)
+
+
+def _marks(points: Mapping[str, Sequence[Pixel]]) -> InlineTable:
+    """Pixels of each camera."""
+    marks = tomlkit.inline_table()
+    for name, ends in points.items():
+        marks[name] = _pixels(ends)
+    return marks
 
 
 def _pixels(ends: Sequence[Pixel]) -> list[list[float]]:

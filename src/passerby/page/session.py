@@ -188,8 +188,7 @@ def _cues(scene: Scene) -> dict[str, Any]:
     world = scene.world
     how = None
     if world is not None:
-        keys = ("camera", "points", "positions", "plan")
-        how = next(key for key in keys if getattr(world, key) is not None)
+        how = world.placed_by
     return {
         "lengths": [
             {"metres": one.metres, "sd_m": one.sd_m, "points": {name: list(ends) for name, ends in one.points.items()}}
@@ -206,4 +205,5 @@ def _cues(scene: Scene) -> dict[str, Any]:
             if camera.exclude or camera.exclude_s
         },
         "world": how,
+        "lines": [] if world is None else [one.model_dump(mode="json") for one in world.lines],
     }

@@ -40,7 +40,7 @@ from passerby.scene.tables import (
     SitesTable,
     SolverTable,
 )
-from passerby.scene.world_tables import PlanDistanceTable, PlanPointTable, PlanTable, WorldTable
+from passerby.scene.world_tables import LineTable, PlanDistanceTable, PlanPointTable, PlanTable, WorldTable
 
 CAMERA_NAME = re.compile(r"[\w+@-][\w .+@-]*")
 """Names become TOML tables and file names."""
@@ -284,6 +284,8 @@ class Scene(Table):
         if self.world is not None:
             named = ("camera", self.world.camera), ("towards", self.world.towards)
             found += [(f"[world] {key}", name) for key, name in named if name is not None]
+        for number, line in enumerate(self.world.lines if self.world is not None else (), start=1):
+            found += [(f"[[world.lines]] {number} points", name) for name in line.points]
         if self.world is not None and self.world.plan is not None:
             found += [("[world.plan] cameras", name) for name in self.world.plan.cameras]
             for number, point in enumerate(self.world.plan.points, start=1):
@@ -311,6 +313,7 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     ("scale", "distances", "*"): DistanceTable,
     ("scale", "camera_heights", "*"): CameraHeightTable,
     ("world",): WorldTable,
+    ("world", "lines", "*"): LineTable,
     ("world", "plan"): PlanTable,
     ("world", "plan", "distance"): PlanDistanceTable,
     ("world", "plan", "points", "*"): PlanPointTable,

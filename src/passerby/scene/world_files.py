@@ -20,6 +20,23 @@ def world_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str
         scene: names the files.
         sizes: camera -> (width, height) of its picture, pixels.
     """
+    return [*_line_faults(scene, sizes), *_file_faults(scene, sizes)]
+
+
+def _line_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str]:
+    """Pixels of lines that lie outside their pictures."""
+    return [
+        f"{scene.place}: [[world.lines]] {number} points: [{u:g}, {v:g}] lies outside the {sizes[name][0]} x {sizes[name][1]} "
+        f"image of camera {name}: give pixels of that image"
+        for number, line in enumerate(scene.world.lines if scene.world is not None else (), start=1)
+        for name, ends in line.points.items()
+        for u, v in ends
+        if name in sizes and not (0 <= u <= sizes[name][0] and 0 <= v <= sizes[name][1])
+    ]
+
+
+def _file_faults(scene: Scene, sizes: Mapping[str, tuple[int, int]]) -> list[str]:
+    """What is wrong with the files."""
     files = world_file_paths(scene)
     if scene.world is not None and scene.world.plan is not None:
         plan = scene.world.plan

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -117,6 +117,27 @@ class PlanTable(Table):
         return [(f"point {point.name or number}", point.at) for number, point in enumerate(self.points, start=1)]
 
 
+class LineTable(Table):
+    """`[[world.lines]]`: a straight vertical or horizontal thing, marked in one camera or more."""
+
+    direction: Literal["vertical", "horizontal", "x"]
+    """vertical: a door frame, the edge of a house. horizontal: a lintel, a court line, seen by two cameras or more. x:
+    horizontal, and the world's x axis runs along it, from the first end to the second one."""
+    points: dict[str, tuple[tuple[Pixel, Pixel], tuple[Pixel, Pixel]]]
+    """camera -> two pixels on it, far apart. They need not be the same points in different cameras."""
+
+    @model_validator(mode="after")
+    def _marked(self) -> Self:
+        if not self.points:
+            raise ValueError("points is empty: mark two pixels of the line in one camera or more")
+        for name, (first, second) in self.points.items():
+            if first == second:
+                raise ValueError(f"points of camera {name} are one pixel, {list(first)}: mark two, far apart")
+        if self.direction == "horizontal" and len(self.points) < 2:
+            raise ValueError('points: a horizontal line in one camera says nothing: mark it in two, or write direction = "x"')
+        return self
+
+
 class WorldTable(Table):
     """`[world]`: the requested world frame. Default: the origin is below the first camera, which faces along y."""
 
@@ -130,18 +151,39 @@ class WorldTable(Table):
     """Known positions of cameras, in metres or as latitude, longitude and altitude: CSV or TOML."""
     plan: PlanTable | None = None
     """A floor plan or a satellite picture with its scale, and cameras or points placed on it: `[world.plan]`."""
+    lines: tuple[LineTable, ...] = ()
+    """Straight vertical or horizontal things: `[[world.lines]]`. They correct the vertical, which otherwise upright people
+    alone determine, and with direction "x" set the heading."""
     scale: bool = False
     """Whether points or positions also set the scale. Otherwise `[scale]` determines it, together with a plan, if there is one;
     with true the plan alone does."""
     tilt: bool = False
     """Whether they also set the up direction and the height. Otherwise the ground that people walk on stays at z = 0."""
 
+    @property
+    def placed_by(self) -> str | None:
+        """The key that sets the origin; None where there are lines only."""
+        return next((key for key in ("camera", "points", "positions", "plan") if getattr(self, key) is not None), None)
+
+    @property
+    def heading_by_lines(self) -> bool:
+        """Whether the x axis runs along a line."""
+        return any(line.direction == "x" for line in self.lines)
+
     @model_validator(mode="after")
     def _one_way(self) -> Self:
         ways = [key for key in ("camera", "points", "positions", "plan") if getattr(self, key) is not None]
-        if len(ways) != 1:
+        if len(ways) > 1 or not (ways or self.lines):
             told = " and ".join(ways) or "none of them"
             raise ValueError(f"has {told}: give one of camera, points, positions, plan")
+        if self.heading_by_lines and self.towards is not None:
+            raise ValueError('lines have direction "x", but towards sets the heading: delete one of them')
+        if ways and ways != ["camera"] and self.heading_by_lines:
+            raise ValueError(
+                f'lines have direction "x", but {ways[0]} sets the heading: write "horizontal", or delete {ways[0]}'
+            )
+        if self.tilt and self.lines:
+            raise ValueError("has lines and tilt: both set the vertical: delete one of them")
         if self.towards is not None and self.camera is None:
             raise ValueError("towards needs camera: name the camera at the origin, or delete towards")
         if self.towards is not None and self.towards == self.camera:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from passerby.calibration.alignment.lines import MarkedLine, align_to_lines
 from passerby.calibration.alignment.plan import align_to_plan
 from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
 from passerby.common.errors import EvidenceError, InputError
@@ -20,6 +21,8 @@ from passerby.scene.floor_plan import floor_plan
 from passerby.scene.scene import Scene
 from passerby.scene.world_files import world_file_paths
 from passerby.scene.world_tables import WorldTable
+
+LINE_FIGURES = ("lines", "tilt_deg", "vertical_sigma_deg", "heading_sigma_deg")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ def align_rig(rig: Rig, wanted: WorldTable, shown: Path | None = None) -> Aligne
         height, width = read_plan_picture(image).shape[:2]
         return align_to_plan(rig, floor_plan(wanted.plan, (width, height)), shown or image.resolve(), with_scale=wanted.scale)
     assert wanted.camera is not None
-    return align_to_camera(rig, wanted.camera, wanted.towards)
+    return align_to_camera(rig, wanted.camera, wanted.towards, turn=not wanted.heading_by_lines)
 
 
 def align_to_scene(scene: Scene, solution: Solution, elsewhere: Sequence[Camera] = ()) -> AlignedSolution:
@@ -79,7 +82,7 @@ def align_to_scene(scene: Scene, solution: Solution, elsewhere: Sequence[Camera]
     place = f"{scene.place}: [world]"
     try:
         everywhere = replace(solution.rig, cameras=(*solution.rig.cameras, *elsewhere))
-        aligned = align_rig(everywhere, wanted, None if table.plan is None else table.plan.image)
+        aligned = _aligned(everywhere, wanted, solution, None if table.plan is None else table.plan.image)
     except (InputError, EvidenceError) as error:
         return AlignedSolution(solution.rig, solution.figures, findings=(notice("world_not_set", place=place, why=str(error)),))
     others = {camera.name for camera in elsewhere}
@@ -90,6 +93,23 @@ def align_to_scene(scene: Scene, solution: Solution, elsewhere: Sequence[Camera]
     )
     own = replace(aligned.rig, cameras=tuple(camera for camera in aligned.rig if camera.name not in others))
     return AlignedSolution(own, scaled_figures(solution.figures, aligned.motion.scale), aligned.figures, findings)
+
+
+def _aligned(rig: Rig, wanted: WorldTable, solution: Solution, shown: Path | None) -> Aligned:
+    """The rig with the vertical and the heading of the marked lines, and then in the wanted frame. Raises as `align_rig`."""
+    if not wanted.lines:
+        return align_rig(rig, wanted, shown)
+    figures = solution.figures
+    sigma_deg = figures.vertical_sigma_deg if isinstance(figures, AdjustedFigures) else None
+    levelled = align_to_lines(rig, [MarkedLine(one.direction, one.points) for one in wanted.lines], sigma_deg)
+    if not wanted.placed_by:
+        return levelled
+    aligned = align_rig(levelled.rig, wanted, shown)
+    how = f"{levelled.figures['by']} and {aligned.figures['by']}"
+    lines = {key: value for key, value in levelled.figures.items() if key in LINE_FIGURES}
+    rig = replace(aligned.rig, metadata=dict(aligned.rig.metadata) | {"world": how})
+    diagnostics = (*levelled.diagnostics, *aligned.diagnostics)
+    return Aligned(rig, aligned.motion, {**aligned.figures, **lines, "by": how}, diagnostics)
 
 
 def scaled_figures(figures: SolverFigures, scale: float) -> SolverFigures:

@@ -62,14 +62,19 @@ class Aligned:
         return rows
 
 
-def align_to_camera(rig: Rig, name: str, towards: str | None = None) -> Aligned:
+def align_to_camera(rig: Rig, name: str, towards: str | None = None, *, turn: bool = True) -> Aligned:
     """The rig with its origin on the ground below a camera, and x along what it looks at, or towards another camera.
+
+    Without `turn` the rig keeps its heading.
 
     Raises:
         InputError: a camera that the rig does not have.
         EvidenceError: one without a pose, or without a direction on the ground.
     """
     pose = _posed(rig, name)
+    if not turn:
+        shift = Similarity(1.0, np.eye(3), -np.array([*pose.centre[:2], 0.0]))
+        return aligned_by(rig, shift, f"camera {name}", {})
     if towards is None:
         along, remedy = pose.R_cw[2, :2], "name another camera as `towards`"
         if np.linalg.norm(along) < STRAIGHT_DOWN:
@@ -78,8 +83,8 @@ def align_to_camera(rig: Rig, name: str, towards: str | None = None) -> Aligned:
         along = _posed(rig, towards).centre[:2] - pose.centre[:2]
         if np.linalg.norm(along) < 0.01:
             raise EvidenceError(f"camera {towards} is where camera {name} is: name one at another position")
-    turn = exp_rotation(np.array([0.0, 0.0, -np.arctan2(along[1], along[0])]))
-    motion = Similarity(1.0, turn, -turn @ np.array([*pose.centre[:2], 0.0]))
+    R = exp_rotation(np.array([0.0, 0.0, -np.arctan2(along[1], along[0])]))
+    motion = Similarity(1.0, R, -R @ np.array([*pose.centre[:2], 0.0]))
     how = f"camera {name}" + ("" if towards is None else f" towards {towards}")
     return aligned_by(rig, motion, how, {})
 

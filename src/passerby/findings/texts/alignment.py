@@ -33,6 +33,11 @@ ALIGNMENT: Mapping[str, Kind] = {
         NOTICE, "The known position of the camera contradicts the others, and was left out.",
         "the position of camera {camera} has a residual of {off_m:.1f} m: check it; it was left out",
     ),
+    "line_off": Kind(
+        NOTICE, "A line that is marked as vertical or horizontal contradicts the others and the people, and was left out.",
+        "[[world.lines]] {number} is off by {off_deg:.1f} degrees in {cameras}: it was left out",
+        "check that both pixels are on one straight line, and that it is vertical or horizontal as stated",
+    ),
     "points_without_pose": Kind(
         NOTICE, "The camera has no pose, so that its known points are left out.",
         lambda v: f"camera {v['camera']} has no pose: its {v['count']} point{'s are' if v['count'] > 1 else ' is'} left out",

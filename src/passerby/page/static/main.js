@@ -4,7 +4,7 @@ import { Cameras } from "./cameras.js";
 import { find, make, show } from "./dom.js";
 import { showCues, showResult, showRun } from "./results.js";
 import { ask, send } from "./server.js";
-import { IdentityTool, LengthTool, PersonTool, RegionTool, TimeTool, WorldTool } from "./tools.js";
+import { IdentityTool, LengthTool, LineTool, PersonTool, RegionTool, TimeTool, WorldTool } from "./tools.js";
 
 const FAST_MS = 1000, SLOW_MS = 3000, PICTURES_MS = 4000;
 
@@ -17,7 +17,7 @@ class Page {
     this.cameras = new Cameras(this);
     this.tools = {
       length: new LengthTool(this), world: new WorldTool(this), person: new PersonTool(this), region: new RegionTool(this),
-      time: new TimeTool(this), identity: new IdentityTool(this),
+      time: new TimeTool(this), identity: new IdentityTool(this), line: new LineTool(this),
     };
     this.tool = null;
     for (const button of document.querySelectorAll("[data-tool]")) {

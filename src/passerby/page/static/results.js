@@ -76,6 +76,8 @@ export function showCues(state, remove, include) {
     exclude_s.forEach(([begin, end], index) => lines.push(
       cue(`Camera ${name} is not used from ${begin} to ${end} s`, () => include(name, "exclude_s", index + 1))));
   }
+  (state.lines ?? []).forEach(({ direction, points }, index) => lines.push(
+    cue(`${direction === "x" ? "x axis along a line" : `A ${direction} line`} in ${Object.keys(points).join(", ")}`, () => remove("lines", index + 1))));
   if (state.world) lines.push(make("li", {}, `World frame: set by ${state.world}`));
   const none = "Nothing yet: heights of people alone set the scale. One marked length makes it metric to a per cent.";
   show(find("cues"), lines.length ? make("ul", { class: "cues" }, ...lines) : make("p", { class: "nothing" }, none));

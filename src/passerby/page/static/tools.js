@@ -79,6 +79,52 @@ export class LengthTool extends Tool {
   save(form) { this.act({ act: "length", metres: read(form, "metres"), sd_m: read(form, "sd"), points: this.whole() }); }
 }
 
+// A straight thing: two pixels of it in one picture or more.
+export class LineTool extends Tool {
+  start() { this.marks = {}; this.measured = null; this.direction ??= "vertical"; this.show(); }
+
+  async click(view, at) {
+    const own = (this.marks[view.name] ??= []);
+    if (own.length > 1) own.length = 0;
+    own.push(at);
+    await this.measure();
+  }
+
+  async measure() {
+    this.measured = null;
+    const points = Object.fromEntries(Object.entries(this.whole()).filter(([name]) => this.page.posed(name)));
+    if (Object.keys(points).length) {
+      this.measured = await send("/api/line", { direction: this.direction, points })
+        .catch((error) => { this.page.tell(error.message); return null; });
+    }
+    this.page.redraw();
+    this.show();
+  }
+
+  whole() { return Object.fromEntries(Object.entries(this.marks).filter(([, ends]) => ends.length === 2)); }
+
+  drawing(name) {
+    const ends = this.marks[name] ?? [];
+    const marks = ends.map((at, index) => ({ at, label: String(index + 1), kind: index ? "second" : "" }));
+    return { marks, links: ends.length === 2 ? [ends] : [] };
+  }
+
+  show() {
+    const count = Object.keys(this.whole()).length;
+    const off = this.measured?.off_deg;
+    const told = typeof off === "number"
+      ? `By the rig it is off by ${number(off, 2)}°, one sigma of the clicks ${number(this.measured.sigma_deg, 2)}°.`
+      : this.direction === "horizontal" && count === 1 ? "Mark the same line in a second picture." : "Click two pixels of a straight thing, far apart, in one picture or more.";
+    const names = { vertical: "vertical: a door frame, an edge of a house", horizontal: "horizontal, in two pictures or more", x: "horizontal, and the x axis runs along it" };
+    const choice = make("select", { name: "direction", onchange: (event) => { this.direction = event.target.value; this.measure(); } },
+      ...Object.entries(names).map(([value, text]) => make("option", { value, selected: value === this.direction }, text)));
+    show(this.box, this.form(make("p", { id: "line-told" }, told), make("label", { class: "field" }, make("span", {}, "The line is"), choice),
+      this.buttons("Save the line", count >= (this.direction === "horizontal" ? 2 : 1))));
+  }
+
+  save() { this.act({ act: "line", direction: this.direction, points: this.whole() }); }
+}
+
 export class WorldTool extends Tool {
   start() { this.clicks = []; this.axis = null; this.show(); }
 

@@ -1,0 +1,128 @@
+"""Lines that are marked on straight things correct the vertical and set the heading."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.calibration.alignment.lines import MarkedLine, align_to_lines, measure_line
+from passerby.common.errors import EvidenceError, InputError
+from passerby.core.cameras import Rig
+from passerby.geometry.rotations import exp_rotation
+from passerby.simulation import SimulationOptions, simulate
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return simulate(SimulationOptions(seed=4000, seconds=2.0)).rig
+
+
+def marked(rig, direction, ends, names, noise=0.0, seed=0):
+    """A line between two places of the world (2, 3), as these cameras see it."""
+    rng = np.random.default_rng(seed)
+    pixels = {name: rig[name].project(np.asarray(ends, float)) + noise * rng.normal(size=(2, 2)) for name in names}
+    assert all(np.isfinite(values).all() for values in pixels.values())
+    return MarkedLine(direction, {name: tuple(map(tuple, values.tolist())) for name, values in pixels.items()})
+
+
+def tilted(rig, degrees, axis=(1.0, 0.5, 0.0)):
+    turn = exp_rotation(np.radians(degrees) * np.array(axis) / np.linalg.norm(axis))
+    return rig.moved(turn, np.zeros(3), 1.0)
+
+
+def off_vertical(rig, truth):
+    """Degrees between the verticals of two rigs."""
+    turns = [rig[name].pose.R_cw.T @ truth[name].pose.R_cw for name in truth.names]
+    return float(np.degrees(np.arccos(np.clip(np.mean(turns, axis=0)[2, 2], -1, 1))))
+
+
+def middle(rig):
+    return np.mean([camera.centre for camera in rig], axis=0) * [1, 1, 0]
+
+
+def posts(truth):
+    return [np.array([[x, y, 0.0], [x, y, 2.2]]) + middle(truth) for x, y in ((1.0, 0.0), (-1.0, 1.5), (0.5, -1.5))]
+
+
+def test_door_frames_set_a_vertical_that_people_left_open(truth):
+    wrong = tilted(truth, 2.0)
+    lines = [marked(truth, "vertical", post, truth.names[:3]) for post in posts(truth)]
+    found = align_to_lines(wrong, lines, 30.0)
+    assert off_vertical(found.rig, truth) < 0.02
+    assert found.figures["tilt_deg"] == pytest.approx(2.0, abs=0.02)
+    assert not found.diagnostics
+
+
+def test_the_error_is_as_large_as_it_is_stated(truth):
+    """Forty hands that click with two pixels."""
+    ratios = []
+    for seed in range(40):
+        lines = [marked(truth, "vertical", post, truth.names[:2], 2.0, 10 * seed + n) for n, post in enumerate(posts(truth))]
+        exact = replace(truth, cameras=tuple(replace(one, sigma=None) for one in tilted(truth, 1.0)))
+        found = align_to_lines(exact, lines, 3.0)
+        ratios.append(off_vertical(found.rig, truth) / found.figures["vertical_sigma_deg"])
+    assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 1.3
+
+
+def test_a_horizontal_line_of_two_cameras(truth):
+    wrong = tilted(truth, 1.5)
+    ends = [np.array([[-2.0, 0, 1.0], [2.0, 0, 1.0]]), np.array([[0, -2.0, 0.0], [0, 2.0, 0.0]])]
+    lines = [marked(truth, "horizontal", one + middle(truth), truth.names) for one in ends]
+    assert off_vertical(align_to_lines(wrong, lines, 5.0).rig, truth) < 0.05
+
+
+def test_people_count_beside_lines(truth):
+    """A single line that is off by less than the people's sigma moves the vertical by a part of it."""
+    wrong = tilted(truth, 0.2)
+    lines = [marked(truth, "vertical", posts(truth)[0], truth.names[:1])]
+    sure, unsure = (off_vertical(align_to_lines(wrong, lines, sigma).rig, wrong) for sigma in (0.01, 1.0))
+    assert sure < 0.05 < unsure
+
+
+def test_a_wrong_line_is_named_and_left_out(truth):
+    good = [marked(truth, "vertical", post, truth.names[:2]) for post in posts(truth)]
+    leaning = marked(truth, "vertical", posts(truth)[0] + [[0, 0, 0], [0.8, 0.8, 0]], truth.names[:2])
+    found = align_to_lines(truth, [*good, leaning], 0.3)
+    assert {one.values["number"] for one in found.diagnostics} == {4}
+    assert {one.code for one in found.diagnostics} == {"line_off"}
+    assert off_vertical(found.rig, truth) < 0.1
+
+
+@pytest.mark.parametrize("cameras", [1, 3])
+@pytest.mark.parametrize("height", [0.0, 2.5])
+def test_x_runs_along_a_line_at_any_height(truth, cameras, height):
+    along = np.array([np.cos(0.7), np.sin(0.7), 0.0])
+    ends = middle(truth) + np.array([-2.0 * along, 2.0 * along]) + [0, 0, height]
+    line = marked(truth, "x", ends, truth.names[:cameras])
+    found = align_to_lines(truth, [line], 0.01)
+    there = found.motion.rotation @ along
+    assert np.degrees(np.arctan2(there[1], there[0])) == pytest.approx(0.0, abs=0.05)
+    assert found.figures["heading_sigma_deg"] > 0
+
+
+def test_the_ground_stays_amid_the_cameras(truth):
+    lines = [marked(truth, "vertical", post, truth.names[:3]) for post in posts(truth)]
+    found = align_to_lines(tilted(truth, 1.0), lines, 5.0)
+    pivot = np.append(np.mean([camera.centre[:2] for camera in tilted(truth, 1.0)], axis=0), 0.0)
+    moved = found.motion.rotation @ pivot + found.motion.translation
+    assert moved[2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_line_is_measured_before_it_is_saved(truth):
+    line = marked(truth, "vertical", posts(truth)[0], truth.names[:2])
+    assert measure_line(truth, line).off_deg < 0.01
+    told = measure_line(tilted(truth, 3.0), line)
+    assert 0.5 < told.off_deg < 3.01
+    assert told.sigma_deg > 0
+    assert (
+        measure_line(truth, marked(truth, "x", posts(truth)[0] * [1, 1, 0] + [[0, 0, 0], [2, 0, 0]], truth.names[:1])) is None
+    )
+
+
+def test_lines_without_cameras_are_refused(truth):
+    line = marked(truth, "vertical", posts(truth)[0], truth.names[:1])
+    lost = Rig(tuple(replace(one, pose=None) if one.name == truth.names[0] else one for one in truth))
+    with pytest.raises(EvidenceError, match="no camera in which a line is marked has a pose"):
+        align_to_lines(lost, [line], 0.3)
+    with pytest.raises(InputError, match="no camera Z"):
+        align_to_lines(truth, [MarkedLine("vertical", {"Z": ((1.0, 2.0), (3.0, 4.0))})], 0.3)
