@@ -187,6 +187,43 @@ def test_a_region_is_excluded_by_clicks_and_included_again(browser, address, cal
     assert hand.errors == []
 
 
+def test_a_line_is_marked_by_clicks_and_removed(browser, address, calibrated_scene):
+    scene = calibrated_scene[0] / "scene.toml"
+    truth, before = read_rig(calibrated_scene[0] / "truth.toml"), scene.read_text()
+    middle = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
+    hand, name = Hand(browser, address, 3), truth.names[0]
+    hand.page.click("[data-tool=line]")
+    for height in (0.0, 2.0):
+        hand.click(truth[name], middle + [0, 0, height])
+    hand.until("() => document.getElementById('line-told').textContent.includes('it is off by')")
+    hand.save("Save the line")
+    (line,) = tomllib.loads(scene.read_text())["world"]["lines"]
+    assert (line["direction"], list(line["points"])) == ("vertical", [name])
+    hand.save("Remove: A vertical line")
+    assert tomllib.loads(scene.read_text()) == tomllib.loads(before)
+    assert hand.errors == []
+
+
+def test_a_poster_is_clicked_once_and_the_click_taken_back(browser, address, calibrated_scene):
+    scene = calibrated_scene[0] / "scene.toml"
+    before = scene.read_text()
+    hand = Hand(browser, address, 4)
+    hand.page.click("[data-tool=identity]")
+    hand.until("() => document.querySelectorAll('.box').length > 0")
+    box = hand.page.locator("article[aria-label='Camera C1'] .box").first
+    box.scroll_into_view_if_needed()
+    shown = box.bounding_box()
+    hand.page.mouse.click(shown["x"] + shown["width"] / 2, shown["y"] + shown["height"] / 2)
+    assert hand.page.get_by_role("button", name="The same person").is_disabled()
+    hand.save("Not a person")
+    (nobody,) = tomllib.loads(scene.read_text())["association"]["not_people"]
+    assert nobody["camera"] == "C1"
+    with hand.page.expect_response("**/api/act"):
+        hand.page.get_by_role("button", name="Undo").click()
+    assert tomllib.loads(scene.read_text()) == tomllib.loads(before)
+    assert hand.errors == []
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_serious_whatever_is_shown(browser, address, scheme):
     """At every tool, since each has a form of its own."""
