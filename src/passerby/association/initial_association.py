@@ -43,6 +43,8 @@ from passerby.geometry.single_view import Level
 
 TRIED = 3
 """Where no pair can be registered, so many are tried at other frame rates and larger lags."""
+PAIR_S = 0.25
+"""What the registration of a pair takes, roughly, seconds: ten minutes of people."""
 MIN_LOOKS = 0.02
 """Weight of the looks of the clearest pair of cameras below which looks tell nobody apart."""
 
@@ -119,7 +121,7 @@ def associate_by_ground_tracks(
     ]
     earlier = earlier_pairs() if earlier is None else earlier
     keys = [(cameras[job.a].name, cameras[job.b].name) for job in jobs]
-    found = earlier.side_by_side(_registered, jobs, keys, executor, tell, "registering camera pairs")
+    found = earlier.side_by_side(_registered, jobs, keys, executor, tell, "registering camera pairs", job_s=PAIR_S)
     pairs = [replace(pair, a=job.a, b=job.b) for pair, job in zip(found, jobs, strict=True)]
     graph = _with_starts(view_graph(pairs, len(cameras)), starts)
     by_joints = [] if joints is None else _registered_by_joints(cameras, graph, joints, executor, tell, candidates)

@@ -11,7 +11,8 @@ import sys
 import threading
 import traceback
 from collections.abc import Sequence
-from contextlib import suppress
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -57,6 +58,9 @@ SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TO
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print more: wall times and figures of the stages.")]
 Form = Annotated[
     ProgressForm, typer.Option("--progress", help="How progress is written on standard error; json: a JSON object a line.")
+]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", help="Address of a Dask scheduler whose workers do the work, as tcp://host:8786.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
 
@@ -168,6 +172,7 @@ def calibrate(
     ] = Path("out"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random numbers; the same seed gives the same files.")] = 0,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Whether to write report.html.")] = True,
+    scheduler: Scheduler = None,
     json: AsJson = False,
     progress: Form = ProgressForm.auto,
     verbose: Verbose = False,
@@ -184,6 +189,7 @@ def calibrate(
     from passerby.cli.streams import recorded
     from passerby.cli.tables import show_calibration, tell_reasons
     from passerby.cli.terminal import stages
+    from passerby.common.cluster import cluster_workers
     from passerby.common.parallel import local_processes
     from passerby.interchange.output_folder import REPORT_FILE
     from passerby.interchange.storage.transaction import folder_lock
@@ -193,7 +199,11 @@ def calibrate(
     verbose = verbose or bool(context.obj)
     streamed = read_streamed(scene)
     loaded = Scene.load(scene) if streamed is None else recorded(streamed, out, verbose, progress)
-    processes = local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
+    processes: AbstractContextManager[Executor | None] = (
+        local_processes(loaded.size_bytes, len(loaded.cameras), loaded.n_videos)
+        if scheduler is None
+        else cluster_workers(scheduler, out, loaded.shared_paths)
+    )
     with stages(verbose, progress) as tell, folder_lock(out, WORK), processes as executor:
         calibration = run_calibration(loaded, seed=seed, progress=tell, executor=executor, keep=out)
         tell("writing")

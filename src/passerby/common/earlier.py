@@ -24,7 +24,7 @@ class EarlierResults(Generic[Job, Result]):
 
     def side_by_side(
         self, function: Callable[[Job], Result], jobs: Sequence[Job], keys: Sequence[Hashable], executor: Executor | None,
-        tell: Progress, stage: str,
+        tell: Progress, stage: str, *, job_s: float | None = None,
     ) -> list[Result]:  # fmt: skip
         """The results of all jobs, in their order: those that were not done before as of `parallel.side_by_side`.
 
@@ -35,8 +35,11 @@ class EarlierResults(Generic[Job, Result]):
             executor: as of `parallel.side_by_side`.
             tell: told the stage, and each job that is done anew.
             stage: its name.
+            job_s: as of `parallel.side_by_side`.
         """
         new = [k for k, key in enumerate(keys) if key not in self._done or not self.same(self._done[key][0], jobs[k])]
-        for k, result in zip(new, side_by_side(function, [jobs[k] for k in new], executor, tell, stage), strict=True):
+        for k, result in zip(
+            new, side_by_side(function, [jobs[k] for k in new], executor, tell, stage, job_s=job_s), strict=True
+        ):
             self._done[keys[k]] = jobs[k], result
         return [self._done[key][1] for key in keys]

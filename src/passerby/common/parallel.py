@@ -37,8 +37,9 @@ BROKEN = (
 
 
 def side_by_side(
-    function: Callable[[Job], Result], jobs: Sequence[Job], executor: Executor | None, tell: Progress, stage: str
-) -> list[Result]:
+    function: Callable[[Job], Result], jobs: Sequence[Job], executor: Executor | None, tell: Progress, stage: str, *,
+    job_s: float | None = None,
+) -> list[Result]:  # fmt: skip
     """The results of all jobs, in their order.
 
     Args:
@@ -47,11 +48,21 @@ def side_by_side(
         executor: does them side by side; one after the other where it is None.
         tell: told the stage, and each job that is done.
         stage: its name.
+        job_s: what a job takes, roughly, seconds: an executor that has `least_s` is given so many at once that they take that.
     """
     tell(stage, 0, len(jobs))
-    results = []
-    for result in map(function, jobs) if executor is None else _results(executor, partial(_alone, function), jobs):
-        results.append(result)
+    results: list[Result] = []
+    if executor is None:
+        for job in jobs:
+            results.append(function(job))
+            tell(stage, len(results), len(jobs))
+        return results
+    least_s: float = getattr(executor, "least_s", 0.0)
+    size = 1 if job_s is None else max(1, round(least_s / job_s))
+    # What several jobs of a batch have in common is sent once.
+    batches = [jobs[begin : begin + size] for begin in range(0, len(jobs), size)]
+    for batch in _results(executor, partial(_alone, function), batches):
+        results.extend(batch)
         tell(stage, len(results), len(jobs))
     return results
 
@@ -102,10 +113,10 @@ def interrupted_later() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _alone(function: Callable[[Job], Result], job: Job) -> Result:
-    """The result of a job, by one thread: more would wait for each other, and their number would change the last bits."""
+def _alone(function: Callable[[Job], Result], jobs: Sequence[Job]) -> list[Result]:
+    """The results of jobs, by one thread: more would wait for each other, and their number would change the last bits."""
     with threadpool_limits(limits=1, user_api="blas"):
-        return function(job)
+        return [function(job) for job in jobs]
 
 
 def _begin_process(parent: int) -> None:

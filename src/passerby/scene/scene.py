@@ -163,6 +163,13 @@ class Scene(Table):
         return sum(path.stat().st_size for path in map(self.resolve, named) if path.is_file())
 
     @property
+    def shared_paths(self) -> tuple[Path, ...]:
+        """What is read where videos are processed: the videos, and the folder of models; patterns and streams are not in it."""
+        named = [path for table in self.cameras.values() for path in table.videos]
+        named += [] if self.perception.models is None else [self.perception.models]
+        return tuple(path for path in map(self.resolve, named) if path.exists())
+
+    @property
     def n_videos(self) -> int:
         """How many cameras have a video."""
         return sum(table.video is not None for table in self.cameras.values())

@@ -178,8 +178,12 @@ def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forwa
     Each process writes how far it is to a file that belongs to this run alone: nothing of an earlier run is taken for it, and
     it stays until all are done.
     """
+    # Other machines see the folder of kept results only.
+    shared = jobs[0].shelf.parent if jobs and hasattr(executor, "least_s") else None
+    if shared is not None:
+        shared.mkdir(parents=True, exist_ok=True)
     # Processes of a run that is interrupted may write for a moment longer.
-    with tempfile.TemporaryDirectory(prefix="passerby-", ignore_cleanup_errors=True) as folder:
+    with tempfile.TemporaryDirectory(prefix="passerby-", dir=shared, ignore_cleanup_errors=True) as folder:
         counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
         with interrupted_later():
             futures = [executor.submit(_result, job, own) for job, own in zip(jobs, counts, strict=True)]

@@ -1,0 +1,168 @@
+"""Work on other machines: an executor for the workers of a Dask cluster, which are looked at before anything is given to them.
+
+Videos, models and the output folder are shared storage: every worker sees them under the same paths. A job is a function of its
+arguments alone, so that results do not depend on who did it, nor on a worker that died: Dask gives its jobs to others.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+from uuid import uuid4
+
+import numpy as np
+import scipy
+
+from passerby._version import __version__
+from passerby.common.errors import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Result = TypeVar("Result")
+
+EXTRA = "a Dask cluster needs the package distributed: install passerby[cluster]"
+CONNECT_S = 15.0
+"""How long a scheduler may take to answer."""
+LEAST_S = 2.0
+"""What is given to a worker at once takes so long or more: small jobs would spend their time on the way."""
+OTHER_VERSION = "{worker}: has {what} {theirs}, here is {ours}: install the same version on all machines"
+
+
+class ClusterExecutor(Executor):
+    """Gives jobs to the workers of a cluster, each job with the folder that it was given in."""
+
+    least_s = LEAST_S
+
+    def __init__(self, client: Client) -> None:
+        # Nothing is known of a job by its arguments: tokens of arrays would cost more than they save.
+        self._inner: Executor = client.get_executor(pure=False)  # type: ignore[no-untyped-call]
+        self._folder = Path.cwd()
+
+    def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
+        """As of every executor."""
+        future: Future[Result] = self._inner.submit(_at_work, self._folder, __version__, fn, args, kwargs)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """As of every executor."""
+        self._inner.shutdown(wait=wait and not cancel_futures)
+
+
+@contextmanager
+def cluster_workers(address: str, shared: Path, files: Sequence[Path] = ()) -> Iterator[Executor]:
+    """The workers of a Dask cluster as an executor.
+
+    Args:
+        address: of the scheduler, as tcp://host:8786.
+        shared: a folder that all workers write to.
+        files: what they read.
+
+    Raises:
+        InputError: distributed is not installed; no scheduler there; no workers; a worker of another version, or one that does
+            not see a file or the folder; and at the end, where all workers that tried a job died, or the scheduler did.
+    """
+    try:
+        from distributed import Client, KilledWorker
+        from distributed.comm.core import CommClosedError
+    except ImportError:
+        raise InputError(EXTRA) from None
+    with _connected(Client, address) as client:
+        _check_workers(client, address, shared, files)
+        executor = ClusterExecutor(client)
+        try:
+            yield executor
+        except KilledWorker as error:
+            raise InputError(
+                f"{address}: workers died again and again at one job ({error.last_worker.address} the last): mostly memory "
+                "ran out: give each worker more memory, and run the same command again; what is finished is kept"
+            ) from error
+        except (CancelledError, CommClosedError) as error:
+            raise InputError(
+                f"{address}: the scheduler does not answer any more: start it, and run the same command again; what is "
+                "finished is kept"
+            ) from error
+        finally:
+            executor.shutdown(wait=False)
+
+
+@contextmanager
+def _connected(kind: type[Client], address: str) -> Iterator[Client]:
+    """A client of the scheduler."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # versions are compared below
+            client = kind(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(
+            f"--scheduler {address}: no Dask scheduler answers there ({why}): start one by `dask scheduler`, and give its "
+            "address, as tcp://host:8786"
+        ) from None
+    try:
+        yield client
+    finally:
+        client.close(timeout=1)  # type: ignore[no-untyped-call]
+
+
+def _check_workers(client: Client, address: str, shared: Path, files: Sequence[Path]) -> None:
+    """Raise `InputError` with all that is wrong with the workers."""
+    names = sorted(client.scheduler_info(n_workers=-1)["workers"])
+    if not names:
+        raise InputError(f"{address}: the scheduler has no workers: start some by `dask worker {address} --nthreads 1`")
+    shared.mkdir(parents=True, exist_ok=True)
+    mark = shared / f".shared-{uuid4().hex}"
+    mark.write_bytes(b"")
+    try:
+        paths = [os.path.abspath(path) for path in (*files, mark)]
+        found = client.run(_looked_around, str(Path.cwd()), paths, on_error="return")
+    finally:
+        mark.unlink(missing_ok=True)
+    faults = [fault for name in sorted(found) for fault in _faults(name, found[name], mark, shared)]
+    if faults:
+        raise InputError("\n".join(faults))
+
+
+def _looked_around(folder: str, paths: Sequence[str]) -> dict[str, Any]:
+    """On a worker: its versions, and which paths it does not see."""
+    missing = [path for path in (folder, *paths) if not os.path.exists(path)]
+    return {"versions": _versions(), "missing": missing}
+
+
+def _versions() -> dict[str, str]:
+    """Of all that can change the last digits of a result."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    return {"passerby": __version__, "Python": python, "numpy": np.__version__, "scipy": scipy.__version__}
+
+
+def _faults(worker: str, found: Any, mark: Path, shared: Path) -> list[str]:
+    """What is wrong with a worker, one line each."""
+    if not isinstance(found, Mapping):
+        told = f"{type(found).__name__}: {found}".splitlines()[0]
+        return [f"{worker}: cannot run Passerby ({told}): install passerby {__version__} there"]
+    faults = [
+        OTHER_VERSION.format(worker=worker, what=what, theirs=found["versions"].get(what), ours=ours)
+        for what, ours in _versions().items()
+        if found["versions"].get(what) != ours
+    ]
+    for path in found["missing"]:
+        seen = shared if Path(path).name == mark.name else Path(path)
+        faults.append(f"{worker}: does not see {seen}: put it on storage that all machines share, under the same path")
+    return faults
+
+
+def _at_work(
+    folder: Path, version: str, function: Callable[..., Result], args: Sequence[Any], kwargs: Mapping[str, Any]
+) -> Result:
+    """On a worker: a job, in the folder that it was given in."""
+    if version != __version__:  # of a worker that came later
+        raise InputError(OTHER_VERSION.format(worker=platform.node(), what="passerby", theirs=__version__, ours=version))
+    if Path.cwd() != folder:
+        os.chdir(folder)
+    return function(*args, **kwargs)
