@@ -44,11 +44,42 @@ def east_north_up(geodetic: Floats, origin: Floats) -> Floats:
     Returns:
         (N, 3) metres.
     """
+    return np.asarray((earth_centred(geodetic) - earth_centred(origin)) @ _local_axes(origin).T)
+
+
+def geodetic(enu: Floats, origin: Floats) -> Floats:
+    """Latitude, longitude and altitude of metres around a place; the inverse of `east_north_up`.
+
+    Bowring's formula, once, from the reduced latitude (Survey Review 23, 1976): within a nanometre near the ground.
+
+    Args:
+        enu: (N, 3) metres east, north and up of the place.
+        origin: (3,) its latitude and longitude in degrees, altitude above the ellipsoid in metres.
+
+    Returns:
+        (N, 3) likewise; longitudes in [-180, 180].
+    """
+    places = np.asarray(enu, dtype=np.float64).reshape(-1, 3)
+    x, y, z = (places @ _local_axes(origin) + earth_centred(origin)).T
+    minor = SEMI_MAJOR_M * (1 - FLATTENING)
+    p = np.hypot(x, y)
+    reduced = np.arctan2(z * SEMI_MAJOR_M, p * minor)
+    second = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED)
+    latitude = np.arctan2(
+        z + second * minor * np.sin(reduced) ** 3, p - ECCENTRICITY_SQUARED * SEMI_MAJOR_M * np.cos(reduced) ** 3
+    )
+    normal = SEMI_MAJOR_M / np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+    # Stable at the poles too, where p / cos(latitude) is not.
+    altitude = p * np.cos(latitude) + z * np.sin(latitude) - SEMI_MAJOR_M**2 / normal
+    return np.column_stack([np.degrees(latitude), np.degrees(np.arctan2(y, x)), altitude])
+
+
+def _local_axes(origin: Floats) -> Floats:
+    """(3, 3) rows east, north and up at a place, seen from the earth's centre."""
     latitude, longitude = np.radians(np.asarray(origin, dtype=np.float64)[:2])
     sin_lat, cos_lat, sin_lon, cos_lon = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    axes = np.array([
+    return np.array([
         [-sin_lon, cos_lon, 0.0],
         [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
         [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
     ])  # fmt: skip
-    return np.asarray((earth_centred(geodetic) - earth_centred(origin)) @ axes.T)

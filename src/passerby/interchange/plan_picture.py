@@ -17,13 +17,17 @@ LEAST_PX = 8
 
 def read_plan_picture(path: Path) -> NDArray[np.uint8]:
     """(H, W, 3) BGR. Raises `InputError` for a file that is missing, or is no picture."""
-    content = file_bytes(path, "a picture of the plan (PNG or JPEG)")
+    return decode_plan_picture(file_bytes(path, "a picture of the plan (PNG or JPEG)"), str(path))
+
+
+def decode_plan_picture(content: bytes, place: str) -> NDArray[np.uint8]:
+    """(H, W, 3) BGR of a file's content, turned as it says. Raises `InputError`, beginning with `place`, for no picture."""
     try:
         picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR) if content else None
     except cv2.error:
         picture = None
     if picture is None:
-        raise InputError(f"{path}: is no picture that can be read: give a PNG or JPEG")
+        raise InputError(f"{place}: is no picture that can be read: give a PNG or JPEG")
     if min(picture.shape[:2]) < LEAST_PX:
-        raise InputError(f"{path}: is {picture.shape[1]} x {picture.shape[0]} pixels: give a picture of the plan")
+        raise InputError(f"{place}: is {picture.shape[1]} x {picture.shape[0]} pixels: give a picture of the plan")
     return np.asarray(picture, dtype=np.uint8)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.world_files import read_known_points
 from passerby.page.geometry import measure_axis, measure_length
+from passerby.page.plan_acts import PlacePlan, RemovePlan, change_plan
+from passerby.page.requests import Act, Name, Pixel, read_as
 from passerby.page.scene_edits import (
     POINTS_FILE,
     GroundClick,
@@ -29,18 +31,8 @@ from passerby.page.scene_edits import (
 from passerby.page.session import Session
 from passerby.scene.scene import Scene
 
-Coordinate = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
-Pixel = tuple[Coordinate, Coordinate]
 Frame = Annotated[int, Field(ge=0, le=10**10)]
-Name = Annotated[str, Field(min_length=1, max_length=100)]
 ORIGIN, ALONG_X = "origin", "x axis"
-
-
-class Act(BaseModel):
-    """What a browser asks for, with the version of the scene file that it saw."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    version: Annotated[str, Field(max_length=40)]
 
 
 class MarkLength(Act):
@@ -170,19 +162,11 @@ AnyAct = Annotated[
     | ExcludeTime
     | Include
     | LeaveOut
-    | Undo,
+    | Undo
+    | PlacePlan
+    | RemovePlan,
     Field(discriminator="act"),
 ]
-_ACTS: TypeAdapter[AnyAct] = TypeAdapter(AnyAct)
-
-
-def read_as(kind: Any, content: Any) -> Any:
-    """A value that a browser sent. Raises `InputError` where it is not of its kind."""
-    try:
-        return TypeAdapter(kind).validate_python(content)
-    except ValidationError as error:
-        fault = error.errors()[0]
-        raise InputError(f"{'.'.join(map(str, fault['loc'])) or 'the request'}: {fault['msg']}") from None
 
 
 def perform(session: Session, content: Any) -> None:
@@ -217,6 +201,8 @@ def _changed(session: Session, act: AnyAct, text: str) -> str:
         return with_excluded(text, act.camera, "exclude_s", (act.begin_s, act.end_s))
     if isinstance(act, Include):
         return without_excluded(text, act.camera, act.key, act.number)
+    if isinstance(act, PlacePlan | RemovePlan):
+        return change_plan(session, act, text)
     assert isinstance(act, LeaveOut)
     return without_camera(text, act.camera)
 

@@ -23,8 +23,10 @@ from passerby.common.errors import InputError, PasserbyError
 from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
-from passerby.page.acts import Name, Pixel, perform, read_as
+from passerby.page.acts import perform
 from passerby.page.geometry import epipolar_lines, ground_point, measure_axis, measure_length
+from passerby.page.plan_routes import LIMITS, plan_routes
+from passerby.page.requests import Name, Pixel, read_as
 from passerby.page.security import Guard
 from passerby.page.session import Session, StaleError
 
@@ -45,6 +47,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         Route("/api/people", _answering(lambda request: _people(session, _camera(request), _asked_frame(request)))),
         Route("/picture", lambda request: _picture(session, request)),
         Route("/report", lambda request: _report(session, request)),
+        *plan_routes(session),
         _posting("/api/act", session, lambda content: perform(session, content)),
         _posting("/api/epipolar", session, lambda content: _epipolar(session, content)),
         _posting("/api/length", session, lambda content: _length(session, content)),
@@ -55,7 +58,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         _posting("/api/stop", session, lambda content: session.work.stop()),
     ]
     handlers: dict[Any, Any] = {PasserbyError: lambda _, error: _refused(session, error), Exception: _bug}
-    return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port)
+    return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port, LIMITS)
 
 
 def _static_names() -> list[str]:

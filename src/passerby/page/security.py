@@ -7,7 +7,7 @@ must be this server's, `Origin` this page's, and the cookie, which no other site
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
@@ -15,7 +15,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 MOST_BYTES = 64 * 1024
-"""Of a request's body: an act is a few hundred bytes, and nothing is uploaded."""
+"""Of a request's body: an act is a few hundred bytes. A path may have its own limit, as that of an upload has."""
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; frame-src 'self'; "
     "form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -34,8 +34,8 @@ CLOSED = "This page is opened by the address that `passerby open` prints.\n"
 class Guard:
     """Turns away what does not come from the opened page, and limits what it may send."""
 
-    def __init__(self, app: ASGIApp, token: str, port: int) -> None:
-        self._app, self._token = app, token
+    def __init__(self, app: ASGIApp, token: str, port: int, limits: Mapping[str, int] | None = None) -> None:
+        self._app, self._token, self._limits = app, token, dict(limits or {})
         self._hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
         self._cookie = f"passerby-{port}"  # browsers keep cookies by host, whatever the port
 
@@ -57,9 +57,11 @@ class Guard:
 
         refusal = self._refusal(scope)
         if refusal is None and scope["method"] == "POST":
-            body = await _body(scope, receive)
+            most = self._limits.get(scope["path"], MOST_BYTES)
+            body = await _body(scope, receive, most)
             if body is None:
-                refusal = PlainTextResponse("The request is too large.\n", 413, {"connection": "close"})
+                told = f"The request is too large: it may have {most / 1e6:.3g} MB.\n"
+                refusal = PlainTextResponse(told, 413, {"connection": "close"})
             else:
                 receive = _replayed(body)
         await (refusal or self._app)(scope, receive, send_with_headers)
@@ -105,21 +107,21 @@ def _cookie(header: str, name: str) -> str:
     return "" if morsel is None else morsel.value
 
 
-async def _body(scope: Scope, receive: Receive) -> bytes | None:
-    """A request's body; None for one that is too large, whose rest is not read."""
+async def _body(scope: Scope, receive: Receive, most: int) -> bytes | None:
+    """A request's body; None for one of more than `most` bytes, whose rest is not read."""
     stated = _single(scope["headers"]).get("content-length")
-    if stated is not None and not (stated.isdigit() and len(stated) < 10 and int(stated) <= MOST_BYTES):
+    if stated is not None and not (stated.isdigit() and len(stated) < 10 and int(stated) <= most):
         return None
-    body, more = b"", True
+    body, more = bytearray(), True
     while more:
         message = await receive()
         if message["type"] != "http.request":
             return None
         body += message.get("body", b"")
         more = message.get("more_body", False)
-        if len(body) > MOST_BYTES:
+        if len(body) > most:
             return None
-    return body
+    return bytes(body)
 
 
 def _replayed(body: bytes) -> Receive:

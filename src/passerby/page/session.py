@@ -20,6 +20,7 @@ from passerby.page.results import outcome
 from passerby.page.scene_edits import save_scene, text_of, version_of
 from passerby.page.work import Work
 from passerby.scene.scene import Scene
+from passerby.scene.world_tables import PlanTable
 
 UNDO_FILE = "undo.json"
 MOST_UNDONE = 20
@@ -206,4 +207,11 @@ def _cues(scene: Scene) -> dict[str, Any]:
         },
         "world": how,
         "lines": [] if world is None else [one.model_dump(mode="json") for one in world.lines],
+        "plan": None if world is None or world.plan is None else _told_plan(world.plan),
     }
+
+
+def _told_plan(plan: PlanTable) -> dict[str, Any]:
+    """What the scene file says of its plan; of its picture the file name alone."""
+    told = plan.model_dump(mode="json", exclude_none=True, include={"metres_per_pixel", "distance", "cameras", "points"})
+    return {**told, "name": plan.image.name}

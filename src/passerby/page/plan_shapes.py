@@ -1,0 +1,179 @@
+"""The view from above as shapes, which the page draws and zooms, and as an SVG file that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from passerby.common.arrays import Floats
+from passerby.page.plan_view import PlanView
+from passerby.report.html import Html, element
+
+HEADING_SHARE = 0.16
+"""Of the length of a field of view: how long a camera's stroke of where it looks is."""
+BAR_SHARE = 0.2
+"""Of the width: the scale bar is no longer."""
+INSET = 0.03
+"""Of the width: from the corner to the scale bar."""
+ROUND = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+"""Lengths of scale bars, metres."""
+DIGITS = 3
+WIDTH_PX, LINE_PX, LETTERS_PX, MARK_PX = 1600, 24, 15, 11
+"""Of a saved drawing: its longer side, a line of text below it, letters, and a camera's square."""
+INK, PAPER, SIGMA = "#1c1c1b", "#ffffff", "#e5484d"
+
+Shape = dict[str, Any]
+
+
+def drawing(view: PlanView) -> dict[str, Any]:
+    """What a page draws, JSON-ready: shapes in metres with y downwards, their extent, the plan's place, and a caption."""
+    width, height = (view.high - view.low).tolist()
+    told: dict[str, Any] = {
+        "box": [_short(one) for one in (view.low[0], -view.high[1], width, height)],
+        "shapes": list(shapes(view)), "caption": caption(view), "notes": list(view.notes), "backdrop": None,
+        "georeferenced": view.georeference is not None,
+    }  # fmt: skip
+    if view.backdrop is not None:
+        (x, y), (w, h) = view.backdrop.corner.tolist(), view.backdrop.extent.tolist()
+        told["backdrop"] = [_short(one) for one in (x, -y, w, h)]
+    return told
+
+
+def shapes(view: PlanView) -> Iterator[Shape]:
+    """From below to above. `points` are [x, y], metres, y downwards; `kind` decides how they are drawn."""
+    if view.backdrop is None:
+        yield from _grid(view)
+    for path in view.paths:
+        yield _shape("path", path.xy, path.colour)
+    for camera in view.cameras:
+        yield _shape("seen", camera.seen, camera.colour)
+    for camera in view.cameras:
+        outline = camera.outline(view.magnification)
+        if outline is not None:
+            yield _shape("sigma", outline)
+    for camera in view.cameras:
+        centre = camera.centre[:2]
+        if camera.ahead is not None:
+            yield _shape("heading", np.stack([centre, centre + HEADING_SHARE * view.reach_m * camera.ahead]), camera.colour)
+        yield _shape("camera", centre[None], camera.colour)
+    for camera in view.cameras:
+        below = camera.ahead is not None and bool(camera.ahead[1] > 0)
+        yield {**_shape("label", camera.centre[None, :2]), "text": camera.name, "below": below}
+    yield from _scale_bar(view)
+
+
+def caption(view: PlanView) -> str:
+    """What is drawn, in words."""
+    people = len({one.identity for one in view.paths})
+    told = [f"{_count(len(view.cameras), 'camera')} with their fields of view, drawn {view.reach_m:.3g} m long"]
+    if people:
+        told.append("the trajectory of 1 person" if people == 1 else f"trajectories of {people} people")
+    if any(one.covariance is not None for one in view.cameras):
+        times = f", drawn {view.magnification} times as large" if view.magnification > 1 else ""
+        round_ones = any(one.covariance is not None and not one.is_directed for one in view.cameras)
+        told.append(f"red: one sigma of the positions{times}" + (" (circles: directions unknown)" if round_ones else ""))
+    if view.backdrop is None:
+        told.append(f"grid: {view.spacing:g} m")
+    if view.missing:
+        told.append("not registered: " + ", ".join(view.missing))
+    return "; ".join(told) + "."
+
+
+def svg_text(view: PlanView) -> str:
+    """The drawing as an SVG file on white ground, the plan within it. Camera names are text in it and nothing else."""
+    extent = view.high - view.low
+    unit = WIDTH_PX / float(extent.max())
+    width, height = (extent * unit).tolist()
+    corner = np.array([view.low[0], -view.high[1]])
+    lines = [_xml_text(line) for line in (caption(view), *view.notes)]
+    tall = height + LINE_PX * (len(lines) + 0.5)
+    parts = [element("title", "The rig from above"), element("rect", width=_px(width), height=_px(tall), fill=PAPER)]
+    if view.backdrop is not None:
+        (x, y), wide = view.backdrop.corner.tolist(), view.backdrop.extent * unit
+        at = (np.array([x, -y]) - corner) * unit
+        data = base64.b64encode(view.backdrop.shown.data).decode("ascii")
+        parts.append(
+            element(
+                "image", href=f"data:{view.backdrop.shown.media_type};base64,{data}", x=_px(at[0]), y=_px(at[1]),
+                width=_px(wide[0]), height=_px(wide[1]), preserveAspectRatio="none",
+            )
+        )  # fmt: skip
+    parts += [_drawn(shape, (np.array(shape["points"]) - corner) * unit) for shape in shapes(view)]
+    below = [
+        element("text", line, x="8", y=_px(height + LINE_PX * (number + 1)), fill=INK, font_size=str(LETTERS_PX))
+        for number, line in enumerate(lines)
+    ]
+    size = {"width": _px(width), "height": _px(tall), "viewBox": f"0 0 {_px(width)} {_px(tall)}"}
+    return str(element("svg", *parts, *below, xmlns="http://www.w3.org/2000/svg", font_family="system-ui, sans-serif", **size))
+
+
+def _drawn(shape: Shape, at: Floats) -> Html:
+    """A shape of a saved drawing; places in pixels."""
+    kind, colour = shape["kind"], shape.get("colour", INK)
+    if kind == "camera":
+        (x, y), half = at[0].tolist(), MARK_PX / 2
+        square = {"x": _px(x - half), "y": _px(y - half), "width": str(MARK_PX), "height": str(MARK_PX)}
+        return element("rect", **square, fill=colour, stroke=PAPER)
+    if kind in ("label", "bar-label"):
+        x, y = at[0].tolist()
+        away = 1.4 * LETTERS_PX + 4 if shape.get("below") else -LETTERS_PX * 0.8
+        halo = {"stroke": PAPER, "stroke_width": "4", "stroke_linejoin": "round", "paint_order": "stroke"}
+        place = {"x": _px(x), "y": _px(y + away), "font_size": str(LETTERS_PX), "text_anchor": "middle"}
+        return element("text", _xml_text(shape["text"]), **place, **halo, fill=INK, font_weight="600")
+    styles: dict[str, dict[str, str]] = {
+        "grid": {"fill": "none", "stroke": "#d4d4cf", "stroke_width": "1"},
+        "path": {"fill": "none", "stroke": colour, "stroke_width": "1.3", "stroke_opacity": "0.7"},
+        "seen": {"fill": colour, "fill_opacity": "0.13", "stroke": colour, "stroke_opacity": "0.7"},
+        "sigma": {"fill": SIGMA, "fill_opacity": "0.18", "stroke": SIGMA, "stroke_width": "1.5"},
+        "heading": {"fill": "none", "stroke": colour, "stroke_width": "3"},
+        "bar": {"fill": "none", "stroke": INK, "stroke_width": "4"},
+    }
+    tag = "polygon" if kind in ("seen", "sigma") else "polyline"
+    points = " ".join(f"{_px(x)},{_px(y)}" for x, y in at.tolist())
+    return element(tag, points=points, class_=kind, **styles[kind])
+
+
+def _grid(view: PlanView) -> Iterator[Shape]:
+    """Lines at whole multiples of the spacing."""
+    for axis in range(2):
+        first, last = np.ceil(view.low[axis] / view.spacing), np.floor(view.high[axis] / view.spacing)
+        for at in np.arange(first, last + 1) * view.spacing:
+            ends = np.array([view.low, view.high])
+            ends[:, axis] = at
+            yield _shape("grid", ends)
+
+
+def _scale_bar(view: PlanView) -> Iterator[Shape]:
+    """A length in the lower left corner, with its metres."""
+    width = float((view.high - view.low)[0])
+    metres = max((one for one in ROUND if one <= BAR_SHARE * width), default=ROUND[0])
+    at = view.low + INSET * width
+    yield _shape("bar", np.stack([at, at + (metres, 0.0)]))
+    yield {**_shape("bar-label", (at + (metres / 2, 0.0))[None]), "text": f"{metres:g} m"}
+
+
+def _shape(kind: str, xy: Floats, colour: str | None = None) -> Shape:
+    points = [[_short(x), _short(-y)] for x, y in xy.tolist()]
+    return {"kind": kind, "points": points} | ({} if colour is None else {"colour": colour})
+
+
+def _short(value: float) -> float:
+    """Adding zero turns -0.0 into 0.0."""
+    return round(float(value), DIGITS) + 0.0
+
+
+def _xml_text(text: str) -> str:
+    """Without the signs that no XML may hold, even escaped; names of cameras may hold any."""
+    return re.sub("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)
+
+
+def _px(value: float) -> str:
+    return f"{round(float(value), 1) + 0.0:g}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

@@ -1,0 +1,30 @@
+"""What every request of a browser is made of, and how it is checked."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from passerby.common.errors import InputError
+
+Coordinate = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
+Pixel = tuple[Coordinate, Coordinate]
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+
+
+class Act(BaseModel):
+    """What a browser asks for, with the version of the scene file that it saw."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    version: Annotated[str, Field(max_length=40)]
+
+
+def read_as(kind: Any, content: Any) -> Any:
+    """A value that a browser sent. Raises `InputError` where it is not of its kind."""
+    try:
+        return TypeAdapter(kind).validate_python(content)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        why = fault["msg"].removeprefix("Value error, ")
+        raise InputError(f"{'.'.join(map(str, fault['loc'])) or 'the request'}: {why}") from None
