@@ -213,5 +213,5 @@ def _cues(scene: Scene) -> dict[str, Any]:
 
 def _told_plan(plan: PlanTable) -> dict[str, Any]:
     """What the scene file says of its plan; of its picture the file name alone."""
-    told = plan.model_dump(mode="json", exclude_none=True, include={"metres_per_pixel", "distance", "cameras", "points"})
+    told = plan.model_dump(mode="json", exclude_unset=True, include={"metres_per_pixel", "distance", "cameras", "points"})
     return {**told, "name": plan.image.name}

@@ -2,6 +2,8 @@
 
 import { Cameras } from "./cameras.js";
 import { find, make, show } from "./dom.js";
+import { PlanView } from "./plan.js";
+import { PlanPlacer } from "./plan_place.js";
 import { showCues, showResult, showRun } from "./results.js";
 import { ask, send } from "./server.js";
 import { IdentityTool, LengthTool, LineTool, PersonTool, RegionTool, TimeTool, WorldTool } from "./tools.js";
@@ -15,9 +17,11 @@ class Page {
     this.shown = "";
     this.reported = "";
     this.cameras = new Cameras(this);
+    this.planView = new PlanView(this);
+    this.plan = new PlanPlacer(this);
     this.tools = {
       length: new LengthTool(this), world: new WorldTool(this), person: new PersonTool(this), region: new RegionTool(this),
-      time: new TimeTool(this), identity: new IdentityTool(this), line: new LineTool(this),
+      time: new TimeTool(this), identity: new IdentityTool(this), line: new LineTool(this), plan: this.plan,
     };
     this.tool = null;
     for (const button of document.querySelectorAll("[data-tool]")) {
@@ -52,6 +56,8 @@ class Page {
     find("scene-name").textContent = state.name;
     find("undo").disabled = !state.can_undo;
     this.cameras.update(state);
+    this.planView.update(state);
+    this.plan.update(state);
     showRun(state);
     showResult(state);
     showCues(state, (key, number) => this.act({ act: "remove", key, number }),
@@ -89,6 +95,7 @@ class Page {
     find("tool").hidden = !this.tool;
     find("magnifier").hidden = true;
     this.tool?.start();
+    this.plan.chosen(name);
     this.redraw();
   }
 

@@ -22,6 +22,11 @@ export async function ask(path, values = {}) {
   return answer(await fetch(query ? `${path}?${query}` : path));
 }
 
+// A file as it is.
+export async function upload(path, file) {
+  return answer(await fetch(path, { method: "POST", headers: { "content-type": "application/octet-stream" }, body: file }));
+}
+
 export async function send(path, content = {}) {
   const body = JSON.stringify(content);
   return answer(await fetch(path, { method: "POST", headers: { "content-type": "application/json" }, body }));
