@@ -30,65 +30,86 @@ SVG_POLICY = "default-src 'none'; img-src data:; sandbox"
 
 def plan_routes(session: Session) -> list[Route]:
     """All of them."""
-    pictures = PlanPictures()
-    views = list["PlanViews"]()
+    plan = _Plan(session)
+    return [
+        Route(UPLOAD, plan.upload, methods=["POST"]),
+        Route("/api/plan/fit", plan.fit, methods=["POST"]),
+        Route("/api/plan/picture", plan.told),
+        Route("/api/plan/view", plan.drawn),
+        Route("/plan", plan.picture),
+        Route("/plan/backdrop", plan.backdrop),
+        Route("/plan/view.svg", plan.svg),
+        Route("/plan/view.geojson", plan.geojson),
+    ]
 
-    def view() -> PlanView:
-        from passerby.page.plan_view import PlanViews
 
-        if not views:
-            views.append(PlanViews(session, pictures))
-        return views[0].view()
+class _Plan:
+    """The answers; those that are no coroutines are made in threads."""
 
-    def drawn(_: Request) -> Response:
-        from passerby.page.plan_shapes import drawing
+    def __init__(self, session: Session) -> None:
+        self._session, self._pictures = session, PlanPictures()
+        self._views: list[PlanViews] = []
 
-        return JSONResponse(drawing(view()))
-
-    def svg(_: Request) -> Response:
-        from passerby.page.plan_shapes import svg_text
-
-        return _file(svg_text(view()), "image/svg+xml", "svg", SVG_POLICY)
-
-    def geojson(_: Request) -> Response:
-        from passerby.page.plan_geojson import geojson_text
-
-        return _file(geojson_text(view()), "application/geo+json", "geojson")
-
-    async def upload(request: Request) -> Response:
+    async def upload(self, request: Request) -> Response:
+        """A picture that becomes a file beside the scene file."""
         content = await request.body()
-        name = await run_in_threadpool(keep_plan, session.scene_file.parent, content)
-        return JSONResponse(await run_in_threadpool(_told, session, pictures, name))
+        name = await run_in_threadpool(keep_plan, self._session.scene_file.parent, content)
+        return JSONResponse(await run_in_threadpool(self._described, name))
 
-    async def fit(request: Request) -> Response:
+    async def fit(self, request: Request) -> Response:
+        """A draft tried on the rig."""
         from passerby.page.plan_fit import try_plan
 
         try:
             content = json.loads(await request.body() or b"{}")
         except (ValueError, RecursionError):
             raise InputError("the request is not JSON") from None
-        return JSONResponse(await run_in_threadpool(try_plan, session, pictures, content))
+        return JSONResponse(await run_in_threadpool(try_plan, self._session, self._pictures, content))
 
-    def picture(request: Request) -> Response:
-        shown = pictures.shown(plan_path(session, _image(request)))
-        return Response(shown.data, media_type=shown.media_type, headers={"cache-control": "private, max-age=3600"})
+    def told(self, request: Request) -> Response:
+        """What a browser needs to know of a plan before it shows it."""
+        return JSONResponse(self._described(_image(request)))
 
-    def backdrop(_: Request) -> Response:
-        found = view().backdrop
+    def picture(self, request: Request) -> Response:
+        """The plan that is placed."""
+        shown = self._pictures.shown(plan_path(self._session, _image(request)))
+        return Response(shown.data, media_type=shown.media_type)
+
+    def backdrop(self, _: Request) -> Response:
+        """The plan that set the frame of the rig."""
+        found = self._view().backdrop
         if found is None:
             raise InputError("no plan set the frame of the rig")
         return Response(found.shown.data, media_type=found.shown.media_type)
 
-    return [
-        Route(UPLOAD, upload, methods=["POST"]),
-        Route("/api/plan/fit", fit, methods=["POST"]),
-        Route("/api/plan/picture", lambda request: JSONResponse(_told(session, pictures, _image(request)))),
-        Route("/api/plan/view", drawn),
-        Route("/plan", picture),
-        Route("/plan/backdrop", backdrop),
-        Route("/plan/view.svg", svg),
-        Route("/plan/view.geojson", geojson),
-    ]
+    def drawn(self, _: Request) -> Response:
+        """The view from above, as shapes."""
+        from passerby.page.plan_shapes import drawing
+
+        return JSONResponse(drawing(self._view()))
+
+    def svg(self, _: Request) -> Response:
+        """The same as a file."""
+        from passerby.page.plan_shapes import svg_text
+
+        return _file(svg_text(self._view()), "image/svg+xml", "svg", SVG_POLICY)
+
+    def geojson(self, _: Request) -> Response:
+        """What is drawn, in coordinates."""
+        from passerby.page.plan_geojson import geojson_text
+
+        return _file(geojson_text(self._view()), "application/geo+json", "geojson")
+
+    def _described(self, image: str | None) -> dict[str, Any]:
+        shown = self._pictures.shown(plan_path(self._session, image))
+        return {"image": image, "size": list(shown.size)}
+
+    def _view(self) -> PlanView:
+        from passerby.page.plan_view import PlanViews
+
+        if not self._views:
+            self._views.append(PlanViews(self._session, self._pictures))
+        return self._views[0].view()
 
 
 def _file(text: str, media_type: str, end: str, policy: str = "") -> Response:
@@ -100,8 +121,3 @@ def _file(text: str, media_type: str, end: str, policy: str = "") -> Response:
 def _image(request: Request) -> str | None:
     """The uploaded plan that is asked for; None for the scene file's."""
     return request.query_params.get("image")
-
-
-def _told(session: Session, pictures: PlanPictures, image: str | None) -> dict[str, Any]:
-    """What a browser needs to know of a plan before it shows it."""
-    return {"image": image, "size": list(pictures.shown(plan_path(session, image)).size)}

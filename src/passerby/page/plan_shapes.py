@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+import textwrap
 from collections.abc import Iterator
 from typing import Any
 
@@ -89,7 +90,8 @@ def svg_text(view: PlanView) -> str:
     unit = WIDTH_PX / float(extent.max())
     width, height = (extent * unit).tolist()
     corner = np.array([view.low[0], -view.high[1]])
-    lines = [_xml_text(line) for line in (caption(view), *view.notes)]
+    letters = max(20, int(width / (0.55 * LETTERS_PX)))
+    lines = [part for line in (caption(view), *view.notes) for part in textwrap.wrap(_xml_text(line), letters)]
     tall = height + LINE_PX * (len(lines) + 0.5)
     parts = [element("title", "The rig from above"), element("rect", width=_px(width), height=_px(tall), fill=PAPER)]
     if view.backdrop is not None:

@@ -4,7 +4,7 @@ import { draw, find, make, show } from "./dom.js";
 import { area, label, line, PlanStage, square } from "./plan_stage.js";
 import { ask } from "./server.js";
 
-const WIDTHS = { grid: 1, path: 1.3, seen: 1, sigma: 1.5, heading: 3, bar: 3 };
+const WIDTHS = { grid: 1, path: 1.3, seen: 1, sigma: 1.5, heading: 3 };
 
 export class PlanView {
   constructor(page) {
@@ -66,6 +66,8 @@ export class PlanView {
 function shape({ kind, points, colour, text, below }, unit) {
   if (kind === "camera") return square(points[0], colour, unit);
   if (kind === "label" || kind === "bar-label") return label(points[0], text, unit, below);
+  // On a plan or on the page, bright or dark: a bar with a halo.
+  if (kind === "bar") return draw("g", {}, line(points, { class: "plan-halo", "stroke-width": 6 * unit }), line(points, { class: "plan-bar", "stroke-width": 3 * unit }));
   const attributes = { class: `plan-${kind}`, "stroke-width": WIDTHS[kind] * unit, ...(colour ? { stroke: colour } : {}) };
   return kind === "seen" || kind === "sigma" ? area(points, { ...attributes, ...(colour ? { fill: colour } : {}) }) : line(points, attributes);
 }
