@@ -94,12 +94,13 @@ def test_ten_thousand_requests_leave_the_server_as_it_was(server):
 
 
 @needs_proc
+@pytest.mark.parametrize("path", ["/api/act", "/api/plan/upload"])
 @pytest.mark.parametrize("stated", [True, False])
-def test_a_body_of_a_gigabyte_is_refused_before_it_is_read(server, session, stated):
+def test_a_body_of_a_gigabyte_is_refused_before_it_is_read(server, session, stated, path):
     before, scene = server.memory_mb(), session.scene_file.read_bytes()
     length = "Content-Length: 1000000000" if stated else "Transfer-Encoding: chunked"
     head = "\r\n".join(
-        [f"POST /api/act HTTP/1.1\r\nHost: 127.0.0.1:{server.port}", *(f"{k}: {v}" for k, v in server.headers.items()), length]
+        [f"POST {path} HTTP/1.1\r\nHost: 127.0.0.1:{server.port}", *(f"{k}: {v}" for k, v in server.headers.items()), length]
     )
     block = b"x" * (1 << 20) if stated else b"100000\r\n" + b"x" * (1 << 20) + b"\r\n"
     found, sent = server.raw(f"{head}\r\n\r\n", (block for _ in range(1000)))

@@ -50,7 +50,7 @@ def east_north_up(geodetic: Floats, origin: Floats) -> Floats:
 def geodetic(enu: Floats, origin: Floats) -> Floats:
     """Latitude, longitude and altitude of metres around a place; the inverse of `east_north_up`.
 
-    Bowring's formula, once, from the reduced latitude (Survey Review 23, 1976): within a nanometre near the ground.
+    Bowring's formula, once, from the reduced latitude (Survey Review 23, 1976). It comes back within 5 nm over ten kilometres.
 
     Args:
         enu: (N, 3) metres east, north and up of the place.

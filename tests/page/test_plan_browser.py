@@ -1,0 +1,194 @@
+"""A plan in a real browser: uploaded, its scale clicked, cameras and a point placed, saved, and the rig solved upon it."""
+
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+
+import cv2
+import numpy as np
+import pytest
+
+from passerby.cli.main import run
+from passerby.interchange.rig_toml import read_rig
+from passerby.scene.scene import Scene
+from support.browser import CHROMIUM
+
+from .plan_support import UNIT, DrawnPlan
+from .test_page_browser import Hand
+
+pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium"),
+]
+
+PLACED_M = 0.25
+"""Of each camera on the plan after the calibration: six sigmas of a click of 2 px, and what people leave."""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A scene of boxes and its calibration, in the frame of its first camera and 6 % too small."""
+    options = ["--people", "6", "--seconds", "20", "--box-noise", "0.02", "--seed", "5", "--person-height-mean-m", "1.80"]
+    assert run(["simulate", "-o", str(tmp_path / "scene"), *options]) == 0
+    scene = tmp_path / "scene" / "scene.toml"
+    scene.write_text(re.sub(r"(?m)^person_height.*\n", "", scene.read_text()))
+    assert run(["calibrate", str(scene), "-o", str(tmp_path / "out"), "--no-report"]) == 0
+    return tmp_path
+
+
+@pytest.fixture
+def address(folder):
+    command = [sys.executable, "-m", "passerby", "open", str(folder / "out"), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        found = next(filter(None, (re.search(r"http://127.0.0.1:\d+/\S+", line) for line in server.stdout)))
+        yield found.group()
+        server.terminate()
+
+
+class Placer(Hand):
+    """Somebody who places a plan."""
+
+    def __init__(self, browser, address, plan, seed=0):
+        super().__init__(browser, address, seed)
+        self.plan = plan
+
+    def upload(self, path):
+        """Choose a file, and wait until it is shown."""
+        self.page.set_input_files("#plan-file", str(path))
+        self.until("() => Boolean(document.querySelector('#plan-place .plan-layer image'))")
+
+    def choose(self, label):
+        """Press one of the buttons above the plan."""
+        self.page.locator("#plan-place .toolbar").get_by_role("button", name=label).click()
+
+    def click_plan(self, at):
+        """Click a pixel of the plan that is shown as a whole."""
+        stage = self.page.locator("#plan-place .plan-stage")
+        stage.scroll_into_view_if_needed()
+        box, size = stage.bounding_box(), self.plan.size
+        scale = min(box["width"] / size[0], box["height"] / size[1])
+        x, y = (
+            side / 2 + (value + 0.5 - whole / 2) * scale
+            for side, value, whole in zip((box["width"], box["height"]), at, size, strict=True)
+        )
+        stage.click(position={"x": x, "y": y})
+
+    def text(self, selector):
+        """What the page says there."""
+        return self.page.locator(selector).text_content()
+
+
+@pytest.fixture
+def placer(browser, address, folder):
+    plan = DrawnPlan(read_rig(folder / "scene" / "truth.toml"))
+    (folder / "Haus <b>.png").write_bytes(plan.png)
+    return Placer(browser, address, plan)
+
+
+def test_a_plan_is_placed_by_clicks_and_the_rig_is_solved_upon_it(placer, folder, address):
+    plan, truth, scene = placer.plan, placer.plan.truth, folder / "scene" / "scene.toml"
+    placer.upload(folder / "Haus <b>.png")
+    assert "Haus <b>.png" in placer.text("#plan-place")
+    long = plan.size[0] - 100.0
+    placer.click_plan([50, 50])
+    placer.click_plan([50 + long, 50])
+    placer.page.get_by_label("Metres between the two clicks").fill(f"{long * UNIT:.3f}")
+    placer.page.keyboard.press("Tab")
+    placer.choose("Place a camera")
+    for name in ("C1", "C3"):
+        placer.page.get_by_label("Camera to be placed").select_option(name)
+        placer.click_plan(plan.pixel(truth[name].centre))
+    placer.until("() => document.querySelector('#plan-place').textContent.includes('lengths change by')")
+    assert len(placer.page.locator("#plan-place .plan-seen").all()) == 4, "all cameras are shown before it is saved"
+    placer.choose("Place a point")
+    spot = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
+    placer.click_plan(plan.pixel(spot))
+    assert placer.page.get_by_role("button", name="Save the plan").is_disabled()
+    for name in ("C1", "C2"):
+        placer.click(truth[name], spot)
+    placer.until("() => document.querySelector('#plan-place').textContent.includes('C2, 0.')")
+    placer.save("Save the plan")
+
+    saved = Scene.load(scene).world.plan
+    assert set(saved.cameras) == {"C1", "C3"}
+    assert set(saved.points[0].pixels) == {"C1", "C2"}
+    assert saved.distance.metres == pytest.approx(long * UNIT, abs=1e-3)
+    assert (scene.parent / saved.image).read_bytes() == plan.png
+    placer.page.get_by_role("button", name="Solve again").click()
+    placer.until("() => document.getElementById('run-state').textContent === 'finished'")
+    placer.until("() => Boolean(document.querySelector('#plan-view .plan-layer image'))")
+    corner = plan.corner - (0, plan.size[1] * UNIT)
+    for camera in read_rig(folder / "out" / "rig.toml"):
+        assert np.linalg.norm(camera.centre[:2] - (truth[camera.name].centre[:2] - corner)) < PLACED_M
+    assert placer.errors == []
+    assert all(url.startswith((address.partition("?")[0], "blob:")) for url in placer.asked)
+
+
+def test_a_saved_plan_is_changed_undone_and_removed(placer, folder):
+    plan, truth, scene = placer.plan, placer.plan.truth, folder / "scene" / "scene.toml"
+    before = scene.read_bytes()
+    placer.upload(folder / "Haus <b>.png")
+    placer.page.get_by_label("Metres per pixel").fill(str(UNIT))
+    placer.page.keyboard.press("Tab")
+    placer.choose("Place a camera")
+    for name in ("C1", "C2", "C3"):
+        placer.page.get_by_label("Camera to be placed").select_option(name)
+        placer.click_plan(plan.pixel(truth[name].centre))
+    placer.save("Save the plan")
+    placer.page.reload()
+    placer.until("() => Boolean(document.querySelector('#plan-place .plan-layer image'))")
+    placer.page.get_by_role("button", name="Remove camera C2 from the plan").click()
+    placer.save("Save the plan")
+    assert set(Scene.load(scene).world.plan.cameras) == {"C1", "C3"}
+    placer.page.get_by_role("button", name="Undo").click()
+    placer.until("() => document.querySelector('#plan-place').textContent.includes('Camera C2 at')")
+    assert set(Scene.load(scene).world.plan.cameras) == {"C1", "C2", "C3"}
+    placer.save("Remove the plan")
+    assert Scene.load(scene).world is None
+    for _ in range(2):
+        placer.save("Undo")
+    assert scene.read_bytes() == before
+    assert placer.errors == []
+
+
+def test_a_camera_is_placed_without_a_mouse(placer, folder):
+    placer.upload(folder / "Haus <b>.png")
+    placer.choose("Place a camera")
+    stage = placer.page.locator("#plan-place .plan-stage")
+    stage.focus()
+    for key in ("+", "ArrowRight", "Shift+ArrowUp", "Enter"):
+        placer.page.keyboard.press(key)
+    placer.until("() => document.querySelector('#plan-place').textContent.includes('Camera C1 at')")
+    at = [int(one) for one in re.search(r"Camera C1 at (\d+), (\d+)", placer.text("#plan-place")).groups()]
+    middle = np.array(placer.plan.size) / 2
+    assert middle[0] < at[0] < middle[0] + 60
+    assert middle[1] - 10 < at[1] <= middle[1]
+
+
+def test_a_file_that_is_no_plan_is_refused_with_a_sentence(placer, folder):
+    (folder / "notes.png").write_text("no picture")
+    placer.page.set_input_files("#plan-file", str(folder / "notes.png"))
+    placer.until("() => document.getElementById('message').textContent.includes('neither a PNG nor a JPEG')")
+    (folder / "huge.png").write_bytes(b"\0" * 25_000_001)
+    placer.page.set_input_files("#plan-file", str(folder / "huge.png"))
+    placer.until("() => document.getElementById('message').textContent.includes('may have 25 MB')")
+
+
+def test_the_view_is_saved_as_png_svg_and_geojson(placer, tmp_path):
+    placer.until("() => document.querySelectorAll('#plan-view .plan-camera').length === 4")
+    found = {}
+    for role, label in (("button", "PNG"), ("link", "SVG"), ("link", "GeoJSON")):
+        with placer.page.expect_download() as download:
+            placer.page.get_by_role(role, name=f"Save as {label}", exact=True).click()
+        found[label] = tmp_path / download.value.suggested_filename
+        download.value.save_as(found[label])
+    root = ET.parse(found["SVG"]).getroot()
+    picture = cv2.imread(str(found["PNG"]))
+    assert picture.shape[:2] == tuple(round(float(root.get(key))) for key in ("height", "width"))
+    assert (picture == 255).mean() < 0.99, "something is drawn"
+    assert len(json.loads(found["GeoJSON"].read_text())["features"]) >= 8
+    assert placer.errors == []
