@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -10,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 
-from passerby.cli.main import run
 from passerby.interchange.rig_toml import read_rig
 from passerby.scene.scene import Scene
 from support.browser import CHROMIUM
@@ -25,25 +25,38 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: install the package chromium"),
 ]
 
+WIDTH_SEEN = "Number(document.querySelector('#plan-place .plan-layer').getAttribute('viewBox').split(' ')[2])"
 PLACED_M = 0.25
 """Of each camera on the plan after the calibration: six sigmas of a click of 2 px, and what people leave."""
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """A scene of boxes and its calibration, in the frame of its first camera and 6 % too small."""
+@pytest.fixture(scope="module")
+def calibrated_once(tmp_path_factory):
+    """A scene of boxes and its calibration, in the frame of its first camera, with people said to be of usual height."""
+    folder = tmp_path_factory.mktemp("plan")
     options = ["--people", "6", "--seconds", "20", "--box-noise", "0.02", "--seed", "5", "--person-height-mean-m", "1.80"]
-    assert run(["simulate", "-o", str(tmp_path / "scene"), *options]) == 0
-    scene = tmp_path / "scene" / "scene.toml"
+    passerby("simulate", "-o", str(folder / "scene"), *options)
+    scene = folder / "scene" / "scene.toml"
     scene.write_text(re.sub(r"(?m)^person_height.*\n", "", scene.read_text()))
-    assert run(["calibrate", str(scene), "-o", str(tmp_path / "out"), "--no-report"]) == 0
-    return tmp_path
+    passerby("calibrate", str(scene), "-o", str(folder / "out"), "--no-report")
+    return folder
+
+
+def passerby(*arguments):
+    """In a process of its own: this one drives a browser."""
+    subprocess.run([sys.executable, "-m", "passerby", *arguments], check=True, capture_output=True)
+
+
+@pytest.fixture
+def folder(calibrated_once, tmp_path):
+    """A copy."""
+    return shutil.copytree(calibrated_once, tmp_path / "copy")
 
 
 @pytest.fixture
 def address(folder):
-    command = [sys.executable, "-m", "passerby", "open", str(folder / "out"), "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+    opened = [str(folder / "scene" / "scene.toml"), "--out", str(folder / "out"), "--no-browser"]
+    with subprocess.Popen([sys.executable, "-m", "passerby", "open", *opened], stdout=subprocess.PIPE, text=True) as server:
         found = next(filter(None, (re.search(r"http://127.0.0.1:\d+/\S+", line) for line in server.stdout)))
         yield found.group()
         server.terminate()
@@ -167,6 +180,42 @@ def test_a_camera_is_placed_without_a_mouse(placer, folder):
     middle = np.array(placer.plan.size) / 2
     assert middle[0] < at[0] < middle[0] + 60
     assert middle[1] - 10 < at[1] <= middle[1]
+
+
+def test_the_plan_is_zoomed_by_wheel_buttons_and_fingers_and_moved_by_dragging(placer, folder):
+    placer.upload(folder / "Haus <b>.png")
+    stage = placer.page.locator("#plan-place .plan-stage")
+    stage.scroll_into_view_if_needed()
+    box = stage.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+    def seen():
+        return [float(one) for one in placer.page.locator("#plan-place .plan-layer").get_attribute("viewBox").split()]
+
+    whole = seen()
+    stage.focus()
+    placer.page.mouse.move(x, y)
+    placer.page.mouse.wheel(0, -100)
+    placer.until(f"() => {WIDTH_SEEN} < {whole[2] - 1}")
+    placer.page.locator("#plan-place").get_by_role("button", name="Zoom in").click()
+    near = seen()
+    assert near[2] == pytest.approx(whole[2] / 1.2 / 1.5)
+    stage.scroll_into_view_if_needed()
+    placer.page.mouse.move(x, y)
+    placer.page.mouse.down()
+    placer.page.mouse.move(x + 40, y + 20, steps=4)
+    placer.page.mouse.up()
+    assert seen()[0] < near[0]
+    assert seen()[2] == near[2]
+    assert "Camera C1 at" not in placer.text("#plan-place"), "a drag is no click"
+    placer.page.locator("#plan-place").get_by_role("button", name="Show the whole drawing").click()
+    assert seen() == whole
+    fingers = placer.page.context.new_cdp_session(placer.page)
+    for kind, apart in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80), ("touchEnd", None)):
+        points = [] if apart is None else [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    placer.until(f"() => {WIDTH_SEEN} < {0.6 * whole[2]}")
+    assert placer.errors == []
 
 
 def test_a_file_that_is_no_plan_is_refused_with_a_sentence(placer, folder):

@@ -133,6 +133,12 @@ def test_a_plan_that_would_be_mangled_is_refused(monkeypatch, key):
         with_plan(TEXT + PLANNED, {**WANTED, "metres_per_pixel": 0.03})
 
 
+def test_an_origin_stays_with_its_picture():
+    text = (TEXT + PLANNED).replace("sd_px = 3", "origin = [4, 5]\nsd_px = 3")
+    assert plan_of(with_plan(text, {**WANTED, "metres_per_pixel": 0.03}))["origin"] == [4, 5]
+    assert "origin" not in plan_of(with_plan(text, {**WANTED, "image": "plan-2.png"}))
+
+
 def test_the_ends_of_lines_stay():
     text = with_plan((TEXT + PLANNED).replace("\n", "\r\n"), {**WANTED, "metres_per_pixel": 0.03})
     assert plan_of(text)["metres_per_pixel"] == 0.03

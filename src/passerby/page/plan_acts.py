@@ -87,8 +87,11 @@ def plan_table(session: Session, draft: PlanDraft) -> PlanTable:
     """A draft as the scene file's table, its picture as it can be opened. Raises `InputError` for what is no plan."""
     scene, _ = session.scene()
     old = None if scene.world is None else scene.world.plan
+    now = stated(session, draft)
     others = {} if old is None else {key: one for key, one in old.model_dump(exclude_unset=True).items() if key not in STATED}
-    table: PlanTable = read_as(PlanTable, others | stated(session, draft))
+    if old is not None and old.image.as_posix() != now["image"]:
+        others.pop("origin", None)  # a pixel of another picture
+    table: PlanTable = read_as(PlanTable, others | now)
     return table.model_copy(update={"image": plan_path(session, draft.image)})
 
 

@@ -60,6 +60,8 @@ def _parsed(text: str) -> tomlkit.TOMLDocument:
 def _fresh_plan(wanted: Mapping[str, Any], before: Any) -> Table:
     """A new table, with the further keys of a plan that was written on one line."""
     kept = {} if not isinstance(before, Mapping) else {key: before[key] for key in before if key not in STATED}
+    if kept and plain(before.get("image")) != wanted["image"]:
+        kept.pop("origin", None)
     table = tomlkit.table()
     for key in STATED[:-1]:
         if key in wanted:
@@ -72,7 +74,9 @@ def _fresh_plan(wanted: Mapping[str, Any], before: Any) -> Table:
 
 
 def _update(plan: Table, wanted: Mapping[str, Any]) -> None:
-    """Change what differs."""
+    """Change what differs. An origin is a pixel of one picture, and goes with it."""
+    if plain(plan.get("image")) != wanted["image"]:
+        plan.pop("origin", None)
     for key in STATED[:-1]:
         if key not in wanted:
             plan.pop(key, None)
