@@ -1,6 +1,9 @@
 """A scene of four cameras with its true rig in the output folder: nothing needs to be calibrated."""
 
+import re
 import shutil
+import subprocess
+import sys
 
 import pytest
 
@@ -51,3 +54,20 @@ class Client:
 @pytest.fixture
 def client(session):
     return Client(session)
+
+
+@pytest.fixture
+def served():
+    """Serves what is opened by the program itself; gives the address."""
+    servers = []
+
+    def serve(opened):
+        command = [sys.executable, "-m", "passerby", "open", str(opened), "--no-browser"]
+        servers.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+        found = (re.search(r"http://127.0.0.1:\d+/\S+", line) for line in servers[-1].stdout)
+        return next(filter(None, found)).group()
+
+    yield serve
+    for server in servers:
+        server.terminate()
+        server.communicate()

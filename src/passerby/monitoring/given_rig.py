@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import tomli_w
 
+from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import adjusted
 from passerby.geometry.rotations import log_rotation
 from passerby.interchange.calibration_json import CALIBRATION_FILE
+from passerby.interchange.monitor_json import MONITOR_FILE, read_monitor
 from passerby.interchange.output_folder import RIG_FILE, read_report
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, RIG, read_rig, table_of
 from passerby.interchange.storage.faults import read_toml
@@ -30,6 +32,8 @@ class GivenRig:
     """One sigma of a camera's place within the rig, but for the scale of all of it."""
     path: Path | None = None
     """Of the rig file."""
+    calibration_scene_file: str | None = None
+    """Absolute path of the scene that it was calibrated from, where a file beside the rig names it."""
 
 
 def read_given(path: Path) -> GivenRig:
@@ -40,11 +44,24 @@ def read_given(path: Path) -> GivenRig:
     file = path / RIG_FILE if path.is_dir() else path
     rig = read_rig(file)
     if file.name != RIG_FILE or not (file.parent / CALIBRATION_FILE).is_file():
-        return GivenRig(rig, path=file)
+        return GivenRig(rig, path=file, calibration_scene_file=_monitored_from(file))
     document = read_report(file.parent)
     offsets = {entry.name: entry.time_offset_s or 0.0 for entry in document.cameras}
     shapes = {one.name: (one.shape_position_sigma_mm or 0.0) / 1000 for one in adjusted(document.figures).cameras}
-    return GivenRig(rig, offsets, {name: sigma for name, sigma in shapes.items() if sigma > 0}, file)
+    return GivenRig(rig, offsets, {name: sigma for name, sigma in shapes.items() if sigma > 0}, file, document.scene_file)
+
+
+def _monitored_from(file: Path) -> str | None:
+    """The scene that a rig which `passerby monitor` wrote was calibrated from.
+
+    Only for showing: a broken file of an earlier run keeps nobody from monitoring again.
+    """
+    if file.name != RIG_FILE or not (file.parent / MONITOR_FILE).is_file():
+        return None
+    try:
+        return read_monitor(file.parent).calibration_scene_file
+    except InputError:
+        return None
 
 
 def rig_text(given: GivenRig, new: Rig, changed: tuple[str, ...]) -> str:

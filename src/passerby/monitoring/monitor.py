@@ -15,10 +15,11 @@ from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.synchronisation import resample_to_common_steps
 from passerby.findings.texts import texts_of
+from passerby.interchange.output_folder import scene_file
 from passerby.monitoring.given_rig import GivenRig
 from passerby.monitoring.identities import identify_by_rig
 from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
-from passerby.monitoring.result import MonitoringResult
+from passerby.monitoring.result import MonitoringResult, Sources
 from passerby.monitoring.watched import Watched, WatchOptions
 from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground, rough_height
@@ -72,7 +73,13 @@ def monitor_inputs(
     _check_pictures(given.rig, inputs.rig, scene.place)
     rig, observations = _footage(given, scene, inputs, names, in_step)
     watched, ground = watch_footage(rig, observations, options, known=scene.association.given, tell=tell, executor=executor)
-    return MonitoringResult(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step))
+    sources = Sources(
+        scene_file=scene_file(scene.path),
+        rig_file=scene_file(given.path),
+        calibration_scene_file=given.calibration_scene_file,
+        clocks=observations.clocks,
+    )
+    return MonitoringResult(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step), sources)
 
 
 def watch_footage(

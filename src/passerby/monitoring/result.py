@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,13 +12,27 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
+from passerby.core.observations import Clock
+from passerby.interchange.monitor_json import MONITOR_FILE
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.json_text import plain, to_json
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.people.held_cameras import GroundPlane
 
 State = Literal["steady", "moved", "one of several moved", "cannot tell"]
-MONITOR_FILE = "monitor.json"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sources:
+    """Where rig and footage are from, so that both can be shown again. Paths are absolute; None for what came from no file."""
+
+    scene_file: str | None = None
+    """Of the footage."""
+    rig_file: str | None = None
+    calibration_scene_file: str | None = None
+    """Of what the rig was calibrated from."""
+    clocks: Mapping[str, Clock] = field(default_factory=dict)
+    """Of each camera's footage."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +46,7 @@ class MonitoringResult:
     ground: GroundPlane
     notes: tuple[str, ...] = ()
     """What is odd about the input."""
+    sources: Sources = field(default_factory=Sources)
 
     def __repr__(self) -> str:
         return f"MonitoringResult({', '.join(f'{name}: {self.state(name)}' for name in self.names)})"
@@ -144,6 +159,8 @@ class MonitoringResult:
             "by_joints": self.watched.by_joints,
             "windows": [_window(window, self.names) for window in self.watched.windows],
             "notes": self.notes,
+            "scene_file": self.sources.scene_file, "rig_file": self.sources.rig_file,
+            "calibration_scene_file": self.sources.calibration_scene_file,
         })  # fmt: skip
         return out
 
@@ -151,10 +168,12 @@ class MonitoringResult:
         """One line of the summary."""
         metres, degrees = self.smallest(name)
         worst_m, worst_deg = self.smallest(name, worst=True)
+        clock = self.sources.clocks.get(name)
         return {
             "name": name, "state": self.state(name), "windows": len(self.watched.windows), "windows_told": len(self.told(name)),
             "smallest_shift_m": metres, "smallest_turn_deg": degrees,
             "worst_shift_m": worst_m, "worst_turn_deg": worst_deg, "new_pose": name in self.changed,
+            "fps": None if clock is None else clock.fps, "time_offset_s": None if clock is None else clock.offset_s,
         }  # fmt: skip
 
     def write(self, folder: str | Path, rig_text: str) -> None:

@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
-from importlib import resources
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -24,24 +23,28 @@ from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
 from passerby.page.acts import perform
+from passerby.page.answers import answering as _answering
+from passerby.page.answers import asked_frame as _asked_frame
+from passerby.page.answers import bug as _bug
+from passerby.page.answers import camera_of as _camera
+from passerby.page.answers import frame_of as _frame
+from passerby.page.answers import picture_answer, static_routes
 from passerby.page.geometry import epipolar_lines, ground_point, measure_axis, measure_length
 from passerby.page.plan_routes import LIMITS, plan_routes
 from passerby.page.requests import Name, Pixel, read_as
 from passerby.page.security import Guard
 from passerby.page.session import Session, StaleError
 
-TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 REPORT_POLICY = "sandbox allow-scripts; frame-ancestors 'self'"
 """The report has its own policy; here it runs apart from the page, without its cookie."""
 PREPARED = 24
 """Cameras whose first picture is decoded before a browser asks for it."""
-Answer = Callable[[Request], Any]
 
 
 def make_app(session: Session, token: str, port: int) -> ASGIApp:
     """The page of a session, guarded."""
     routes = [
-        *(_static(name) for name in _static_names()),
+        *static_routes("index.html"),
         Route("/api/state", _answering(lambda _: session.state())),
         Route("/api/check", _answering(lambda _: session.check())),
         Route("/api/people", _answering(lambda request: _people(session, _camera(request), _asked_frame(request)))),
@@ -59,30 +62,6 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
     ]
     handlers: dict[Any, Any] = {PasserbyError: lambda _, error: _refused(session, error), Exception: _bug}
     return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port, LIMITS)
-
-
-def _static_names() -> list[str]:
-    folder = resources.files("passerby.page") / "static"
-    return sorted(one.name for one in folder.iterdir() if one.name[one.name.rfind(".") :] in TYPES)
-
-
-def _static(name: str) -> Route:
-    """One file of the page, read once."""
-    content = (resources.files("passerby.page") / "static" / name).read_bytes()
-    kind = TYPES[name[name.rfind(".") :]]
-    path = "/" if name == "index.html" else f"/static/{name}"
-
-    async def answer(_: Request) -> Response:
-        return Response(content, media_type=kind)
-
-    return Route(path, answer)
-
-
-def _answering(work: Answer) -> Callable[[Request], Any]:
-    async def answer(request: Request) -> Response:
-        return JSONResponse(await run_in_threadpool(work, request))
-
-    return answer
 
 
 def _posting(path: str, session: Session, work: Callable[[Any], Any]) -> Route:
@@ -104,35 +83,10 @@ def _refused(session: Session, error: Exception) -> Response:
     return JSONResponse({"error": session.public(str(error))}, 409 if isinstance(error, StaleError) else 422)
 
 
-async def _bug(_: Request, error: Exception) -> Response:
-    return PlainTextResponse("A bug in Passerby; the terminal shows it.\n", 500)
-
-
-def _frame(request: Request) -> int:
-    text = request.query_params.get("frame", "1")
-    if not (text.isdigit() and len(text) < 10):
-        raise InputError("frame is no frame number")
-    return max(1, int(text))
-
-
-def _asked_frame(request: Request) -> int | None:
-    return _frame(request) if "frame" in request.query_params else None
-
-
-def _camera(request: Request) -> str:
-    return request.query_params.get("camera", "")
-
-
 def _picture(session: Session, request: Request) -> Response:
     name = _camera(request)
     scene, version = session.camera(name)
-    frame = _frame(request)
-    still = session.pictures.known(version, name, frame)
-    if still is None:
-        with session.pictures.turn:
-            still = session.pictures.still(scene, version, name, frame)
-    headers = {"cache-control": "private, max-age=3600", "x-frame": str(still.frame)}
-    return Response(still.jpeg, media_type="image/jpeg", headers=headers)
+    return picture_answer(session.pictures, scene, version, name, _frame(request))
 
 
 def prepare_pictures(session: Session) -> None:

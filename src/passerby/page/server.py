@@ -13,8 +13,12 @@ import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from passerby.common.errors import InputError
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp
 
 HOST = "127.0.0.1"
 DEFAULT_OUT = "out"
@@ -28,12 +32,26 @@ class Opened:
     out: Path
     """The output folder."""
 
+    def __str__(self) -> str:
+        return f"scene {self.scene_file}, results in {self.out}"
 
-def find_opened(opened: Path, out: Path | None = None) -> Opened:
-    """The scene and the output folder that a path stands for.
+
+@dataclass(frozen=True)
+class OpenedMonitoring:
+    """A folder of `passerby monitor`, which a page shows."""
+
+    folder: Path
+
+    def __str__(self) -> str:
+        return f"monitored rig in {self.folder}"
+
+
+def find_opened(opened: Path, out: Path | None = None) -> Opened | OpenedMonitoring:
+    """The scene and the output folder, or the monitored rig, that a path stands for.
 
     Args:
-        opened: an output folder, a scene file, or a folder of videos, in which a scene file is written where it has none.
+        opened: an output folder of a calibration or of `passerby monitor`, a scene file, or a folder of videos, in which a
+            scene file is written where it has none.
         out: the output folder; default: the opened one, or `out` beside the scene file.
 
     Raises:
@@ -51,6 +69,13 @@ def find_opened(opened: Path, out: Path | None = None) -> Opened:
         if named is None or not Path(named).is_file():
             raise InputError(f"{opened}: the scene file of this calibration is not there: open the scene file instead")
         return Opened(Path(named), out or opened)
+    from passerby.interchange.monitor_json import MONITOR_FILE, read_monitor
+
+    if (opened / MONITOR_FILE).is_file():
+        if out is not None:
+            raise InputError(f"{opened}: holds what `passerby monitor` found, which is shown as it is: leave out --out")
+        read_monitor(opened)
+        return OpenedMonitoring(opened)
     from passerby.scene.start.start import SCENE_FILE, start
 
     scene = opened / SCENE_FILE
@@ -59,7 +84,7 @@ def find_opened(opened: Path, out: Path | None = None) -> Opened:
     return Opened(scene, out or opened / DEFAULT_OUT)
 
 
-def serve(opened: Opened, port: int, tell: Callable[[str], None], *, browser: bool) -> None:
+def serve(opened: Opened | OpenedMonitoring, port: int, tell: Callable[[str], None], *, browser: bool) -> None:
     """Serve a page until the process is interrupted.
 
     Args:
@@ -88,18 +113,30 @@ def serve(opened: Opened, port: int, tell: Callable[[str], None], *, browser: bo
     _listen(opened, listener, token)
 
 
-def _listen(opened: Opened, listener: socket.socket, token: str) -> None:
+def _listen(opened: Opened | OpenedMonitoring, listener: socket.socket, token: str) -> None:
     """Answer requests until the process is interrupted."""
     import uvicorn
 
-    from passerby.page.app import make_app, prepare_pictures
-    from passerby.page.session import Session
-
-    session = Session(opened.scene_file, opened.out, serves=True)
-    threading.Thread(target=prepare_pictures, args=(session,), daemon=True).start()
-    app = make_app(session, token, listener.getsockname()[1])
+    port = listener.getsockname()[1]
+    app = _monitor_app(opened, token, port) if isinstance(opened, OpenedMonitoring) else _app(opened, token, port)
     config = uvicorn.Config(
         app, log_level="error", access_log=False, server_header=False, lifespan="off",
         limit_concurrency=200, timeout_keep_alive=5,
     )  # fmt: skip
     uvicorn.Server(config).run(sockets=[listener])
+
+
+def _app(opened: Opened, token: str, port: int) -> ASGIApp:
+    from passerby.page.app import make_app, prepare_pictures
+    from passerby.page.session import Session
+
+    session = Session(opened.scene_file, opened.out, serves=True)
+    threading.Thread(target=prepare_pictures, args=(session,), daemon=True).start()
+    return make_app(session, token, port)
+
+
+def _monitor_app(opened: OpenedMonitoring, token: str, port: int) -> ASGIApp:
+    from passerby.page.monitor_app import make_monitor_app
+    from passerby.page.monitored import MonitoredSession
+
+    return make_monitor_app(MonitoredSession(opened.folder), token, port)

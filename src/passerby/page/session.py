@@ -16,6 +16,7 @@ from passerby.interchange.output_folder import REPORT_FILE, read_folder_rig
 from passerby.interchange.storage.atomic import make_folder, write_text
 from passerby.interchange.storage.faults import faults_of
 from passerby.page.pictures import PictureStore
+from passerby.page.public import without_folders
 from passerby.page.results import outcome
 from passerby.page.scene_edits import save_scene, text_of, version_of
 from passerby.page.work import Work
@@ -138,11 +139,7 @@ class Session:
 
     def public(self, text: str) -> str:
         """A message without the folders of this machine."""
-        for folder in (self.scene_file.parent, self.out.parent):
-            for form in (str(folder.absolute()), str(folder)):
-                if form not in ("", ".", "/"):
-                    text = text.replace(form.rstrip("/") + "/", "")
-        return text
+        return without_folders(text, (self.scene_file.parent, self.out.parent))
 
     def _public_values(self, value: Any) -> Any:
         """Plain values with all their texts as `public` has them."""

@@ -10,7 +10,10 @@ import typer
 
 def open_(
     opened: Annotated[
-        Path, typer.Argument(metavar="PATH", help="Output folder of `passerby calibrate`, scene file, or folder of videos.")
+        Path,
+        typer.Argument(
+            metavar="PATH", help="Output folder of `passerby calibrate` or `passerby monitor`, scene file, or folder of videos."
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -24,7 +27,8 @@ def open_(
     """Open a web page on this computer: calibrate, mark a length, set the world frame, by clicks instead of TOML.
 
     Everything that you say is written into the scene file. A folder of videos without a scene file gets one, as by
-    `passerby init`. The page ends with Ctrl-C; a calibration that it has started goes on. Needs the extra `page`.
+    `passerby init`. The folder of `passerby monitor` shows which cameras moved, and each one then and now. The page ends
+    with Ctrl-C; a calibration that it has started goes on. Needs the extra `page`.
     """
     from importlib.util import find_spec
 
@@ -35,5 +39,5 @@ def open_(
         if find_spec(needed) is None:
             raise InputError(f"the page needs {needed}: pip install 'passerby[page]'")
     found = find_opened(opened, out)
-    print(f"scene {found.scene_file}, results in {found.out}")
+    print(found)
     serve(found, port, lambda address: print(f"open {address}", flush=True), browser=browser)

@@ -1,0 +1,149 @@
+"""`monitor.json`: what `passerby monitor` found, as values, for those who read it again.
+
+`passerby.monitoring.result` writes it. Keys that nobody reads again are not declared here. Times are seconds, the rig's clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from passerby.common.errors import InputError
+from passerby.common.text import shortened
+from passerby.interchange.storage.faults import read_text
+from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+
+MONITOR_FILE = "monitor.json"
+
+_STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=lambda name: name.removesuffix("_"))
+
+Number = float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitoredCamera:
+    """One of `cameras`."""
+
+    name: str
+    state: str
+    """steady, moved, one of several moved, cannot tell."""
+    windows: int = 0
+    windows_told: int = 0
+    """Windows in which something can be said of it."""
+    smallest_shift_m: Number = None
+    smallest_turn_deg: Number = None
+    """Detection limits in the middle one of three directions,"""
+    worst_shift_m: Number = None
+    worst_turn_deg: Number = None
+    """and in the worst one."""
+    new_pose: bool = False
+    """Whether `rig.toml` has a new pose of it."""
+    fps: Annotated[float, Field(gt=0)] | None = None
+    """Of its frame numbers; None in files of an older Passerby."""
+    time_offset_s: Number = None
+    """The rig's time at its frame 1; None likewise."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MoveEntry:
+    """One of `moves`, in the order in which they were noticed."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    camera: str
+    or_: tuple[str, ...] = ()
+    """Cameras that may have moved instead."""
+    before_footage: bool = False
+    seconds: Number = None
+    from_s: Number = None
+    until_s: Number = None
+    """What the moment lies between."""
+    noticed_s: float
+    score: Number = None
+    metres: Number = None
+    metres_sigma: Number = None
+    degrees: Number = None
+    degrees_sigma: Number = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowCamera:
+    """A camera in one window."""
+
+    score: Number = None
+    """None for an infinite one."""
+    told: bool = False
+    """Whether something can be said of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowEntry:
+    """One of `windows`."""
+
+    from_s: float
+    until_s: float
+    cameras: Mapping[str, WindowCamera] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonitorDocument:
+    """All of `monitor.json` that is read again."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    from_s: float
+    until_s: float
+    window_s: float
+    threshold: float
+    cameras: tuple[MonitoredCamera, ...]
+    moves: tuple[MoveEntry, ...] = ()
+    windows: tuple[WindowEntry, ...] = ()
+    most_moved: tuple[str, ...] = ()
+    by_joints: bool = False
+    notes: tuple[str, ...] = ()
+    scene_file: str | None = None
+    """Of the monitored footage, absolute; this and the next two are None in files of an older Passerby."""
+    rig_file: str | None = None
+    """The rig that was monitored, absolute."""
+    calibration_scene_file: str | None = None
+    """The scene that the rig was calibrated from, absolute; None where nothing beside the rig names it."""
+
+    @property
+    def entries(self) -> dict[str, MonitoredCamera]:
+        """The cameras by name."""
+        return {one.name: one for one in self.cameras}
+
+
+@cache
+def _documents() -> TypeAdapter[MonitorDocument]:
+    """Built once, and only where a file is read."""
+    return TypeAdapter(MonitorDocument)
+
+
+def read_monitor(folder: Path) -> MonitorDocument:
+    """Read the `monitor.json` of a folder. Raises `InputError` with key and remedy where it is missing or no such file."""
+    path = folder / MONITOR_FILE
+    if not path.is_file():
+        raise InputError(f"{path}: no such file: name the folder that `passerby monitor RIG SCENE -o FOLDER` wrote")
+    text = read_text(path, "what `passerby monitor` found (JSON)")
+    try:
+        content = parse_json(text)
+        if not isinstance(content, dict):
+            raise _unlike(path, "it is not a table")
+        return _documents().validate_json(text)
+    except NotParsed as error:
+        raise InputError(f"{path}: is not JSON ({error}): monitor again") from None
+    except ValidationError as error:
+        fault: Any = error.errors(include_url=False)[0]
+        key = ".".join(map(str, fault["loc"]))
+        if fault["type"] == "missing":
+            raise _unlike(path, f"it has no {key}") from None
+        wanted = str(fault["msg"]).removeprefix("Input should be ")
+        raise _unlike(path, f"{key} is {shortened(fault['input'])}, which should be {wanted}") from None
+
+
+def _unlike(path: Path, why: str) -> InputError:
+    return InputError(f"{path}: is not what `passerby monitor` writes: {why}: monitor again")
