@@ -12,7 +12,7 @@ from passerby.core.cameras import Rig
 from passerby.interchange.world_files import read_known_points
 from passerby.page.geometry import measure_axis, measure_length
 from passerby.page.plan_acts import PlacePlan, RemovePlan, change_plan
-from passerby.page.requests import Act, Name, Pixel, read_as
+from passerby.page.requests import Act, Frame, Name, Pixel, read_as
 from passerby.page.scene_edits import (
     POINTS_FILE,
     GroundClick,
@@ -31,7 +31,7 @@ from passerby.page.scene_edits import (
 from passerby.page.session import Session
 from passerby.scene.scene import Scene
 
-Frame = Annotated[int, Field(ge=0, le=10**10)]
+
 ORIGIN, ALONG_X = "origin", "x axis"
 
 

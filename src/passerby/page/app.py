@@ -31,7 +31,8 @@ from passerby.page.answers import frame_of as _frame
 from passerby.page.answers import picture_answer, static_routes
 from passerby.page.geometry import epipolar_lines, ground_point, measure_axis, measure_length
 from passerby.page.plan_routes import LIMITS, plan_routes
-from passerby.page.requests import Name, Pixel, read_as
+from passerby.page.requests import Frame, Name, Pixel, read_as
+from passerby.page.same_person import IdentifiedPeople
 from passerby.page.security import Guard
 from passerby.page.session import Session, StaleError
 
@@ -43,6 +44,7 @@ PREPARED = 24
 
 def make_app(session: Session, token: str, port: int) -> ASGIApp:
     """The page of a session, guarded."""
+    people = IdentifiedPeople(session.out)
     routes = [
         *static_routes("index.html"),
         Route("/api/state", _answering(lambda _: session.state())),
@@ -57,6 +59,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         _posting("/api/ground", session, lambda content: _ground(session, content)),
         _posting("/api/axis", session, lambda content: _axis(session, content)),
         _posting("/api/line", session, lambda content: _line(session, content)),
+        _posting("/api/person", session, lambda content: _person(people, content)),
         _posting("/api/start", session, lambda content: session.work.start(session.scene_file, session.version)),
         _posting("/api/stop", session, lambda content: session.work.stop()),
     ]
@@ -162,6 +165,11 @@ def _line(session: Session, content: Any) -> dict[str, Any]:
     )
     found = measure_line(session.rig(), MarkedLine(direction, points))
     return {"off_deg": None} if found is None else asdict(found)
+
+
+def _person(people: IdentifiedPeople, content: Any) -> dict[str, Any]:
+    asked = [content.get(key) for key in ("camera", "frame", "at")] if isinstance(content, dict) else content
+    return people.find(*read_as(tuple[Name, Frame, Pixel], asked)).to_dict()
 
 
 def _axis(session: Session, content: Any) -> dict[str, Any]:

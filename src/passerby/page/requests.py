@@ -10,6 +10,7 @@ from passerby.common.errors import InputError
 
 Coordinate = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 Pixel = tuple[Coordinate, Coordinate]
+Frame = Annotated[int, Field(ge=0, le=10**10)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 
 

@@ -1,6 +1,7 @@
 // What a click in a picture says: a tool gathers clicks until there is an act to be sent.
 
 import { make, number, show } from "./dom.js";
+import { samePerson } from "./person.js";
 import { send } from "./server.js";
 
 const field = (label, attributes) => make("label", { class: "field" }, make("span", {}, label), make("input", attributes));
@@ -163,11 +164,16 @@ export class WorldTool extends Tool {
 }
 
 export class PersonTool extends Tool {
-  start() { this.found = null; this.show(); }
+  start() { this.found = null; this.others = null; show(this.box); this.show(); }
 
-  click(view, at) {
-    this.found = { camera: view.name, frame: view.frame, at };
+  async click(view, at) {
+    const found = { camera: view.name, frame: view.frame, at };
+    [this.found, this.others] = [found, null];
     this.page.redraw();
+    this.show();
+    const others = await samePerson(found);
+    if (this.page.tool !== this || this.found !== found) return;
+    this.others = others;
     this.show();
   }
 
@@ -180,11 +186,13 @@ export class PersonTool extends Tool {
     const told = this.found
       ? `Camera ${this.found.camera}, frame ${this.found.frame}.`
       : "Click a person who stands upright. The frames of a camera can be chosen below its picture.";
+    const typed = (name, usual) => this.box.querySelector(`[name=${name}]`)?.value ?? usual;
+    const [height, sd] = [typed("height", ""), typed("sd", "0.01")];
     show(this.box, this.form(
       make("p", {}, told),
-      field("Height in metres, with shoes", { name: "height", type: "number", min: "0.3", max: "3", step: "any", required: true }),
-      field("Its standard deviation, metres", { name: "sd", type: "number", min: "0.001", step: "any", value: "0.01", required: true }),
-      this.buttons("Save the height", Boolean(this.found))));
+      field("Height in metres, with shoes", { name: "height", type: "number", min: "0.3", max: "3", step: "any", required: true, value: height }),
+      field("Its standard deviation, metres", { name: "sd", type: "number", min: "0.001", step: "any", value: sd, required: true }),
+      this.buttons("Save the height", Boolean(this.found))), this.others);
   }
 
   save(form) { this.act({ act: "person", ...this.found, height_m: read(form, "height"), sd_m: read(form, "sd") }); }
