@@ -16,10 +16,12 @@ from passerby.page.scene_edits import (
     with_line,
     with_not_a_person,
     with_person,
+    with_time_limit,
     with_world_points,
     without_camera,
     without_entry,
     without_excluded,
+    without_time_limit,
     write_points,
 )
 
@@ -150,3 +152,15 @@ def test_lines_are_marked_and_stay_when_the_frame_is_set_anew():
     assert placed == {"points": "a.csv", "lines": told[:1]}
     alone = without_entry(without_entry(text, "lines", 2), "lines", 1)
     assert "world" not in tomllib.loads(alone)
+
+
+def test_a_part_of_a_recording_is_kept_and_all_of_it_again():
+    once = with_time_limit(TEXT, "gate 2", "until_s", 62.0)
+    assert all(line in once.splitlines() for line in TEXT.splitlines())
+    both = with_time_limit(with_time_limit(once, "gate 2", "until_s", 61.123), "gate 2", "from_s", 3)
+    assert tomllib.loads(both)["cameras"]["gate 2"] == {"video": "b.mp4", "until_s": 61.12, "from_s": 3.0}
+    assert without_time_limit(once, "gate 2", "until_s") == TEXT
+    with pytest.raises(InputError, match=r"from_s is not there"):
+        without_time_limit(once, "gate 2", "from_s")
+    with pytest.raises(InputError, match=r"\[cameras\.C9\] is not there"):
+        with_time_limit(TEXT, "C9", "from_s", 1.0)

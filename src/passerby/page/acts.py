@@ -22,10 +22,12 @@ from passerby.page.scene_edits import (
     with_line,
     with_not_a_person,
     with_person,
+    with_time_limit,
     with_world_points,
     without_camera,
     without_entry,
     without_excluded,
+    without_time_limit,
     write_points,
 )
 from passerby.page.session import Session
@@ -144,6 +146,23 @@ class LeaveOut(Act):
     camera: Name
 
 
+class Moved(Act):
+    """A camera that was moved at a second of its recording: one of the two parts is kept."""
+
+    act: Literal["moved"]
+    camera: Name
+    at_s: Annotated[float, Field(ge=0, le=1e7)]
+    keep: Literal["before", "after"]
+
+
+class KeepAll(Act):
+    """A camera's limit in time less."""
+
+    act: Literal["keep_all"]
+    camera: Name
+    key: Literal["from_s", "until_s"]
+
+
 class Undo(Act):
     """The last act taken back."""
 
@@ -161,6 +180,8 @@ AnyAct = Annotated[
     | ExcludeRegion
     | ExcludeTime
     | Include
+    | Moved
+    | KeepAll
     | LeaveOut
     | Undo
     | PlacePlan
@@ -203,6 +224,10 @@ def _changed(session: Session, act: AnyAct, text: str) -> str:
         return without_excluded(text, act.camera, act.key, act.number)
     if isinstance(act, PlacePlan | RemovePlan):
         return change_plan(session, act, text)
+    if isinstance(act, Moved):
+        return with_time_limit(text, act.camera, "until_s" if act.keep == "before" else "from_s", act.at_s)
+    if isinstance(act, KeepAll):
+        return without_time_limit(text, act.camera, act.key)
     assert isinstance(act, LeaveOut)
     return without_camera(text, act.camera)
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from passerby.common.errors import InputError
+from passerby.core.figures import LensFigures, adjusted
 from passerby.interchange.calibration_json import CALIBRATION_FILE, CalibrationDocument, parse_document, read_document
 
 
@@ -25,6 +26,7 @@ def outcome(folder: Path, kept: dict[str, Any] | None = None) -> dict[str, Any] 
 
 
 def _told(document: CalibrationDocument) -> dict[str, Any]:
+    lenses = adjusted(document.figures).lenses
     return {
         "verdict": document.verdict,
         "reasons": list(document.reasons),
@@ -38,7 +40,30 @@ def _told(document: CalibrationDocument) -> dict[str, Any]:
                 "position_sigma_mm": one.position_sigma_mm,
                 "orientation_sigma_deg": one.orientation_sigma_deg,
                 "time_offset_s": one.time_offset_s,
+                "time_offset_sigma_s": one.time_offset_sigma_s,
+                "fps": one.fps,
+                "registered": one.registered is not False,
+                **_focal(lenses.get(one.name)),
+                **_about(document, one.name),
             }
             for one in document.cameras
         ],
+    }
+
+
+def _focal(lens: LensFigures | None) -> dict[str, float | None]:
+    """A focal length that was estimated, pixels; None where it was taken as stated."""
+    focal = None if lens is None else lens.focal
+    return {
+        "focal_px": None if focal is None else focal.refined_px,
+        "focal_sigma_px": None if focal is None else focal.sigma_px,
+    }
+
+
+def _about(document: CalibrationDocument, name: str) -> dict[str, list[str]]:
+    """What the calibration says of one camera, first of all or alone: problems, and warnings that change no verdict."""
+    own = [one for one in document.diagnostics or () if one.cameras[:1] == (name,)]
+    return {
+        "problems": [one.text for one in own if one.severity != "notice"],
+        "warnings": [one.text for one in own if one.severity == "notice"],
     }

@@ -188,6 +188,23 @@ def without_excluded(text: str, camera: str, key: str, number: int) -> str:
     return tomlkit.dumps(document)
 
 
+def with_time_limit(text: str, camera: str, key: str, seconds: float) -> str:
+    """With `from_s` or `until_s` of a camera, whatever it was before."""
+    document = _parsed(text)
+    _camera(document, camera)[key] = _rounded(seconds)
+    return tomlkit.dumps(document)
+
+
+def without_time_limit(text: str, camera: str, key: str) -> str:
+    """Without `from_s` or `until_s` of a camera."""
+    document = _parsed(text)
+    table = _camera(document, camera)
+    if key not in table:
+        raise InputError(f"[cameras.{camera}] {key} is not there")
+    del table[key]
+    return tomlkit.dumps(document)
+
+
 def with_world_points(text: str, points_file: str) -> str:
     """With `[world]` set by a file of points, whatever set it before; lines stay, but for those that set the heading."""
     document = _parsed(text)

@@ -202,6 +202,10 @@ def _cues(scene: Scene) -> dict[str, Any]:
             for name, camera in scene.cameras.items()
             if camera.exclude or camera.exclude_s
         },
+        "limits": {
+            name: {key: value for key in ("from_s", "until_s") if (value := getattr(camera, key)) is not None}
+            for name, camera in scene.cameras.items()
+        },
         "world": how,
         "lines": [] if world is None else [one.model_dump(mode="json") for one in world.lines],
         "plan": None if world is None or world.plan is None else _told_plan(world.plan),

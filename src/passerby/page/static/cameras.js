@@ -1,6 +1,7 @@
 // The cameras: a card each, with its picture, what is known of it, and what `check` says.
 
 import { find, make, show } from "./dom.js";
+import { found, ofTable } from "./faults.js";
 import { ask } from "./server.js";
 import { View } from "./view.js";
 
@@ -9,12 +10,22 @@ export class Cameras {
 
   update(state) {
     const names = JSON.stringify(state.cameras);
-    if (names !== this.names) {
+    // A scene file that cannot be read for a moment, as while somebody edits it, takes no camera away.
+    const broken = state.faults.length > 0 && this.cards.size > 0;
+    if (names !== this.names && !broken) {
       this.names = names;
       this.cards.clear();
       this.loads = [];
       for (const name of state.cameras) this.cards.set(name, this.card(name));
       show(find("grid"), ...[...this.cards.values()].map(({ card }) => card));
+    }
+    const results = new Map((state.result?.cameras ?? []).map((one) => [one.name, one]));
+    for (const [name, entry] of this.cards) {
+      entry.scene = ofTable(state.faults, name);
+      const result = results.get(name);
+      entry.found.textContent = result ? found(result) : "";
+      entry.problems = result ? [...result.problems, ...result.warnings] : [];
+      this.tell(entry);
     }
     for (const [name, width, height] of state.posed) {
       const view = this.cards.get(name)?.view;
@@ -25,6 +36,7 @@ export class Cameras {
   card(name) {
     const view = new View(name, (one, at) => this.page.click(one, at));
     const entry = { view, boxes: [], known: make("p", { class: "known" }), faults: make("ul", { class: "faults" }) };
+    Object.assign(entry, { found: make("p", { class: "known" }), notes: make("ul", { class: "notes" }), own: { faults: [], notes: [] } });
     entry.frame = make("input", { type: "range", min: 1, max: 1, value: 1, step: 1, "aria-label": `Frame of camera ${name}` });
     entry.number = make("span", { class: "muted" });
     entry.frame.addEventListener("change", () => this.load(entry, Number(entry.frame.value)));
@@ -32,7 +44,7 @@ export class Cameras {
     leave.setAttribute("aria-label", `Leave camera ${name} out`);
     entry.card = make("article", { class: "camera", "aria-label": `Camera ${name}` },
       make("header", {}, make("h3", {}, name), leave), view.stage,
-      make("div", { class: "frames" }, entry.frame, entry.number), entry.known, entry.faults);
+      make("div", { class: "frames" }, entry.frame, entry.number), entry.known, entry.found, entry.faults, entry.notes);
     this.loads.push(this.load(entry, null));
     return entry;
   }
@@ -53,17 +65,32 @@ export class Cameras {
     await shown;
   }
 
+  // Of the frame that is shown, in the camera's own recording; null while nothing is known of its frame rate.
+  seconds(name) {
+    const { fps, view } = this.cards.get(name);
+    return fps && view.frame ? (view.frame - 1) / fps : null;
+  }
+
   // The first pictures, or so many milliseconds, whatever is first: what is slow to know waits for them.
   pictures(most) { return Promise.race([Promise.all(this.loads), new Promise((done) => { setTimeout(done, most); })]); }
 
-  check(told) {
+  // own: by camera, what `check` says of it alone.
+  check(told, own) {
     for (const one of told.cameras) {
       const entry = this.cards.get(one.name);
       if (!entry) continue;
       entry.known.textContent = known(one);
+      entry.fps = one.fps;
       if (one.size && !entry.view.size) entry.view.resize(one.size);
-      show(entry.faults, ...one.faults.map((text) => make("li", {}, text)));
+      entry.own = own.get(one.name);
+      this.tell(entry);
     }
+  }
+
+  tell({ scene, own, problems, faults, notes }) {
+    const items = (texts) => [...new Set(texts)].map((text) => make("li", {}, text));
+    show(faults, ...items([...(scene ?? []), ...own.faults]));
+    show(notes, ...items([...(problems ?? []), ...own.notes]));
   }
 }
 

@@ -4,7 +4,9 @@ import { Cameras } from "./cameras.js";
 import { find, make, show } from "./dom.js";
 import { PlanView } from "./plan.js";
 import { PlanPlacer } from "./plan_place.js";
+import { MovedTool } from "./moved.js";
 import { showCues, showResult, showRun } from "./results.js";
+import { showTop, sorted } from "./faults.js";
 import { ask, send } from "./server.js";
 import { IdentityTool, LengthTool, LineTool, PersonTool, RegionTool, TimeTool, WorldTool } from "./tools.js";
 
@@ -16,12 +18,14 @@ class Page {
     this.checked = "";
     this.shown = "";
     this.reported = "";
+    this.top = { faults: [], notes: [] };
     this.cameras = new Cameras(this);
     this.planView = new PlanView(this);
     this.plan = new PlanPlacer(this);
     this.tools = {
       length: new LengthTool(this), world: new WorldTool(this), person: new PersonTool(this), region: new RegionTool(this),
       time: new TimeTool(this), identity: new IdentityTool(this), line: new LineTool(this), plan: this.plan,
+      moved: new MovedTool(this),
     };
     this.tool = null;
     for (const button of document.querySelectorAll("[data-tool]")) {
@@ -59,9 +63,11 @@ class Page {
     this.planView.update(state);
     this.plan.update(state);
     showRun(state);
+    this.showTop();
     showResult(state);
     showCues(state, (key, number) => this.act({ act: "remove", key, number }),
-      (camera, key, number) => this.act({ act: "include", camera, key, number }));
+      (camera, key, number) => this.act({ act: "include", camera, key, number }),
+      (camera, key) => this.act({ act: "keep_all", camera, key }));
     this.report();
     if (this.checked !== state.version) this.check(state.version);
     if (changed) this.redraw();
@@ -72,11 +78,13 @@ class Page {
     await this.cameras.pictures(PICTURES_MS);
     const told = await ask("/api/check").catch((error) => this.tell(error.message));
     if (!told) return;
-    this.cameras.check(told);
-    const own = new Set(told.cameras.flatMap((one) => one.faults));
-    const rest = [...told.faults.filter((one) => !own.has(one)), ...told.lacks];
-    if (rest.length) show(find("faults"), make("ul", { class: "faults" }, ...rest.map((one) => make("li", {}, one))));
+    const { own, top } = sorted(told);
+    this.cameras.check(told, own);
+    this.top = top;
+    this.showTop();
   }
+
+  showTop() { showTop(find("faults"), this.state.faults.length ? this.state.faults : this.top.faults, this.top.notes); }
 
   report() {
     if (this.state.report === this.reported) return;

@@ -15,7 +15,6 @@ export function showRun(state) {
   find("run-state").textContent = stale && run.state === "done" ? "the scene file was changed since: solve again" : WORDS[run.state];
   const stages = running || run.state === "failed" ? run.stages : [];
   show(find("stages"), ...stages.map(stage), run.error ? make("li", { class: "error" }, run.error) : null);
-  show(find("faults"), state.faults.length ? make("ul", { class: "faults" }, ...state.faults.map((one) => make("li", {}, one))) : null);
 }
 
 function stage({ name, state, parts, seconds }) {
@@ -57,7 +56,7 @@ function changes(now, old) {
   return [number(moved, 2), number(turned, 1), number(old.position_sigma_mm, 0)];
 }
 
-export function showCues(state, remove, include) {
+export function showCues(state, remove, include, keepAll) {
   find("scene-file").textContent = state.file;
   const lines = [];
   (state.lengths ?? []).forEach((one, index) => lines.push(
@@ -78,6 +77,10 @@ export function showCues(state, remove, include) {
   }
   (state.lines ?? []).forEach(({ direction, points }, index) => lines.push(
     cue(`${direction === "x" ? "x axis along a line" : `A ${direction} line`} in ${Object.keys(points).join(", ")}`, () => remove("lines", index + 1))));
+  for (const [name, { from_s, until_s }] of Object.entries(state.limits ?? {})) {
+    if (from_s !== undefined) lines.push(cue(`Camera ${name} is used only after ${from_s} s`, () => keepAll(name, "from_s")));
+    if (until_s !== undefined) lines.push(cue(`Camera ${name} is used only before ${until_s} s`, () => keepAll(name, "until_s")));
+  }
   if (state.world) lines.push(make("li", {}, `World frame: set by ${state.world}`));
   const none = "Nothing yet: heights of people alone set the scale. One marked length makes it metric to a per cent.";
   show(find("cues"), lines.length ? make("ul", { class: "cues" }, ...lines) : make("p", { class: "nothing" }, none));

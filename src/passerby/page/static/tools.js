@@ -4,10 +4,10 @@ import { make, number, show } from "./dom.js";
 import { samePerson } from "./person.js";
 import { send } from "./server.js";
 
-const field = (label, attributes) => make("label", { class: "field" }, make("span", {}, label), make("input", attributes));
-const read = (form, name) => form.querySelector(`[name=${name}]`).valueAsNumber;
+export const field = (label, attributes) => make("label", { class: "field" }, make("span", {}, label), make("input", attributes));
+export const read = (form, name) => form.querySelector(`[name=${name}]`).valueAsNumber;
 
-class Tool {
+export class Tool {
   constructor(page) { this.page = page; this.box = document.getElementById("tool"); }
   form(...children) {
     const form = make("form", { class: "tool-form" }, ...children);
@@ -168,12 +168,14 @@ export class PersonTool extends Tool {
 
   async click(view, at) {
     const found = { camera: view.name, frame: view.frame, at };
-    [this.found, this.others] = [found, null];
+    this.found = found;
+    this.others?.classList.add("stale");
     this.page.redraw();
     this.show();
     const others = await samePerson(found);
     if (this.page.tool !== this || this.found !== found) return;
     this.others = others;
+    document.getElementById("magnifier").hidden = true;
     this.show();
   }
 
