@@ -5,7 +5,7 @@
     python docs/make_page_pictures.py demo/out plan         # those of a plan: of a copy, which is calibrated again
 
 Needs the extras `dev` and `page`, and a Chromium of the machine's package manager. The demonstration's people are drawn, so the
-pictures show nobody. Nothing is saved in the scene file.
+pictures show nobody. Nothing is saved in the scene file. The monitored rig is that of the demonstration, see `watch_scene.py`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
+from watch_scene import MOVE, monitor_turned
 
 from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import read_rig
@@ -38,6 +39,11 @@ UNIT, MARGIN_M = 0.02, 1.5
 """Of the plan: metres per pixel, and metres around the cameras."""
 CLICKED = (0.5, 0.7)
 """Of the first picture's width and height: on the ground."""
+NAMED = 3
+"""The box of the first picture that is pointed at: somebody whom all cameras see."""
+WIPED = (
+    f"""() => document.querySelectorAll("article[aria-label='Camera {MOVE.camera}'] .wipe img:not([hidden])").length === 2"""
+)
 
 
 def main(out: Path, parts: list[str]) -> None:
@@ -48,8 +54,8 @@ def main(out: Path, parts: list[str]) -> None:
 
 
 @contextmanager
-def _opened(*opened: str) -> Iterator[Page]:
-    """The page of `passerby open` with these arguments, with its pictures."""
+def _opened(*opened: str, loaded: str = LOADED) -> Iterator[Page]:
+    """The page of `passerby open` with these arguments, once its pictures are there."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         sys.exit("no Chromium: install the package chromium")
@@ -63,7 +69,7 @@ def _opened(*opened: str) -> Iterator[Page]:
                     viewport=SIZE, color_scheme="light"
                 )
                 page.goto(address)
-                _until(page, LOADED)
+                _until(page, loaded)
                 yield page
         finally:
             server.terminate()
@@ -81,6 +87,30 @@ def photograph_marks(out: Path) -> None:
         stage.click(position={"x": CLICKED[0] * box["width"], "y": CLICKED[1] * box["height"]})
         _until(page, "() => document.querySelectorAll('.epipolar').length > 1")
         _keep(page, "page-length.jpg")
+
+
+def photograph_person(out: Path) -> None:
+    """A person of the first picture, pointed at."""
+    with _opened(str(out)) as page:
+        page.click("[data-tool=person]")
+        _until(page, "() => document.querySelectorAll('.stage .box').length > 3")
+        page.locator("#cameras").evaluate("(one) => one.scrollIntoView()")
+        stage = page.locator(".stage").first
+        box, person = stage.bounding_box(), stage.locator(".box").nth(NAMED).bounding_box()
+        assert box is not None
+        assert person is not None
+        stage.click(
+            position={"x": person["x"] - box["x"] + person["width"] / 2, "y": person["y"] - box["y"] + person["height"] / 2}
+        )
+        _until(page, "() => document.querySelectorAll('.crop').length > 1")
+        _keep(page, "page-person.jpg")
+
+
+def photograph_watch(out: Path) -> None:
+    """A monitored rig one of whose cameras was turned."""
+    with tempfile.TemporaryDirectory() as folder, _opened(str(monitor_turned(out, Path(folder))), loaded=WIPED) as page:
+        page.locator(f"article[aria-label='Camera {MOVE.camera}']").evaluate("(one) => one.scrollIntoView({block: 'center'})")
+        _keep(page, "page-watch.jpg")
 
 
 def photograph_plan(out: Path) -> None:
@@ -169,7 +199,12 @@ def _keep(page: Page, name: str) -> None:
     print(f"written: docs/figures/{name}")
 
 
-PARTS = {"marks": photograph_marks, "plan": photograph_plan}
+PARTS = {
+    "marks": photograph_marks,
+    "person": photograph_person,
+    "plan": photograph_plan,
+    "watch": photograph_watch,
+}
 
 if __name__ == "__main__":
     main(Path(sys.argv[1]), sys.argv[2:])
