@@ -218,6 +218,7 @@ def test_people_of_the_nearest_frame_and_of_the_fullest_are_told(client, session
     most = client.get("/api/people", "camera=C1").json()
     assert (most["frame"], len(most["boxes"]), most["first"], most["last"]) == (9, 2, 4, 9)
     assert "has no video" in most["why"]
+    assert most["fps"] == 5.0
 
 
 def test_a_run_is_found_by_its_files_after_the_server_was_ended(tmp_path):
@@ -280,6 +281,7 @@ def test_a_picture_is_that_of_its_frame(simulated, tmp_path):
     client = Client(Session(scene, tmp_path / "out"))
     told = client.get("/api/people", "camera=A&frame=30").json()
     assert (told["frame"], told["first"], told["last"], told["size"], told["why"]) == (30, 1, 40, [64, 48], None)
+    assert told["fps"] == 10.0
     answer = client.get("/picture", "camera=A&frame=30")
     assert (answer.headers["content-type"], answer.headers["x-frame"]) == ("image/jpeg", "30")
     picture = cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_COLOR)

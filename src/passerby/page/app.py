@@ -109,7 +109,7 @@ def _people(session: Session, name: str, asked: int | None) -> dict[str, Any]:
     boxes = read_boxes(path) if path.is_file() else Boxes.empty()
     frames, counts = np.unique(boxes.frame, return_counts=True)
     first, last = (int(frames[0]), int(frames[-1])) if len(frames) else (1, 1)
-    told: dict[str, Any] = {"size": None, "why": None}
+    told: dict[str, Any] = {"size": None, "why": None, "fps": scene.fps_of(name)}
     info = None
     if asked is None and len(frames):
         asked = int(frames[np.argmax(counts)])
@@ -118,7 +118,7 @@ def _people(session: Session, name: str, asked: int | None) -> dict[str, Any]:
             info = session.pictures.video(scene, version, name)
             first = 1 + round(info.begin_s * info.clock_fps)
             last = max(last, first, round((info.end_s or 0.0) * info.clock_fps))
-            told["size"] = list(info.size)
+            told |= {"size": list(info.size), "fps": told["fps"] or info.clock_fps}
         except InputError as error:
             told["why"] = session.public(str(error))
         frame = first if asked is None else asked

@@ -56,6 +56,7 @@ export class Cameras {
       .catch((error) => { entry.number.textContent = error.message; return null; });
     if (!told) return;
     entry.boxes = told.boxes;
+    entry.fps = told.fps;
     if (told.size && !view.size) view.resize(told.size);
     [entry.frame.min, entry.frame.max, entry.frame.value] = [told.first, told.last, told.frame];
     entry.number.textContent = told.why ?? `frame ${told.frame}`;
@@ -80,7 +81,6 @@ export class Cameras {
       const entry = this.cards.get(one.name);
       if (!entry) continue;
       entry.known.textContent = known(one);
-      entry.fps = one.fps;
       if (one.size && !entry.view.size) entry.view.resize(one.size);
       entry.own = own.get(one.name);
       this.tell(entry);

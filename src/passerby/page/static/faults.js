@@ -1,6 +1,6 @@
 // What is wrong or found, beside the camera that it is about; what concerns several cameras or the scene stays at the top.
 
-import { make, number, show } from "./dom.js";
+import { find, make, number, show } from "./dom.js";
 
 export const list = (className, texts) => (texts.length ? make("ul", { class: className }, ...texts.map((one) => make("li", {}, one))) : null);
 
@@ -19,9 +19,11 @@ export function sorted(told) {
 // Of a scene file that cannot be read: those that name the table of a camera.
 export const ofTable = (faults, name) => faults.filter((one) => one.includes(`[cameras.${name}]`) || one.includes(`[cameras."${name}"]`));
 
-export function showTop(box, faults, notes) {
-  show(box, list("faults", faults), notes.length ? make("details", { class: "known" },
-    make("summary", {}, notes.length === 1 ? "1 notice" : `${notes.length} notices`), list("notes", notes)) : null);
+export function showTop(faults, notes) {
+  show(find("faults"), list("faults", faults));
+  const text = notes.length === 1 ? "1 notice" : `${notes.length} notices`;
+  if (find("notices").textContent === [text, ...notes].join("")) return; // it may be open
+  show(find("notices"), notes.length ? make("details", { class: "muted" }, make("summary", {}, text), list("notes", notes)) : null);
 }
 
 // "Found: focal length 1203 ± 15 px · clock +0.213 ± 0.004 s · position ± 42 mm, rotation ± 0.20°"

@@ -84,7 +84,7 @@ class Page {
     this.showTop();
   }
 
-  showTop() { showTop(find("faults"), this.state.faults.length ? this.state.faults : this.top.faults, this.top.notes); }
+  showTop() { showTop(this.state.faults.length ? this.state.faults : this.top.faults, this.top.notes); }
 
   report() {
     if (this.state.report === this.reported) return;

@@ -29,9 +29,11 @@ export class Tool {
 
 // Two ends, each in two pictures or more: the picture's first click is the first end, the second the other one.
 export class LengthTool extends Tool {
-  start() { this.marks = {}; this.lines = {}; this.measured = null; this.show(); }
+  start() { this.clicks = (this.clicks ?? 0) + 1; this.marks = {}; this.lines = {}; this.measured = null; this.show(); }
 
+  // Only the last click's answer draws the form: an earlier one would replace the button below somebody's finger.
   async click(view, at) {
+    const click = ++this.clicks;
     const own = (this.marks[view.name] ??= [null, null]);
     const apart = own.map((one) => (one ? Math.hypot(one[0] - at[0], one[1] - at[1]) : -1));
     const end = own[0] === null ? 0 : own[1] === null ? 1 : apart[0] < apart[1] ? 0 : 1;
@@ -42,9 +44,10 @@ export class LengthTool extends Tool {
       const found = await send("/api/epipolar", { camera: view.name, at }).catch((error) => this.page.tell(error.message));
       for (const { camera, line } of found?.lines ?? []) (this.lines[camera] ??= {})[`${view.name} ${end}`] = { line, end };
     }
-    await this.measure();
     this.page.redraw();
-    this.show();
+    if (click !== this.clicks) return;
+    await this.measure();
+    if (click === this.clicks) this.show();
   }
 
   whole() { return Object.fromEntries(Object.entries(this.marks).filter(([, ends]) => ends[0] && ends[1])); }
