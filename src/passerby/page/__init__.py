@@ -11,5 +11,8 @@ of the scene file that its browser saw: `scene_edits` makes the new text (tomlki
 `passerby check` would, and writes it whole before the click is acknowledged. Geometry is computed here, never in the browser.
 A calibration runs in a process of its own; what it prints lies in `OUT/.page`, where a restarted server finds it again.
 
+The folder of `passerby monitor` has a page of its own, which changes nothing: `monitored` reads the folder and the recordings
+that it names, `monitor_app` answers. Both apps share `answers`, `security`, `pictures` and the files of `static`.
+
 Needs the extra `page`; the only room that imports starlette, uvicorn and tomlkit. Imports all rooms but `cli`.
 """
