@@ -4,6 +4,8 @@
                                                       |         |
                                                       |         +--> work: `python -m passerby calibrate` --> OUT
                                                       +--> pictures (videos), geometry (the rig of OUT)
+                                                      +--> plan_routes --> plan_upload --> plan-*.png beside the scene file
+                                                                  +--> plan_fit (a draft on the rig), plan_view (files)
 
 The scene file and OUT are all the state there is. `session` reads both and makes one JSON value of them; the browser asks for
 it again and again, so that it sees what an editor, a second browser or a calibration has changed. An act carries the version
