@@ -7,31 +7,27 @@ each person shifted by a share of the height in the picture (the baseline over t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
 from passerby.core.extents import extents_of
 from passerby.core.observations import CameraObservations, Observations
 from passerby.findings.finding import Finding, doubt
-from passerby.geometry.groups import rows_of_equal
 from passerby.geometry.robust import NORMAL_BY_MAD
+from passerby.scene.content_matching import MIN_FRAMES, BinnedBoxes, Overlap, PictureMap, SharedBoxes, likely_lags
 
-MIN_FRAMES, MIN_MATCHES = 30, 60
-"""Fewer frames with people in both, or fewer boxes that agree, tell nothing."""
+MIN_MATCHES = 60
+"""Fewer boxes that agree tell nothing."""
 MOST_FRAMES = 150
 """Of those that are compared, at even steps."""
 FIRST_FRAMES, FIRST_BOXES, FIRST_MARGIN = 30, 150, 0.7
 """So many frames are compared first. With so many boxes in each of the two, they show other people where even this share of
 what the same content needs is not reached. It saves most of the time with many cameras, whose pairs are many."""
-LAGS = 4
-"""Time shifts that are tried: those at which numbers, places and sizes of the boxes agree best over the recording."""
-NEAR = (0.6, 0.3, 0.3)
-"""Boxes may belong together whose edges differ by less than this share of the height, in one round after another."""
 LEAST_SHARE = 0.6
 """Of the boxes of one of the two, found in the other."""
 SAME_NUMBERS = 0.004
@@ -88,17 +84,6 @@ class _Shown:
     """Usual time between frames with people."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Map:
-    """Pixels of the second camera from those of the first: scale and shift, across and down."""
-
-    scale: Floats
-    shift: Floats
-
-    def __call__(self, extent: Floats) -> Floats:
-        return np.asarray(extent * np.tile(self.scale, 2) + np.tile(self.shift, 2))
-
-
 def same_contents(rig: Rig, observations: Observations, *, sure: bool = True) -> list[SameContent]:
     """The pairs of cameras that show the same.
 
@@ -114,9 +99,10 @@ def same_contents(rig: Rig, observations: Observations, *, sure: bool = True) ->
         if (one := _shown(observations[camera.name], camera.lens.size, rates.get(camera.name) or observations.fps)) is not None
     }
     timed = bool(rates) or observations.fps is not None
+    binned = _Binned()
     found = []
     for first, second in combinations(shown, 2):
-        pair = _compare(shown[first], shown[second], sure)
+        pair = _compare(shown[first], shown[second], binned, sure)
         if pair is not None:
             found.append(SameContent(first, second, pair.share, float(np.sqrt(pair.map.scale.prod())), pair.later, timed))
     return found
@@ -175,114 +161,59 @@ def _shown(seen: CameraObservations, size: tuple[int, int], fps: float | None) -
 @dataclass(frozen=True, eq=False)
 class _Pair:
     share: float
-    map: _Map
+    map: PictureMap
     later: float
 
 
-def _compare(first: _Shown, second: _Shown, sure: bool) -> _Pair | None:
+@dataclass(frozen=True, eq=False)
+class _Binned:
+    """The boxes of each camera by steps of a common time, as they were binned last: mostly the next pair's time is the same."""
+
+    last: dict[int, tuple[float, float, BinnedBoxes]] = field(default_factory=dict)
+
+    def of(self, shown: _Shown, start: float, step: float) -> BinnedBoxes:
+        """By steps from a start, both seconds."""
+        last = self.last.get(id(shown))
+        if last is None or last[:2] != (start, step):
+            last = start, step, BinnedBoxes.of(shown.seconds, shown.frame, shown.extent, start, step)
+            self.last[id(shown)] = last
+        return last[2]
+
+
+def _compare(first: _Shown, second: _Shown, binned: _Binned, sure: bool) -> _Pair | None:
     """The time shift and the map by which two cameras show the same; None where they do not."""
     step = max(first.step, second.step)
     start = min(first.seconds[0], second.seconds[0])
-    a, b = _Binned.of(first, start, step), _Binned.of(second, start, step)
+    a, b = binned.of(first, start, step), binned.of(second, start, step)
     aspects = np.array([1.0, second.size[1] / first.size[1] / (second.size[0] / first.size[0])])
-    for lag in _lags(a, b):
-        for begin in _beginnings(first, second, a, b, lag):
-            found = _matched(a, b, lag, begin, second.size, aspects, sure)
+    for lag in likely_lags(a, b):
+        overlap = Overlap(a, b, lag)
+        if len(overlap.steps) < MIN_FRAMES:
+            continue
+        for begin in _beginnings(first, second, overlap):
+            found = _matched(overlap, begin, second.size, aspects, sure)
             if found is not None:
                 return _Pair(found[0], found[1], lag * step)
     return None
 
 
-@dataclass(frozen=True, eq=False)
-class _Binned:
-    """The boxes by steps of a common time."""
-
-    bin: Ints
-    """(N,) in order."""
-    extent: Floats
-
-    @classmethod
-    def of(cls, shown: _Shown, start: float, step: float) -> _Binned:
-        """Of each step the frame that is nearest to its middle."""
-        at = (shown.seconds - start) / step
-        number = np.round(at).astype(np.int64)
-        away = np.abs(at - number)
-        nearest = np.full(int(number.max()) + 1, np.inf)
-        np.minimum.at(nearest, number, away)
-        keep = away <= nearest[number] + 1e-9
-        # Two frames as far off on either side: the earlier.
-        first = np.zeros(len(nearest), dtype=np.int64)
-        first[number[keep][::-1]] = shown.frame[keep][::-1]
-        keep &= shown.frame == first[number]
-        return cls(number[keep], shown.extent[keep])
-
-    def signals(self, length: int) -> tuple[Floats, Floats]:
-        """(4, length) how many people, where in the mean and how tall, each of mean 0 and size 1; (length,) where any."""
-        count = np.bincount(self.bin, minlength=length).astype(float)
-        some = count > 0
-        middle, tall = 0.5 * (self.extent[:, :2] + self.extent[:, 2:]), self.extent[:, 3] - self.extent[:, 1]
-        rows = [count]
-        for values in (middle[:, 0], middle[:, 1], np.log(tall)):
-            rows.append(np.bincount(self.bin, values, minlength=length) / np.maximum(count, 1))
-        table = np.array(rows)
-        mean, spread = table[:, some].mean(axis=1), table[:, some].std(axis=1)
-        table = np.where(some, (table - mean[:, None]) / np.maximum(spread, 1e-9)[:, None], 0.0)
-        return table, some.astype(float)
-
-
-def _lags(a: _Binned, b: _Binned) -> list[int]:
-    """Steps by which the second may show the same later, the likeliest first; none at all where the two do not overlap."""
-    length = int(max(a.bin[-1], b.bin[-1])) + 1
-    (one, seen_one), (other, seen_other) = a.signals(length), b.signals(length)
-    size = next_fast_len(2 * length)
-
-    def correlated(x: Floats, y: Floats) -> Floats:
-        return np.asarray(irfft(np.conj(rfft(x, size)) * rfft(y, size), size))
-
-    overlap = np.round(correlated(seen_one, seen_other))
-    agree = sum(correlated(x, y) for x, y in zip(one, other, strict=True)) / np.maximum(overlap, 1.0)
-    least = max(MIN_FRAMES, 0.3 * min(seen_one.sum(), seen_other.sum()))
-    agree = np.where(overlap >= least, agree, -np.inf)
-    out = [0] if overlap[0] >= MIN_FRAMES else []
-    for _ in range(LAGS):
-        best = int(np.argmax(agree))
-        if not agree[best] > 0:
-            break
-        out.append(best if best < size // 2 else best - size)
-        agree[(best + np.arange(-2, 3)) % size] = -np.inf
-    return list(dict.fromkeys(out))
-
-
-def _beginnings(first: _Shown, second: _Shown, a: _Binned, b: _Binned, lag: int) -> list[_Map]:
+def _beginnings(first: _Shown, second: _Shown, overlap: Overlap) -> Iterator[PictureMap]:
     """Maps to begin with: the pictures' sizes, the same pixels, and what brings the boxes to the same spread."""
-    both = np.intersect1d(a.bin + lag, b.bin)
-    one, other = a.extent[np.isin(a.bin + lag, both)], b.extent[np.isin(b.bin, both)]
     none = np.zeros(2)
-    out = [_Map(np.array(second.size) / np.array(first.size), none)]
+    yield PictureMap(np.array(second.size) / np.array(first.size), none)
     if first.size != second.size:
-        out.append(_Map(np.ones(2), none))
-    if not len(one) or not len(other):
-        return out
-    (a_low, a_middle, a_high), (b_low, b_middle, b_high) = (
-        np.quantile(0.5 * (each[:, :2] + each[:, 2:]), (0.1, 0.5, 0.9), axis=0) for each in (one, other)
-    )
-    scale = (b_high - b_low) / np.maximum(a_high - a_low, 1e-9)
-    if (scale > 0.1).all() and (scale < 10).all():
-        out.append(_Map(scale, b_middle - scale * a_middle))
-    return out
+        yield PictureMap(np.ones(2), none)
+    if (by_spread := overlap.map_of_spread()) is not None:
+        yield by_spread
 
 
 def _matched(
-    a: _Binned, b: _Binned, lag: int, begin: _Map, size: tuple[int, int], aspects: Floats, sure: bool
-) -> tuple[float, _Map] | None:
+    overlap: Overlap, begin: PictureMap, size: tuple[int, int], aspects: Floats, sure: bool
+) -> tuple[float, PictureMap] | None:
     """The share of boxes that are in the other camera too, and the map between them; None where they are not the same."""
-    both = np.intersect1d(a.bin + lag, b.bin)
-    if len(both) < MIN_FRAMES:
+    if len(overlap.steps) > 2 * FIRST_FRAMES and _surely_others(overlap.boxes(FIRST_FRAMES), begin, sure):
         return None
-    if len(both) > 2 * FIRST_FRAMES and _surely_others(_Shared.of(a, b, lag, _spread(both, FIRST_FRAMES)), begin, sure):
-        return None
-    shared = _Shared.of(a, b, lag, _spread(both, MOST_FRAMES))
-    fit = shared.fit(begin, MIN_MATCHES)
+    fit = overlap.boxes(MOST_FRAMES).fit(begin, MIN_MATCHES)
     if fit is None:
         return None
     shares = fit.shares
@@ -292,14 +223,9 @@ def _matched(
     return (max(shares), fit.map) if fit.off <= SAME_NUMBERS or alike else None
 
 
-def _spread(frames: Ints, most: int) -> Ints:
-    """So many of the frames at even steps, or all."""
-    return np.asarray(frames[np.unique(np.linspace(0, len(frames) - 1, min(len(frames), most)).astype(int))])
-
-
-def _surely_others(shared: _Shared, begin: _Map, sure: bool) -> bool:
+def _surely_others(shared: SharedBoxes, begin: PictureMap, sure: bool) -> bool:
     """Whether a few frames with many boxes show that the people are others, by far."""
-    if min(len(shared.from_a), len(shared.from_b)) < FIRST_BOXES:
+    if min(shared.count_a, shared.count_b) < FIRST_BOXES:
         return False
     fit = shared.fit(begin, 2)
     if fit is None:
@@ -308,76 +234,7 @@ def _surely_others(shared: _Shared, begin: _Map, sure: bool) -> bool:
     return max(fit.shares) < least or min(fit.shares) < 0.5 * least or fit.off > most
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """Boxes of one camera on those of the other."""
-
-    map: _Map
-    mine: Floats
-    """(K, 4) matched boxes,"""
-    theirs: Floats
-    """(K, 4) and those that they are on."""
-    shares: tuple[float, float]
-    """Of all boxes of either that are matched."""
-    off: float
-    """Median difference of the edges, as a share of the height."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Shared:
-    """The boxes of two cameras at steps that both have, the first's brought to the second's time."""
-
-    bin_a: Ints
-    from_a: Floats
-    bin_b: Ints
-    from_b: Floats
-
-    @classmethod
-    def of(cls, a: _Binned, b: _Binned, lag: int, steps: Ints) -> _Shared:
-        """Those at some of the second's steps."""
-        one, other = np.isin(a.bin + lag, steps), np.isin(b.bin, steps)
-        return cls(a.bin[one] + lag, a.extent[one], b.bin[other], b.extent[other])
-
-    def fit(self, begin: _Map, least: int) -> _Fit | None:
-        """The map that puts most boxes of the first on boxes of the second; None where fewer than `least` match."""
-        pairs, change = (np.zeros(0, np.int64),) * 2, begin
-        for near in NEAR:
-            pairs = _nearest(self.bin_a, change(self.from_a), self.bin_b, self.from_b, near)
-            if len(pairs[0]) < least:
-                return None
-            change = _fitted(self.from_a[pairs[0]], self.from_b[pairs[1]])
-        mine, theirs = self.from_a[pairs[0]], self.from_b[pairs[1]]
-        tall = theirs[:, 3] - theirs[:, 1]
-        off = float(np.median(np.abs(change(mine) - theirs).mean(axis=1) / tall))
-        return _Fit(change, mine, theirs, (len(tall) / len(self.from_a), len(tall) / len(self.from_b)), off)
-
-
-def _nearest(bin_a: Ints, at: Floats, bin_b: Ints, extent: Floats, near: float) -> tuple[Ints, Ints]:
-    """(K,) rows of either that are each other's nearest in their frame, no farther apart than a share of the height."""
-    rows, columns = rows_of_equal(bin_a, bin_b)
-    away = np.abs(at[rows] - extent[columns]).max(axis=1) / (extent[columns, 3] - extent[columns, 1])
-    best_a, best_b = np.full(len(bin_a), np.inf), np.full(len(bin_b), np.inf)
-    np.minimum.at(best_a, rows, away)
-    np.minimum.at(best_b, columns, away)
-    mutual = (away <= near) & (away == best_a[rows]) & (away == best_b[columns])
-    return rows[mutual], columns[mutual]
-
-
-def _fitted(mine: Floats, theirs: Floats) -> _Map:
-    """Scale and shift of each axis by least squares on both edges, those that are far off left out."""
-    scale, shift = np.ones(2), np.zeros(2)
-    for axis in range(2):
-        x, y = mine[:, [axis, axis + 2]].ravel(), theirs[:, [axis, axis + 2]].ravel()
-        use = np.ones(len(x), dtype=bool)
-        for _ in range(3):
-            design = np.column_stack([x[use], np.ones(int(use.sum()))])
-            (scale[axis], shift[axis]), *_ = np.linalg.lstsq(design, y[use], rcond=None)
-            miss = np.abs(scale[axis] * x + shift[axis] - y)
-            use = miss <= 3 * np.median(miss) + 1e-9
-    return _Map(scale, shift)
-
-
-def _begins_alike(change: _Map, size: tuple[int, int]) -> bool:
+def _begins_alike(change: PictureMap, size: tuple[int, int]) -> bool:
     """Whether the corner of the one picture is the corner of the other, and neither is much drawn out."""
     drawn = float(change.scale[0] / change.scale[1])
     return bool((np.abs(change.shift) <= SHIFT * np.array(size)).all()) and 0.7 < drawn < 1.43
@@ -386,11 +243,13 @@ def _begins_alike(change: _Map, size: tuple[int, int]) -> bool:
 def _at_one_place(mine: Floats, theirs: Floats, aspects: Floats, sure: bool) -> bool:
     """Whether people near and far are shifted alike and are larger by one factor, and this is known well; else may be.
 
+    Boxes are (4, K) edges, left, top, right, bottom, pixels.
+
     Across the picture the scale comes from where people are; down the picture that is how large they are as well, so there
     the scale is that across, times one of the `aspects` (pictures that were squeezed).
     """
-    tall, tall_before = theirs[:, 3] - theirs[:, 1], mine[:, 3] - mine[:, 1]
-    (x, y), (x_there, y_there) = (0.5 * (each[:, :2] + each[:, 2:]).T for each in (mine, theirs))
+    tall, tall_before = theirs[3] - theirs[1], mine[3] - mine[1]
+    (x, y), (x_there, y_there) = (0.5 * (each[:2] + each[2:]) for each in (mine, theirs))
     one = np.ones(len(x))
     (scale, _, across), sigma_across = _robust(np.column_stack([x - x.mean(), one, tall - tall.mean()]), x_there)
     drawn = np.median(tall / tall_before) / scale
