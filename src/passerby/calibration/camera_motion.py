@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from passerby.core.overlap import count_shared_observations
 from passerby.core.synchronisation import USUAL_FPS, clocks_of, resample_to_common_steps
 from passerby.findings.finding import Finding, doubt
 from passerby.interchange.storage.toml_text import key
-from passerby.people.body_centres import BodyCentres, body_centres, identified_body_centres, triangulate_people
+from passerby.people.body_centres import BodyCentres, PeopleRays, body_centres, identified_body_centres
 from passerby.scene.inputs import SceneInputs
 
 MARGIN_S = 0.5
@@ -125,14 +125,12 @@ def _most_certain(inputs: SceneInputs, estimate: Estimate, repair: MotionRepair)
     """The camera whose motion explains most of what does not fit; others may look moved because of it."""
     rig, association = estimate.solution.rig, estimate.association
     middles = identified_body_centres(rig, association.instants)
-    around = _cameras_around(rig, association.instants)
+    rays, around = PeopleRays.of(rig, middles), _cameras_around(rig, association.instants)
     best: tuple[float, int, PoseChange] | None = None
     for c, camera in enumerate(rig):
         if camera.pose is None:
             continue
-        m = _matched(
-            c, rig, [m if k in around[c] else None for k, m in enumerate(middles)], inputs.observations, association, repair
-        )
+        m = _matched(c, rig, middles[c], rays, around[c], inputs.observations, association, repair)
         rate = association.instants.fps or USUAL_FPS
         stated = camera.lens.focal_sd is None
         for change in (detect_pose_change(m, camera.pose, rate), detect_zoom(m, camera.pose, rate, stated=stated)):
@@ -167,22 +165,22 @@ def _cameras_around(rig: Rig, instants: Observations) -> list[set[int]]:
 
 
 def _matched(
-    c: int, rig: Rig, middles: list[BodyCentres | None], observations: Observations, association: Association,
-    repair: MotionRepair,
+    c: int, rig: Rig, own: BodyCentres | None, rays: PeopleRays, around: Collection[int], observations: Observations,
+    association: Association, repair: MotionRepair,
 ) -> Correspondences:  # fmt: skip
-    """All that a camera saw, with where the others see the people.
+    """All that a camera saw, with where the others `around` it see the people, by all cameras' `rays`.
 
     Where identities were found, sightings from elsewhere lost theirs, or never had one: each may show anybody.
     """
-    camera, own = rig.cameras[c], middles[c]
+    camera = rig.cameras[c]
     known, height_m = repair.identities_known, repair.person_height_m
     if not known or own is None:
         own = body_centres(_at_instants(camera.name, observations, association, rig), camera)
-    seen = [np.unique(m.instant) for k, m in enumerate(middles) if m is not None and k != c]
-    instants = instants_compared(own, np.concatenate([np.zeros(0, np.int64), *seen]))
+    others = np.isin(np.arange(len(rig)), [k for k in around if k != c])[rays.camera]
+    seen = np.bincount(rays.person[others], minlength=len(rays.instant)) > 0
+    instants = instants_compared(own, rays.instant[seen])
     # Only where it is compared: each instant's people are triangulated by themselves.
-    others = [m if m is None or k == c else m.take(np.isin(m.instant, instants)) for k, m in enumerate(middles)]
-    people = triangulate_people(rig, others, height_m, excluding=c)
+    people = rays.triangulated(height_m, others & np.isin(rays.instant, instants)[rays.person])
     return match_people(own, people, height_m, given=known, instants=instants)
 
 
@@ -249,7 +247,8 @@ def _measured_again(moved: DetectedMotion, inputs: SceneInputs, estimate: Estima
     else:
         everything = association.instants
     middles = identified_body_centres(solution.rig, everything)
-    m = _matched(c, solution.rig, middles, inputs.observations, association, repair)
+    rays, everyone = PeopleRays.of(solution.rig, middles), range(len(middles))
+    m = _matched(c, solution.rig, middles[c], rays, everyone, inputs.observations, association, repair)
     own = _own_frames(moved.camera, m.own.instant, inputs.observations, association)
     part = m.part((own >= moved.first_frame) & (own <= moved.last_frame))
     if len(part) < 10:

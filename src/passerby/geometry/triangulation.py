@@ -10,6 +10,7 @@ from passerby.geometry.rotations import direction_angle
 
 # Two rays closer to parallel than this (radians) have no meeting point that a pixel's noise would not move by kilometres.
 PARALLEL = 1e-6
+TWO_VIEW_ROUNDS = 3
 
 
 def triangulate(
@@ -95,7 +96,7 @@ def triangulate_views(
 
 
 def triangulate_two_views(rays_a: Floats, rays_b: Floats, R_ba: Floats, t_ba: Floats) -> Floats:
-    """Points seen by two cameras, with `x_b = R_ba x_a + t_ba`.
+    """Points seen by two cameras, with `x_b = R_ba x_a + t_ba`: those of `triangulate`, in a closed form.
 
     Args:
         rays_a: (N, 3) unit rays in camera a's frame.
@@ -106,12 +107,34 @@ def triangulate_two_views(rays_a: Floats, rays_b: Floats, R_ba: Floats, t_ba: Fl
     Returns:
         (N, 3) points in camera a's frame, in the unit of `t_ba`; NaN where the rays are parallel.
     """
-    n = len(rays_a)
-    camera = np.repeat(np.array([0, 1], dtype=np.int64), n)
-    point = np.tile(np.arange(n, dtype=np.int64), 2)
-    rotations = np.stack([np.eye(3), np.asarray(R_ba, dtype=np.float64)])
-    translations = np.stack([np.zeros(3), np.asarray(t_ba, dtype=np.float64)])
-    return triangulate(camera, point, np.concatenate([rays_a, rays_b]), rotations, translations, n)
+    to_a = np.asarray(R_ba, dtype=np.float64).T
+    d, e = np.asarray(rays_a, dtype=np.float64), np.asarray(rays_b, dtype=np.float64) @ to_a.T
+    centre = -to_a @ np.asarray(t_ba, dtype=np.float64)
+    # Least squares of distances to two rays, whatever their weights, lies on the shortest segment between them.
+    normal = np.cross(d, e)
+    sine2 = np.einsum("ni,ni->n", normal, normal)
+    along = np.where(sine2 > 0, sine2, 1.0)
+    on_a = d * (np.einsum("ni,ni->n", np.cross(centre, e), normal) / along)[:, None]
+    on_b = centre + e * (np.einsum("ni,ni->n", np.cross(centre, d), normal) / along)[:, None]
+    weight_a = weight_b = np.ones(len(d))
+    points = np.full((len(d), 3), np.nan)
+    for _ in range(TWO_VIEW_ROUNDS):
+        total = weight_a + weight_b
+        product = weight_a * weight_b * sine2
+        # The smallest of the eigenvalues that `triangulate` compares, without the difference of large numbers; the largest is
+        # the sum of the weights.
+        least = 2 * product / (total + np.sqrt(np.maximum(total**2 - 4 * product, 0.0)))
+        sound = least > PARALLEL**2 * total
+        points = (weight_a[:, None] * on_a + weight_b[:, None] * on_b) / total[:, None]
+        points[~sound] = np.nan
+        weight_a, weight_b = (_inverse_squares(points - from_) for from_ in (np.zeros(3), centre))
+    return points
+
+
+def _inverse_squares(reach: Floats) -> Floats:
+    """(N,) of the lengths of (N, 3); 1 where they are 0 or not finite."""
+    square = np.einsum("ni,ni->n", reach, reach)
+    return np.asarray(1.0 / np.where(np.isfinite(square) & (square > 0), square, 1.0))
 
 
 def parallax_angles(rays_a: Floats, rays_b: Floats, R_ba: Floats) -> Floats:

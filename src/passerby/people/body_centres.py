@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from passerby.common.arrays import Floats, Ints
+from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.columns import Columns
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import CameraObservations, Observations
-from passerby.geometry.groups import group_sums
+from passerby.geometry.small_systems import solve_symmetric
 from passerby.people.segments import upright_segments
 
 SHARE, FLOOR_PX = 0.03, 1.0
@@ -84,11 +85,9 @@ def identified_body_centres(rig: Rig, instants: Observations) -> list[BodyCentre
 
 
 def triangulate_people(
-    rig: Rig, centres: list[BodyCentres | None], person_height_m: float, *, excluding: int = -1
+    rig: Rig, centres: Sequence[BodyCentres | None], person_height_m: float, *, excluding: int = -1
 ) -> TriangulatedPeople:
-    """Where everybody is by the cameras but one: the point nearest to all rays, at the height where people's middles are.
-
-    Least squares on angles with a Cauchy loss; one other camera does, the height then tells how far away the person is.
+    """Where everybody is by the cameras but one (`PeopleRays.triangulated`).
 
     Args:
         rig: with poses.
@@ -96,35 +95,92 @@ def triangulate_people(
         person_height_m: typical standing height, metres.
         excluding: index of the camera that has no part in it; -1 for none.
     """
-    poses = [camera.pose for camera in rig]
-    used = [(c, m) for c, m in enumerate(centres) if m is not None and c != excluding and len(m)]
-    if not used:
-        return TriangulatedPeople(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)))
-    key = np.concatenate([np.column_stack([m.instant, m.identity]) for _, m in used])
-    who, point = np.unique(key, axis=0, return_inverse=True)
-    point = point.ravel()
-    direction, centre, angle = [], [], []
-    for c, m in used:
-        pose = poses[c]
-        assert pose is not None
-        direction.append(m.ray @ pose.R_cw)
-        centre.append(np.broadcast_to(pose.centre, (len(m), 3)))
-        angle.append(m.sigma_px / np.linalg.norm(m.tangent, axis=(1, 2)) * np.sqrt(2.0))
-    d, C, sigma = np.concatenate(direction), np.concatenate(centre), np.concatenate(angle)
-    n = len(who)
-    fraction = np.bincount(point, np.concatenate([m.fraction for _, m in used]), n) / np.bincount(point, minlength=n)
-    across = np.eye(3) - d[:, :, None] * d[:, None, :]
-    toward = np.einsum("mij,mj->mi", across, C)
-    # A first distance, where the ray meets the height of the middles or goes ten metres.
-    weight = 1.0 / (sigma * 10.0) ** 2
-    for _ in range(ROUNDS):
-        A, b = group_sums(point, weight[:, None, None] * across, n), group_sums(point, weight[:, None] * toward, n)
-        A[:, 2, 2] += 1 / MIDDLE_SD_M**2
-        b[:, 2] += fraction * person_height_m / MIDDLE_SD_M**2
-        A += 1e-6 * np.eye(3)
-        place = np.linalg.solve(A, b[:, :, None])[:, :, 0]
-        reach = place[point] - C
-        distance = np.maximum(np.linalg.norm(reach, axis=1), 0.3)
-        miss = np.linalg.norm(np.einsum("mij,mj->mi", across, reach), axis=1) / distance / sigma
-        weight = 1.0 / (sigma * distance) ** 2 / (1 + (miss / LOSS) ** 2)
-    return TriangulatedPeople(who[:, 0], who[:, 1], np.asarray(place), np.asarray(np.linalg.inv(A)))
+    rays = PeopleRays.of(rig, centres)
+    return rays.triangulated(person_height_m, rays.camera != excluding)
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleRays:
+    """M rays of all cameras to the middles of N people, each at one instant."""
+
+    instant: Ints
+    """(N,) ascending,"""
+    identity: Ints
+    """(N,) and of one instant ascending."""
+    camera: Ints
+    """(M,) ascending."""
+    person: Ints
+    """(M,) the row of `instant` and `identity`."""
+    direction: Floats
+    """(3, M) unit rays, world."""
+    centre: Floats
+    """(3, M) of the cameras, metres."""
+    sigma: Floats
+    """(M,) radians."""
+    fraction: Floats
+    """(M,) where on the body the middle is, as a share of its height."""
+
+    @classmethod
+    def of(cls, rig: Rig, centres: Sequence[BodyCentres | None]) -> PeopleRays:
+        """Of each camera those from `identified_body_centres`; None where there is no pose."""
+        used = [(c, m) for c, m in enumerate(centres) if m is not None and len(m)]
+        if not used:
+            none, nothing = np.zeros(0, np.int64), np.zeros((3, 0))
+            return cls(none, none, none, none, nothing, nothing, np.zeros(0), np.zeros(0))
+        instant, identity = (np.concatenate(column) for column in zip(*((m.instant, m.identity) for _, m in used), strict=True))
+        ids = int(identity.max()) + 1
+        key, person = np.unique(instant * ids + identity, return_inverse=True)
+        direction, centre, sigma = [], [], []
+        for c, m in used:
+            pose = rig.cameras[c].pose
+            assert pose is not None
+            direction.append((m.ray @ pose.R_cw).T)
+            centre.append(np.broadcast_to(pose.centre[:, None], (3, len(m))))
+            sigma.append(m.sigma_px / np.linalg.norm(m.tangent, axis=(1, 2)) * np.sqrt(2.0))
+        return cls(
+            key // ids, key % ids, np.repeat([c for c, _ in used], [len(m) for _, m in used]), person,
+            np.concatenate(direction, axis=1), np.concatenate(centre, axis=1), np.concatenate(sigma),
+            np.concatenate([m.fraction for _, m in used]),
+        )  # fmt: skip
+
+    def seen_by(self, camera: int) -> Bools:
+        """(N,) whom a camera sees."""
+        return np.bincount(self.person[self.camera == camera], minlength=len(self.instant)) > 0
+
+    def triangulated(self, person_height_m: float, rows: Bools) -> TriangulatedPeople:
+        """Where people are by some of the rays (M,): the points nearest to them, at the height where people's middles are.
+
+        Least squares on angles with a Cauchy loss; one ray does, the height then tells how far away the person is.
+
+        Args:
+            person_height_m: typical standing height, metres.
+            rows: (M,) which rays count.
+        """
+        use = np.flatnonzero(rows)
+        there = np.bincount(self.person[use], minlength=len(self.instant))
+        who = np.flatnonzero(there)
+        n, person = len(who), (np.cumsum(there > 0) - 1)[self.person[use]]
+        d, centre, sigma = self.direction[:, use], self.centre[:, use], self.sigma[use]
+        height = np.bincount(person, self.fraction[use], n) / there[who] * person_height_m
+        across = np.array([1 - d[0] ** 2, -d[0] * d[1], -d[0] * d[2], 1 - d[1] ** 2, -d[1] * d[2], 1 - d[2] ** 2])
+        along = (d * centre).sum(axis=0)
+        toward = centre - along * d
+        # A first distance, where the ray meets the height of the middles or goes ten metres.
+        weight = 1.0 / (sigma * 10.0) ** 2
+        place, normal = np.zeros((3, n)), np.zeros((6, n))
+        for _ in range(ROUNDS):
+            normal, right = (
+                np.array([np.bincount(person, weight * row, n) for row in rows_]).reshape(-1, n) for rows_ in (across, toward)
+            )
+            normal[5] += 1 / MIDDLE_SD_M**2
+            right[2] += height / MIDDLE_SD_M**2
+            normal[[0, 3, 5]] += 1e-6
+            place = solve_symmetric(normal, right)
+            reach = place[:, person] - centre
+            square = (reach * reach).sum(axis=0)
+            distance = np.maximum(np.sqrt(square), 0.3)
+            aside = reach - (reach * d).sum(axis=0) * d
+            miss = np.sqrt((aside * aside).sum(axis=0)) / (distance * sigma)
+            weight = 1.0 / ((sigma * distance) ** 2 * (1 + (miss / LOSS) ** 2))
+        covariance = np.asarray(np.linalg.inv(normal[[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3)))
+        return TriangulatedPeople(self.instant[who], self.identity[who], np.ascontiguousarray(place.T), covariance)

@@ -1,6 +1,6 @@
 """How far one camera's people are from where the other cameras put them: in the picture and on the ground.
 
-Each person is located by all cameras but one (`triangulate_people`). In the picture of the one that was left out, the distance
+Each person is located by all cameras but one (`PeopleRays`). In the picture of the one that was left out, the distance
 of the person's middle from the projection of that place is a residual with no part of its own in it. On the ground, the ray of
 the middle meets the height of that place somewhere: the horizontal distance is how far off the camera by itself puts somebody.
 """
@@ -15,7 +15,7 @@ from passerby.common.arrays import Floats, Ints
 from passerby.common.columns import Columns
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Observations
-from passerby.people.body_centres import BodyCentres, TriangulatedPeople, identified_body_centres, triangulate_people
+from passerby.people.body_centres import BodyCentres, PeopleRays, TriangulatedPeople, identified_body_centres
 
 LEAST_DESCENT = 0.02
 """Sine of a ray's angle with the horizontal: a flatter ray meets no height that a pixel would not move by a hundredth of its
@@ -48,18 +48,14 @@ def disagreements(rig: Rig, instants: Observations, person_height_m: float) -> d
         person_height_m: typical standing height.
     """
     centres = identified_body_centres(rig, instants)
-    largest = max((int(seen.identity.max(initial=0)) for seen in centres if seen is not None), default=0)
-    keys = [None if seen is None else seen.instant * (largest + 1) + seen.identity for seen in centres]
+    rays = PeopleRays.of(rig, centres)
     found = {}
-    for index, (camera, own, wanted) in enumerate(zip(rig, centres, keys, strict=True)):
-        if own is None or wanted is None:
+    for index, (camera, own) in enumerate(zip(rig, centres, strict=True)):
+        if own is None:
             continue
         # Everybody else's people cost as much as all cameras together, for each camera.
-        same = [
-            seen if seen is None or key is None else seen.take(np.isin(key, wanted))
-            for seen, key in zip(centres, keys, strict=True)
-        ]
-        found[camera.name] = _of_camera(camera, own, triangulate_people(rig, same, person_height_m, excluding=index))
+        same = rays.seen_by(index)[rays.person] & (rays.camera != index)
+        found[camera.name] = _of_camera(camera, own, rays.triangulated(person_height_m, same))
     return found
 
 
@@ -84,10 +80,9 @@ def _of_camera(camera: Camera, own: BodyCentres, people: TriangulatedPeople) -> 
 
 def _shared(own: BodyCentres, people: TriangulatedPeople) -> tuple[Ints, Floats]:
     """Rows of one camera's people whom another camera saw, and (M, 3) where that puts them."""
-    every = np.concatenate([np.column_stack([own.instant, own.identity]), np.column_stack([people.instant, people.identity])])
-    _, key = np.unique(every, axis=0, return_inverse=True)
-    mine, theirs = np.split(key.ravel(), [len(own)])
-    place_of = np.full(int(key.max(initial=-1)) + 1, -1)
-    place_of[theirs] = np.arange(len(theirs))
-    rows = np.flatnonzero(place_of[mine] >= 0)
-    return rows, people.place[place_of[mine[rows]]]
+    ids = max(int(each.identity.max(initial=0)) for each in (own, people)) + 1
+    mine, theirs = (each.instant * ids + each.identity for each in (own, people))
+    # People are in the order of these keys.
+    at = np.minimum(np.searchsorted(theirs, mine), len(theirs) - 1)
+    rows = np.flatnonzero(theirs[at] == mine) if len(theirs) else np.zeros(0, np.int64)
+    return rows, people.place[at[rows]]
