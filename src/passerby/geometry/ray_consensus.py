@@ -6,13 +6,14 @@ blocks are tried at once; there are few cameras, so that no random sampling is n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
 from passerby.geometry.groups import expanded_ranges, least_of_groups, rows_of_equal
-from passerby.geometry.reprojection import project_near
+from passerby.geometry.reprojection import held_depth
 from passerby.geometry.triangulation import triangulate
 
 # Blocks seen by many cameras propose at most this many points each; neighbours in the cameras' order are tried first.
@@ -20,6 +21,8 @@ _MAX_OFFSETS = 7
 # So many rows of a block begin pairs at most, at even steps: with all of them the time would grow with the square of the
 # cameras that see one person. Blocks of up to so many cameras, as in all small rigs, propose all they can.
 _MAX_FIRST = 12
+STEP = 500_000
+"""Votes that are counted at once, at most: it bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,8 @@ def vote_points(
     point = _midpoints(centre[cam[first]], ray[first], centre[cam[second]], ray[second])
     sound = np.isfinite(point).all(axis=1)
     first, second, point = first[sound], second[sound], point[sound]
-    cost = _votes(point, blk[first], cam, bearing[order], tangent[order], tolerance_px[order], start, count, R, centre)
+    lines = _Lines.of(cam, bearing[order], tangent[order], R, centre)
+    cost = _votes(point, blk[first], lines, tolerance_px[order], start, count)
     if height is not None:
         cost = cost + 0.5 * np.log1p(((point[:, 2] - height[0]) / height[1]) ** 2)
     best = np.full((n_blocks, 3), np.nan)
@@ -155,23 +159,48 @@ def _midpoints(c1: Floats, d1: Floats, c2: Floats, d2: Floats) -> Floats:
 
 def ray_reprojection_errors(point: Floats, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> Floats:
     """(M,) pixels between points and sightings."""
-    d = (R[camera] @ (point - centre[camera])[:, :, None])[:, :, 0]
-    return np.asarray(np.linalg.norm(project_near(bearing, tangent, d)[0], axis=1))
+    lines = _Lines.of(camera, bearing, tangent, R, centre)
+    return np.sqrt(lines.squares(np.ascontiguousarray(point.T), slice(None), slice(None)))
 
 
-def _votes(
-    point: Floats, block: Ints, camera: Ints, bearing: Floats, tangent: Floats, tolerance: Floats, start: Ints, count: Ints,
-    R: Floats, centre: Floats,
-) -> Floats:  # fmt: skip
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """M sightings as lines of the world, by component: points are held against them without a turn for each."""
+
+    ray: Floats
+    """(3, M) unit rays."""
+    tangent: Floats
+    """(2, 3, M) pixels."""
+    centre: Floats
+    """(3, M) metres."""
+
+    @classmethod
+    def of(cls, camera: Ints, bearing: Floats, tangent: Floats, R: Floats, centre: Floats) -> _Lines:
+        """Of sightings as in `vote_points`."""
+        turn = R.transpose(1, 2, 0)[:, :, camera]
+        rows = bearing.T, tangent[:, 0].T, tangent[:, 1].T
+        ray, across, down = (row[0] * turn[0] + row[1] * turn[1] + row[2] * turn[2] for row in rows)
+        return cls(ray, np.array([across, down]), centre.T[:, camera])
+
+    def squares(self, point: Floats, of_point: Ints | slice, rows: Ints | slice) -> Floats:
+        """(K,) squared pixels between points (3, N), of which those at `of_point` (K,) are held against `rows` (K,)."""
+        d = [point[k][of_point] - self.centre[k][rows] for k in range(3)]
+        ray = [self.ray[k][rows] for k in range(3)]
+        across, down = ([axis[k][rows] for k in range(3)] for axis in self.tangent)
+        depth = held_depth(_dot(ray, d), _dot(d, d))
+        return np.asarray((_dot(across, d) ** 2 + _dot(down, d) ** 2) / depth**2)
+
+
+def _dot(a: Sequence[Floats], b: Sequence[Floats]) -> Floats:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def _votes(point: Floats, block: Ints, lines: _Lines, tolerance: Floats, start: Ints, count: Ints) -> Floats:
     """(K,) robust cost of each proposed point over all sightings of its block."""
     proposal, rows = expanded_ranges(start[block], count[block])
-    cost = np.zeros(len(point))
-    step = 500_000  # bounds the memory of the expansion
-    for begin in range(0, len(rows), step):
-        part = slice(begin, begin + step)
+    cost, of_axis, scale = np.zeros(len(point)), np.ascontiguousarray(point.T), 4.0 / tolerance**2
+    for begin in range(0, len(rows), STEP):
+        part = slice(begin, begin + STEP)
         r = rows[part]
-        miss = ray_reprojection_errors(point[proposal[part]], camera[r], bearing[r], tangent[r], R, centre) / (
-            0.5 * tolerance[r]
-        )
-        cost += np.bincount(proposal[part], np.log1p(miss**2), len(point))
+        cost += np.bincount(proposal[part], np.log1p(lines.squares(of_axis, proposal[part], r) * scale[r]), len(point))
     return cost

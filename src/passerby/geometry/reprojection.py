@@ -43,6 +43,14 @@ class PointObservations(Columns):
     """(M, 2, 2) how that by the distortion changes with the pixel; None where the distortion is not refined."""
 
 
+def held_depth(depth: Floats, square: Floats) -> Floats:
+    """(M,) depths of points along their rays by which residuals are divided, from the depths and squared distances (M,).
+
+    A point behind its ray has no residual: the depth is held above a floor so that the cost is large but finite.
+    """
+    return np.maximum(depth, _MIN_COSINE * np.sqrt(square) + 1e-9)
+
+
 def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, Floats]:
     """Pixel residuals of camera-frame points near their rays, and the derivative.
 
@@ -54,10 +62,7 @@ def project_near(bearing: Floats, tangent: Floats, d: Floats) -> tuple[Floats, F
     Returns:
         residual (M, 2) in pixels and its derivative by d (M, 2, 3).
     """
-    depth = np.einsum("mi,mi->m", bearing, d)
-    # A point behind its ray has no residual; hold the depth above a floor so that the cost is large but finite.
-    depth = np.maximum(depth, _MIN_COSINE * np.sqrt(np.einsum("mi,mi->m", d, d)) + 1e-9)
-    inverse = 1.0 / depth
+    inverse = 1.0 / held_depth(np.einsum("mi,mi->m", bearing, d), np.einsum("mi,mi->m", d, d))
     residual = (tangent[:, :, 0] * d[:, :1] + tangent[:, :, 1] * d[:, 1:2] + tangent[:, :, 2] * d[:, 2:]) * inverse[:, None]
     by_d = (tangent - residual[:, :, None] * bearing[:, None, :]) * inverse[:, None, None]
     return residual, by_d
