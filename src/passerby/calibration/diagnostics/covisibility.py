@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from passerby.common.arrays import Bools, Floats, Ints
+from passerby.common.columns import Columns
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import UNKNOWN, Boxes, Observations
 from passerby.core.synchronisation import sampling_distance
@@ -78,22 +79,38 @@ def people_missed(rig: Rig, observations: Observations, unrecorded: Mapping[str,
         unrecorded: by camera, the instants at which it recorded nothing.
     """
     posed = [camera for camera in rig if camera.pose is not None and len(observations[camera.name].boxes)]
-    out = []
-    for one in posed:
-        standing = _standing(one, observations[one.name].boxes)
-        for other in posed:
-            if other is one or not len(standing.frame):
-                continue
-            there = _InView.of(standing.but_at((unrecorded or {}).get(other.name)), other, observations[other.name].boxes)
-            found, chance = there.found(0.0), there.found(LATER)
-            out.append(Missed(one.name, other.name, len(there.frame), int(found.sum()), int(chance.sum())))
-    return out
+    if not posed:
+        return []
+    # Whoever stands by any camera is looked for in one at once: camera by camera, most of the time would go into the calls.
+    everyone = _Standing.joined([_standing(c, one, observations[one.name].boxes) for c, one in enumerate(posed)])
+    counts = []
+    for c, other in enumerate(posed):
+        standing = everyone.take(everyone.seen_by != c).but_at((unrecorded or {}).get(other.name))
+        counts.append(_counts(standing, other, observations[other.name].boxes, len(posed)))
+    some = np.bincount(everyone.seen_by, minlength=len(posed)) > 0
+    return [
+        Missed(one.name, other.name, *counts[second][:, first].tolist())
+        for first, one in enumerate(posed)
+        for second, other in enumerate(posed)
+        if other is not one and some[first]
+    ]
+
+
+def _counts(standing: _Standing, camera: Camera, boxes: Boxes, cameras: int) -> Ints:
+    """(3, C) by the camera that sees them, how many are due in another one, are found there, and would be by chance."""
+    there = _InView.of(standing, camera, boxes)
+    every = np.ones(len(there.frame), dtype=bool)
+    return np.array(
+        [np.bincount(there.seen_by[rows], minlength=cameras) for rows in (every, there.found(0.0), there.found(LATER))]
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Standing:
-    """People who stand upright on the ground by one camera's boxes: N of them."""
+class _Standing(Columns):
+    """People who stand upright on the ground by cameras' boxes: N of them."""
 
+    seen_by: Ints
+    """(N,) the camera."""
     frame: Ints
     nearest: Floats
     """(N, 2) where they stand if the box's lower edge is too low, metres,"""
@@ -102,14 +119,11 @@ class _Standing:
 
     def but_at(self, instants: Ints | None) -> _Standing:
         """Those who stand there at other instants."""
-        if instants is None:
-            return self
-        rest = ~np.isin(self.frame, instants)
-        return _Standing(self.frame[rest], self.nearest[rest], self.farthest[rest])
+        return self if instants is None else self.take(~np.isin(self.frame, instants))
 
 
-def _standing(camera: Camera, boxes: Boxes) -> _Standing:
-    """Who stands upright on the ground, by one camera."""
+def _standing(number: int, camera: Camera, boxes: Boxes) -> _Standing:
+    """Who stands upright on the ground, by one camera, which has a number."""
     rows = np.flatnonzero((boxes.identity > UNKNOWN) & boxes.inside(camera.lens.size))
     rows = rows[:: max(1, len(rows) // MOST_BOXES)]
     left, top, width, height = boxes.ltwh[rows].T
@@ -121,7 +135,8 @@ def _standing(camera: Camera, boxes: Boxes) -> _Standing:
     sound = np.isfinite(tall) & np.isfinite(places[0]).all(axis=1) & np.isfinite(places[2]).all(axis=1)
     usual = float(np.median(tall[sound])) if sound.any() else BODY_M
     sound &= (tall > UPRIGHT[0] * usual) & (tall < UPRIGHT[1] * usual)
-    return _Standing(boxes.frame[rows][sound], places[0][sound], places[2][sound])
+    frame = boxes.frame[rows][sound]
+    return _Standing(np.full(len(frame), number), frame, places[0][sound], places[2][sound])
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +145,8 @@ class _InView:
 
     boxes: Boxes
     """What it saw, by frame."""
+    seen_by: Ints
+    """(M,) the camera that sees them."""
     frame: Ints
     nearest: Floats
     """(M, 2) the body's middle if the person stands nearest to the camera that sees it,"""
@@ -156,7 +173,7 @@ class _InView:
             should &= tall > np.quantile(boxes.ltwh[:, 3], 0.05)
         should &= np.isfinite(ends[0]).all(axis=1) & np.isfinite(ends[1]).all(axis=1)
         by_frame = boxes.take(np.argsort(boxes.frame, kind="stable"))
-        return cls(by_frame, standing.frame[should], ends[0][should], ends[1][should], tall[should])
+        return cls(by_frame, standing.seen_by[should], standing.frame[should], ends[0][should], ends[1][should], tall[should])
 
     def found(self, later: float) -> Bools:
         """(M,) who has a box about where it should be, a share of the recording later."""
