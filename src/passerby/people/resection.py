@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -43,14 +43,12 @@ LASTING = 1.33
 """Variance that the scatter of 6 s stretches does not show: a bag on one side, a gait, stay as long as a person does."""
 
 
-@dataclass(frozen=True, eq=False)
-class PoseEquations:
-    """What K sightings, or clusters of them, ask of a pose; unknowns are a rotation vector in its frame, then the centre."""
+class PoseEquations(Protocol):
+    """What sightings, or clusters of them, ask of a pose; unknowns are a rotation vector in its frame, then the centre."""
 
-    gradient: Floats
-    """(K, 6) of half the robust cost, uphill,"""
-    information: Floats
-    """(K, 6, 6) and how fast it grows: of each sighting, so that parts can be summed."""
+    def summed(self) -> tuple[Floats, Floats]:
+        """(6,) gradient of half the robust cost, uphill, and (6, 6) information: how fast it grows."""
+        ...
 
 
 Equations = TypeVar("Equations", bound=PoseEquations)
@@ -84,11 +82,12 @@ def fit_pose(
     for step in range(steps + 1):
         scale = max(1.0, widening / 2.0**step)
         equations = equations_at(pose, scale)
-        found = PoseFit(pose, prior + equations.information.sum(axis=0), equations)
+        gradient, information = equations.summed()
+        found = PoseFit(pose, prior + information, equations)
         if step == steps:
             break
         away = np.concatenate([log_rotation(pose.R_cw @ start.R_cw.T), pose.centre - start.centre])
-        delta = -np.linalg.solve(found.normal, equations.gradient.sum(axis=0) + prior @ away)
+        delta = -np.linalg.solve(found.normal, gradient + prior @ away)
         if scale == 1.0 and np.abs(delta).max() < STILL:
             break
         if (turn := float(np.linalg.norm(delta[:3]))) > most_turn:
@@ -201,9 +200,13 @@ def centre_first(matrix: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class _Clusters(PoseEquations):
-    """The clusters in which a camera has a part, about its pose."""
+class _Clusters:
+    """The K clusters in which a camera has a part, about its pose."""
 
+    gradient: Floats
+    """(K, 6) of half the robust cost, uphill,"""
+    information: Floats
+    """(K, 6, 6) and how fast it grows."""
     cost: float
     """Half the weighted squared residuals of all sightings, bodies eliminated."""
 
@@ -214,6 +217,10 @@ class _Clusters(PoseEquations):
         scores = scores.take(scores.counts[:, index] > 0)
         cost = float(0.5 * (people.weight[:, None] * people.equations.residual**2).sum())
         return cls(-scores.gradient[:, own], scores.information[:, own[:, None], own], cost)
+
+    def summed(self) -> tuple[Floats, Floats]:
+        """(6,) gradient and (6, 6) information of all."""
+        return self.gradient.sum(axis=0), self.information.sum(axis=0)
 
 
 def cluster_robust_covariance(

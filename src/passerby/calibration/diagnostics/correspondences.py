@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from passerby.calibration.diagnostics.pair_residuals import PairColumns, residuals_at
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Pose
-from passerby.geometry.groups import least_of_groups, rows_of_equal
-from passerby.geometry.reprojection import pose_jacobian, project_near
+from passerby.geometry.groups import rows_of_equal
 from passerby.geometry.robust import cut_cauchy_cost, cut_cauchy_weights
 from passerby.people.body_centres import BodyCentres, TriangulatedPeople
-from passerby.people.resection import BEYOND, LOSS, STEPS, PoseEquations, PoseFit, fit_pose
+from passerby.people.resection import BEYOND, LOSS, STEPS, PoseFit, fit_pose
 
 MOST_COST = float(cut_cauchy_cost(np.array(BEYOND), LOSS, BEYOND))
 """Of a sighting that shows somebody else."""
 MOST_ROWS = 4000
 """Sightings of a camera at most: of more, even steps are taken."""
-SIZE_SD = 0.25
-"""By how much (as a logarithm) the size of a box may differ from that of a person of middling height where it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +38,11 @@ class Correspondences:
 
     def __len__(self) -> int:
         return len(self.own)
+
+    @cached_property
+    def columns(self) -> PairColumns:
+        """What residuals of the pairs need."""
+        return PairColumns.of(self.own, self.people, self.row, self.person, self.person_height_m)
 
     def part(self, rows: NDArray[np.bool_]) -> Correspondences:
         """The sightings (M,) that are marked."""
@@ -107,52 +111,84 @@ class Costs:
 
 def pose_residuals(m: Correspondences, pose: Pose, pairs: Ints) -> tuple[Floats, Floats, Floats, Floats]:
     """Residuals (K, 2), their information (K, 2, 2), derivatives by the pose (K, 2, 6), squares (K,)."""
-    row, person = m.row[pairs], m.person[pairs]
-    d = (m.people.place[person] - pose.centre) @ pose.R_cw.T
-    ray, tangent = m.own.ray[row], m.own.tangent[row]
-    residual, by_d = project_near(ray, tangent, d)
-    by_pose, by_point = pose_jacobian(by_d, d, np.broadcast_to(pose.R_cw, (len(d), 3, 3)))
-    S = by_point @ m.people.covariance[person] @ by_point.transpose(0, 2, 1)
-    S[:, 0, 0] += m.own.sigma_px[row] ** 2
-    S[:, 1, 1] += m.own.sigma_px[row] ** 2
-    information = np.asarray(np.linalg.inv(S), dtype=np.float64)
-    square = np.einsum("ki,kij,kj->k", residual, information, residual)
-    # Whoever is of the wrong size is another person.
-    distance = np.maximum(np.linalg.norm(d, axis=1), 0.3)
-    pixels = np.linalg.norm(tangent, axis=(1, 2)) / np.sqrt(2.0)
-    size = np.log(m.own.extent_px[row] * distance / (pixels * m.person_height_m)) / SIZE_SD
-    behind = np.einsum("ki,ki->k", ray, d) < 0.3 * distance
-    return residual, information, by_pose, np.where(behind, 1e6, square + np.maximum(size**2 - 4.0, 0.0))
+    found = residuals_at(m.columns.take(pairs), pose)
+    across, both, down = found.information
+    information = np.array([[across, both], [both, down]]).transpose(2, 0, 1)
+    return found.residual.T, information, found.by_pose().transpose(2, 0, 1), found.square
 
 
 def fit_costs(m: Correspondences, pose: Pose) -> Costs:
     """The costs under a pose, each sighting given to the person who fits best."""
-    square = pose_residuals(m, pose, np.arange(len(m.row)))[3]
-    first = least_of_groups(m.row, square)
+    square = residuals_at(m.columns, pose).square
+    first = _best_of_rows(m.row, square)
     return Costs(cut_cauchy_cost(square[first], LOSS, BEYOND), first)
 
 
+def _best_of_rows(row: Ints, square: Floats) -> Ints:
+    """(M,) of each row, ascending, the pair with the smallest square; of equal ones the first."""
+    new = np.diff(row, prepend=-1) > 0
+    if new.all():
+        return np.arange(len(row))
+    least = np.minimum.reduceat(square, np.flatnonzero(new))
+    number = np.cumsum(new) - 1
+    best = np.flatnonzero(square == least[number])
+    return np.asarray(best[np.diff(number[best], prepend=-1) > 0])
+
+
 @dataclass(frozen=True, eq=False)
-class PoseObservations(PoseEquations):
+class PoseObservations:
     """What R sightings ask of a pose."""
 
     pairs: Ints
     """(R,)"""
-    by_pose: Floats
-    """(R, 2, 6) pixels by the unknowns."""
+    residual: Floats
+    """(2, R) pixels."""
+    weighed: Floats
+    """(6, 2, R) derivatives by the unknowns, times information and robust weight."""
+    by_unknowns: Floats
+    """(6, 2, R) pixels by the unknowns: a rotation vector in the camera's frame, then the centre."""
+
+    @property
+    def by_pose(self) -> Floats:
+        """(R, 2, 6) pixels by the unknowns."""
+        return self.by_unknowns.transpose(2, 1, 0)
+
+    @property
+    def gradient(self) -> Floats:
+        """(R, 6) of half the robust cost, uphill."""
+        return np.asarray(np.einsum("ukr,kr->ru", self.weighed, self.residual))
+
+    @property
+    def information(self) -> Floats:
+        """(R, 6, 6)"""
+        return np.asarray(np.einsum("ukr,vkr->ruv", self.weighed, self.by_unknowns))
+
+    def summed(self) -> tuple[Floats, Floats]:
+        """(6,) gradient and (6, 6) information of all."""
+        weighed = self.weighed.reshape(6, -1)
+        return weighed @ self.residual.ravel(), weighed @ self.by_unknowns.reshape(6, -1).T
 
 
 def resect_rows(
     m: Correspondences, rows: NDArray[np.bool_], start: Pose, *, widening: float = 1.0, steps: int = STEPS
 ) -> PoseFit[PoseObservations]:
     """A pose fitted to some of the sightings, each of the person who fits best by then."""
+    every = bool(rows.all())
+    used = np.arange(len(m.row)) if every else np.flatnonzero(rows[m.row])
+    columns, row = m.columns if every else m.columns.take(used), m.row[used]
 
     def equations_at(pose: Pose, wide: float) -> PoseObservations:
-        pairs = fit_costs(m, pose).pair[rows]
-        residual, information, by_pose, square = pose_residuals(m, pose, pairs)
-        weight = cut_cauchy_weights(square, LOSS * wide, BEYOND * wide**2)
-        weighed = weight[:, None, None] * (by_pose.transpose(0, 2, 1) @ information)
-        return PoseObservations((weighed @ residual[:, :, None])[:, :, 0], weighed @ by_pose, pairs, by_pose)
+        found = residuals_at(columns, pose)
+        best = _best_of_rows(row, found.square)
+        if len(best) < len(row):
+            found = found.take(best)
+        weight = cut_cauchy_weights(found.square, LOSS * wide, BEYOND * wide**2)
+        across, both, down = weight * found.information
+        by_unknowns = np.ascontiguousarray(found.by_pose().transpose(1, 0, 2))
+        first, second = by_unknowns[:, 0], by_unknowns[:, 1]
+        weighed = np.empty_like(by_unknowns)
+        weighed[:, 0], weighed[:, 1] = across * first + both * second, both * first + down * second
+        return PoseObservations(used[best], found.residual, weighed, by_unknowns)
 
     return fit_pose(start, equations_at, widening=widening, steps=steps)
 

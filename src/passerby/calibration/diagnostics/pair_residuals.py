@@ -1,0 +1,124 @@
+"""Residuals of one camera's sightings under a pose, against where the other cameras see the people: thousands of times over.
+
+Everything is laid out by component, so that each operation works on all pairs of sightings and people at once: with a small
+matrix for each pair, most of the time would go into the matrices.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from passerby.common.arrays import Floats, Ints
+from passerby.core.cameras import Pose
+from passerby.geometry.reprojection import held_depth
+from passerby.people.body_centres import BodyCentres, TriangulatedPeople
+
+SIZE_SD = 0.25
+"""By how much (as a logarithm) the size of a box may differ from that of a person of middling height where it is."""
+NEAREST_M = 0.3
+"""Nobody is taken to be nearer to a camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class PairColumns:
+    """K pairs of a sighting and a person."""
+
+    ray: Floats
+    """(3, K) unit rays, camera frame."""
+    tangent: Floats
+    """(2, 3, K) pixels, from `Lens.tangents`."""
+    place: Floats
+    """(3, K) the person's middle, world, metres."""
+    covariance: Floats
+    """(3, 3, K) of that."""
+    variance: Floats
+    """(K,) of the sighting, pixels squared."""
+    size: Floats
+    """(K,) logarithm of the box's extent over that of a person of middling height one metre away."""
+
+    @classmethod
+    def of(cls, own: BodyCentres, people: TriangulatedPeople, row: Ints, person: Ints, person_height_m: float) -> PairColumns:
+        """Sightings `own` at `row` (K,) with `people` at `person` (K,)."""
+        pixels = np.linalg.norm(own.tangent, axis=(1, 2)) / np.sqrt(2.0)
+        size = np.log(own.extent_px / (pixels * person_height_m))
+        tangent, covariance = (each.transpose(1, 2, 0) for each in (own.tangent, people.covariance))
+        return cls(
+            own.ray.T[:, row], tangent[:, :, row], people.place.T[:, person], covariance[:, :, person],
+            own.sigma_px[row] ** 2, size[row],
+        )  # fmt: skip
+
+    def take(self, pairs: Ints) -> PairColumns:
+        """Some of them."""
+        return PairColumns(
+            self.ray[:, pairs], self.tangent[:, :, pairs], self.place[:, pairs], self.covariance[:, :, pairs],
+            self.variance[pairs], self.size[pairs],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class PairResiduals:
+    """What a pose makes of K pairs."""
+
+    residual: Floats
+    """(2, K) pixels."""
+    information: Floats
+    """(3, K) of the residuals: across, both, down."""
+    square: Floats
+    """(K,) in sigmas, that by the size of the box included."""
+    at: Floats
+    """(3, K) the people, camera frame."""
+    by_at: Floats
+    """(2, 3, K) derivative of the residual by that."""
+    by_place: Floats
+    """(2, 3, K) and by where they are in the world."""
+
+    def by_pose(self) -> Floats:
+        """(2, 6, K) derivative of the residual by a rotation vector in the camera's frame, then the centre."""
+        x, y, z = self.at
+        out = np.empty((2, 6, self.at.shape[1]))
+        for axis, (a, b, c) in enumerate(self.by_at):
+            out[axis, 0], out[axis, 1], out[axis, 2] = y * c - z * b, z * a - x * c, x * b - y * a
+            np.negative(self.by_place[axis], out=out[axis, 3:])
+        return out
+
+    def take(self, pairs: Ints) -> PairResiduals:
+        """Of some of the pairs."""
+        return PairResiduals(
+            self.residual[:, pairs], self.information[:, pairs], self.square[pairs], self.at[:, pairs],
+            self.by_at[:, :, pairs], self.by_place[:, :, pairs],
+        )  # fmt: skip
+
+
+def residuals_at(pairs: PairColumns, pose: Pose) -> PairResiduals:
+    """The residuals of pairs under a pose."""
+    at = pose.R_cw @ (pairs.place - pose.centre[:, None])
+    along, square = _dot(pairs.ray, at), _dot(at, at)
+    inverse = 1.0 / held_depth(along, square)
+    residual = np.array([_dot(pairs.tangent[0], at), _dot(pairs.tangent[1], at)]) * inverse
+    by_at = (pairs.tangent - residual[:, None] * pairs.ray) * inverse
+    by_place = np.array([pose.R_cw.T @ by_at[0], pose.R_cw.T @ by_at[1]])
+    information = _information(by_place, pairs)
+    across, both, down = information
+    miss = across * residual[0] ** 2 + 2 * both * residual[0] * residual[1] + down * residual[1] ** 2
+    # Whoever is of the wrong size is another person.
+    distance = np.maximum(np.sqrt(square), NEAREST_M)
+    size = (pairs.size + np.log(distance)) / SIZE_SD
+    miss = np.where(along < NEAREST_M * distance, 1e6, miss + np.maximum(size**2 - 4.0, 0.0))
+    return PairResiduals(residual, information, miss, at, by_at, by_place)
+
+
+def _information(by_place: Floats, pairs: PairColumns) -> Floats:
+    """(3, K) inverse covariance of residuals: of the sighting, and of the place by its derivative (2, 3, K)."""
+    c = pairs.covariance
+    u, v = by_place
+    turned = np.array([_dot(c[0], v), _dot(c[1], v), _dot(c[2], v)])
+    own = np.array([_dot(c[0], u), _dot(c[1], u), _dot(c[2], u)])
+    across, both, down = _dot(own, u) + pairs.variance, _dot(turned, u), _dot(turned, v) + pairs.variance
+    determinant = across * down - both * both
+    return np.array([down, -both, across]) / determinant
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
