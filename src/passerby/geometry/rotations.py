@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from passerby.common.arrays import Floats
+
+MOST_BY_SINE = 3.0
+"""Radians up to which a turn's axis is taken from the difference of the matrix and its inverse."""
 
 
 def skew(vectors: Floats) -> Floats:
@@ -21,6 +26,8 @@ def exp_rotation(vectors: Floats) -> Floats:
     v = np.asarray(vectors, dtype=np.float64)
     if v.size == 0:
         return np.zeros((*v.shape, 3))
+    if v.ndim == 1:
+        return _single_exp(v)
     from scipy.spatial.transform import Rotation  # a quarter of a second, which reading a scene does without
 
     matrices = Rotation.from_rotvec(v.reshape(-1, 3)).as_matrix()
@@ -32,10 +39,36 @@ def log_rotation(rotations: Floats) -> Floats:
     R = np.asarray(rotations, dtype=np.float64)
     if R.size == 0:
         return np.zeros(R.shape[:-1])
+    if R.ndim == 2 and (vector := _single_log(R)) is not None:
+        return vector
     from scipy.spatial.transform import Rotation
 
     vectors = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec()
     return np.asarray(vectors, dtype=np.float64).reshape(R.shape[:-1])
+
+
+def _single_exp(vector: Floats) -> Floats:
+    """`exp_rotation` of one vector, in a tenth of the time that the library takes for it."""
+    angle = math.sqrt(float(vector @ vector))
+    half = 0.5 * angle
+    # sin(a) / a, and (1 - cos(a)) / a^2 without the difference.
+    first, second = (math.sin(angle) / angle, 0.5 * (math.sin(half) / half) ** 2) if angle > 1e-9 else (1.0, 0.5)
+    x, y, z = vector.tolist()
+    xy, xz, yz = second * x * y, second * x * z, second * y * z
+    xx, yy, zz = second * x * x, second * y * y, second * z * z
+    x, y, z = first * x, first * y, first * z
+    return np.array([[1 - yy - zz, xy - z, xz + y], [xy + z, 1 - xx - zz, yz - x], [xz - y, yz + x, 1 - xx - yy]])
+
+
+def _single_log(rotation: Floats) -> Floats | None:
+    """`log_rotation` of one matrix, in the same way; None near a turn by half, where the sine gives no axis."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    axis = np.array([h - f, c - g, d - b])
+    sine, cosine = 0.5 * math.sqrt(float(axis @ axis)), 0.5 * (a + e + i - 1.0)
+    angle = math.atan2(sine, cosine)
+    if angle > MOST_BY_SINE:
+        return None
+    return np.asarray(axis * (0.5 * angle / sine if sine > 1e-9 else 0.5))
 
 
 def angle_between(R_a: Floats, R_b: Floats) -> Floats:

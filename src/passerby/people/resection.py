@@ -14,9 +14,8 @@ import numpy as np
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Pose, PoseSigma, Rig
 from passerby.core.observations import Observations
-from passerby.geometry.reprojection import retract_poses
 from passerby.geometry.robust import cut_cauchy_weights
-from passerby.geometry.rotations import log_rotation
+from passerby.geometry.rotations import exp_rotation, log_rotation
 from passerby.people.held_cameras import FittedPeople, GroundPlane, fit_people
 from passerby.people.rig_observations import RigObservations, gather_rig_observations, poses_of
 from passerby.people.scores import Scores, cluster_scores
@@ -92,8 +91,7 @@ def fit_pose(
             break
         if (turn := float(np.linalg.norm(delta[:3]))) > most_turn:
             delta = delta * (most_turn / turn)
-        R, centre = retract_poses(pose.R_cw[None], pose.centre[None], delta[None])
-        pose = Pose.from_centre(R[0], centre[0])
+        pose = Pose.from_centre(exp_rotation(delta[:3]) @ pose.R_cw, pose.centre + delta[3:])
     return found
 
 
