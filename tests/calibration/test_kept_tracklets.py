@@ -102,10 +102,30 @@ def test_a_damaged_file_is_not_used(scene: SimulatedScene, tmp_path: Path, conte
     assert kept.load(own, FPS) is None
 
 
-def test_the_oldest_files_are_deleted(scene: SimulatedScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(kept_tracklets, "KEPT", 3)
+RATES = (1.0, 2.0, 3.0, 4.0, 5.0)
+
+
+def saved(scene: SimulatedScene, folder: Path, cameras: int, used_again: float | None = None) -> list[float]:
+    """Which of files saved one after the other are left; one of them is used before the last is saved."""
     own, none = nameless(scene.observations[scene.rig.names[0]]), np.zeros(0, np.int64)
-    kept = kept_tracklets.KeptTracklets(tmp_path)
-    for fps in (1.0, 2.0, 3.0, 4.0, 5.0):
+    kept = kept_tracklets.KeptTracklets(folder, cameras)
+    for fps in RATES:
+        if fps == RATES[-1] and used_again is not None:
+            assert kept.load(own, used_again) is not None
         kept.save(own, fps, (own, (none, none)))
-    assert [fps for fps in (1.0, 2.0, 3.0, 4.0, 5.0) if kept.has(own, fps)] == [3.0, 4.0, 5.0]
+    return [fps for fps in RATES if kept.has(own, fps)]
+
+
+@pytest.mark.parametrize(("cameras", "left"), [(1, 3), (2, 4), (3, 5)])
+def test_as_many_files_are_kept_as_the_cameras_need(
+    scene: SimulatedScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cameras: int, left: int
+) -> None:
+    monkeypatch.setattr(kept_tracklets, "KEPT", 3)
+    monkeypatch.setattr(kept_tracklets, "KEPT_OF_CAMERA", 2)
+    assert saved(scene, tmp_path, cameras) == list(RATES[-left:])
+
+
+def test_a_file_that_was_used_stays(scene: SimulatedScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_tracklets, "KEPT", 4)
+    monkeypatch.setattr(kept_tracklets, "KEPT_OF_CAMERA", 1)
+    assert saved(scene, tmp_path, 1, used_again=1.0) == [1.0, 3.0, 4.0, 5.0]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -27,8 +28,11 @@ from passerby.interchange.storage.safe_parsing import NotParsed
 
 FOLDER = "association"
 """In the output folder."""
+KEPT_OF_CAMERA = 8
+"""Files for each camera; beyond that, those are deleted that were used longest ago. One run makes this many at most: from the
+boxes as they are, without what was seen from another place, and with each corrected clock rate (`MOST_CORRECTIONS`)."""
 KEPT = 64
-"""Files; the oldest are deleted. Repairs of one run make several for each camera."""
+"""Files in any case: runs of a few cameras with other options beside one another."""
 KEY_BYTES = 16
 
 
@@ -37,6 +41,8 @@ class KeptTracklets:
     """The kept tracklets of one output folder."""
 
     folder: Path
+    cameras: int = 1
+    """Of the scene."""
 
     def has(self, seen: CameraObservations, fps: float) -> bool:
         """Whether there is a file for these people, which may be damaged."""
@@ -60,6 +66,8 @@ class KeptTracklets:
             if found.dtype != np.int64 or found.shape != (length,) or found.min(initial=0) < UNKNOWN:
                 return None
         named = CameraObservations(replace(seen.boxes, identity=boxes), replace(seen.keypoints, identity=joints))
+        with suppress(OSError):
+            os.utime(path)  # used now: what a run needs is not deleted for what it makes
         return named, (ends, begins.astype(np.int64))
 
     def save(self, seen: CameraObservations, fps: float, tracked: Tracked) -> None:
@@ -70,7 +78,7 @@ class KeptTracklets:
         with suppress(InputError, OSError):
             write_bytes(self._path(seen, fps), content.getvalue())
             files = sorted(self.folder.glob("*.npz"), key=lambda path: path.stat().st_mtime_ns)
-            for path in files[:-KEPT]:
+            for path in files[: -max(KEPT, KEPT_OF_CAMERA * self.cameras)]:
                 path.unlink(missing_ok=True)
 
     def _path(self, seen: CameraObservations, fps: float) -> Path:

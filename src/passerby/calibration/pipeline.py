@@ -99,7 +99,7 @@ def calibrate_inputs(
     Cameras that share nobody with the largest group are calibrated by themselves (`Calibration.groups`).
     """
     tell = progress or silent
-    kept = None if keep is None else KeptTracklets(Path(keep) / FOLDER)
+    kept = None if keep is None else KeptTracklets(Path(keep) / FOLDER, len(inputs.rig))
     estimator = Estimator(scene, solver_options(scene), seed, tell, executor, kept)
     stated = scene.sites.groups if scene.solver.method == "people" else ()
     return calibrate_by_groups(inputs, stated, partial(_calibrate_together, estimator), tell)
