@@ -120,15 +120,15 @@ def pose_residuals(m: Correspondences, pose: Pose, pairs: Ints) -> tuple[Floats,
 def fit_costs(m: Correspondences, pose: Pose) -> Costs:
     """The costs under a pose, each sighting given to the person who fits best."""
     square = residuals_at(m.columns, pose).square
-    first = _best_of_rows(m.row, square)
+    first = _best_of_rows(m.row, square, len(m))
     return Costs(cut_cauchy_cost(square[first], LOSS, BEYOND), first)
 
 
-def _best_of_rows(row: Ints, square: Floats) -> Ints:
-    """(M,) of each row, ascending, the pair with the smallest square; of equal ones the first."""
+def _best_of_rows(row: Ints, square: Floats, count: int) -> Ints:
+    """(M,) of each of so many rows, ascending, the pair with the smallest square; of equal ones the first."""
+    if len(row) == count:
+        return np.arange(count)
     new = np.diff(row, prepend=-1) > 0
-    if new.all():
-        return np.arange(len(row))
     least = np.minimum.reduceat(square, np.flatnonzero(new))
     number = np.cumsum(new) - 1
     best = np.flatnonzero(square == least[number])
@@ -175,11 +175,11 @@ def resect_rows(
     """A pose fitted to some of the sightings, each of the person who fits best by then."""
     every = bool(rows.all())
     used = np.arange(len(m.row)) if every else np.flatnonzero(rows[m.row])
-    columns, row = m.columns if every else m.columns.take(used), m.row[used]
+    columns, row, count = m.columns if every else m.columns.take(used), m.row[used], int(np.count_nonzero(rows))
 
     def equations_at(pose: Pose, wide: float) -> PoseObservations:
         found = residuals_at(columns, pose)
-        best = _best_of_rows(row, found.square)
+        best = _best_of_rows(row, found.square, count)
         if len(best) < len(row):
             found = found.take(best)
         weight = cut_cauchy_weights(found.square, LOSS * wide, BEYOND * wide**2)

@@ -204,11 +204,10 @@ class NormalEquations:
         assert term.block is not None
         family = self.layout.families[term.family]
         d, n = family.size, family.count
-        # Component by component: products of tiny matrices cost more in calls than in arithmetic.
         J_bt = J_b.transpose(0, 2, 1)
         V, g = self._V[term.family], self._g[term.family]
         B, residual = np.ascontiguousarray(J_b.transpose(1, 2, 0)), np.ascontiguousarray(r.T)
-        for i in range(d):
+        for i in range(d):  # component by component: sums over blocks want columns
             g[:, i] += np.bincount(term.block, (B[:, i] * residual).sum(axis=0), n)
             for j in range(i, d):
                 entry = np.bincount(term.block, (B[:, i] * B[:, j]).sum(axis=0), n)
@@ -218,13 +217,8 @@ class NormalEquations:
         if J_p is not None:
             self._w[term.family] += group_sums(term.block, (J_bt @ J_p[:, :, None])[:, :, 0], n)
         if J_c is not None and term.camera is not None:
-            C = np.ascontiguousarray(J_c.transpose(1, 2, 0))
             place = term.block * self.layout.n_cameras + term.camera
-            cells = np.empty((len(place), d, C.shape[1]))
-            for i in range(d):
-                for j in range(C.shape[1]):
-                    cells[:, i, j] = (B[:, i] * C[:, j]).sum(axis=0)
-            self._W[term.family][place] += cells.reshape(len(place), -1)
+            self._W[term.family][place] += (J_bt @ J_c).reshape(len(place), -1)
         if J_g is not None:
             g = J_g.shape[2]
             self._W_globals[term.family] += group_sums(term.block, (J_bt @ J_g).reshape(-1, d * g), n).reshape(n, d, g)
