@@ -30,6 +30,7 @@ from passerby.calibration.repairs import Repair, Repaired, apply_repairs
 from passerby.calibration.scene_solver import solver_options
 from passerby.calibration.separate_groups import calibrate_by_groups
 from passerby.calibration.unrecorded import Spans, unrecorded_instants
+from passerby.common.parallel import worthwhile
 from passerby.common.progress import Progress, silent, tell_note
 from passerby.core.cameras import Rig
 from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted, heights_of
@@ -78,6 +79,7 @@ def calibrate(
     for note in (_amount(inputs), *texts_of(inputs.findings)):  # what `watch` has to note was told when it was found
         tell_note(tell, note)
     read = time.perf_counter()
+    executor = worthwhile(executor, scene.size_bytes, len(scene.cameras))
     found = calibrate_inputs(scene, inputs, seed=seed, progress=tell, executor=executor, keep=keep)
     missing = len(found.rig.posed()) < len(found.rig)
     joints = joints_remedy(scene) if missing else None

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -88,6 +88,15 @@ def _results(executor: Executor, function: Callable[[Job], Result], jobs: Sequen
 class _LocalPool(ProcessPoolExecutor):
     """A pool of `local_processes`, which kills its processes where a job fails or the work is interrupted."""
 
+    size: int = 0
+    begun: bool = False
+    """Whether a job was given: a process begins with its first one."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """As of `Executor`."""
+        self.begun = True
+        return super().submit(fn, *args, **kwargs)
+
 
 @contextmanager
 def interrupted_later() -> Iterator[None]:
@@ -147,6 +156,16 @@ def pays(n_bytes: int, n_cameras: int, n_processes: int, n_videos: int = 0) -> b
     return n_processes > 1 and work_s * (1 - 1 / n_processes) > STARTING_S
 
 
+def worthwhile(executor: Executor | None, n_bytes: int, n_cameras: int) -> Executor | None:
+    """The executor for what is left when the videos are processed.
+
+    None for a pool of `local_processes` that has not begun, as where all results of videos were kept, and would not pay for
+    the rest (see `pays`).
+    """
+    idle = isinstance(executor, _LocalPool) and not executor.begun and not pays(n_bytes, n_cameras, executor.size)
+    return None if idle else executor
+
+
 @contextmanager
 def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator[Executor | None]:
     """A pool of local processes, one a core; None where it would not pay (see `pays`).
@@ -163,6 +182,7 @@ def local_processes(n_bytes: int, n_cameras: int, n_videos: int = 0) -> Iterator
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     pool = _LocalPool(n_processes, context, _begin_process, (os.getpid(),))
+    pool.size = n_processes
     try:
         yield pool
     except BaseException as error:

@@ -25,7 +25,7 @@ from passerby.core.observations import UNKNOWN, Boxes, Keypoints, Vectors
 from passerby.findings.finding import Finding, notice
 from passerby.interchange.storage.toml_text import key
 from passerby.perception.joint_budget import JointBudget
-from passerby.perception.kept import Arrays, StageCache, cache_lock, forget_others, hash_of_arrays
+from passerby.perception.kept import SUMMARY, Arrays, StageCache, cache_lock, forget_others, hash_of_arrays
 from passerby.perception.opening import (
     background_count,
     background_identity,
@@ -170,6 +170,28 @@ def watch_camera(job: CameraJob, tell: Tell) -> VideoObservations:
         cv2.setNumThreads(threads)
 
 
+def kept_results(job: CameraJob, tell: Tell) -> VideoObservations | None:
+    """What `watch_camera` would take from the shelf; None where something has to be made. Raises `InputError` likewise."""
+    if not any(job.shelf.glob(f"people-*/{SUMMARY}")):
+        return None  # no network is opened in vain
+    with cache_lock(job.shelf):
+        background = _background(job, _video(job))
+        if job.boxes is None and job.plan.detector is None and background.summary() is None:
+            return None
+        return _Watch(job, tell).kept()
+
+
+def _video(job: CameraJob) -> dict[str, Any]:
+    """What decides all stages."""
+    video = {"video": video_identity(job.info), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
+    return video | {"versions": _versions()}
+
+
+def _background(job: CameraJob, video: Mapping[str, Any]) -> StageCache:
+    """The empty scene of background subtraction."""
+    return StageCache.of(job.shelf, "background", dict(video) | background_identity())
+
+
 class _Watch:
     """One run over a camera's video."""
 
@@ -179,8 +201,7 @@ class _Watch:
         self.seconds: dict[str, float] = {}
         self._used: set[Path] = set()
         self._files, self._at_s = VideoFilesState(job.info), -math.inf
-        video = {"video": video_identity(job.info), "rate": job.rate, "segment": SEGMENT, "revision": REVISION}
-        video |= {"versions": _versions()}
+        video = _video(job)
         self._detector = self._open_detector(video)
         self._embedder: Embedder | None = None if job.plan.embedder is None else open_embedder(job.plan.embedder)
         self._estimator: KeypointEstimator | None = None if job.plan.keypoints is None else open_estimator(job.plan.keypoints)
@@ -210,21 +231,30 @@ class _Watch:
             return _Given(self._job.boxes)
         if self._job.plan.detector is not None:
             return open_detector(self._job.plan.detector, self._job.plan)
-        kept = StageCache.of(self._job.shelf, "background", video | background_identity())
+        kept = _background(self._job, video)
         self._used.add(kept.folder)
         with self._timed("background"):
             return open_background(kept, self._job.info, self._tell_learnt)
 
     def result(self) -> VideoObservations:
         """Make what is not kept, and gather all of it."""
+        if (found := self.kept()) is not None:
+            return found
+        summary = self._watch()
+        parts = self._parts(summary["pictures"])
+        if parts is None:
+            raise InputError(f"{self._job.shelf}: what was just written there cannot be read again: choose another folder")
+        return self._finished(summary, parts)
+
+    def kept(self) -> VideoObservations | None:
+        """All of it, where it is kept."""
         summaries = [stage.kept.summary() for stage in self._stages]
         summary = summaries[0]
         parts = None if summary is None or None in summaries else self._parts(summary["pictures"])
-        if summary is None or parts is None:
-            summary = self._watch()
-            parts = self._parts(summary["pictures"])
-        if parts is None:
-            raise InputError(f"{self._job.shelf}: what was just written there cannot be read again: choose another folder")
+        return None if summary is None or parts is None else self._finished(summary, parts)
+
+    def _finished(self, summary: dict[str, Any], parts: list[Arrays]) -> VideoObservations:
+        """What is not of this run is forgotten, and the rest gathered."""
         forget_others(self._job.shelf, self._used)
         done = max(self._learning + summary["pictures"], self._work)
         self._tell(done, done)

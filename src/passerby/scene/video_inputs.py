@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -25,7 +25,7 @@ from passerby.perception.model_files import AUTO
 from passerby.perception.plan import Plan, keypoints_to_be_had, make_plan
 from passerby.perception.video import VideoInfo
 from passerby.perception.video_error import VideoError
-from passerby.perception.watching import CameraJob, Tell, VideoObservations, watch_camera, work_of
+from passerby.perception.watching import CameraJob, Tell, VideoObservations, kept_results, watch_camera, work_of
 from passerby.scene.camera_input import CameraInput
 from passerby.scene.reading import add_video_results, needs_embeddings, needs_keypoints, needs_video, of_video
 from passerby.scene.scene import Scene
@@ -37,6 +37,8 @@ ENOUGH_PICTURES = 300
 ENOUGH_CAMERAS = 2
 """The joints of one camera alone are no points in space."""
 TOLD_EVERY_S = 0.25
+
+Found = TypeVar("Found")
 
 
 @dataclass(eq=False)
@@ -86,13 +88,18 @@ class SceneVideoProcessor:
         forward = Forward(self.tell, "processing videos")
         for job in jobs:
             forward(job.name, 0, work_of(job))
-        if self.executor is not None:
-            return _watched_apart(jobs, self.executor, forward)
-        results = []
-        for job in jobs:
-            results.append(_result(job, partial(forward, job.name)))
-            forward.finish(job.name)
-        return results
+        if self.executor is None:
+            results = []
+            for job in jobs:
+                results.append(_result(watch_camera, job, partial(forward, job.name)))
+                forward.finish(job.name)
+            return results
+        # What is kept is read here: processes take longer to begin.
+        kept = [_result(kept_results, job, partial(forward, job.name)) for job in jobs]
+        made = iter(
+            _watched_apart([job for job, found in zip(jobs, kept, strict=True) if found is None], self.executor, forward)
+        )
+        return [next(made) if found is None else found for found in kept]
 
 
 def plan_of(scene: Scene, readings: Sequence[CameraInput], tell: Progress) -> Plan:
@@ -186,7 +193,7 @@ def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forwa
     with tempfile.TemporaryDirectory(prefix="passerby-", dir=shared, ignore_cleanup_errors=True) as folder:
         counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
         with interrupted_later():
-            futures = [executor.submit(_result, job, own) for job, own in zip(jobs, counts, strict=True)]
+            futures = [executor.submit(_result, watch_camera, job, own) for job, own in zip(jobs, counts, strict=True)]
         waiting: set[Future[VideoObservations | InputError]] = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)
@@ -226,12 +233,12 @@ class _Counts:
             return None
 
 
-def _result(job: CameraJob, tell: Tell) -> VideoObservations | InputError:
+def _result(watch: Callable[[CameraJob, Tell], Found], job: CameraJob, tell: Tell) -> Found | InputError:
     """What was seen, or what is wrong with this camera."""
     try:
         # One thread each: more would wait for each other, and their number would change the last bits.
         with threadpool_limits(limits=1, user_api="blas"):
-            return watch_camera(job, tell)
+            return watch(job, tell)
     except VideoError as error:
         return of_video(error, job.name) if error.path in (job.info.path, *job.info.files) else InputError(str(error))
     except InputError as error:
