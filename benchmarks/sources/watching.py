@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import json
-import subprocess
-import tarfile
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +10,7 @@ from typing import Any
 
 from command import ONE_THREAD, run_program
 from datasets import ROOT, models_folder
+from earlier_version import commit_named, unpack
 from perception_scenes import LARGE_SECONDS, large_video, repeated
 
 EARLIER = "35d694e6f9c84c369e077b7f9431eef07b09639e"
@@ -42,7 +40,7 @@ def cases(scenes: Path, seconds: float, against: str) -> dict[str, WatchingCase]
     Raises `subprocess.CalledProcessError` for a name that is no commit.
     """
     film = large_video(scenes, KEY_EVERY_S)
-    earlier = _commit(against)
+    earlier = commit_named(against)
     known = [name for name in DETECTORS if name == "background" or models_folder() is not None]
     made = (WatchingCase(name, film, _whole(DETECTORS[name] * seconds), earlier) for name in known)
     return {f"{case.detector} {case.seconds:g} s against {earlier}": case for case in made}
@@ -53,8 +51,7 @@ def work(case: WatchingCase) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         video = repeated(case.film, case.seconds, folder / "video.mp4")
-        _unpack(case.against, folder / "earlier")
-        sources = {"earlier": folder / "earlier" / "src", "now": ROOT / "src"}
+        sources = {"earlier": unpack(case.against, folder / "earlier"), "now": ROOT / "src"}
         found = {name: _watched(case.detector, video, source, folder / name) for name, source in sources.items()}
     about = {"detector": case.detector, "seconds": case.seconds, "against": case.against}
     return {"about": about, "cpu_s": sum(one["cpu_s"] for one in found.values()), **found}
@@ -68,19 +65,6 @@ def ratio(case: dict[str, Any]) -> float:
 def _whole(seconds: float) -> float:
     """A length in whole repetitions of the film, one at least."""
     return LARGE_SECONDS * max(1, round(seconds / LARGE_SECONDS))
-
-
-def _commit(name: str) -> str:
-    """The full name of a commit of this repository."""
-    told = ["git", "rev-parse", "--verify", f"{name}^{{commit}}"]
-    return subprocess.run(told, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-
-
-def _unpack(commit: str, folder: Path) -> None:
-    """The package's sources as they were."""
-    packed = subprocess.run(["git", "archive", "--format=tar", commit, "src"], cwd=ROOT, capture_output=True, check=True)
-    with tarfile.open(fileobj=io.BytesIO(packed.stdout)) as archive:
-        archive.extractall(folder, filter="data")
 
 
 def _watched(detector: str, video: Path, source: Path, shelf: Path) -> dict[str, Any]:

@@ -110,3 +110,19 @@ def test_growth_of_time_is_judged_only_where_both_sizes_are_run():
 def test_errors_are_medians_over_the_cameras_of_all_groups():
     assert calibrations.errors_of(calibrated(25, 1.0)) == (30.0, 0.2)
     assert all(np.isnan(calibrations.errors_of({"groups": []})))
+
+
+@pytest.mark.parametrize(
+    ("now", "said"), [(5.0, ["0.25 x", "aim"]), (9.9, ["0.49 x", "acceptable"]), (10.1, ["0.51 x", "**missed**"])]
+)
+def test_processor_time_is_held_against_that_of_the_earlier_version(now: float, said: list[str]):
+    case = {
+        "about": {"against": "abc"}, "cpu_s": 80.0, "earlier": 20.0, "now": now, "apart_mm": 1e-6, "apart_deg": 0.0,
+    }  # fmt: skip
+    pets, colmap = sites_page.small_found("small", {"a": case}, {"a": case}, "abc").facts["goals"]
+    assert pets[1::3] == said
+    assert colmap[1::3] == ["not run", ""]
+
+
+def test_without_the_data_the_goals_of_small_scenes_are_not_run():
+    assert [goal[1] for goal in sites_page.small_found("small", {}, {}, "abc").facts["goals"]] == ["not run", "not run"]
