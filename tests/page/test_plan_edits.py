@@ -8,6 +8,7 @@ import tomlkit
 
 from passerby.common.errors import InputError
 from passerby.page.plan_edits import with_plan, without_plan
+from passerby.page.scene_edits import with_line
 
 KERB = {"name": "kerb", "at": [9.0, 9.0], "pixels": {"C1": [1.0, 1.0]}}
 WANTED = {
@@ -157,3 +158,13 @@ def test_a_plan_is_taken_out_and_all_else_stays():
 def test_what_is_no_toml_is_refused():
     with pytest.raises(InputError, match="editor"):
         with_plan("[scale", WANTED)
+
+
+def test_lines_stay_when_a_plan_comes_and_goes():
+    post = {"direction": "vertical", "points": {"C1": [[1.0, 2.0], [1.5, 90.0]]}}
+    along = {"direction": "x", "points": {"C1": [[10.0, 2.0], [90.0, 3.0]]}}
+    lined = with_line(with_line(TEXT, "vertical", post["points"]), "x", along["points"])
+    assert tomllib.loads(lined)["world"]["lines"] == [post, along]
+    planned = with_plan(lined, WANTED)
+    assert tomllib.loads(planned)["world"] == {"plan": WANTED, "lines": [post]}
+    assert tomllib.loads(without_plan(planned))["world"] == {"lines": [post]}

@@ -33,7 +33,6 @@ from passerby.page.scene_edits import (
 from passerby.page.session import Session
 from passerby.scene.scene import Scene
 
-
 ORIGIN, ALONG_X = "origin", "x axis"
 
 

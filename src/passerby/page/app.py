@@ -23,12 +23,7 @@ from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
 from passerby.page.acts import perform
-from passerby.page.answers import answering as _answering
-from passerby.page.answers import asked_frame as _asked_frame
-from passerby.page.answers import bug as _bug
-from passerby.page.answers import camera_of as _camera
-from passerby.page.answers import frame_of as _frame
-from passerby.page.answers import picture_answer, static_routes
+from passerby.page.answers import answering, bug, camera_of, frame_of, picture_answer, static_routes
 from passerby.page.geometry import epipolar_lines, ground_point, measure_axis, measure_length
 from passerby.page.plan_routes import LIMITS, plan_routes
 from passerby.page.requests import Frame, Name, Pixel, read_as
@@ -47,9 +42,9 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
     people = IdentifiedPeople(session.out)
     routes = [
         *static_routes("index.html"),
-        Route("/api/state", _answering(lambda _: session.state())),
-        Route("/api/check", _answering(lambda _: session.check())),
-        Route("/api/people", _answering(lambda request: _people(session, _camera(request), _asked_frame(request)))),
+        Route("/api/state", answering(lambda _: session.state())),
+        Route("/api/check", answering(lambda _: session.check())),
+        Route("/api/people", answering(lambda request: _people(session, camera_of(request), asked_frame(request)))),
         Route("/picture", lambda request: _picture(session, request)),
         Route("/report", lambda request: _report(session, request)),
         *plan_routes(session),
@@ -63,7 +58,7 @@ def make_app(session: Session, token: str, port: int) -> ASGIApp:
         _posting("/api/start", session, lambda content: session.work.start(session.scene_file, session.version)),
         _posting("/api/stop", session, lambda content: session.work.stop()),
     ]
-    handlers: dict[Any, Any] = {PasserbyError: lambda _, error: _refused(session, error), Exception: _bug}
+    handlers: dict[Any, Any] = {PasserbyError: lambda _, error: _refused(session, error), Exception: bug}
     return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port, LIMITS)
 
 
@@ -87,9 +82,9 @@ def _refused(session: Session, error: Exception) -> Response:
 
 
 def _picture(session: Session, request: Request) -> Response:
-    name = _camera(request)
+    name = camera_of(request)
     scene, version = session.camera(name)
-    return picture_answer(session.pictures, scene, version, name, _frame(request))
+    return picture_answer(session.pictures, scene, version, name, frame_of(request))
 
 
 def prepare_pictures(session: Session) -> None:

@@ -11,6 +11,7 @@ from tomlkit.items import AoT, Table
 
 from passerby.common.errors import InputError
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
+from passerby.page.scene_edits import keep_lines
 
 STATED = ("image", "metres_per_pixel", "distance", "cameras", "points")
 """The keys that the page sets; others stay as an editor wrote them."""
@@ -18,7 +19,7 @@ IN_EDITOR = "correct [world.plan] in an editor"
 
 
 def with_plan(text: str, wanted: Mapping[str, Any]) -> str:
-    """With `[world.plan]` as wanted, whatever set the world before.
+    """With `[world.plan]` as wanted, whatever set the world before; lines stay, but for those that set the heading.
 
     Args:
         text: of the scene file.
@@ -34,6 +35,7 @@ def with_plan(text: str, wanted: Mapping[str, Any]) -> str:
     else:
         fresh = tomlkit.table(is_super_table=True)
         fresh["plan"] = _fresh_plan(wanted, plan)
+        keep_lines(world, fresh)
         if world is None and text.strip():
             document.add(tomlkit.nl())
         document["world"] = fresh
@@ -41,12 +43,17 @@ def with_plan(text: str, wanted: Mapping[str, Any]) -> str:
 
 
 def without_plan(text: str) -> str:
-    """Without `[world.plan]`, and so without a stated world frame. Raises `InputError` where there is none."""
+    """Without `[world.plan]`, and so without a stated world frame; lines stay. Raises `InputError` where there is none."""
     document = _parsed(text)
     world: Any = document.get("world")
     if not isinstance(world, Mapping) or "plan" not in world:
         raise InputError("[world.plan] is not there")
-    del document["world"]
+    fresh = tomlkit.table(is_super_table=True)
+    keep_lines(world, fresh)
+    if len(fresh):
+        document["world"] = fresh
+    else:
+        del document["world"]
     return _checked(document, None)
 
 
@@ -149,7 +156,7 @@ def _checked(document: tomlkit.TOMLDocument, wanted: Mapping[str, Any] | None) -
     except NotParsed:
         raise InputError(f"the plan cannot be changed here: {IN_EDITOR}") from None
     plan = found.get("plan") if isinstance(found, dict) else None
-    if wanted is None and found == {}:
+    if wanted is None and plan is None:
         return text
     if wanted is None or not isinstance(plan, dict) or _stated(plan) != _stated(wanted):
         raise InputError(f"the plan cannot be changed here: {IN_EDITOR}")

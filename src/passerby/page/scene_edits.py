@@ -210,13 +210,7 @@ def with_world_points(text: str, points_file: str) -> str:
     document = _parsed(text)
     table = tomlkit.table()
     table["points"] = points_file
-    lines = [one for one in document.get("world", {}).get("lines", []) if one.get("direction") != "x"]
-    if lines:
-        table["lines"] = tomlkit.aot()
-        for one in lines:
-            entry = tomlkit.table()
-            entry.update(one.unwrap())
-            table["lines"].append(entry)
+    keep_lines(document.get("world"), table)
     if "world" in document:
         document["world"] = table
     else:
@@ -224,6 +218,16 @@ def with_world_points(text: str, points_file: str) -> str:
             document.add(tomlkit.nl())
         document["world"] = table
     return tomlkit.dumps(document)
+
+
+def keep_lines(world: Any, table: Table) -> None:
+    """Take the lines of a `[world]` over into another one, but for those that set the heading."""
+    lines = world.get("lines", []) if isinstance(world, Mapping) else []
+    for one in lines:
+        if one.get("direction") != "x":
+            entry = tomlkit.table()
+            entry.update(one.unwrap())
+            table.setdefault("lines", tomlkit.aot()).append(entry)
 
 
 def write_points(folder: Path, clicks: Sequence[GroundClick], sd_m: float = POINT_SD_M) -> str:
