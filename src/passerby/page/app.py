@@ -23,7 +23,7 @@ from passerby.core.observations import Boxes
 from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
 from passerby.page.acts import perform
-from passerby.page.answers import answering, bug, camera_of, frame_of, picture_answer, static_routes
+from passerby.page.answers import answering, asked_frame, bug, camera_of, frame_of, picture_answer, static_routes
 from passerby.page.geometry import epipolar_lines, ground_point, measure_axis, measure_length
 from passerby.page.plan_routes import LIMITS, plan_routes
 from passerby.page.requests import Frame, Name, Pixel, read_as
