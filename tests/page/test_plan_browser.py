@@ -16,7 +16,7 @@ from passerby.scene.scene import Scene
 from support.browser import CHROMIUM
 
 from .plan_support import UNIT, DrawnPlan
-from .test_page_browser import Hand
+from .test_page_browser import CLICK_SD_PX, Hand
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
@@ -165,6 +165,32 @@ def test_a_saved_plan_is_changed_undone_and_removed(placer, folder):
     for _ in range(2):
         placer.save("Undo")
     assert scene.read_bytes() == before
+    assert placer.errors == []
+
+
+def test_points_alone_are_enough_and_a_wrong_one_is_changed(placer, folder):
+    plan, truth, scene = placer.plan, placer.plan.truth, folder / "scene" / "scene.toml"
+    middle = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
+    right = [middle + [-1.5, -2.0, 0], middle + [1.5, 2.0, 0]]
+    placer.upload(folder / "Haus <b>.png")
+    placer.page.get_by_label("Metres per pixel").fill(str(UNIT))
+    placer.page.keyboard.press("Tab")
+    placer.choose("Place a point")
+    for number, spot in enumerate(right):
+        placer.click_plan(plan.pixel(spot + [0, 3.0 * number, 0]))  # the second one is clicked 3 m off
+        placer.click(truth["C1"], spot)
+        placer.page.get_by_role("button", name="Next point").click()
+    placer.until("() => document.querySelector('#plan-place').textContent.includes('lengths change by')")
+    placer.page.get_by_role("button", name="Change point 2").click()
+    placer.click_plan(plan.pixel(right[1]))
+    placer.click(truth["C2"], right[1])
+    placer.save("Save the plan")
+    first, second = Scene.load(scene).world.plan.points
+    assert np.linalg.norm(np.subtract(first.at, plan.pixel(right[0]))) < 3
+    assert np.linalg.norm(np.subtract(second.at, plan.pixel(right[1]))) < 3
+    assert (set(first.pixels), set(second.pixels)) == ({"C1"}, {"C1", "C2"})
+    for name, at in second.pixels.items():
+        assert np.linalg.norm(np.subtract(at, truth[name].project(right[1])[0])) < 5 * CLICK_SD_PX
     assert placer.errors == []
 
 

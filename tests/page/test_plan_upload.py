@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from passerby.common.errors import InputError
+from passerby.interchange.plan_picture import read_plan_picture
 from passerby.page import plan_upload
 from passerby.page.plan_pictures import LARGEST_PX, PlanPictures
 from passerby.page.plan_upload import MOST_BYTES, MOST_PIXELS, MOST_SCANS, UPLOADED, check_plan, keep_plan, picture_header
@@ -152,6 +153,19 @@ def test_nobody_else_can_upload(client, session, headers):
     before = sorted(session.scene_file.parent.iterdir())
     assert client.post(UPLOAD, picture(), **headers).status in (403, 421)
     assert sorted(session.scene_file.parent.iterdir()) == before
+
+
+def test_a_photograph_that_says_how_it_is_turned_is_counted_as_a_calibration_counts_it(tmp_path):
+    """EXIF's orientation 6: the camera was held upright, so that the file's width is the picture's height."""
+    plain = picture(".jpg", width=64, height=40)
+    tag = struct.pack(">HHIHH", 0x0112, 3, 1, 6, 0)
+    exif = b"Exif\0\0MM\0*" + struct.pack(">IH", 8, 1) + tag + struct.pack(">I", 0)
+    turned = plain[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + plain[2:]
+    assert picture_header(turned) == ("jpg", (64, 40))
+    path = tmp_path / keep_plan(tmp_path, turned)
+    shown = PlanPictures().shown(path)
+    assert shown.size == (40, 64) == read_plan_picture(path).shape[1::-1]
+    assert cv2.imdecode(np.frombuffer(shown.data, np.uint8), 1).shape[1::-1] == shown.size
 
 
 def test_a_large_plan_is_shown_smaller_and_measured_as_it_is(tmp_path):

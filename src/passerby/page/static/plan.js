@@ -4,6 +4,9 @@ import { draw, find, make, show } from "./dom.js";
 import { area, label, line, PlanStage, square } from "./plan_stage.js";
 import { ask } from "./server.js";
 
+// What needs the rig's mathematics waits so long for the cameras' first pictures.
+export const PICTURES_MS = 4000;
+
 const WIDTHS = { grid: 1, path: 1.3, seen: 1, sigma: 1.5, heading: 3 };
 
 export class PlanView {
@@ -27,6 +30,8 @@ export class PlanView {
     const now = JSON.stringify([state.posed, state.calibration]);
     if (now === this.shown) return;
     this.shown = now;
+    await this.page.cameras.pictures(PICTURES_MS);
+    if (now !== this.shown) return;
     const found = state.posed.length ? await ask("/api/plan/view").catch((error) => this.page.tell(error.message)) : null;
     if (now !== this.shown) return;
     this.drawing = found ?? null;

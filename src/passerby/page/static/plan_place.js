@@ -1,6 +1,7 @@
 // A plan is uploaded, and cameras and points of the ground are placed on it: a draft that the server tries on the rig.
 
 import { draw, find, make, number, show } from "./dom.js";
+import { PICTURES_MS } from "./plan.js";
 import { area, cross, label, line, PlanStage, square } from "./plan_stage.js";
 import { ask, send, upload } from "./server.js";
 
@@ -199,6 +200,8 @@ export class PlanPlacer {
 
   async tryOut() {
     const asked = ++this.asked;
+    if (this.page.state) await this.page.cameras.pictures(PICTURES_MS);
+    if (asked !== this.asked) return;
     const ready = this.size && !this.lacks() && this.page.state?.posed.length;
     const found = ready ? await send("/api/plan/fit", this.content()).catch((error) => ({ error: error.message })) : null;
     if (asked !== this.asked) return;
