@@ -16,7 +16,7 @@ from passerby.scene.scene import Scene
 from support.browser import CHROMIUM
 
 from .plan_support import UNIT, DrawnPlan
-from .test_page_browser import CLICK_SD_PX, Hand
+from .test_page_browser import CLICK_SD_PX, PATIENCE_S, Hand
 
 pytest.importorskip("playwright.sync_api", reason="no playwright: install the extra dev")
 
@@ -26,6 +26,8 @@ pytestmark = [
 ]
 
 WIDTH_SEEN = "Number(document.querySelector('#plan-place .plan-layer').getAttribute('viewBox').split(' ')[2])"
+FITTED = "() => document.querySelector('#plan-place').textContent.includes('lengths change by')"
+"""Whether the server has tried what is placed."""
 PLACED_M = 0.25
 """Of each camera on the plan after the calibration: six sigmas of a click of 2 px, and what people leave."""
 
@@ -60,6 +62,11 @@ def address(folder):
         found = next(filter(None, (re.search(r"http://127.0.0.1:\d+/\S+", line) for line in server.stdout)))
         yield found.group()
         server.terminate()
+        try:
+            server.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            server.kill()
+            raise
 
 
 class Placer(Hand):
@@ -99,7 +106,9 @@ class Placer(Hand):
 def placer(browser, address, folder):
     plan = DrawnPlan(read_rig(folder / "scene" / "truth.toml"))
     (folder / "Haus <b>.png").write_bytes(plan.png)
-    return Placer(browser, address, plan)
+    placer = Placer(browser, address, plan)
+    yield placer
+    placer.page.context.close()
 
 
 def test_a_plan_is_placed_by_clicks_and_the_rig_is_solved_upon_it(placer, folder, address):
@@ -115,7 +124,7 @@ def test_a_plan_is_placed_by_clicks_and_the_rig_is_solved_upon_it(placer, folder
     for name in ("C1", "C3"):
         placer.page.get_by_label("Camera to be placed").select_option(name)
         placer.click_plan(plan.pixel(truth[name].centre))
-    placer.until("() => document.querySelector('#plan-place').textContent.includes('lengths change by')")
+    placer.until(FITTED)
     assert len(placer.page.locator("#plan-place .plan-seen").all()) == 4, "all cameras are shown before it is saved"
     placer.choose("Place a point")
     spot = np.mean([camera.centre for camera in truth], axis=0) * [1, 1, 0]
@@ -152,18 +161,23 @@ def test_a_saved_plan_is_changed_undone_and_removed(placer, folder):
         placer.page.get_by_label("Camera to be placed").select_option(name)
         placer.click_plan(plan.pixel(truth[name].centre))
     placer.save("Save the plan")
+    placer.until(FITTED)
     placer.page.reload()
     placer.until("() => Boolean(document.querySelector('#plan-place .plan-layer image'))")
+    placer.until(FITTED)
     placer.page.get_by_role("button", name="Remove camera C2 from the plan").click()
     placer.save("Save the plan")
     assert set(Scene.load(scene).world.plan.cameras) == {"C1", "C3"}
     placer.page.get_by_role("button", name="Undo").click()
     placer.until("() => document.querySelector('#plan-place').textContent.includes('Camera C2 at')")
+    placer.until(FITTED)
     assert set(Scene.load(scene).world.plan.cameras) == {"C1", "C2", "C3"}
     placer.save("Remove the plan")
     assert Scene.load(scene).world is None
-    for _ in range(2):
-        placer.save("Undo")
+    placer.until("() => document.querySelector('#plan-place .plan-stage').getClientRects().length === 0")
+    placer.save("Undo")
+    placer.until(FITTED)
+    placer.save("Undo")
     assert scene.read_bytes() == before
     assert placer.errors == []
 
@@ -180,7 +194,7 @@ def test_points_alone_are_enough_and_a_wrong_one_is_changed(placer, folder):
         placer.click_plan(plan.pixel(spot + [0, 3.0 * number, 0]))  # the second one is clicked 3 m off
         placer.click(truth["C1"], spot)
         placer.page.get_by_role("button", name="Next point").click()
-    placer.until("() => document.querySelector('#plan-place').textContent.includes('lengths change by')")
+    placer.until(FITTED)
     placer.page.get_by_role("button", name="Change point 2").click()
     placer.click_plan(plan.pixel(right[1]))
     placer.click(truth["C2"], right[1])

@@ -83,6 +83,7 @@ export class PlanPlacer {
     this.saved = JSON.stringify(state.plan ?? null);
     this.draft = { ...structuredClone(EMPTY), ...structuredClone(state.plan ?? {}) };
     this.chosenPoint = -1;
+    this.fit = null;
     if (state.plan) this.open(null);
     else this.close();
     this.changed(false);
@@ -92,7 +93,9 @@ export class PlanPlacer {
 
   async open(image) {
     const query = image ? { image } : {};
-    const told = await ask("/api/plan/picture", query).catch((error) => this.page.tell(error.message));
+    const told = await ask("/api/plan/picture", query).catch((error) => {
+      if (image || this.page.state.plan) this.page.tell(error.message);  // else it was taken out meanwhile
+    });
     if (!told) { this.close(); return; }
     const [width, height] = told.size;
     const other = this.size?.join() !== told.size.join();
