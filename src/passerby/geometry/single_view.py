@@ -7,13 +7,11 @@ must project onto the box's top. Three unknowns, two residuals a box.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from passerby.common.arrays import Floats
+from passerby.common.arrays import Bools, Floats
 from passerby.geometry.robust import cauchy_weights
 from passerby.geometry.rotations import rotation_between
 
@@ -87,16 +85,9 @@ def level_camera(
     if len(top) < MIN_PEOPLE:
         return None
     fit = _Fit(top, bottom, top_tangent / extent_px[:, None, None], body_m, foot_m)
-    starts = []
-    for pitch in _PITCHES:
-        for roll in _ROLLS:
-            up = Rotation.from_euler("z", roll).apply(np.array([0.0, -np.cos(pitch), -np.sin(pitch)]))
-            height = fit.height_given_up(up)
-            if height is not None:
-                starts.append((fit.cost(up, height), up, height))
+    starts = fit.starts()
     if not starts:
         return None
-    starts.sort(key=lambda start: start[0])
     best = min((fit.refine(up, height) for _, up, height in starts[:4]), key=lambda found: found[0])
     _, up, height = best
     residual = float(np.median(np.linalg.norm(fit.residual(up, height), axis=1)))
@@ -127,14 +118,7 @@ def level_by_heights(
     if len(top) < MIN_PEOPLE:
         return None
     fit = _Fit(top, bottom, top_tangent / extent_px[:, None, None], body_m, foot_m, upright=True)
-    starts = [] if start is None else [(0.0, start.up, start.height)]
-    if start is None:
-        for pitch, roll in itertools.product(_PITCHES, _ROLLS):
-            up = Rotation.from_euler("z", roll).apply(np.array([0.0, -np.cos(pitch), -np.sin(pitch)]))
-            height = fit.height_given_up(up)
-            if height is not None:
-                starts.append((fit.cost(up, height), up, height))
-        starts.sort(key=lambda one: one[0])
+    starts = fit.starts() if start is None else [(0.0, start.up, start.height)]
     if not starts:
         return None
     _, up, height = min((fit.refine(up, height) for _, up, height in starts[:4]), key=lambda found: found[0])
@@ -147,78 +131,123 @@ def keep_horizon(up: Floats, longer: float) -> Floats:
     return np.asarray(moved / np.linalg.norm(moved))
 
 
+@dataclass(frozen=True, eq=False)
+class _Heads:
+    """Where N heads are predicted by a level."""
+
+    residual: Floats
+    """(2, N) misfit, shares of the extent; large for feet above the horizon."""
+    sound: Bools
+    """(N,) whose feet are below it."""
+    per_reach: Floats
+    """(N,) by how much the foot is farther off as its ray falls less steeply, metres,"""
+    per_height: Floats
+    """(N,) and as the camera is higher: for its logarithm, metres."""
+    depth: Floats
+    """(N,) of the head along its ray, metres."""
+
+    @property
+    def squares(self) -> Floats:
+        """(N,) of the residuals, in units of the loss's scale."""
+        return np.asarray((self.residual[0] ** 2 + self.residual[1] ** 2) / _SHARE**2)
+
+    @property
+    def cost(self) -> float:
+        """Mean Cauchy cost."""
+        return float(np.log1p(self.squares).mean())
+
+
 class _Fit:
-    """Residuals of one camera's people, as shares of their extent; `upright` leaves those across the picture out."""
+    """Residuals of one camera's people, as shares of their extent; `upright` leaves those across the picture out.
+
+    All is linear in the rays, so that what tilts change are a few columns: products of each ray with each direction.
+    """
 
     def __init__(
         self, top: Floats, bottom: Floats, tangent: Floats, body_m: Floats, foot_m: Floats, *, upright: bool = False
     ) -> None:
-        self.top, self.bottom, self.tangent, self.body_m, self.foot_m = top, bottom, tangent, body_m, foot_m
+        self.body_m, self.foot_m = body_m, foot_m
+        across, down = tangent[:, 0], tangent[:, 1]
         if upright:
-            self.tangent = np.concatenate([np.zeros_like(tangent[:, :1]), tangent[:, 1:]], axis=1)
+            across = np.zeros_like(across)
+        self.rows = np.concatenate([bottom, top, across, down])
+        # Of the foot's ray: its square, along the head's ray, and in shares of the extent.
+        self.square, self.along_top = np.einsum("ni,ni->n", bottom, bottom), np.einsum("ni,ni->n", top, bottom)
+        self.seen = np.array([np.einsum("ni,ni->n", across, bottom), np.einsum("ni,ni->n", down, bottom)])
+
+    def _along(self, direction: Floats) -> tuple[Floats, Floats, Floats]:
+        """(N,) the foot's and (N,) the head's ray along a direction, and (2, N) the direction in shares of the extent."""
+        foot, head, *seen = (self.rows @ direction).reshape(4, -1)
+        return foot, head, np.array(seen)
 
     def residual(self, up: Floats, height: float) -> Floats:
         """(N, 2) misfit of the predicted highest points; large for feet above the horizon."""
-        drop, _, head, depth = self._heads(up, height)
-        residual = np.einsum("nki,ni->nk", self.tangent, head) / depth[:, None]
-        return np.asarray(np.where((drop > HORIZON)[:, None], residual, 3.0))
+        return self._heads(up, height).residual.T
 
-    def jacobian(self, up: Floats, height: float, residual: Floats) -> Floats:
-        """(N, 2, 3) derivative of `residual` by the steps of `_move`; 0 for feet above the horizon."""
-        drop, reach, _, depth = self._heads(up, height)
-        a, b = _across(up)
-        per_reach = (reach / np.maximum(drop, HORIZON))[:, None]
-        by_a = per_reach * (self.bottom @ a)[:, None] * self.bottom + self.body_m[:, None] * a
-        by_b = per_reach * (self.bottom @ b)[:, None] * self.bottom + self.body_m[:, None] * b
-        by_height = (height / np.maximum(drop, HORIZON))[:, None] * self.bottom
-        head_by_step = np.stack([by_a, by_b, by_height], axis=2)
-        along = np.einsum("ni,nij->nj", self.top, head_by_step)
-        J = (self.tangent @ head_by_step - residual[:, :, None] * along[:, None, :]) / depth[:, None, None]
-        return np.asarray(np.where((drop > HORIZON)[:, None, None], J, 0.0))
+    def _heads(self, up: Floats, height: float) -> _Heads:
+        """The heads above the feet: the foot's ray goes down to the foot, and the body stands on it."""
+        foot, head, seen = self._along(up)
+        below = np.maximum(-foot, HORIZON)
+        reach = (height - self.foot_m) / below
+        far = np.sqrt(np.maximum(reach * (reach * self.square + 2 * self.body_m * foot) + self.body_m**2, 0.0))
+        depth = np.maximum(reach * self.along_top + self.body_m * head, 0.05 * far + 1e-9)
+        sound = -foot > HORIZON
+        residual = np.where(sound, (reach * self.seen + self.body_m * seen) / depth, 3.0)
+        return _Heads(residual, sound, reach / below, height / below, depth)
 
-    def _heads(self, up: Floats, height: float) -> tuple[Floats, Floats, Floats, Floats]:
-        """How steeply the foot rays fall (N,), how far they reach (N,), the heads above (N, 3) and their depths (N,)."""
-        drop = -self.bottom @ up
-        reach = (height - self.foot_m) / np.maximum(drop, HORIZON)
-        head = reach[:, None] * self.bottom + self.body_m[:, None] * up
-        floor = 0.05 * np.sqrt(np.einsum("ni,ni->n", head, head)) + 1e-9
-        return drop, reach, head, np.maximum(np.einsum("ni,ni->n", self.top, head), floor)
+    def jacobian(self, up: Floats, heads: _Heads) -> Floats:
+        """(3, 2, N) derivative of the residual by the steps of `_move`; 0 for feet above the horizon."""
+        out = np.empty((3, *heads.residual.shape))
+        for row, direction in enumerate(_across(up)):
+            foot, head, seen = self._along(direction)
+            reach = heads.per_reach * foot
+            along = reach * self.along_top + self.body_m * head
+            out[row] = (reach * self.seen + self.body_m * seen - heads.residual * along) / heads.depth
+        out[2] = heads.per_height * (self.seen - heads.residual * self.along_top) / heads.depth
+        return np.where(heads.sound, out, 0.0)
 
-    def height_given_up(self, up: Floats) -> float | None:
-        """Median over the people of the camera height that puts the head on its ray; None if most feet are above the
-        horizon.
+    def starts(self) -> list[tuple[float, Floats, float]]:
+        """Costs, up directions and heights to begin with, the lowest cost first: of all pitches and rolls those that have most
+        feet below the horizon, each with the median over the people of the camera height that puts the head on its ray.
         """
-        drop = -self.bottom @ up
-        use = drop > HORIZON
-        if np.count_nonzero(use) < 0.6 * len(use):
-            return None
-        along = (self.tangent[use] @ (self.bottom[use] / drop[use, None])[:, :, None])[:, :, 0]
-        rise = (self.tangent[use] @ up) * self.body_m[use, None]
-        square = np.einsum("nk,nk->n", along, along)
-        heights = -np.einsum("nk,nk->n", along, rise) / np.maximum(square, 1e-12) + self.foot_m[use]
-        height = float(np.median(heights))
-        return height if 0.2 < height < 200.0 else None
+        pitch, roll = (angle.ravel() for angle in np.meshgrid(_PITCHES, _ROLLS, indexing="ij"))
+        ups = np.column_stack([np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch), -np.sin(pitch)])
+        foot, _, across, down = (self.rows @ ups.T).reshape(4, -1, len(ups))
+        use = -foot > HORIZON
+        count = np.count_nonzero(use, axis=0)
+        below = np.where(use, -foot, 1.0)
+        along_across, along_down = self.seen[0][:, None] / below, self.seen[1][:, None] / below
+        rise = along_across * across + along_down * down
+        square = np.maximum(along_across**2 + along_down**2, 1e-12)
+        of_each = self.foot_m[:, None] - rise * self.body_m[:, None] / square
+        ascending = np.sort(np.where(use, of_each, np.inf), axis=0)
+        columns = np.arange(len(ups))
+        middle = ascending[np.maximum(count - 1, 0) // 2, columns], ascending[np.minimum(count // 2, len(foot) - 1), columns]
+        heights = 0.5 * (middle[0] + middle[1])
+        sound = (count >= 0.6 * len(foot)) & (heights > 0.2) & (heights < 200.0)
+        found = [(self.cost(ups[k], float(heights[k])), ups[k], float(heights[k])) for k in np.flatnonzero(sound)]
+        return sorted(found, key=lambda start: start[0])
 
     def cost(self, up: Floats, height: float) -> float:
         """Mean Cauchy cost."""
-        squared = (self.residual(up, height) ** 2).sum(axis=1) / _SHARE**2
-        return float(np.log1p(squared).mean())
+        return self._heads(up, height).cost
 
     def refine(self, up: Floats, height: float) -> tuple[float, Floats, float]:
         """Damped Gauss-Newton on (tilt about two axes, log height), reweighted for the Cauchy loss."""
-        cost, damping = self.cost(up, height), 1e-3
+        heads, damping = self._heads(up, height), 1e-3
+        cost = heads.cost
         for _ in range(30):
-            residual = self.residual(up, height)
-            weight = cauchy_weights((residual**2).sum(axis=1) / _SHARE**2)
-            J = self.jacobian(up, height, residual).reshape(-1, 3)
-            weighted = J * np.repeat(weight, 2)[:, None]
-            H, g = weighted.T @ J, weighted.T @ residual.reshape(-1)
+            weight = cauchy_weights(heads.squares)
+            J = self.jacobian(up, heads)
+            weighted = (J * weight).reshape(3, -1)
+            H, g = weighted @ J.reshape(3, -1).T, weighted @ heads.residual.ravel()
             step = -np.linalg.solve(H + damping * np.diag(np.diag(H)) + 1e-12 * np.eye(3), g)
             moved = self._move(up, height, np.clip(step, -0.5, 0.5))
-            new = self.cost(*moved)
+            there = self._heads(*moved)
+            new = there.cost
             if new < cost:
                 done = cost - new < 1e-7 * cost
-                (up, height), cost, damping = moved, new, damping * 0.2
+                (up, height), heads, cost, damping = moved, there, new, damping * 0.2
                 if done:
                     break
             else:
