@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from passerby.core.observations import Clock
-from passerby.report.backdrop import backdrop
+from passerby.report.backdrop import Backdrop, backdrop
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted, fit_sample
 from passerby.report.ground_layer import centres_of, grid_region, grid_spacing, ground_layer, other_cameras
@@ -23,16 +23,17 @@ from passerby.report.sheet import Sheet, clip_text, short
 __all__ = ["camera_picture", "residual_map"]
 
 
-def camera_picture(contents: Contents, fit: Fitted, name: str) -> str:
+def camera_picture(contents: Contents, fit: Fitted, name: str, behind: Backdrop | None = None) -> str:
     """One camera's picture with all layers, as `<svg viewBox="0 0 width height">`.
 
     Args:
         contents: of the report.
         fit: of the whole sample; only where people walk is taken from it.
         name: of a camera of the rig, with a pose or without.
+        behind: of `backdrop`; looked for where None.
     """
     camera = contents.rig[name]
-    behind = backdrop(contents, name)
+    behind = backdrop(contents, name) if behind is None else behind
     sheet = Sheet(camera, behind, "currentColor" if behind.uri is None else "#fff")
     clocks, _ = clocks_of(contents)
     now = fit_sample(contents, sample_at(contents, clocks.get(name) or Clock(1.0), np.array([behind.frame])))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 from passerby.common.progress import Progress
+from passerby.report.backdrop import Backdrop, backdrop
 from passerby.report.camera_table import swatch
 from passerby.report.contents import Contents
 from passerby.report.fitted import Fitted
@@ -22,6 +25,10 @@ LAYERS = (
     ("model", "boxes of the model"),
     ("joints", "keypoints"),
 )
+
+
+DECODERS = 2
+"""Videos of which an image is decoded at a time, beside the drawing."""
 
 
 def rig_section(contents: Contents, fit: Fitted) -> Section:
@@ -49,9 +56,11 @@ def pictures_section(contents: Contents, fit: Fitted, seen: Seen, tell: Progress
         "camera that moved."
     )
     panels = []
-    for place, name in enumerate(contents.rig.names):
-        tell("report", place, len(contents.rig))
-        panels.append(_panel(contents, fit, seen, place, name))
+    with ThreadPoolExecutor(DECODERS) as decoders:  # decoding leaves Python to other threads
+        behind = [decoders.submit(backdrop, contents, name) for name in contents.rig.names]
+        for place, name in enumerate(contents.rig.names):
+            tell("report", place, len(contents.rig))
+            panels.append(_panel(contents, fit, seen, place, name, behind[place].result()))
     tell("report", len(contents.rig), len(contents.rig))
     return Section("views", "Camera views", lead, join(_switches(contents), panels), "Views")
 
@@ -76,8 +85,8 @@ def _switches(contents: Contents) -> Html:
     return element("fieldset", element("legend", "Overlays"), boxes, class_="layers") if boxes else Html("")
 
 
-def _panel(contents: Contents, fit: Fitted, seen: Seen, place: int, name: str) -> Html:
-    """One camera."""
+def _panel(contents: Contents, fit: Fitted, seen: Seen, place: int, name: str, behind: Backdrop) -> Html:
+    """One camera, on the image behind its drawing."""
     entry, residual = contents.cameras[name], residuals_px(contents)[name]
     boxes, joints = entry.boxes, entry.keypoints
     facts = [
@@ -90,7 +99,7 @@ def _panel(contents: Contents, fit: Fitted, seen: Seen, place: int, name: str) -
         facts.append("no pose")
     head = element("h3", element("span", swatch(place), name), element("small", ", ".join(facts)))
     pictures = [
-        element("figure", Html(camera_picture(contents, fit, name)), element("figcaption", "View")),
+        element("figure", Html(camera_picture(contents, fit, name, behind)), element("figcaption", "View")),
         element("figure", Html(residual_map(contents, fit, name)), element("figcaption", "Residuals over the image")),
     ]
     return element(
