@@ -16,7 +16,7 @@ import pytest
 from passerby.association.camera_tracklets import build_tracklets
 from passerby.common import parallel
 from passerby.common.errors import InputError
-from passerby.common.parallel import local_processes, pays, side_by_side
+from passerby.common.parallel import local_processes, pays, side_by_side, worthwhile
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
 from passerby.simulation import SimulationOptions, simulate
@@ -67,6 +67,21 @@ def test_processes_prepare_cameras_bit_for_bit(monkeypatch):
         np.testing.assert_array_equal(one.seen.boxes.identity, other.seen.boxes.identity)
         assert one.level.height == other.level.height
         np.testing.assert_array_equal(one.tracks.position, other.tracks.position)
+
+
+def test_processes_that_were_kept_for_videos_alone_do_not_begin(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
+    before = set(multiprocessing.active_children())
+    with local_processes(1000, 4, n_videos=4) as executor:
+        assert executor is not None
+        assert worthwhile(executor, 1000, 4) is None
+        assert worthwhile(executor, 1000, 40) is executor, "many pairs"
+        assert set(multiprocessing.active_children()) == before
+        executor.submit(squared, 2).result()
+        assert worthwhile(executor, 1000, 4) is executor, "they have begun"
+    mine = ThreadPoolExecutor(1)
+    assert worthwhile(mine, 1000, 4) is mine
+    assert worthwhile(None, 1000, 4) is None
 
 
 def test_a_process_that_is_killed_from_outside_is_told(monkeypatch):

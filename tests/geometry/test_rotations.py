@@ -53,3 +53,12 @@ def test_vectorised_over_leading_axes(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(skew(v)[1, 2] @ v[0, 0], np.cross(v[1, 2], v[0, 0]))
     assert exp_rotation(np.zeros((0, 3))).shape == (0, 3, 3)
     assert log_rotation(np.zeros((0, 3, 3))).shape == (0, 3)
+
+
+@given(directions, st.sampled_from([1e-12, 1e-7, 0.5, 2.99, 3.01, np.pi - 1e-6]))
+def test_one_rotation_is_as_one_of_several(axis: np.ndarray, angle: float) -> None:
+    """One alone is computed by itself, several by a library."""
+    vector = angle * axis / np.linalg.norm(axis)
+    single, several = exp_rotation(vector), exp_rotation(np.stack([vector, vector]))
+    np.testing.assert_allclose(single, several[0], atol=1e-14)
+    np.testing.assert_allclose(log_rotation(single), log_rotation(several)[0], atol=1e-9)

@@ -128,3 +128,22 @@ def test_residuals_are_pixels_of_the_lens(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(angular_residuals(seen, bearing) * lens.focal, np.linalg.norm(residual, axis=1), rtol=0.6)
     assert (depths(seen, bearing) > 0).all()
     assert np.isnan(reprojection_residuals(-seen, bearing, lens.tangents(bearing))).all()
+
+
+@given(seeds)
+def test_points_of_two_views_are_those_of_the_general_solution(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    (R_a, R_b), (t_a, t_b) = cameras_around(rng, 2)
+    R_ba = R_b @ R_a.T
+    t_ba = t_b - R_ba @ t_a
+    points = rng.uniform(-2, 2, (40, 3)) + [0.0, 0.0, 8.0]
+    rays_a, rays_b = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (points, points @ R_ba.T + t_ba))
+    rays_b = rays_b + rng.normal(0, 0.01, rays_b.shape)  # they miss each other
+    rays_b /= np.linalg.norm(rays_b, axis=1, keepdims=True)
+    rays_b[:3] = rays_a[:3] @ R_ba.T  # parallel
+    camera, point = np.repeat([0, 1], 40), np.tile(np.arange(40), 2)
+    rotations, translations = np.stack([np.eye(3), R_ba]), np.stack([np.zeros(3), t_ba])
+    expected = triangulate(camera, point, np.concatenate([rays_a, rays_b]), rotations, translations, 40)
+    found = triangulate_two_views(rays_a, rays_b, R_ba, t_ba)
+    assert np.isnan(found[:3]).all()
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
