@@ -157,6 +157,9 @@ class PeopleRays:
             rows: (M,) which rays count.
         """
         use = np.flatnonzero(rows)
+        if not len(use):
+            none = np.zeros(0, np.int64)
+            return TriangulatedPeople(none, none, np.zeros((0, 3)), np.zeros((0, 3, 3)))
         there = np.bincount(self.person[use], minlength=len(self.instant))
         who = np.flatnonzero(there)
         n, person = len(who), (np.cumsum(there > 0) - 1)[self.person[use]]
