@@ -193,7 +193,7 @@ def _watched_apart(jobs: Sequence[CameraJob], executor: Executor, forward: Forwa
     with tempfile.TemporaryDirectory(prefix="passerby-", dir=shared, ignore_cleanup_errors=True) as folder:
         counts = [_Counts(Path(folder) / str(number)) for number in range(len(jobs))]
         with interrupted_later():
-            futures = [executor.submit(_result, watch_camera, job, own) for job, own in zip(jobs, counts, strict=True)]
+            futures = [executor.submit(partial(_result, watch_camera), job, own) for job, own in zip(jobs, counts, strict=True)]
         waiting: set[Future[VideoObservations | InputError]] = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=TOLD_EVERY_S, return_when=FIRST_COMPLETED)
