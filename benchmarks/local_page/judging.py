@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from passerby.calibration.alignment.lengths import measure_length
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
-from passerby.page.geometry import measure_axis, measure_length
+from passerby.page.geometry import measure_axis
 
 ENDS_M = ((-2.0, -2.5, 0.0), (2.0, 2.5, 0.0))
 """Of the length, from the middle of the cameras, on the ground: both are in all pictures of the terrace."""

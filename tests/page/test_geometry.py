@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from passerby.calibration.alignment.lengths import measure_length
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Lens
-from passerby.page.geometry import BAND_SIGMAS, epipolar_lines, ground_point, measure_axis, measure_length
+from passerby.page.geometry import BAND_SIGMAS, epipolar_lines, ground_point, measure_axis
 from support.scenes.people_and_rigs import ring, without_poses
 
 BENT = Lens((1280, 720), np.array([[700.0, 0, 640], [0, 700.0, 360], [0, 0, 1]]), np.array([-0.25, 0.06, 0.0, 0.0]))

@@ -9,10 +9,11 @@ import tomllib
 import numpy as np
 import pytest
 
+from passerby.calibration.alignment.lengths import measure_length
 from passerby.cli.main import run
 from passerby.geometry.rotations import exp_rotation
 from passerby.interchange.rig_toml import read_rig
-from passerby.page.geometry import ground_point, measure_axis, measure_length
+from passerby.page.geometry import ground_point, measure_axis
 from passerby.page.work import Work
 from support.accessibility import access_faults
 from support.browser import CHROMIUM

@@ -70,6 +70,14 @@ def test_corrections_of_identities_are_in_the_file_and_can_be_removed(client, se
     assert "same" not in scene_of(session).get("association", {})
 
 
+def test_a_length_may_only_check_the_rig(client, session, truth):
+    state = json.loads(act(client, session, **length(truth), check=True).body)
+    assert state["lengths"] == []
+    assert [one["metres"] for one in state["checks"]] == [one["metres"] for one in scene_of(session)["scale"]["checks"]]
+    assert act(client, session, act="remove", key="checks", number=1).status == 200
+    assert "checks" not in scene_of(session).get("scale", {})
+
+
 def test_a_line_is_measured_and_written(client, session, truth):
     places = middle(truth) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]])
     points = {truth.names[0]: truth[truth.names[0]].project(places).round(2).tolist()}

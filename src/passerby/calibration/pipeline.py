@@ -13,6 +13,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from passerby.association.result import Association
+from passerby.calibration.alignment.lengths import check_lengths, findings_of_checks
 from passerby.calibration.alignment.scene_world import align_to_scene
 from passerby.calibration.calibration import Calibration
 from passerby.calibration.camera_motion import DetectedMotion, MotionRepair
@@ -127,14 +128,16 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         held_out = _held_out(scene, repaired.estimate, estimator.seed)
         solution = _with_figures(scene, inputs, repaired, motions, shape, held_out)
         placed = align_to_scene(scene, solution, inputs.elsewhere)
+        checks = check_lengths(scene.scale.checks, placed.rig, adjusted(solution.figures).scale.relative_sigma)
+        off = findings_of_checks(checks)
         doubts, ground = _doubts(scene, inputs, solution, association, motions, shape, estimator)
-        misplaced = tuple(finding for finding in placed.findings if finding.severity == "doubt")
+        misplaced = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "doubt")
         solution = _decided(scene, solution, association, (*doubts, *misplaced), placed.rig, inputs.gaps)
     solved = time.perf_counter()
     lenses, rates = adjusted(solution.figures).lenses, solution.figures.clock_rates or {}
     refined = (*lens_notes(lenses), *clock_skew_findings(rates), *ground)
     unused = tuple(finding for finding in association.height_findings if finding.severity == "notice")
-    frame = tuple(finding for finding in placed.findings if finding.severity == "notice")
+    frame = tuple(finding for finding in (*placed.findings, *off) if finding.severity == "notice")
     for note in (
         *texts_of((*refined, *association.notices, *unused, *frame)),
         f"{solution.verdict}{''.join(f': {reason}' for reason in solution.reasons[:1])}",
@@ -148,7 +151,7 @@ def _calibrate_together(estimator: Estimator, inputs: SceneInputs) -> Calibratio
         observations=association.observations,
         seed=estimator.seed,
         options=asdict(estimator.options),
-        figures=placed.figures,
+        figures=replace(placed.figures, checks=checks or None),
         association=association,
         clocked=bool(inputs.observations.clocks),
         wall_clock=inputs.wall_clock,

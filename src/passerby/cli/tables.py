@@ -13,7 +13,7 @@ from passerby.cli.terminal import MISSING, is_interactive, number, show_table
 from passerby.core.association_figures import TiedPair, route_in_words
 from passerby.core.cameras import Camera, Rig
 from passerby.core.field_of_view import field_of_view_deg
-from passerby.core.figures import AdjustedFigures, HeldOutFigures, adjusted
+from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, adjusted
 from passerby.core.lens_parameters import lens_parameters, names_in_words
 from passerby.evaluation.metrics import Comparison
 from passerby.evaluation.on_people import PeopleComparison
@@ -38,6 +38,7 @@ def show_calibration(calibration: Calibration, verbose: bool) -> None:
     show_table(f"{calibration.name}: {calibration.verdict}", columns, rows)
     show_scale(adjusted(calibration.figures), calibration.rig)
     show_held_out(calibration.figures.held_out)
+    show_checks(calibration.figures.checks)
     show_lenses(adjusted(calibration.figures), calibration.rig)
     for finding in calibration.findings if not is_interactive() else ():
         print(f"note: {finding}")
@@ -131,6 +132,15 @@ def show_held_out(figures: HeldOutFigures | None) -> None:
         f"{number(fit.median_px, 1)} px those fitted; on the ground half within {_centimetres(held.ground_50_m)}, 90 % within "
         f"{_centimetres(held.ground_90_m)}"
     )
+
+
+def show_checks(checks: Sequence[CheckedLength] | None) -> None:
+    """Known lengths that had no part in the calibration, by the rig."""
+    for one in checks or ():
+        if one.measured_m is not None:
+            off = 100 * (one.measured_m / one.stated_m - 1)
+            sigma = "" if one.sigma_m is None else f" (one sigma {100 * one.sigma_m / one.stated_m:.1f} %)"
+            print(f"check length {one.number}: {one.measured_m:.3f} m, stated {one.stated_m:.3f} m: {off:+.1f} %{sigma}")
 
 
 def _centimetres(metres: float | None) -> str:

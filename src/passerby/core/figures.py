@@ -303,6 +303,20 @@ class HeldOutFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CheckedLength:
+    """A known length that had no part in the calibration, by the finished rig."""
+
+    number: int
+    """Of the table `[[scale.checks]]`, from 1."""
+    cameras: tuple[str, ...]
+    stated_m: float
+    measured_m: float | None
+    """None where fewer than two of the cameras have a pose, or the marks of an end do not meet."""
+    sigma_m: float | None = None
+    """One sigma of the difference: of the statement, clicks, cameras and scale. None where nothing fixes the scale."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SolverFigures:
     """What every method has; by itself, of a solve that came to no rig."""
 
@@ -313,6 +327,8 @@ class SolverFigures:
     """None where too few places tell."""
     held_out: HeldOutFigures | None = field(default=None, metadata=ABSENT)
     """None where too few people could be held out."""
+    checks: tuple[CheckedLength, ...] | None = field(default=None, metadata=ABSENT)
+    """None where there are no check lengths."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from passerby.calibration.alignment.lengths import measure_length
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.world_files import read_known_points
-from passerby.page.geometry import measure_axis, measure_length
+from passerby.page.geometry import measure_axis
 from passerby.page.plan_acts import PlacePlan, RemovePlan, change_plan
 from passerby.page.requests import Act, Frame, Name, Pixel, read_as
 from passerby.page.scene_edits import (
@@ -43,6 +44,8 @@ class MarkLength(Act):
     metres: Annotated[float, Field(gt=0, le=1e4)]
     sd_m: Annotated[float, Field(gt=0, le=100)] = 0.02
     points: Annotated[dict[Name, tuple[Pixel, Pixel]], Field(min_length=2, max_length=1000)]
+    check: bool = False
+    """Whether the rig is only compared with it."""
 
 
 class PointAtPerson(Act):
@@ -108,7 +111,7 @@ class Remove(Act):
     """An entry of one of the lists of tables less."""
 
     act: Literal["remove"]
-    key: Literal["lengths", "people", "same", "different", "not_people", "lines"]
+    key: Literal["lengths", "people", "same", "different", "not_people", "lines", "checks"]
     number: Annotated[int, Field(ge=1, le=10**6)]
 
 
@@ -202,6 +205,8 @@ def _changed(session: Session, act: AnyAct, text: str) -> str:
     """The scene file's text after an act."""
     if isinstance(act, MarkLength):
         measure_or_leave(session, act)
+        if act.check:
+            return with_length(text, act.metres, act.sd_m, act.points, "checks")
         return _with_rescaled_world(session, with_length(text, act.metres, act.sd_m, act.points), act)
     if isinstance(act, PointAtPerson):
         return with_person(text, act.camera, act.frame, act.at, act.height_m, act.sd_m)

@@ -17,6 +17,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
+from passerby.calibration.alignment.lengths import measure_length
 from passerby.calibration.alignment.lines import MarkedLine, measure_line
 from passerby.common.errors import InputError, PasserbyError
 from passerby.core.observations import Boxes
@@ -24,7 +25,7 @@ from passerby.interchange.motchallenge import read_boxes
 from passerby.interchange.output_folder import REPORT_FILE, TRACKS_FOLDER
 from passerby.page.acts import perform
 from passerby.page.answers import answering, asked_frame, bug, camera_of, frame_of, picture_answer, static_routes
-from passerby.page.geometry import epipolar_lines, ground_point, measure_axis, measure_length
+from passerby.page.geometry import epipolar_lines, ground_point, measure_axis
 from passerby.page.plan_routes import LIMITS, plan_routes
 from passerby.page.requests import Frame, Name, Pixel, read_as
 from passerby.page.same_person import IdentifiedPeople

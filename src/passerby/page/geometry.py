@@ -40,17 +40,6 @@ class EpipolarLine:
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A length that is marked in two or more cameras, by the rig as it is."""
-
-    metres: float
-    sigma_m: float
-    """From the clicks alone; the scale of the rig is another matter."""
-    residual_px: float
-    """Largest distance of a mark from where the triangulated end is seen."""
-
-
-@dataclass(frozen=True)
 class MeasuredAxis:
     """Two clicks on the ground, by the rig as it is."""
 
@@ -90,27 +79,6 @@ def epipolar_lines(rig: Rig, name: str, at: Pixel) -> tuple[EpipolarLine, ...]:
         )
         lines.append(EpipolarLine(other.name, line))
     return tuple(lines)
-
-
-def measure_length(rig: Rig, points: Mapping[str, Sequence[Pixel]]) -> Measured:
-    """The length between two ends, each marked in the same two or more cameras.
-
-    Raises `InputError` where the marks have no common points: fewer than two cameras, parallel rays, points behind a camera.
-    """
-    marks = {name: np.asarray(ends, dtype=np.float64).reshape(2, 2) for name, ends in points.items()}
-    ends = rig.triangulate(marks)
-    metres = float(np.linalg.norm(ends[1] - ends[0]))
-    variance = 0.0
-    for name in marks:
-        for row in range(2):
-            for axis in range(2):
-                moved = {one: values.copy() for one, values in marks.items()}
-                moved[name][row, axis] += 0.5
-                there = rig.triangulate(moved)
-                slope = (float(np.linalg.norm(there[1] - there[0])) - metres) / 0.5
-                variance += (slope * CLICK_SD_PX) ** 2
-    residual = max(float(np.linalg.norm(rig[name].project(ends) - values, axis=1).max()) for name, values in marks.items())
-    return Measured(metres, float(np.sqrt(variance)), residual)
 
 
 def ground_point(rig: Rig, name: str, at: Pixel) -> Floats:

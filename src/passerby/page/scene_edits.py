@@ -31,6 +31,7 @@ TABLE_OF = {
     "different": "association",
     "not_people": "association",
     "lines": "world",
+    "checks": "scale",
 }
 """The table that holds each list of tables."""
 
@@ -72,8 +73,10 @@ def save_scene(path: Path, text: str) -> None:
     write_text(path, text)
 
 
-def with_length(text: str, metres: float, sd_m: float, points: Mapping[str, Sequence[Pixel]]) -> str:
-    """With one more `[[scale.lengths]]`: two ends in each camera, pixels."""
+def with_length(
+    text: str, metres: float, sd_m: float, points: Mapping[str, Sequence[Pixel]], key: str = "lengths"
+) -> str:  # fmt: skip
+    """With one more `[[scale.lengths]]`, or `[[scale.checks]]`: two ends in each camera, pixels."""
     document = _parsed(text)
     entry = tomlkit.table()
     entry["metres"] = metres
@@ -82,7 +85,7 @@ def with_length(text: str, metres: float, sd_m: float, points: Mapping[str, Sequ
     for name, ends in points.items():
         marks[name] = _pixels(ends)
     entry["points"] = marks
-    _append(document, "scale", "lengths", entry)
+    _append(document, "scale", key, entry)
     return tomlkit.dumps(document)
 
 

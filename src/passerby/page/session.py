@@ -192,6 +192,7 @@ def _cues(scene: Scene) -> dict[str, Any]:
             {"metres": one.metres, "sd_m": one.sd_m, "points": {name: list(ends) for name, ends in one.points.items()}}
             for one in scene.scale.lengths
         ],
+        "checks": [one.model_dump(mode="json", exclude_none=True) for one in scene.scale.checks],
         "people": [one.model_dump(mode="json", exclude_none=True) for one in scene.scale.people],
         **{
             key: [one.model_dump(mode="json", exclude_none=True) for one in getattr(scene.association, key)]

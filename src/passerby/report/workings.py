@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from passerby.core.figures import AdjustedFigures, HeldOutFigures, StarFigures
+from passerby.core.figures import AdjustedFigures, CheckedLength, HeldOutFigures, StarFigures
 from passerby.findings.texts.solver import PART_NAMES
 from passerby.interchange.calibration_json import NetworkEntry, VideoEntry
 from passerby.interchange.storage.json_text import plain
@@ -135,7 +135,7 @@ def _solved(contents: Contents) -> Step:
         with_joints = f" and {one.joints} keypoints" if one.joints else ""
         done = f"{_ended(one.converged)} after {one.iterations} steps"
         facts.append(f"Round {number}: {one.sightings} observations{with_joints}, {done}.")
-    return "Solving", facts + _noise(contents.figures) + _held_out(figures.held_out)
+    return "Solving", facts + _noise(contents.figures) + _held_out(figures.held_out) + _checked(figures.checks)
 
 
 def _held_out(figures: HeldOutFigures | None) -> list[str]:
@@ -151,6 +151,22 @@ def _held_out(figures: HeldOutFigures | None) -> list[str]:
         f"others put them, and 90 % within {figure(held.ground_90_m, 2)} m; of those fitted {figure(fit.ground_50_m, 2)} m and "
         f"{figure(fit.ground_90_m, 2)} m.",
     ]
+
+
+def _checked(checks: Sequence[CheckedLength] | None) -> list[str]:
+    """Known lengths that had no part in the calibration."""
+    facts = []
+    for one in checks or ():
+        if one.measured_m is None:
+            facts.append(f"Check length {one.number} could not be measured.")
+            continue
+        sigma = "" if one.sigma_m is None else f" (one sigma {100 * one.sigma_m / one.stated_m:.1f} %)"
+        facts.append(
+            f"Check length {one.number}, between marks in {', '.join(one.cameras)}, had no part in the calibration: "
+            f"{figure(one.measured_m, 3)} m by the rig, {figure(one.stated_m, 3)} m as stated, "
+            f"{100 * (one.measured_m / one.stated_m - 1):+.1f} %{sigma}."
+        )
+    return facts
 
 
 def _ended(converged: bool) -> str:

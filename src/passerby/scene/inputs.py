@@ -272,12 +272,14 @@ def scene_doubts(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
 def _length_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     lenses = {reading.name: reading.lens for reading in readings}
     faults = []
-    for number, length in enumerate(scene.scale.lengths, start=1):
-        for name, ends in length.points.items():
+    marked = [(f"[[scale.lengths]] {number}", one.points) for number, one in enumerate(scene.scale.lengths, start=1)]
+    marked += [(f"[[scale.checks]] {number}", one.points or {}) for number, one in enumerate(scene.scale.checks, start=1)]
+    for place, points in marked:
+        for name, ends in points.items():
             lens = lenses[name]
             if lens is not None and not all(0 <= u <= lens.size[0] and 0 <= v <= lens.size[1] for u, v in ends):
                 faults.append(
-                    f"{scene.place}: [[scale.lengths]] {number} points: {[list(end) for end in ends]} lies outside the "
+                    f"{scene.place}: {place} points: {[list(end) for end in ends]} lies outside the "
                     f"{lens.size[0]} x {lens.size[1]} image of camera {name}: give pixels of that image"
                 )
     return faults

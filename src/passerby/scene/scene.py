@@ -30,6 +30,7 @@ from passerby.scene.tables import (
     AssociationTable,
     CameraHeightTable,
     CameraTable,
+    CheckTable,
     DistanceTable,
     LengthTable,
     PerceptionTable,
@@ -284,6 +285,9 @@ class Scene(Table):
             found.append((f"[[association.not_people]] {number} camera", nobody.camera))
         for number, length in enumerate(self.scale.lengths, start=1):
             found += [(f"[[scale.lengths]] {number} points", name) for name in length.points]
+        for number, check in enumerate(self.scale.checks, start=1):
+            found += [(f"[[scale.checks]] {number} points", name) for name in check.points or ()]
+            found += [(f"[[scale.checks]] {number} between", name) for name in check.between or ()]
         for number, distance in enumerate(self.scale.distances, start=1):
             found += [(f"[[scale.distances]] {number} between", name) for name in distance.between]
         for number, height in enumerate(self.scale.camera_heights, start=1):
@@ -319,6 +323,7 @@ TABLES: dict[tuple[str, ...], type[Table]] = {
     ("scale", "lengths", "*"): LengthTable,
     ("scale", "distances", "*"): DistanceTable,
     ("scale", "camera_heights", "*"): CameraHeightTable,
+    ("scale", "checks", "*"): CheckTable,
     ("world",): WorldTable,
     ("world", "lines", "*"): LineTable,
     ("world", "plan"): PlanTable,

@@ -420,6 +420,30 @@ class DistanceTable(Table):
     """Standard deviation. A tape between two mounted cameras reaches neither optical centre: about 5 centimetres."""
 
 
+class CheckTable(Table):
+    """`[[scale.checks]]`: a known length that has no part in the calibration and is compared with the finished rig."""
+
+    metres: Metres
+    """The length."""
+    sd_m: Metres = 0.02
+    """Standard deviation."""
+    points: dict[str, Ends] | None = None
+    """camera -> the pixels of the two ends, as in `[[scale.lengths]]`."""
+    between: tuple[str, str] | None = None
+    """Instead, the names of two cameras: the distance between their centres."""
+
+    @model_validator(mode="after")
+    def _is_one_of_both(self) -> Self:
+        if (self.points is None) == (self.between is None):
+            told = "neither points nor between" if self.points is None else "points and between"
+            raise ValueError(f"has {told}: give points = {{ NAME = [[u, v], [u, v]] }}, or between = [NAME, NAME]")
+        if self.points is not None and len(self.points) < 2:
+            raise ValueError("points are marked in one camera: mark both ends in two or more")
+        if self.between is not None and self.between[0] == self.between[1]:
+            raise ValueError("between names one camera twice: name two")
+        return self
+
+
 class CameraHeightTable(Table):
     """`[[scale.camera_heights]]`: a known height of a camera above the ground that people walk on."""
 
@@ -451,6 +475,8 @@ class ScaleTable(Table):
     """Lengths between points that cameras see: `[[scale.lengths]]`."""
     distances: tuple[DistanceTable, ...] = ()
     """Distances between two cameras: `[[scale.distances]]`."""
+    checks: tuple[CheckTable, ...] = ()
+    """Known lengths that the finished rig is compared with: `[[scale.checks]]`."""
     camera_heights: tuple[CameraHeightTable, ...] = ()
     """Heights of cameras above the ground: `[[scale.camera_heights]]`."""
 

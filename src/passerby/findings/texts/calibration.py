@@ -178,6 +178,18 @@ CALIBRATION: Mapping[str, Kind] = {
         '"points.csv" '
         "and tilt = true; or record people on one level", subjects=("vertical",),
     ),
+    "check_length_off": Kind(
+        DOUBT, "A length that was given as a check contradicts the rig.",
+        "[[scale.checks]] {number} is {stated_m:.2f} m long, but {measured_m:.2f} m by the rig, where one sigma is "
+        "{sigma_m:.2f} m",
+        "check the marks and the length; if both are right, the scale or the shape of the rig is wrong: give a measured length "
+        "under [[scale.lengths]]", subjects=("scale",),
+    ),
+    "check_length_unmeasured": Kind(
+        NOTICE, "A length that was given as a check cannot be measured by the rig.",
+        "[[scale.checks]] {number} cannot be measured: fewer than two of its cameras have a pose, or its marks do not meet",
+        "mark both ends in two cameras that see them from different sides",
+    ),
     "held_out_disagree": Kind(
         _MORE_OR_LESS,
         "People who were held out of the adjustment fit the rig clearly worse than those who were fitted; a doubt if those "

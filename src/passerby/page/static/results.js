@@ -61,6 +61,8 @@ export function showCues(state, remove, include, keepAll) {
   const lines = [];
   (state.lengths ?? []).forEach((one, index) => lines.push(
     cue(`Length ${index + 1}: ${one.metres} m, in ${Object.keys(one.points).join(", ")}`, () => remove("lengths", index + 1))));
+  (state.checks ?? []).forEach((one, index) => lines.push(
+    cue(`Check length ${index + 1}: ${one.metres} m, in ${(one.between ?? Object.keys(one.points)).join(", ")}`, () => remove("checks", index + 1))));
   (state.people ?? []).forEach((one, index) => lines.push(
     cue(`Person ${index + 1}: ${one.height_m} m${one.camera ? `, in ${one.camera}` : ""}`, () => remove("people", index + 1))));
   for (const [key, words] of [["same", "are the same person"], ["different", "are different people"]]) {

@@ -77,10 +77,12 @@ export class LengthTool extends Tool {
       make("p", { id: "measured" }, told),
       field("Length in metres", { name: "metres", type: "number", min: "0.001", step: "any", required: true, value: typed }),
       field("Its standard deviation, metres", { name: "sd", type: "number", min: "0.0001", step: "any", value: "0.02", required: true }),
+      make("label", { class: "choice" }, make("input", { name: "check", type: "checkbox", checked: this.box.querySelector("[name=check]")?.checked ?? false }),
+        "Only check the rig with it"),
       this.buttons("Save the length", ready)));
   }
 
-  save(form) { this.act({ act: "length", metres: read(form, "metres"), sd_m: read(form, "sd"), points: this.whole() }); }
+  save(form) { this.act({ act: "length", metres: read(form, "metres"), sd_m: read(form, "sd"), points: this.whole(), check: form.querySelector("[name=check]").checked }); }
 }
 
 // A straight thing: two pixels of it in one picture or more.
