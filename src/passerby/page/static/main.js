@@ -10,7 +10,7 @@ import { showTop, sorted } from "./faults.js";
 import { ask, send } from "./server.js";
 import { IdentityTool, LengthTool, LineTool, PersonTool, RegionTool, TimeTool, WorldTool } from "./tools.js";
 
-const FAST_MS = 1000, SLOW_MS = 3000, PICTURES_MS = 4000;
+const FAST_MS = 300, SLOW_MS = 3000, PICTURES_MS = 4000;
 
 class Page {
   constructor() {
