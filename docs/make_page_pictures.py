@@ -40,7 +40,7 @@ UNIT, MARGIN_M = 0.02, 1.5
 CLICKED = (0.5, 0.7)
 """Of the first picture's width and height: on the ground."""
 NAMED = 3
-"""The box of the first picture that is pointed at: somebody whom all cameras see."""
+"""The box of the first picture that is pointed at: a person that all cameras see."""
 WIPED = (
     f"""() => document.querySelectorAll("article[aria-label='Camera {MOVE.camera}'] .wipe img:not([hidden])").length === 2"""
 )

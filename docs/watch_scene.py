@@ -1,4 +1,4 @@
-"""Footage of a later day for the pictures of the local page: the demonstration's cameras, one of which is turned meanwhile."""
+"""Footage of a later day for the pictures of the local page: the cameras of the demonstration, one of them turned meanwhile."""
 
 from __future__ import annotations
 

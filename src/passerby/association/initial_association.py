@@ -64,7 +64,7 @@ class InitialAssociation:
     by_joints: tuple[JointRegistration, ...] = ()
     """The pairs that tracks left apart, as their joints have it."""
     known: Pairs | None = None
-    """What joints and the user say of who is who."""
+    """What joints and the user say of identities."""
     mirrored: Bools | None = None
     """(T,) in which tracklets the joints of left and right are exchanged; None where that is not known."""
     starts: Starts | None = None
@@ -106,7 +106,7 @@ def associate_by_ground_tracks(
         starts: when the recordings began, where that has been found before: each pair is searched about it.
         candidates: the pairs that are tried; None: all.
         earlier: registrations of other estimates of the scene: pairs of the same tracks are taken from there.
-        stated: what the user says of who is who.
+        stated: identities that the user corrects.
 
     Raises:
         RefusalError: no two cameras can be registered.

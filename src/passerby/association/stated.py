@@ -1,4 +1,4 @@
-"""What a user says of who is who: boxes that are one person, or different people."""
+"""Identities that a user corrects: boxes that are one person, or different people."""
 
 from __future__ import annotations
 

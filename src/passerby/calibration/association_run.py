@@ -57,7 +57,7 @@ class AssociationOptions:
     measured: tuple[MeasuredStart, ...] = ()
     """Differences of two cameras' clocks that something else than people tells."""
     stated: StatedIdentities = field(default_factory=StatedIdentities)
-    """What the user says of who is who."""
+    """Identities that the user corrects."""
     groups: tuple[tuple[str, ...], ...] = ()
     """Names of cameras that may share ground, where the user says so: only cameras of one group are compared."""
 

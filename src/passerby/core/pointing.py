@@ -48,7 +48,7 @@ class PointedPerson:
 
 @dataclass(frozen=True)
 class StatedIdentities:
-    """What a user says of who is who."""
+    """Identities that a user corrects."""
 
     same: tuple[tuple[Sighting, ...], ...] = ()
     """Sightings of one person each."""

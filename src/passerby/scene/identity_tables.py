@@ -1,4 +1,4 @@
-"""The tables of the scene file that correct identities: a person named by a pixel, and who is one person or several."""
+"""The tables of the scene file that correct identities: a person named by a pixel, and boxes of one person or of several."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class SceneInputs:
     gaps: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     """By camera with gaps in its recording, spans of its own frame numbers at which it recorded nothing."""
     stated: StatedIdentities = field(default_factory=StatedIdentities)
-    """What the scene file says of who is who."""
+    """Identities that the scene file corrects."""
     elsewhere: tuple[Camera, ...] = ()
     """Cameras of the scene that have no part in this: they belong to other groups."""
 

@@ -28,7 +28,7 @@ def pointed_people(scene: Scene, readings: Sequence[CameraInput]) -> tuple[Point
 
 
 def stated_identities(scene: Scene, readings: Sequence[CameraInput]) -> StatedIdentities:
-    """What the scene says of who is who, each person with the frame in which it is looked for; without faults."""
+    """Identities that the scene corrects, each person with the frame in which it is looked for; without faults."""
     by_name = {reading.name: reading for reading in readings}
     association = scene.association
 

@@ -146,7 +146,7 @@ CALIBRATION: Mapping[str, Kind] = {
         "check both pixels and heights", subjects=("scale",),
     ),
     "stated_identity_unfulfilled": Kind(
-        NOTICE, "What the scene file says of who is who could not be followed.",
+        NOTICE, "A correction of identities in the scene file could not be followed.",
         _unfulfilled,
         "check the pixels and the other corrections: two may contradict each other, or two boxes lie on one track",
     ),
