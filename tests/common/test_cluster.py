@@ -1,5 +1,6 @@
 """A calibration on a Dask cluster: the same bytes as on one machine, whoever dies, and one line for what is wrong."""
 
+import gc
 import os
 import signal
 import socket
@@ -156,11 +157,16 @@ def test_a_worker_that_does_not_see_a_file(scheduler, workers, tmp_path):
 
 
 def test_no_workers_and_no_scheduler(scheduler, tmp_path):
+    from distributed import Client
+
+    gc.collect()
     with pytest.raises(InputError, match="has no workers: start some by"), cluster_workers(scheduler[0], tmp_path):
         pass
     for address in ("tcp://127.0.0.1:1", "nonsense", "tcp://"):
         with pytest.raises(InputError, match="no Dask scheduler answers there"), cluster_workers(address, tmp_path):
             pass
+    left = [one for one in gc.get_objects() if isinstance(one, Client) and one.status != "closed"]
+    assert not left, "the end of each, by the collector, would stop a thread for 30 s"
 
 
 def test_a_worker_of_another_version(scheduler, workers, tmp_path, monkeypatch):

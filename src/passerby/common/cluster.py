@@ -6,11 +6,12 @@ arguments alone, so that results do not depend on who did it, nor on a worker th
 
 from __future__ import annotations
 
+import asyncio
 import os
 import platform
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -96,6 +97,9 @@ def cluster_workers(address: str, shared: Path, files: Sequence[Path] = ()) -> I
 def _connected(kind: type[Client], address: str) -> Iterator[Client]:
     """A client of the scheduler."""
     try:
+        # Dask never closes a client that finds no scheduler: its end, by the garbage collector, stops any thread for 30 s.
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(asyncio.run, _greet(address)).result()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # versions are compared below
             client = kind(address, timeout=CONNECT_S, set_as_default=False)
@@ -109,6 +113,14 @@ def _connected(kind: type[Client], address: str) -> Iterator[Client]:
         yield client
     finally:
         client.close(timeout=1)  # type: ignore[no-untyped-call]
+
+
+async def _greet(address: str) -> None:
+    """Raise `OSError` or `ValueError` where no scheduler answers."""
+    from distributed.comm.core import connect
+
+    comm = await connect(address, timeout=CONNECT_S)  # type: ignore[no-untyped-call]
+    await comm.close()
 
 
 def _check_workers(client: Client, address: str, shared: Path, files: Sequence[Path]) -> None:
