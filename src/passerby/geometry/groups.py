@@ -5,14 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
+
+_WIDE = 4
+"""Columns from which sums by a sparse product are faster than one after the other; the bits are the same."""
 
 
 def group_sums(group: Ints, values: NDArray[Any], n_groups: int) -> Floats:
     """(G, ...) sums of the rows of `values` (N, ...) by `group` (N,), added up in the rows' order; 0 where there are none."""
     flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
+    if flat.shape[1] >= _WIDE:
+        rows = np.arange(len(flat) + 1)
+        member = scipy.sparse.csc_array((np.ones(len(flat)), group, rows), shape=(n_groups, len(flat)))
+        return np.asarray(member @ np.ascontiguousarray(flat)).reshape(n_groups, *values.shape[1:])
     total = np.empty((n_groups, flat.shape[1]))
     for column in range(flat.shape[1]):
         total[:, column] = np.bincount(group, flat[:, column], n_groups)

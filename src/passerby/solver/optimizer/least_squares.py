@@ -119,7 +119,7 @@ def _predicted_decrease(normal: NormalEquations, step: Step) -> float:
     quadratic = shared @ normal.H @ shared + 2 * shared @ normal.cross @ groups + groups @ (normal.G * groups)
     for family, block in zip(normal.families, step.blocks, strict=True):
         linear += float(np.sum(family.gradient * block))
-        right = (family.V @ block[:, :, None])[:, :, 0] + 2 * (family.W @ shared)
+        right = (family.V @ block[:, :, None])[:, :, 0] + 2 * family.W.times(shared)
         if family.group is not None:
             right = right + 2 * family.w * groups[family.group][:, None]
         quadratic += float(np.sum(block * right))

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse
 from numpy.typing import NDArray
 
 from passerby.common.arrays import Floats, Ints
 from passerby.geometry.groups import group_sums
 from passerby.geometry.robust import cauchy_weights
+from passerby.solver.optimizer.couplings import Coupling, Cross, FullCoupling, SparseCoupling, occurs_seldom, sparse_sum
 
 _TINY = 1e-12
 
@@ -106,10 +108,19 @@ class _FamilyNormal:
     """Normal equations of one family: V (N, d, d), W (N, d, n_shared), w (N, d) to its group, and the gradient (N, d)."""
 
     V: Floats
-    W: Floats
+    W: Coupling
     w: Floats
     gradient: Floats
     group: Ints | None
+
+
+def _occurs_seldom(layout: Layout, terms: Sequence[Term]) -> bool:
+    """Whether tables of what occurs are faster than full ones, by the largest family."""
+    if not layout.families:
+        return False
+    largest = int(np.argmax([family.count for family in layout.families]))
+    seen = [term.block for term in terms if term.family == largest and term.block is not None and term.by_camera is not None]
+    return bool(seen) and occurs_seldom(layout.n_cameras, layout.families[largest].count, max(seen, key=len))
 
 
 class NormalEquations:
@@ -120,27 +131,24 @@ class NormalEquations:
         s = layout.n_shared
         self.H = np.zeros((s, s))
         self.gradient = np.zeros(s)
-        self.cross = np.zeros((s, layout.n_groups))
         self.G = np.zeros(layout.n_groups)
         self.group_gradient = np.zeros(layout.n_groups)
-        self._W = [np.zeros((f.count * layout.n_cameras, f.size * layout.camera_size)) for f in layout.families]
-        self._W_globals = [np.zeros((f.count, f.size, layout.n_globals)) for f in layout.families]
+        self._seldom = _occurs_seldom(layout, terms)
+        self._cross = np.zeros((0 if self._seldom else s, layout.n_groups))
+        self._cross_parts: list[tuple[Floats, Ints, Ints]] = []
+        kind = SparseCoupling if self._seldom else FullCoupling
+        sizes = layout.n_cameras, layout.camera_size, layout.n_globals
+        self._W: list[Coupling] = [kind(f.count, f.size, *sizes) for f in layout.families]
         self._V = [np.zeros((f.count, f.size, f.size)) for f in layout.families]
         self._w = [np.zeros((f.count, f.size)) for f in layout.families]
         self._g = [np.zeros((f.count, f.size)) for f in layout.families]
         for term in terms:
             if len(term.residual):
                 self._add(term)
-        n, p = layout.n_cameras, layout.camera_size
-        flat = [
-            W.reshape(f.count, n, f.size, p).transpose(0, 2, 1, 3).reshape(f.count, f.size, n * p)
-            for W, f in zip(self._W, layout.families, strict=True)
-        ]
-        if layout.n_globals:
-            flat = [np.concatenate([W, W_g], axis=2) for W, W_g in zip(flat, self._W_globals, strict=True)]
+        self.cross: Cross = sparse_sum(self._cross_parts, (s, layout.n_groups)) if self._seldom else self._cross
         self.families = tuple(
             _FamilyNormal(V, W, w, g, f.group)
-            for V, W, w, g, f in zip(self._V, flat, self._w, self._g, layout.families, strict=True)
+            for V, W, w, g, f in zip(self._V, self._W, self._w, self._g, layout.families, strict=True)
         )
 
     def _add(self, term: Term) -> None:
@@ -162,14 +170,14 @@ class NormalEquations:
             self.H[g, g] += flat.T @ flat
             self.gradient[g] += flat.T @ r.ravel()
             if J_p is not None and term.group is not None:
-                np.add.at(self.cross[g].T, term.group, np.einsum("mkg,mk->mg", J_g, J_p))
+                self._add_cross(np.arange(g.start, g.stop), term.group, np.einsum("mkg,mk->mg", J_g, J_p))
         if J_p is not None and term.group is not None:
             n = self.layout.n_groups
             self.G += np.bincount(term.group, np.einsum("mk,mk->m", J_p, J_p), n)
             self.group_gradient += np.bincount(term.group, np.einsum("mk,mk->m", J_p, r), n)
         if term.by_shared is not None:
             flat = (term.by_shared * root[:, None, None]).reshape(-1, self.layout.n_shared)
-            self.H += flat.T @ flat
+            self._add_gram(flat)
             self.gradient += flat.T @ r.ravel()
         if J_b is not None and term.block is not None:
             self._add_blocks(term, J_b, J_c, J_p, J_g, r)
@@ -194,9 +202,25 @@ class NormalEquations:
                 self.H[own, g] += cross
                 self.H[g, own] += cross.T
             if J_p is not None and group is not None:
-                product = np.einsum("mkp,mk->mp", J_c[rows], J_p[rows])
-                for column in range(p):
-                    self.cross[c * p + column] += np.bincount(group[rows], product[:, column], self.layout.n_groups)
+                self._add_cross(np.arange(c * p, (c + 1) * p), group[rows], np.einsum("mkp,mk->mp", J_c[rows], J_p[rows]))
+
+    def _add_cross(self, shared: Ints, group: Ints, product: Floats) -> None:
+        """Add `product` (M, k), of k shared unknowns and the group of each row."""
+        if self._seldom:
+            rows = np.broadcast_to(shared, product.shape)
+            self._cross_parts.append((product, rows, np.broadcast_to(group[:, None], product.shape)))
+            return
+        for column, unknown in enumerate(shared.tolist()):
+            self._cross[unknown] += np.bincount(group, product[:, column], self.layout.n_groups)
+
+    def _add_gram(self, flat: Floats) -> None:
+        """Add J^T J of rows J (M, n_shared)."""
+        if self._seldom:  # the rows of priors are nearly empty
+            sparse = scipy.sparse.csr_array(flat)
+            product = scipy.sparse.coo_array(sparse.T @ sparse)
+            self.H[product.row, product.col] += product.data
+        else:
+            self.H += flat.T @ flat
 
     def _add_blocks(
         self, term: Term, J_b: Floats, J_c: Floats | None, J_p: Floats | None, J_g: Floats | None, r: Floats
@@ -217,11 +241,9 @@ class NormalEquations:
         if J_p is not None:
             self._w[term.family] += group_sums(term.block, (J_bt @ J_p[:, :, None])[:, :, 0], n)
         if J_c is not None and term.camera is not None:
-            place = term.block * self.layout.n_cameras + term.camera
-            self._W[term.family][place] += (J_bt @ J_c).reshape(len(place), -1)
+            self._W[term.family].add(term.block, term.camera, J_bt @ J_c)
         if J_g is not None:
-            g = J_g.shape[2]
-            self._W_globals[term.family] += group_sums(term.block, (J_bt @ J_g).reshape(-1, d * g), n).reshape(n, d, g)
+            self._W[term.family].add_globals(term.block, J_bt @ J_g)
 
     def reduce(self, damping: float = 0.0) -> Reduced:
         """Eliminate blocks and groups; `damping` adds that share of each diagonal (Marquardt)."""
@@ -234,31 +256,37 @@ class NormalEquations:
             diagonal = np.einsum("ndd->nd", normal.V)
             V = normal.V + (damping * diagonal + _TINY + 1e-14 * diagonal)[:, :, None] * np.eye(d)
             inverse_root = np.linalg.inv(np.linalg.cholesky(V))
-            Y = inverse_root @ normal.W
+            Y = normal.W.whitened(inverse_root)
             z = (inverse_root @ normal.gradient[:, :, None])[:, :, 0]
-            flat = Y.reshape(Y.shape[0] * Y.shape[1], Y.shape[2])
-            H -= flat.T @ flat
-            gradient -= flat.T @ z.ravel()
+            H -= Y.gram()
+            gradient -= Y.transposed_times(z)
             y = np.zeros_like(z)
             if normal.group is not None:
                 y = (inverse_root @ normal.w[:, :, None])[:, :, 0]
                 n_groups = len(G)
-                cross -= group_sums(normal.group, (y[:, None, :] @ Y)[:, 0], n_groups).T
+                cross = cross - Y.by_group(y, normal.group, n_groups)
                 G -= np.bincount(normal.group, np.einsum("nd,nd->n", y, y), n_groups)
                 group_gradient -= np.bincount(normal.group, np.einsum("nd,nd->n", y, z), n_groups)
             eliminated.append((inverse_root, Y, y, z, normal.group))
-        scaled = cross / np.maximum(G, _TINY)
-        H -= scaled @ cross.T
+        G = np.maximum(G, _TINY)
+        scaled: Cross
+        if isinstance(cross, np.ndarray):
+            scaled = cross / G
+            H -= scaled @ cross.T
+        else:
+            scaled = scipy.sparse.csr_array(cross * (1.0 / G))
+            among = scipy.sparse.coo_array(scaled @ cross.T)
+            H[among.row, among.col] -= among.data
         gradient -= scaled @ group_gradient
-        return Reduced(0.5 * (H + H.T), gradient, cross, np.maximum(G, _TINY), group_gradient, eliminated)
+        return Reduced(0.5 * (H + H.T), gradient, cross, G, group_gradient, eliminated)
 
 
 class Reduced:
     """The reduced camera system, and the way back to all unknowns."""
 
     def __init__(
-        self, H: Floats, gradient: Floats, cross: Floats, G: Floats, group_gradient: Floats,
-        eliminated: list[tuple[Floats, Floats, Floats, Floats, Ints | None]],
+        self, H: Floats, gradient: Floats, cross: Cross, G: Floats, group_gradient: Floats,
+        eliminated: list[tuple[Floats, Coupling, Floats, Floats, Ints | None]],
     ) -> None:  # fmt: skip
         self.H = H
         self.gradient = gradient
@@ -275,7 +303,7 @@ class Reduced:
         groups = -(self._group_gradient + self._cross.T @ shared) / self._G
         blocks = []
         for inverse_root, Y, y, z, group in self._eliminated:
-            right = z + Y @ shared
+            right = z + Y.times(shared)
             if group is not None:
                 right = right + y * groups[group][:, None]
             blocks.append(-(inverse_root.transpose(0, 2, 1) @ right[:, :, None])[:, :, 0])

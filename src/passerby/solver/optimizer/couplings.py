@@ -1,0 +1,238 @@
+"""How the shared unknowns go together with blocks and groups in the normal equations, as full tables or by what occurs.
+
+Where every block is seen by most cameras, a full table is the fastest. On a site each block is seen by two or three of hundreds
+of cameras: then only what occurs is kept, and time and memory grow with the observations, not with the square of the cameras.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from passerby.common.arrays import Floats, Ints
+from passerby.geometry.groups import group_sums
+
+Cross = Floats | scipy.sparse.csr_array
+"""(n_shared, n_groups)"""
+
+FULL_UP_TO = 12
+"""Cameras up to which tables are always full."""
+WORTH = 60.0
+"""A full table is used unless it takes so many times the multiplications of one by what occurs: those of large matrices run so
+much faster (both equal at 32 cameras of which four see each block; at 50 and three, a ratio of 280, 0.4 of the time)."""
+
+
+def occurs_seldom(n_cameras: int, blocks: int, seen: Ints) -> bool:
+    """Whether tables by what occurs are the faster ones.
+
+    Args:
+        n_cameras: number of cameras.
+        blocks: number of blocks.
+        seen: (M,) the block of each observation.
+    """
+    if n_cameras <= FULL_UP_TO or not len(seen):
+        return False
+    views = np.bincount(seen, minlength=blocks).astype(np.float64)
+    return bool(WORTH * float((views**2).sum()) < float(blocks) * n_cameras**2)
+
+
+class Coupling(Protocol):
+    """The table W (N, d, n_shared) of a family of N blocks of d unknowns with the shared ones."""
+
+    def add(self, block: Ints, camera: Ints, values: Floats) -> None:
+        """Add `values` (M, d, camera_size) of observations of a block by a camera, each pair at most once in a call."""
+
+    def add_globals(self, block: Ints, values: Floats) -> None:
+        """Add `values` (M, d, n_globals)."""
+
+    def times(self, shared: Floats) -> Floats:
+        """(N, d) W x, of x (n_shared,)."""
+
+    def whitened(self, inverse_root: Floats) -> Coupling:
+        """Y = L^-1 W, of `inverse_root` (N, d, d)."""
+
+    def gram(self) -> Floats:
+        """(n_shared, n_shared) W^T W."""
+
+    def transposed_times(self, blocks: Floats) -> Floats:
+        """(n_shared,) W^T z, of z (N, d)."""
+
+    def by_group(self, blocks: Floats, group: Ints, n_groups: int) -> Cross:
+        """(n_shared, n_groups) sums of y^T W over the blocks of each group, of y (N, d)."""
+
+
+class FullCoupling:
+    """The table with a place for every camera and block."""
+
+    def __init__(self, count: int, size: int, n_cameras: int, camera_size: int, n_globals: int) -> None:
+        self._shape = count, size, n_cameras, camera_size
+        self._of_cameras: Floats | None = np.zeros((count * n_cameras, size * camera_size))
+        self._of_globals = np.zeros((count, size, n_globals))
+        self._table: Floats | None = None
+
+    @property
+    def table(self) -> Floats:
+        """(N, d, n_shared)"""
+        if self._table is None:
+            assert self._of_cameras is not None
+            count, size, n, p = self._shape
+            flat = self._of_cameras.reshape(count, n, size, p).transpose(0, 2, 1, 3).reshape(count, size, n * p)
+            self._table = np.concatenate([flat, self._of_globals], axis=2) if self._of_globals.shape[2] else flat
+            self._of_cameras = None
+        return self._table
+
+    @classmethod
+    def _of(cls, table: Floats) -> FullCoupling:
+        out = cls(0, 0, 0, 0, 0)
+        out._table = table
+        return out
+
+    def add(self, block: Ints, camera: Ints, values: Floats) -> None:
+        """As of `Coupling`."""
+        assert self._of_cameras is not None
+        self._of_cameras[block * self._shape[2] + camera] += values.reshape(len(block), -1)
+
+    def add_globals(self, block: Ints, values: Floats) -> None:
+        """As of `Coupling`."""
+        count, size = self._shape[:2]
+        self._of_globals += group_sums(block, values.reshape(len(block), -1), count).reshape(count, size, -1)
+
+    def times(self, shared: Floats) -> Floats:
+        """As of `Coupling`."""
+        return np.asarray(self.table @ shared)
+
+    def whitened(self, inverse_root: Floats) -> FullCoupling:
+        """As of `Coupling`."""
+        return self._of(inverse_root @ self.table)
+
+    def gram(self) -> Floats:
+        """As of `Coupling`."""
+        flat = self._flat()
+        return np.asarray(flat.T @ flat)
+
+    def transposed_times(self, blocks: Floats) -> Floats:
+        """As of `Coupling`."""
+        return np.asarray(self._flat().T @ blocks.ravel())
+
+    def by_group(self, blocks: Floats, group: Ints, n_groups: int) -> Floats:
+        """As of `Coupling`."""
+        return group_sums(group, (blocks[:, None, :] @ self.table)[:, 0], n_groups).T
+
+    def _flat(self) -> Floats:
+        return self.table.reshape(self.table.shape[0] * self.table.shape[1], self.table.shape[2])
+
+
+class SparseCoupling:
+    """The table by the pairs of a block and a camera that occur, with a full one for the globals."""
+
+    def __init__(self, count: int, size: int, n_cameras: int, camera_size: int, n_globals: int) -> None:
+        self._shape = count, size, n_cameras, camera_size
+        self._pairs: list[Ints] = []
+        self._values: list[Floats] = []
+        self._of_globals = np.zeros((count, size, n_globals))
+        self._settled: tuple[Ints, Ints, Floats] | None = None
+
+    def entries(self) -> tuple[Ints, Ints, Floats]:
+        """The pairs that occur, by block and then camera: (E,) blocks, (E,) cameras, and (E, d, camera_size) their tables."""
+        if self._settled is None:
+            _, size, n, p = self._shape
+            pairs = np.concatenate(self._pairs) if self._pairs else np.zeros(0, np.int64)
+            values = np.concatenate(self._values) if self._values else np.zeros((0, size * p))
+            places, number = np.unique(pairs, return_inverse=True)
+            table = group_sums(number.ravel(), values, len(places)).reshape(len(places), size, p)
+            self._settled = places // n, places % n, table
+            self._pairs, self._values = [], []
+        return self._settled
+
+    def add(self, block: Ints, camera: Ints, values: Floats) -> None:
+        """As of `Coupling`."""
+        self._pairs.append(block * self._shape[2] + camera)
+        self._values.append(values.reshape(len(block), -1))
+
+    def add_globals(self, block: Ints, values: Floats) -> None:
+        """As of `Coupling`."""
+        count, size = self._shape[:2]
+        self._of_globals += group_sums(block, values.reshape(len(block), -1), count).reshape(count, size, -1)
+
+    def times(self, shared: Floats) -> Floats:
+        """As of `Coupling`."""
+        block, camera, table = self.entries()
+        count, _, n, p = self._shape
+        own = shared[: n * p].reshape(n, p)[camera]
+        return np.asarray(group_sums(block, (table @ own[:, :, None])[:, :, 0], count) + self._of_globals @ shared[n * p :])
+
+    def whitened(self, inverse_root: Floats) -> SparseCoupling:
+        """As of `Coupling`."""
+        block, camera, table = self.entries()
+        out = SparseCoupling(*self._shape, 0)
+        out._of_globals = inverse_root @ self._of_globals
+        out._settled = block, camera, inverse_root[block] @ table
+        return out
+
+    def gram(self) -> Floats:
+        """As of `Coupling`."""
+        block, camera, table = self.entries()
+        count, size, n, p = self._shape
+        g = self._of_globals.shape[2]
+        out = np.zeros((n * p + g, n * p + g))
+        places, sums = self._camera_pairs()
+        of_cameras = out[: n * p, : n * p].reshape(n, p, n, p)
+        of_cameras[places // n, :, places % n, :] = sums
+        if g:
+            beside = table.transpose(0, 2, 1) @ self._of_globals[block]
+            out[: n * p, n * p :] = group_sums(camera, beside, n).reshape(n * p, g)
+            out[n * p :, : n * p] = out[: n * p, n * p :].T
+            flat = self._of_globals.reshape(count * size, g)
+            out[n * p :, n * p :] = flat.T @ flat
+        return out
+
+    def _camera_pairs(self) -> tuple[Ints, Floats]:
+        """W^T W by the pairs of cameras that have a block in common: (K,) first * C + second, and (K, p, p)."""
+        block, camera, table = self.entries()
+        _, size, n, p = self._shape
+        first = np.flatnonzero(np.diff(block, prepend=-1))
+        views = np.diff(first, append=len(block))
+        keys, products = [], []
+        for count in np.unique(views).tolist():
+            rows = first[views == count][:, None] + np.arange(count)
+            of_blocks = table[rows].transpose(0, 2, 1, 3).reshape(len(rows), size, count * p)
+            gram = (of_blocks.transpose(0, 2, 1) @ of_blocks).reshape(len(rows), count, p, count, p).transpose(0, 1, 3, 2, 4)
+            pair = camera[rows][:, :, None] * n + camera[rows][:, None, :]
+            keys.append(pair.ravel())
+            products.append(gram.reshape(-1, p, p))
+        if not keys:
+            return np.zeros(0, np.int64), np.zeros((0, p, p))
+        places, number = np.unique(np.concatenate(keys), return_inverse=True)
+        return places, group_sums(number.ravel(), np.concatenate(products), len(places))
+
+    def transposed_times(self, blocks: Floats) -> Floats:
+        """As of `Coupling`."""
+        block, camera, table = self.entries()
+        _, _, n, _ = self._shape
+        own = group_sums(camera, (table.transpose(0, 2, 1) @ blocks[block][:, :, None])[:, :, 0], n)
+        of_globals = np.einsum("ndg,nd->g", self._of_globals, blocks)
+        return np.concatenate([own.ravel(), of_globals])
+
+    def by_group(self, blocks: Floats, group: Ints, n_groups: int) -> scipy.sparse.csr_array:
+        """As of `Coupling`."""
+        block, camera, table = self.entries()
+        _, _, n, p = self._shape
+        own = (table.transpose(0, 2, 1) @ blocks[block][:, :, None])[:, :, 0]
+        rows = camera[:, None] * p + np.arange(p)
+        parts = [(own, rows, np.broadcast_to(group[block][:, None], rows.shape))]
+        g = self._of_globals.shape[2]
+        if g:
+            of_globals = group_sums(group, np.einsum("ndg,nd->ng", self._of_globals, blocks), n_groups)
+            rows = np.broadcast_to(n * p + np.arange(g), of_globals.shape)
+            parts.append((of_globals, rows, np.broadcast_to(np.arange(n_groups)[:, None], of_globals.shape)))
+        return sparse_sum(parts, (n * p + g, n_groups))
+
+
+def sparse_sum(parts: list[tuple[Floats, NDArray[Any], NDArray[Any]]], shape: tuple[int, int]) -> scipy.sparse.csr_array:
+    """The matrix that has the sums of values at rows and columns; all three are arrays of one shape in each part."""
+    value, row, column = (np.concatenate([part[k].ravel() for part in parts]) if parts else np.zeros(0) for k in range(3))
+    placed = (row.astype(np.int64), column.astype(np.int64))
+    return scipy.sparse.csr_array(scipy.sparse.coo_array((value, placed), shape=shape))
