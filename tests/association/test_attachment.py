@@ -8,8 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from passerby.association.attachment import KnownPeople, attach_camera, known_people
+from passerby.association.attachment import KnownPeople, attach_camera, attach_cameras, known_people
 from passerby.association.camera_tracklets import CameraTracklets, build_camera_tracklets
+from passerby.association.candidates import Candidates
 from passerby.core.observations import Clock
 from passerby.core.stature import PERSON_HEIGHT_M
 from passerby.people.upright_rays import of_moving_tracklets
@@ -45,7 +46,7 @@ def people_without(seed: int, left_out: int) -> KnownPeople:
 def test_a_camera_is_found_where_it_is_with_its_clock(c):
     camera = cameras(4)[c]
     late = replace(camera, bodies=replace(camera.bodies, seconds=camera.bodies.seconds + LATE_S))
-    found = attach_camera(late, people_without(4, c), PERSON_HEIGHT_M, 5.0)
+    found = attach_camera(late.bodies, people_without(4, c), PERSON_HEIGHT_M, 5.0)
     assert found is not None
     assert found.believed
     true = simulated(4).rig.cameras[c].pose
@@ -57,16 +58,16 @@ def test_a_camera_is_found_where_it_is_with_its_clock(c):
 
 @pytest.mark.parametrize(("seed", "other"), [(4, 5), (5, 6), (6, 4)])
 def test_a_camera_among_other_people_is_not_believed(seed, other):
-    found = attach_camera(cameras(seed)[1], people_without(other, 1), PERSON_HEIGHT_M, 5.0)
+    found = attach_camera(cameras(seed)[1].bodies, people_without(other, 1), PERSON_HEIGHT_M, 5.0)
     assert found is None or not found.believed
 
 
 def test_nobody_known_or_nobody_seen_places_no_camera():
     camera, people = cameras(4)[0], people_without(4, 0)
     nobody = KnownPeople(people.step[:0], people.person[:0], people.ground[:0], people.rate[:0])
-    assert attach_camera(camera, nobody, PERSON_HEIGHT_M, 5.0) is None
+    assert attach_camera(camera.bodies, nobody, PERSON_HEIGHT_M, 5.0) is None
     blind = replace(camera, bodies=camera.bodies.take(np.zeros(len(camera.bodies), dtype=bool)))
-    assert attach_camera(blind, people, PERSON_HEIGHT_M, 5.0) is None
+    assert attach_camera(blind.bodies, people, PERSON_HEIGHT_M, 5.0) is None
 
 
 def test_known_people_walk_where_they_truly_are():
@@ -84,3 +85,15 @@ def test_whoever_sits_does_not_move():
     still = replace(own, top=np.repeat(own.top[:1], len(own), axis=0), bottom=np.repeat(own.bottom[:1], len(own), axis=0))
     assert not of_moving_tracklets(still).any()
     assert not of_moving_tracklets(replace(own, tracklet=np.full(len(own), -1))).any()
+
+
+def test_on_a_site_a_camera_is_tried_by_the_people_of_those_that_may_be_near():
+    own, left_out = cameras(4), 2
+    poses = [None if c == left_out else camera.pose for c, camera in enumerate(simulated(4).rig)]
+    person = [np.arange(camera.n_tracklets) for camera in own]
+    arguments = own, poses, person, np.zeros(len(own)), PERSON_HEIGHT_M, {left_out: (0.5, 0.0)}
+    everybody = {(a, left_out) if a < left_out else (left_out, a): "stated" for a in range(len(own)) if a != left_out}
+    by_near, by_all = attach_cameras(*arguments, Candidates(len(own), everybody)), attach_cameras(*arguments)
+    assert set(by_near) == set(by_all) == {left_out}
+    np.testing.assert_array_equal(by_near[left_out].pose.centre, by_all[left_out].pose.centre)
+    assert attach_cameras(*arguments, Candidates(len(own), {(0, 1): "stated"})) == {}

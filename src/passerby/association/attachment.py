@@ -9,14 +9,18 @@ explains most of it, and no other pose explains nearly as much.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 import poselib
 
 from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.candidates import Candidates
 from passerby.association.sampling import STEP_S, interpolate_samples
 from passerby.common.arrays import Bools, Floats, Ints
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Pose
 from passerby.geometry.groups import rows_of_equal
 from passerby.people.upright_rays import UprightRays, of_moving_tracklets
@@ -138,7 +142,8 @@ def known_people(
 
 def attach_cameras(
     cameras: Sequence[CameraTracklets], poses: Sequence[Pose | None], person: Sequence[Ints], offset_s: Floats,
-    person_height_m: float, lost: Mapping[int, tuple[float, float]],
+    person_height_m: float, lost: Mapping[int, tuple[float, float]], near: Candidates | None = None,
+    executor: Executor | None = None, tell: Progress = silent,
 ) -> dict[int, Attached]:  # fmt: skip
     """The cameras that the people of the posed ones place beyond doubt, by number.
 
@@ -149,27 +154,55 @@ def attach_cameras(
         offset_s: (C,) what to add to each camera's clock.
         person_height_m: how tall people are by the rig, metres.
         lost: the cameras that are tried: how far their clock offset is searched, and around which.
+        near: the pairs of cameras that may share ground: a camera is tried by the people of these; None: by all.
+        executor: tries them side by side; one after the other where it is None.
+        tell: told of each camera that was tried.
     """
     if not lost:
         return {}
-    people = known_people(cameras, poses, person, offset_s)
-    found = {c: attach_camera(cameras[c], people, person_height_m, *search) for c, search in lost.items()}
-    return {c: one for c, one in found.items() if one is not None and one.believed}
+    numbers, jobs = [], []
+    everybody = known_people(cameras, poses, person, offset_s) if near is None else None
+    for c, (search_s, around_s) in lost.items():
+        people = everybody
+        if near is not None:
+            posed = [k for k in range(len(cameras)) if poses[k] is not None and (min(c, k), max(c, k)) in near]
+            if not posed:
+                continue
+            own = [cameras[k] for k in posed], [poses[k] for k in posed], [person[k] for k in posed]
+            people = known_people(*own, offset_s[posed])
+        assert people is not None
+        numbers.append(c)
+        jobs.append(_Job(cameras[c].bodies, people, person_height_m, search_s, around_s))
+    found = side_by_side(_attached, jobs, executor, tell, "placing other cameras by people")
+    return {c: one for c, one in zip(numbers, found, strict=True) if one is not None and one.believed}
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    bodies: UprightRays
+    people: KnownPeople
+    person_height_m: float
+    search_s: float
+    around_s: float
+
+
+def _attached(job: _Job) -> Attached | None:
+    return attach_camera(job.bodies, job.people, job.person_height_m, job.search_s, job.around_s)
 
 
 def attach_camera(
-    camera: CameraTracklets, people: KnownPeople, person_height_m: float, search_s: float, around_s: float = 0.0
+    bodies: UprightRays, people: KnownPeople, person_height_m: float, search_s: float, around_s: float = 0.0
 ) -> Attached | None:
     """The pose of a camera by people whose places are known; None where none explains anything.
 
     Args:
-        camera: its people.
+        bodies: of the camera's people.
         people: of the rig.
         person_height_m: how tall people are by the rig, metres.
         search_s: how far the offset of the camera's clock is searched, on either side, up to `MOST_OFFSET_S`.
         around_s: of this offset.
     """
-    seen = _samples(camera.bodies)
+    seen = _samples(bodies)
     if len(seen.step) < FEWEST or not len(people.step):
         return None
     found: list[tuple[int, float, float, Pose]] = []

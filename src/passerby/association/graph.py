@@ -70,8 +70,12 @@ def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
     tree = _tree(guesses, belief, n_cameras)
     placed = _placed([guesses[i] for i in tree], n_cameras)
     edges = []
+    of_pair: dict[int, list[int]] = {}
+    for i, (pair, _) in enumerate(guesses):
+        of_pair.setdefault(id(pair), []).append(i)
+    in_tree = set(tree)
     for pair in pairs:
-        own = [i for i, (other, _) in enumerate(guesses) if other is pair]
+        own = of_pair.get(id(pair), [])
         kept = _kept(pair, [guesses[i][1] for i in own], placed)
         chosen = own[kept] if kept is not None else (own[0] if own else None)
         if chosen is None:
@@ -79,7 +83,7 @@ def view_graph(pairs: Sequence[PairRegistration], n_cameras: int) -> ViewGraph:
             continue
         guess = guesses[chosen][1]
         rest = [other.score for other in pair.candidates if other is not guess]
-        used = kept is not None and (chosen in tree or guess.share >= USED_SHARE or _clear(pair, guess))
+        used = kept is not None and (chosen in in_tree or guess.share >= USED_SHARE or _clear(pair, guess))
         edges.append(Edge(pair.a, pair.b, guess, max([*rest, 0.0]) / guess.score, float(support[chosen]), used))
     groups = _groups(edges, n_cameras)
     return ViewGraph(tuple(edges), groups, _offsets(edges, groups, n_cameras))
@@ -115,21 +119,23 @@ def _miss(way: GroundMotion, guess: Registration) -> float:
 def _support(guesses: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> Floats:
     """(G,) mean over the third cameras that have something to say of the best agreement, 0 to 1."""
     by_pair: dict[tuple[int, int], list[tuple[GroundMotion, float]]] = {}
+    beside: list[set[int]] = [set() for _ in range(n_cameras)]
     for pair, guess in guesses:
         clarity = min(1.0, guess.merit / max(pair.candidates[0].merit, 1e-9))
         by_pair.setdefault((pair.a, pair.b), []).append((guess.motion, clarity))
         by_pair.setdefault((pair.b, pair.a), []).append((guess.motion.inverse, clarity))
+        beside[pair.a].add(pair.b)
+        beside[pair.b].add(pair.a)
     out = np.zeros(len(guesses))
     for index, (pair, guess) in enumerate(guesses):
         votes = []
-        for c in range(n_cameras):
+        for c in sorted(beside[pair.a] & beside[pair.b]):
             ways = [
                 np.exp(-0.5 * _miss(first.then(second), guess)) * clear * clear_too
-                for first, clear in by_pair.get((pair.a, c), ())
-                for second, clear_too in by_pair.get((c, pair.b), ())
+                for first, clear in by_pair[pair.a, c]
+                for second, clear_too in by_pair[c, pair.b]
             ]
-            if ways:
-                votes.append(max(ways))
+            votes.append(max(ways))
         out[index] = float(np.mean(votes)) if votes else 0.0
     return out
 
@@ -150,7 +156,11 @@ def _tree(guesses: Sequence[tuple[PairRegistration, Registration]], belief: Floa
 
 def _placed(tree: Sequence[tuple[PairRegistration, Registration]], n_cameras: int) -> dict[int, tuple[int, int, GroundMotion]]:
     """For every camera in the tree: its tree's first camera, the edges on the way, and the motion from that camera."""
-    edges = [(p.a, p.b, g.motion) for p, g in tree] + [(p.b, p.a, g.motion.inverse) for p, g in tree]
+    ways: list[list[tuple[int, GroundMotion]]] = [[] for _ in range(n_cameras)]
+    for pair, guess in tree:
+        ways[pair.a].append((pair.b, guess.motion))
+    for pair, guess in tree:
+        ways[pair.b].append((pair.a, guess.motion.inverse))
     placed: dict[int, tuple[int, int, GroundMotion]] = {}
     for root in range(n_cameras):
         if root in placed:
@@ -158,8 +168,8 @@ def _placed(tree: Sequence[tuple[PairRegistration, Registration]], n_cameras: in
         placed[root] = (root, 0, GroundMotion(1 + 0j, 0j, 0.0))
         waiting = [root]
         for a in waiting:
-            for first, second, motion in edges:
-                if first == a and second not in placed:
+            for second, motion in ways[a]:
+                if second not in placed:
                     placed[second] = (root, placed[a][1] + 1, placed[a][2].then(motion))
                     waiting.append(second)
     return placed
@@ -187,23 +197,33 @@ def _groups(edges: Sequence[Edge], n_cameras: int) -> tuple[tuple[int, ...], ...
 
 
 def _offsets(edges: Sequence[Edge], groups: Sequence[Sequence[int]], n_cameras: int) -> Floats:
-    """Offsets that agree best with the lags of the used edges: least absolute deviations by reweighting."""
+    """Offsets that agree best with the lags of the used edges: least absolute deviations by reweighting, group by group."""
     offset = np.zeros(n_cameras)
-    used = [(edge.a, edge.b, edge.guess) for edge in edges if edge.used and edge.guess is not None]
-    if not used:
-        return offset
-    rows = np.zeros((len(used) + len(groups), n_cameras))
+    number = {camera: k for k, group in enumerate(groups) for camera in group}
+    used: list[list[tuple[int, int, Registration]]] = [[] for _ in groups]
+    for edge in edges:
+        if edge.used and edge.guess is not None:
+            used[number[edge.a]].append((edge.a, edge.b, edge.guess))
+    for group, own in zip(groups, used, strict=True):
+        if own:
+            place = {camera: k for k, camera in enumerate(group)}
+            offset[list(group)] = _group_offsets([(place[a], place[b], guess) for a, b, guess in own], len(group))
+    return offset
+
+
+def _group_offsets(used: Sequence[tuple[int, int, Registration]], n_cameras: int) -> Floats:
+    """(C,) offsets of the cameras of one group, 0 for its first."""
+    rows = np.zeros((len(used) + 1, n_cameras))
     target = np.zeros(len(rows))
     for k, (a, b, guess) in enumerate(used):
         # Both see one event: time_b = time_a + lag, and time + offset is the same for both.
         rows[k, a], rows[k, b], target[k] = 1.0, -1.0, guess.lag_s
-    for k, group in enumerate(groups):
-        rows[len(used) + k, group[0]] = 1e3
-    base = np.concatenate([[np.sqrt(guess.score) for _, _, guess in used], np.ones(len(groups))])
-    weight = base
+    rows[-1, 0] = 1e3
+    base = np.append([np.sqrt(guess.score) for _, _, guess in used], 1.0)
+    weight, offset = base, np.zeros(n_cameras)
     for _ in range(20):
         offset = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
         miss = np.abs(rows @ offset - target)
         weight = base / np.sqrt(np.maximum(miss, 0.02))
-        weight[len(used) :] = 1.0
+        weight[-1] = 1.0
     return np.asarray(offset - 0.0)

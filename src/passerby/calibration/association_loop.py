@@ -126,7 +126,7 @@ def solve_with_unknown_identities(
     except EvidenceError as error:
         nobody = run.association(np.arange(len(tracklets.start_s)), np.zeros(len(cameras)), None, None, [])
         return Solution("association", rig, "refused", findings_of(error)), nobody
-    return _alternate(run, initial, solve, refine=search_s > 0, tell=tell)
+    return _alternate(run, initial, solve, refine=search_s > 0, tell=tell, executor=executor)
 
 
 def _candidates(
@@ -201,7 +201,13 @@ def _clocks(rig: Rig, observations: Observations, person_height_m: float, rng: n
 
 
 def _alternate(
-    run: AssociationRun, initial: InitialAssociation, solve: RigSolver, *, refine: bool, tell: Progress
+    run: AssociationRun,
+    initial: InitialAssociation,
+    solve: RigSolver,
+    *,
+    refine: bool,
+    tell: Progress,
+    executor: Executor | None = None,
 ) -> tuple[Solution, Association]:
     """Solve and associate in turns."""
     person, offset_s = initial.person, initial.offset_s
@@ -225,7 +231,10 @@ def _alternate(
             lost = run.lost(solution, initial.graph, attached, search=number < SEARCHED_ROUNDS)
             first = run.tracklets.first
             own = [person[first[c] : first[c + 1]] for c in range(len(poses))]
-            found = attach_cameras(run.cameras, poses, own, offset_s, run.options.person_height_m, lost)
+            found = attach_cameras(
+                run.cameras, poses, own, offset_s, run.options.person_height_m, lost, initial.candidates,
+                executor if initial.candidates is not None else None, tell,
+            )  # fmt: skip
             attached |= found
             for c, one in found.items():
                 poses[c], offset_s[c] = one.pose, one.offset_s

@@ -44,13 +44,16 @@ def cycle_consistency(hypotheses: Sequence[PairHypothesis], n_cameras: int) -> F
     for h in hypotheses:
         by_pair.setdefault((h.a, h.b), []).append(h)
         by_pair.setdefault((h.b, h.a), []).append(h.inverse)
+    beside: list[set[int]] = [set() for _ in range(n_cameras)]
+    for a, b in by_pair:
+        beside[a].add(b)
     support = np.zeros(len(hypotheses))
     for index, h in enumerate(hypotheses):
         ways = [
             (c, first, second)
-            for c in range(n_cameras)
-            for first in by_pair.get((h.a, c), ())
-            for second in by_pair.get((c, h.b), ())
+            for c in sorted(beside[h.a] & beside[h.b])
+            for first in by_pair[h.a, c]
+            for second in by_pair[c, h.b]
         ]
         if ways:
             camera = np.array([c for c, _, _ in ways])
@@ -110,10 +113,15 @@ def _spanning_tree(hypotheses: Sequence[PairHypothesis], weight: Floats, group: 
 def poses_of_tree(tree: Sequence[PairHypothesis], root: int) -> dict[int, Pose]:
     """Poses in the root camera's frame, along the tree's edges."""
     poses = {root: Pose(np.eye(3), np.zeros(3))}
-    edges = [edge for h in tree for edge in (h, h.inverse)]
-    while len(poses) < len(tree) + 1:
-        for edge in edges:
-            if edge.a in poses and edge.b not in poses:
+    edges: dict[int, list[PairHypothesis]] = {}
+    for h in tree:
+        edges.setdefault(h.a, []).append(h)
+        edges.setdefault(h.b, []).append(h.inverse)
+    waiting = [root]
+    for a in waiting:
+        for edge in edges.get(a, ()):
+            if edge.b not in poses:
+                waiting.append(edge.b)
                 at = poses[edge.a]
                 poses[edge.b] = Pose(edge.R_ba @ at.R_cw, edge.R_ba @ at.t_cw + edge.t_ba)
     return poses
