@@ -32,6 +32,8 @@ from passerby.solver.people_state import UprightObservations
 # range. Residuals grow with the first power only. The power was chosen by the true position errors of just two sets, so it
 # may not carry over: for powers 1, 2 and 3, Shelf 31.8, 31.3 and 31.1 mm, Pose2Sim (one person) 34.2, 31.2 and 28.7 mm.
 DOUBT_POWER, DOUBT_RANGE = 3, (0.5, 10.0)
+USUAL_CAMERAS = 50
+"""Of larger rigs, limits of the evidence grow with the cameras, and it is drawn overlap by overlap."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,8 @@ def gather_evidence(
         rig: lenses; poses are not read.
         observations: boxes and keypoints with identities.
         rng: draws the person-instants that are kept where there are more than the limits allow.
-        max_sightings: most sightings of people; keeps time and memory flat in the length of a recording.
+        max_sightings: most sightings of people in rigs of up to `USUAL_CAMERAS`; keeps time and memory flat in the length of a
+            recording.
         max_joints: the same for sightings of joints.
         moving: whether to find out how fast everything moves, which errors of the clocks show by.
 
@@ -95,10 +98,11 @@ def gather_evidence(
         velocity += [segments.velocity(fps) for segments in (boxes, keypoints)] if fps else []
     camera_of = np.concatenate([np.full(len(s.frame), c, dtype=np.int64) for c, s in tables])
     frame, identity = (np.concatenate([getattr(s, name) for _, s in tables]) for name in ("frame", "identity"))
-    keep, block, key = _shared_instants(camera_of, frame, identity, rng, max_sightings)
+    more = max(1.0, len(rig) / USUAL_CAMERAS)
+    keep, block, key = _shared_instants(camera_of, frame, identity, rng, round(more * max_sightings), even=more > 1)
     identities, person = np.unique(key[:, 0], return_inverse=True)
     sightings = _sightings(rig, tables, camera_of, keep, block, np.concatenate(velocity)[keep] if fps else None)
-    joints, kind = _joints(rig, observations, rng, max_joints, fps)
+    joints, kind = _joints(rig, observations, rng, round(more * max_joints), fps)
     return Evidence(sightings, person, key[:, 1], identities, joints, kind, len(rig), findings)
 
 
@@ -124,11 +128,11 @@ def _names_hold(rig: Rig, observations: Observations) -> tuple[bool, tuple[Findi
 
 
 def _shared_instants(
-    camera: Ints, frame: Ints, identity: Ints, rng: np.random.Generator, limit: int
+    camera: Ints, frame: Ints, identity: Ints, rng: np.random.Generator, limit: int, *, even: bool = False
 ) -> tuple[Ints, Ints, Ints]:
     """Rows of person-instants that two cameras saw, their block number, and (identity, frame) of each block.
 
-    Above the limit whole person-instants are drawn at random.
+    Above the limit whole person-instants are drawn at random; `even`: alike of all pairs of cameras, as far as they have them.
     """
     if len(frame) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.int64)
@@ -138,6 +142,8 @@ def _shared_instants(
     shared = count >= 2
     if count[shared].sum() > limit:
         order = rng.permutation(np.flatnonzero(shared))
+        if even:
+            order = order[np.argsort(_turns(camera, number, order, len(key)), kind="stable")]
         shared = np.zeros(len(key), dtype=bool)
         shared[order[: np.searchsorted(np.cumsum(count[order]), limit)]] = True
     rows = np.flatnonzero(shared[number])
@@ -145,6 +151,41 @@ def _shared_instants(
     renumbered = np.cumsum(shared) - 1
     kept = key[shared]
     return rows, renumbered[number[rows]], np.column_stack([kept // span, kept % span + base])
+
+
+def _turns(camera: Ints, number: Ints, order: Ints, count: int) -> Ints:
+    """(K,) when each person-instant of an `order` (K,) has its turn, if all pairs of cameras take turns with theirs in that
+    order: the earliest of its pairs.
+
+    Args:
+        camera: (M,) of each sighting.
+        number: (M,) its person-instant,
+        order: K of these,
+        count: of so many.
+    """
+    place = np.full(count, -1)
+    place[order] = np.arange(len(order))
+    rows = np.flatnonzero(place[number] >= 0)
+    rows = rows[np.argsort(place[number[rows]], kind="stable")]
+    at, of_camera = place[number[rows]], camera[rows].astype(np.int64)
+    first, second = [], []
+    step = 1
+    while True:  # the pairs of a person-instant: each sighting with the next one, with the one after, and so on
+        same = np.flatnonzero(at[:-step] == at[step:]) if step < len(at) else np.zeros(0, np.int64)
+        if not len(same):
+            break
+        first.append(same)
+        second.append(same + step)
+        step += 1
+    a, b = np.concatenate(first), np.concatenate(second)
+    pair = np.minimum(of_camera[a], of_camera[b]) * (int(of_camera.max()) + 1) + np.maximum(of_camera[a], of_camera[b])
+    by_pair = np.lexsort((at[a], pair))
+    begins = np.flatnonzero(np.diff(pair[by_pair], prepend=-1))
+    turn = np.empty(len(pair), np.int64)
+    turn[by_pair] = np.arange(len(pair)) - np.repeat(begins, np.diff(begins, append=len(pair)))
+    out = np.full(len(order), len(pair), np.int64)
+    np.minimum.at(out, at[a], turn)
+    return out
 
 
 def _sightings(

@@ -275,7 +275,7 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
     for name, tree in spanning_trees(start.hypotheses, range(n), n):
         poses = gravity_aligned(poses_of_tree(tree, 0), start.levels)
         R, centre = np.array([poses[c].R_cw for c in range(n)]), np.array([poses[c].centre for c in range(n)])
-        state, here = _rescaled(start, R, centre), start
+        state, here = rescaled(start, R, centre), start
         for noise, share in ((Noise(loss=30.0), 0.4), (Noise(), 0.2)):
             model = build_problem(here.evidence, state, noise, here.knowledge, share=share, blocks=blocks, joints=joints)
             if not (len(model.rows) or len(model.joint_rows)):
@@ -293,7 +293,7 @@ def select_initial_rig(start: Initialisation, options: PeopleOptions, rng: np.ra
     return InitialRig(best[2], best[1], best[0], trees, doubts)
 
 
-def _rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
+def rescaled(start: Initialisation, R: Floats, centre: Floats) -> RigState:
     """A first state with the scale that people and cues agree on."""
     knowledge = start.knowledge
     expected = knowledge.height_mean

@@ -7,6 +7,7 @@ descent from each tree on a part of the evidence -> descent to the optimum on al
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
@@ -35,6 +36,7 @@ from passerby.solver.pose_graph import connected_components, heading_rotation
 from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
 from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, rig_covariance
+from passerby.solver.zones import ZONE_CAMERAS, initial_rig_by_zones
 
 __all__ = ["PeopleOptions", "solve_people"]
 
@@ -46,7 +48,7 @@ _RESTARTS = 2
 
 def solve_people(
     rig: Rig, observations: Observations, cues: ScaleCues, options: PeopleOptions | None = None, *, rng: np.random.Generator,
-    guesses: Sequence[PairHypothesis] = (),
+    guesses: Sequence[PairHypothesis] = (), executor: Executor | None = None,
 ) -> Solution:  # fmt: skip
     """Calibrate a rig with the person model.
 
@@ -57,6 +59,7 @@ def solve_people(
         options: see `PeopleOptions`.
         rng: drives RANSAC and the choice among too many observations.
         guesses: more guesses at how two cameras of `rig` stand to each other, from outside; they count by what agrees.
+        executor: solves zones of a large rig side by side; one after the other where it is None.
 
     Returns:
         The rig in a world with z up, the ground at z = 0, the first registered camera above the origin and looking along +y.
@@ -76,7 +79,8 @@ def solve_people(
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
         start = Initialisation.prepare(inside, observations, cues, options, rng, among)
-    choice = select_initial_rig(start, options, rng)
+    zoned = initial_rig_by_zones(start, options, rng, executor) if len(start.rig) > ZONE_CAMERAS else None
+    choice = select_initial_rig(start, options, rng) if zoned is None else zoned.rig
     fit = refine_in_stages(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
         if start.near(fit.start):
