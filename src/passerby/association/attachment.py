@@ -49,6 +49,10 @@ OFFSET_STEP_S, MOST_OFFSET_S = 0.25, 5.0
 """Steps of the offsets that are tried: somebody who walks comes 0.35 m far. And how far they go."""
 MOST_TRACKLETS, MOST_PEOPLE = 8, 12
 """The longest tracklets, and of each the people with most common samples, of which poses are made."""
+MOST_COMPARED = 8000
+"""Samples together with people known at their time by which a pose is refined, of all of the recording: more refine it no
+better, and take most of the time on sites. A pose that explains less than half of `LEAST_SHARE` of these is not looked at
+further."""
 
 _PINHOLE = {"model": "SIMPLE_PINHOLE", "width": 2, "height": 2, "params": [1.0, 0.0, 0.0]}
 
@@ -241,6 +245,10 @@ def _at_offset(seen: _Seen, people: KnownPeople, height_m: float, offset: float)
     heads = feet + [0.0, 0.0, height_m]
     pair = seen.tracklet[i] * (int(people.person.max()) + 1) + people.person[j]
     anybody = len(np.unique(i))
+    every = -(-len(i) // MOST_COMPARED)
+    part = np.flatnonzero(i % every == 0)
+    i_part, feet_part, heads_part = i[part], feet[part], heads[part]
+    least = 0.0 if every == 1 else 0.5 * LEAST_SHARE * len(np.unique(i_part))
     found = []
     for rows in _longest(seen.tracklet[i], pair):
         if np.linalg.norm(np.ptp(ground[rows], axis=0)) < LEAST_WAY_M:
@@ -249,8 +257,8 @@ def _at_offset(seen: _Seen, people: KnownPeople, height_m: float, offset: float)
         for _ in range(REFINEMENTS):
             if pose is None:
                 break
-            rows = np.flatnonzero(_misses(pose, seen, i, feet, heads) < TOLERANCE)
-            pose = _pose(seen, i[rows], feet[rows], heads[rows]) if len(rows) >= FEWEST else None
+            rows = part[_misses(pose, seen, i_part, feet_part, heads_part) < TOLERANCE]
+            pose = _pose(seen, i[rows], feet[rows], heads[rows]) if len(rows) >= FEWEST and len(rows) >= least else None
         if pose is None:
             continue
         explained, ways = _explained(_misses(pose, seen, i, feet, heads) < TOLERANCE, i, pair)

@@ -1,0 +1,147 @@
+"""Rigs of many cameras: how they are cut, put together, and what becomes of a corridor of forty cameras."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from passerby.core.cameras import Camera, Rig
+from passerby.core.figures import AdjustedFigures
+from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
+from passerby.core.scale_cues import ScaleCues
+from passerby.evaluation.metrics import compare
+from passerby.solver import people, zones
+from passerby.solver.evidence import OVERLAPPING_ALL, gather_evidence
+from passerby.solver.initialisation import Initialisation
+from passerby.solver.people import PeopleOptions, solve_people
+from passerby.solver.zones import CORE_CAMERAS, IN_COMMON, ZONE_CAMERAS, cut_zones, initial_rig_by_zones, restricted
+from support.scenes.people_and_rigs import LENS, looking_at, poles, without_poses
+
+COUNT, EVERY_M, REACH_M = 40, 5.0, 13.0
+
+
+def corridor(count: int = COUNT) -> Rig:
+    """Cameras on alternating sides of a corridor along x, which all look a little ahead."""
+    cameras = []
+    for k in range(count):
+        side = 4.0 if k % 2 else -4.0
+        cameras.append(Camera(f"C{k + 1}", LENS, looking_at((EVERY_M * k, side, 3.0), (EVERY_M * k + 5.0, 0.0, 0.9))))
+    return Rig(tuple(cameras))
+
+
+def people_in(rig: Rig, rng: np.random.Generator, instants: int = 120, noise: float = 0.01) -> Observations:
+    """Twenty people at random places at each instant, each seen by the cameras that are near."""
+    n, length = 20, EVERY_M * len(rig) + 5.0
+    heights = np.tile(rng.normal(1.75, 0.06, n), instants)
+    ground = np.column_stack([rng.uniform(0, length, n * instants), rng.uniform(-3, 3, n * instants)])
+    frame, identity = np.repeat(np.arange(1, instants + 1), n), np.tile(np.arange(1, n + 1), instants)
+    out = {}
+    for camera, ltwh in zip(rig, poles(rig, ground, heights).values(), strict=True):
+        assert camera.pose is not None
+        ltwh = ltwh + noise * ltwh[:, 3:] * rng.normal(size=ltwh.shape)
+        w, h = camera.lens.size
+        with np.errstate(invalid="ignore"):
+            inside = (ltwh[:, 0] > 1) & (ltwh[:, 1] > 1) & (ltwh[:, 0] + ltwh[:, 2] < w - 1) & (ltwh[:, 1] + ltwh[:, 3] < h - 1)
+        seen = inside & (np.linalg.norm(ground - camera.pose.centre[:2], axis=1) < REACH_M)
+        boxes = Boxes(frame[seen], identity[seen], ltwh[seen], np.ones(int(seen.sum())))
+        out[camera.name] = CameraObservations(boxes, Keypoints.empty())
+    return Observations(out)
+
+
+def chain(count: int, reach: int = 3) -> np.ndarray:
+    """What cameras in a row share: the less the farther apart."""
+    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    return np.where((apart > 0) & (apart <= reach), 100 * (reach + 1 - apart), 0)
+
+
+@pytest.mark.parametrize("count", [31, 100, 400])
+def test_zones_cover_all_cameras_and_overlap(count: int) -> None:
+    order = np.random.default_rng(count).permutation(count)
+    found = cut_zones(chain(count)[np.ix_(order, order)])
+    assert sorted({c for zone in found for c in zone}) == list(range(count))
+    assert max(len(zone) for zone in found) <= ZONE_CAMERAS
+    assert len(found) <= 2 * count / CORE_CAMERAS + 2
+    joined = {0}
+    for _ in found:
+        joined |= {k for k in range(len(found)) for j in joined if len({*found[j]} & {*found[k]}) >= IN_COMMON}
+    assert joined == set(range(len(found)))
+
+
+def test_cameras_that_share_nothing_are_zones_of_their_own() -> None:
+    shared = np.zeros((40, 40), int)
+    shared[:20, :20], shared[20:, 20:] = chain(20), chain(20)
+    for zone in cut_zones(shared):
+        assert max(zone) < 20 or min(zone) >= 20
+
+
+def test_what_a_zone_knows_is_what_its_cameras_saw() -> None:
+    rig = corridor(14)
+    seen = people_in(rig, np.random.default_rng(1), 40)
+    options, rng = PeopleOptions(), np.random.default_rng(0)
+    start = Initialisation.prepare(without_poses(rig), seen, ScaleCues(), options, rng)
+    cameras = [3, 4, 5, 6]
+    zone = restricted(start, cameras)
+    alone = Observations({rig.names[c]: seen[rig.names[c]] for c in cameras})
+    part = Rig(tuple(without_poses(rig).cameras[c] for c in cameras))
+    expected = gather_evidence(part, alone, np.random.default_rng(0))
+    s, e = zone.evidence.sightings, expected.sightings
+    key = lambda evidence, rows: sorted(  # noqa: E731
+        zip(
+            rows.camera.tolist(), evidence.frame[rows.block].tolist(),
+            evidence.identities[evidence.person[rows.block]].tolist(), rows.extent_px.tolist(), strict=True,
+        )
+    )  # fmt: skip
+    assert key(zone.evidence, s) == key(expected, e)
+    assert [camera.name for camera in zone.rig] == [rig.names[c] for c in cameras]
+    assert all(h.a < 4 and h.b < 4 for h in zone.hypotheses)
+    assert len(zone.knowledge.height_mean) == len(zone.evidence.identities)
+
+
+def test_evidence_of_large_rigs_is_drawn_overlap_by_overlap() -> None:
+    """Of two corridors full of people and a door that few pass, those at the door stay."""
+    rig = corridor(OVERLAPPING_ALL + 2)
+    seen = people_in(rig, np.random.default_rng(2), 60)
+    few = {rig.names[-1]}
+    rare = {}
+    for name in rig.names:
+        boxes = seen[name].boxes
+        rare[name] = CameraObservations(boxes.take(boxes.frame <= 5) if name in few else boxes, seen[name].keypoints)
+    blank = without_poses(rig)
+    whole = gather_evidence(blank, Observations(rare), np.random.default_rng(0))
+    drawn = gather_evidence(blank, Observations(rare), np.random.default_rng(0), max_sightings=len(whole.sightings) // 4)
+    last = len(rig) - 1
+    of_last = [int((evidence.sightings.camera == last).sum()) for evidence in (whole, drawn)]
+    assert len(drawn.sightings) <= len(whole.sightings) // 4 + len(rig)
+    assert of_last[1] > 0.9 * of_last[0]
+
+
+def test_a_corridor_of_forty_cameras_ends_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = corridor()
+    seen = people_in(rig, np.random.default_rng(3))
+    used = []
+
+    def noted(*arguments, **named):
+        used.append(initial_rig_by_zones(*arguments, **named))
+        return used[-1]
+
+    monkeypatch.setattr(people, "initial_rig_by_zones", noted)
+    solution = solve_people(without_poses(rig), seen, ScaleCues(), rng=np.random.default_rng(0))
+    assert len(used) == 1
+    assert used[0] is not None
+    assert len(used[0].zones) > 1
+    assert all(len(zone) <= ZONE_CAMERAS for zone in used[0].zones)
+    assert len(solution.rig.posed()) == COUNT
+    assert isinstance(solution.figures, AdjustedFigures)
+    errors = compare(solution.rig.posed(), rig).similarity
+    for camera in solution.figures.cameras:
+        assert errors.position_mm[camera.name] < 3 * camera.shape_position_sigma_mm < 5000
+        assert errors.orientation_deg[camera.name] < 3 * camera.shape_orientation_sigma_deg < 5
+
+
+def test_a_rig_that_no_zone_solves_is_solved_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = corridor(14)
+    seen = people_in(rig, np.random.default_rng(4), 60)
+    monkeypatch.setattr(people, "ZONE_CAMERAS", 13)
+    monkeypatch.setattr(zones, "_solved", lambda job: None)
+    solution = solve_people(without_poses(rig), seen, ScaleCues(), rng=np.random.default_rng(0))
+    assert len(solution.rig.posed()) == 14
