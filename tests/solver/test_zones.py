@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from passerby.core.cameras import Camera, Rig
-from passerby.core.figures import AdjustedFigures
+from passerby.core.figures import AdjustedFigures, SeamFigures, ZoneFigures
 from passerby.core.observations import Boxes, CameraObservations, Keypoints, Observations
 from passerby.core.scale_cues import ScaleCues
 from passerby.evaluation.metrics import compare
@@ -14,7 +14,15 @@ from passerby.solver import people, zones
 from passerby.solver.evidence import OVERLAPPING_ALL, gather_evidence
 from passerby.solver.initialisation import Initialisation
 from passerby.solver.people import PeopleOptions, solve_people
-from passerby.solver.zones import CORE_CAMERAS, IN_COMMON, ZONE_CAMERAS, cut_zones, initial_rig_by_zones, restricted
+from passerby.solver.zones import (
+    CORE_CAMERAS,
+    IN_COMMON,
+    ZONE_CAMERAS,
+    cut_zones,
+    doubts_about_seams,
+    initial_rig_by_zones,
+    restricted,
+)
 from support.scenes.people_and_rigs import LENS, looking_at, poles, without_poses
 
 COUNT, EVERY_M, REACH_M = 40, 5.0, 13.0
@@ -145,3 +153,33 @@ def test_a_rig_that_no_zone_solves_is_solved_as_one(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(zones, "_solved", lambda job: None)
     solution = solve_people(without_poses(rig), seen, ScaleCues(), rng=np.random.default_rng(0))
     assert len(solution.rig.posed()) == 14
+
+
+def test_zones_that_hardly_hold_together_are_told() -> None:
+    names = tuple(f"C{k}" for k in range(1, 8))
+    sure = ZoneFigures(cameras=names[:5], agreeing=100), ZoneFigures(cameras=names[2:], agreeing=100)
+
+    def seam(sigma: float | None) -> SeamFigures:
+        return SeamFigures(zones=(1, 2), cameras=names[2:5], apart_m=0.1, turned_deg=0.5, heading_sigma_deg=sigma)
+
+    assert doubts_about_seams([seam(1.9), seam(None)], sure, 2.0) == []
+    (told,) = doubts_about_seams([seam(2.1)], sure, 2.0)
+    assert told.code == "seam_uncertain"
+    assert told.cameras == names[2:5]
+    assert (told.values["first"], told.values["second"]) == (["C1", "C2"], ["C6", "C7"])
+
+
+@pytest.mark.slow
+def test_the_heading_of_a_seam_is_as_sure_as_people_make_it() -> None:
+    """More people, surer headings; each is off by no more than some of its sigmas."""
+    rig = corridor(34)
+    sigmas = []
+    for instants in (60, 240):
+        solution = solve_people(
+            without_poses(rig), people_in(rig, np.random.default_rng(5), instants), ScaleCues(), rng=np.random.default_rng(0)
+        )
+        assert isinstance(solution.figures, AdjustedFigures)
+        assert solution.figures.seams
+        sigmas.append([seam.heading_sigma_deg for seam in solution.figures.seams])
+        assert all(sigma is not None and 0 < sigma < 10 for sigma in sigmas[-1])
+    assert np.median(sigmas[1]) < np.median(sigmas[0])

@@ -98,7 +98,7 @@ class Estimator:
 
     def solver(self, rig: Rig) -> SceneSolver:
         """The scene's solver for cameras with these lenses, at the beginning of its random numbers."""
-        return SceneSolver(self.scene, rig, self.options, np.random.default_rng(self.seed))
+        return SceneSolver(self.scene, rig, self.options, np.random.default_rng(self.seed), executor=self.executor)
 
 
 def _without_not_people(seen: Observations, stated: StatedIdentities) -> Observations:

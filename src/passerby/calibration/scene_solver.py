@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -41,6 +42,8 @@ class SceneSolver:
     rng: np.random.Generator
     known: tuple[PersonHeight, ...] = ()
     """Heights of people by identity, beside those that the scene states."""
+    executor: Executor | None = None
+    """Solves zones of large rigs side by side."""
 
     def __call__(
         self, synchronised: Observations, guesses: Sequence[PairHypothesis] = (), *, passing: bool = False,
@@ -64,12 +67,13 @@ class SceneSolver:
         if isinstance(options, PeopleOptions) and passing:
             sightings = min(options.max_sightings, PASSING_SIGHTINGS)
             options = replace(options, max_sightings=sightings, tolerance=max(options.tolerance, PASSING_TOLERANCE))
-        return solve_scene(self.scene, lenses or self.rig, synchronised, options, self.rng, guesses, (*self.known, *known))
+        known = (*self.known, *known)
+        return solve_scene(self.scene, lenses or self.rig, synchronised, options, self.rng, guesses, known, self.executor)
 
 
 def solve_scene(
     scene: Scene, rig: Rig, synchronised: Observations, options: SolverOptions, rng: np.random.Generator,
-    guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (),
+    guesses: Sequence[PairHypothesis] = (), known: Sequence[PersonHeight] = (), executor: Executor | None = None,
 ) -> Solution:  # fmt: skip
     """Run the scene's solver; a want of evidence is a refused solution without poses. `known` adds to the scene's cues."""
     cues = scene.scale_cues()
@@ -80,7 +84,7 @@ def solve_scene(
             raise RefusalError(missing_overlap(shared, given=scene.association.given))
         if isinstance(options, GeoPoseOptions):
             return solve_geopose(rig, synchronised, cues, options, rng=rng)
-        return solve_people(rig, synchronised, cues, options, rng=rng, guesses=guesses)
+        return solve_people(rig, synchronised, cues, options, rng=rng, guesses=guesses, executor=executor)
     except EvidenceError as error:
         return Solution(scene.solver.method, rig, "refused", findings_of(error))
 

@@ -69,6 +69,31 @@ class TreeFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ZoneFigures:
+    """A part of a large rig that was solved apart for the first guess."""
+
+    cameras: tuple[str, ...]
+    agreeing: int
+    """Sightings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeamFigures:
+    """Two zones that have cameras in common."""
+
+    zones: tuple[int, int]
+    """Their numbers, from 1."""
+    cameras: tuple[str, ...]
+    """In common."""
+    apart_m: float
+    """How far apart the first guesses of the two have a common camera at most."""
+    turned_deg: float
+    """The same of orientations."""
+    heading_sigma_deg: float | None
+    """One sigma of the turn about the vertical between the two in the adjusted rig."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class AdjustmentRound:
     """One adjustment of all that agrees."""
 
@@ -341,6 +366,9 @@ class AdjustedFigures(SolverFigures):
     trees: tuple[TreeFigures, ...] = ()
     tree: str | None = None
     """The one that was taken."""
+    zones: tuple[ZoneFigures, ...] | None = field(default=None, metadata=ABSENT)
+    """None where the rig was solved as one."""
+    seams: tuple[SeamFigures, ...] | None = field(default=None, metadata=ABSENT)
     rounds: tuple[AdjustmentRound, ...] = ()
     noise: NoiseFigures | None = None
     people: PeopleFigures | None = None

@@ -33,7 +33,7 @@ from passerby.solver.uncertainty import RigCovariance
 
 # A pose whose sigma exceeds these is no calibration: of the rig's extent, and in degrees.
 _MAX_POSITION_SHARE = 0.05
-_MAX_ORIENTATION_DEG = 2.0
+MAX_ORIENTATION_DEG = 2.0
 _MAX_VERTICAL_DEG = 5.0
 _MIN_SIGHTINGS = 20
 # Boxes whose heights are off by more than this share of themselves bias what is found: noise of +-50 px on boxes of 60 to 130
@@ -63,7 +63,7 @@ def doubts_about(start: Initialisation, fit: Fit, covariance: RigCovariance) -> 
             out.append(doubt("few_observations", camera.name, agreeing=int(agrees.agreeing[c])))
         elif (contradiction := _contradiction(camera.name, c, agrees)) is not None:
             out.append(contradiction)
-        vague = sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > _MAX_ORIENTATION_DEG
+        vague = sigma.position_m > _MAX_POSITION_SHARE * extent or sigma.orientation_deg > MAX_ORIENTATION_DEG
         if vague and c not in covariance.free.cameras:
             position_mm, orientation_deg = float(1000 * sigma.position_m), float(sigma.orientation_deg)
             out.append(doubt("camera_uncertain", camera.name, position_mm=position_mm, orientation_deg=orientation_deg))

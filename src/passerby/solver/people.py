@@ -27,8 +27,8 @@ from passerby.solver.contradicted_lenses import contradicted_lenses, contradicti
 from passerby.solver.cue_agreement import argue
 from passerby.solver.cue_leverage import freed_measurements
 from passerby.solver.cues import scale_cue_weights, settle_plan, triangulate_marks
-from passerby.solver.findings import apart, doubts_about, figures_of, height_noise
-from passerby.solver.initialisation import Fit, Initialisation, PeopleOptions, refine_in_stages, select_initial_rig
+from passerby.solver.findings import MAX_ORIENTATION_DEG, apart, doubts_about, figures_of, height_noise
+from passerby.solver.initialisation import Fit, Initialisation, InitialRig, PeopleOptions, refine_in_stages, select_initial_rig
 from passerby.solver.lens_check import check_focals
 from passerby.solver.pairs import MIN_MATCHES
 from passerby.solver.people_state import AdjustmentState
@@ -36,7 +36,7 @@ from passerby.solver.pose_graph import connected_components, heading_rotation
 from passerby.solver.refined_lenses import decide_refined_lenses, far_lenses, lens_figures
 from passerby.solver.systematic import StatedFocals
 from passerby.solver.uncertainty import RigCovariance, add_learnt_stance, design_effect, rig_covariance
-from passerby.solver.zones import ZONE_CAMERAS, initial_rig_by_zones
+from passerby.solver.zones import ZONE_CAMERAS, ZonedRig, doubts_about_seams, initial_rig_by_zones, seams_of
 
 __all__ = ["PeopleOptions", "solve_people"]
 
@@ -79,8 +79,7 @@ def solve_people(
         inside = Rig(tuple(rig.cameras[c] for c in groups[0]))
         among = [h for guess in guesses if (h := guess.among(groups[0])) is not None]
         start = Initialisation.prepare(inside, observations, cues, options, rng, among)
-    zoned = initial_rig_by_zones(start, options, rng, executor) if len(start.rig) > ZONE_CAMERAS else None
-    choice = select_initial_rig(start, options, rng) if zoned is None else zoned.rig
+    choice, zoned = _first_guess(start, options, rng, executor)
     fit = refine_in_stages(start, choice.state, options, rng)
     for _ in range(_RESTARTS):
         if start.near(fit.start):
@@ -88,7 +87,7 @@ def solve_people(
         # A first guess with quite wrong lenses may be another arrangement, or have left people out.
         start = Initialisation.prepare(start.stated, observations, cues, options, rng, among, fit.result.state.lens)
         try:
-            choice = select_initial_rig(start, options, rng)
+            choice, zoned = _first_guess(start, options, rng, executor)
         except EvidenceError:
             findings.append(doubt("reinitialisation_failed"))
             break
@@ -104,6 +103,8 @@ def solve_people(
     wrong = [] if covariance.free.cameras else contradicted_lenses(start, fit, covariance.inflation)
     posed = _placed(start.rig, fit.result.state, covariance)
     posed = _with_refined_sigmas(posed, lenses)
+    zones = () if zoned is None else zoned.figures(start.rig)
+    seams = () if zoned is None else seams_of(zoned, start.rig, covariance, fit.result.state.R)
     whole = Rig(tuple(posed[c.name] if c.name in posed.names else Camera(c.name, c.lens) for c in rig))
     findings = [
         *start.evidence.findings,
@@ -112,11 +113,22 @@ def solve_people(
         *doubts_about(start, fit, covariance),
         *disagreements,
         *contradictions_of(start.rig, wrong),
+        *doubts_about_seams(seams, zones, MAX_ORIENTATION_DEG),
         *far_lenses(lenses),
     ]
     verdict: Verdict = "doubtful" if findings else "accepted"
     figures = figures_of(start, choice, fit, covariance, cues_said, focals, lenses)
+    if zoned is not None:
+        figures = replace(figures, zones=zones, seams=seams)
     return Solution("people", replace(whole, verdict=verdict), verdict, tuple(findings), figures)
+
+
+def _first_guess(
+    start: Initialisation, options: PeopleOptions, rng: np.random.Generator, executor: Executor | None
+) -> tuple[InitialRig, ZonedRig | None]:
+    """The rough rig, and the zones that it was put together from where there are many cameras."""
+    zoned = initial_rig_by_zones(start, options, rng, executor) if len(start.rig) > ZONE_CAMERAS else None
+    return (select_initial_rig(start, options, rng), None) if zoned is None else (zoned.rig, zoned)
 
 
 def _sure(

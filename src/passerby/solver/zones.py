@@ -17,12 +17,14 @@ from passerby.common.errors import EvidenceError
 from passerby.common.parallel import side_by_side
 from passerby.common.progress import silent
 from passerby.core.cameras import Rig
-from passerby.core.figures import TreeFigures
+from passerby.core.figures import SeamFigures, TreeFigures, ZoneFigures
+from passerby.findings.finding import Finding, doubt
 from passerby.geometry.rotations import angle_between
 from passerby.solver.evidence import Evidence
 from passerby.solver.initialisation import Initialisation, InitialRig, PeopleOptions, rescaled, select_initial_rig
 from passerby.solver.pairs import shared_blocks
 from passerby.solver.refinement import PriorKnowledge
+from passerby.solver.uncertainty import RigCovariance
 
 ZONE_CAMERAS = 30
 """Most cameras of a zone, and of a rig that is solved as one."""
@@ -52,7 +54,16 @@ class ZonedRig:
     rig: InitialRig
     zones: tuple[tuple[int, ...], ...]
     """Cameras of each, ascending."""
+    agreeing: tuple[int, ...]
+    """Observations that agree with each."""
     seams: tuple[Seam, ...]
+
+    def figures(self, rig: Rig) -> tuple[ZoneFigures, ...]:
+        """Of the zones, by the names of `rig`."""
+        return tuple(
+            ZoneFigures(cameras=tuple(rig.names[c] for c in zone), agreeing=agreeing)
+            for zone, agreeing in zip(self.zones, self.agreeing, strict=True)
+        )
 
 
 def cut_zones(shared: Ints) -> tuple[tuple[int, ...], ...]:
@@ -148,9 +159,56 @@ def initial_rig_by_zones(
         lens[list(zone)] = one.state.lens
     agreeing = sum(one.agreeing for one in rigs)
     state = replace(rescaled(start, R, centre), lens=lens)
-    figures = tuple(TreeFigures(tree=f"zone {k + 1}: {one.tree}", agreeing=one.agreeing) for k, one in enumerate(rigs))
-    doubts = [doubt for one in rigs for doubt in one.doubts][:1]
-    return ZonedRig(InitialRig(state, "zones", agreeing, figures, doubts), zones, seams)
+    figures = (TreeFigures(tree="zones", agreeing=agreeing),)
+    ambiguous = [finding for one in rigs for finding in one.doubts][:1]
+    of_zones = tuple(one.agreeing for one in rigs)
+    return ZonedRig(InitialRig(state, "zones", agreeing, figures, ambiguous), zones, of_zones, seams)
+
+
+def seams_of(zoned: ZonedRig, rig: Rig, covariance: RigCovariance, R: Floats) -> tuple[SeamFigures, ...]:
+    """How well the zones hold together.
+
+    Args:
+        zoned: the zones.
+        rig: their cameras' names.
+        covariance: of the adjusted rig.
+        R: (C, 3, 3) its orientations, world to camera.
+    """
+    out = []
+    for seam in zoned.seams:
+        sigma = _heading_sigma_deg(zoned.zones[seam.first], zoned.zones[seam.second], covariance, R)
+        out.append(
+            SeamFigures(
+                zones=(seam.first + 1, seam.second + 1), cameras=tuple(rig.names[c] for c in seam.cameras),
+                apart_m=seam.position_m, turned_deg=seam.orientation_deg, heading_sigma_deg=sigma,
+            )
+        )  # fmt: skip
+    return tuple(out)
+
+
+def doubts_about_seams(seams: Sequence[SeamFigures], zones: Sequence[ZoneFigures], most_deg: float) -> list[Finding]:
+    """The seams whose zones may be turned against each other by more than `most_deg`, one sigma."""
+    out = []
+    for seam in seams:
+        if seam.heading_sigma_deg is not None and seam.heading_sigma_deg > most_deg:
+            own = [[name for name in zones[number - 1].cameras if name not in seam.cameras] for number in seam.zones]
+            out.append(doubt("seam_uncertain", *seam.cameras, first=own[0], second=own[1], sigma_deg=seam.heading_sigma_deg))
+    return out
+
+
+def _heading_sigma_deg(first: Sequence[int], second: Sequence[int], covariance: RigCovariance, R: Floats) -> float | None:
+    """One sigma of the turn about the vertical between two zones without what they have in common; None where it is unknown."""
+    common = set(first) & set(second)
+    own = [[c for c in zone if c not in common] for zone in (first, second)]
+    if not all(own) or not len(covariance.together) or set(covariance.free.cameras) & {*own[0], *own[1]}:
+        return None
+    along = np.zeros(len(covariance.together))
+    for sign, zone in zip((1.0, -1.0), own, strict=True):
+        for c in zone:
+            # A rotation vector in the camera's frame turns the camera about the vertical by its part along that.
+            along[6 * c + 3 : 6 * c + 6] = sign * R[c, :, 2] / len(zone)
+    variance = float(along @ covariance.together @ along)
+    return float(np.degrees(np.sqrt(max(variance, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +310,7 @@ def _placed(
 
 def _moved(R: Floats, centre: Floats, to_R: Floats, to_centre: Floats, common: Floats) -> tuple[Floats, Floats]:
     """A zone turned about the vertical and shifted so that its `common` cameras stand as they are given."""
-    turns = to_R.transpose(0, 2, 1) @ R[common]
+    turns = np.asarray(to_R.transpose(0, 2, 1) @ R[common])
     angle = np.arctan2((turns[:, 1, 0] - turns[:, 0, 1]).sum(), (turns[:, 0, 0] + turns[:, 1, 1]).sum())
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -95,6 +95,12 @@ SOLVER: Mapping[str, Kind] = {
         "the pose of camera {camera} is uncertain by {position_mm:.0f} mm and {orientation_deg:.1f} degrees (1 sigma)",
         "record longer, or people nearer to it and at more positions",
     ),
+    "seam_uncertain": Kind(
+        DOUBT, "Two zones of a large rig hardly hold together: how they are turned against each other is uncertain.",
+        lambda v: f"{v['who']} hold cameras {', '.join(v['first'])} and cameras {', '.join(v['second'])} together, whose "
+        f"headings are uncertain by {v['sigma_deg']:.1f} degrees (1 sigma) against each other",
+        "record longer, or add a camera that sees the ground of both", joint="; ", common=True,
+    ),
     "vertical_uncertain": Kind(
         DOUBT, "The up direction is uncertain.",
         "the up direction is uncertain by {sigma_deg:.1f} degrees (1 sigma)", "record people walking about, seen from head "
