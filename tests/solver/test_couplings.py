@@ -68,7 +68,7 @@ def test_both_tables_reduce_to_the_same_system_and_step(seed, monkeypatch):
 
 def test_what_occurs_is_kept_where_few_of_many_cameras_see_a_block():
     two_each = np.repeat(np.arange(100), 2)
-    assert occurs_seldom(FULL_UP_TO + 1, 100, two_each)
+    assert occurs_seldom(2 * FULL_UP_TO, 100, two_each)
     assert not occurs_seldom(FULL_UP_TO, 100, two_each)
-    assert not occurs_seldom(FULL_UP_TO + 1, 100, np.repeat(np.arange(100), FULL_UP_TO))
+    assert not occurs_seldom(2 * FULL_UP_TO, 100, np.repeat(np.arange(100), FULL_UP_TO))
     assert not occurs_seldom(1000, 0, np.zeros(0, np.int64))

@@ -13,7 +13,7 @@ import numpy as np
 
 from passerby.common.arrays import Floats
 from passerby.core.cameras import Rig
-from passerby.solver.lens_columns import by_focal, lens_columns, widen_terms, widened_layout
+from passerby.solver.lens_columns import WidenedLayout, by_focal, lens_columns
 from passerby.solver.lens_scores import inverse_of
 from passerby.solver.lens_sigmas import by_boxes
 from passerby.solver.optimizer.least_squares import NormalEquations
@@ -79,10 +79,10 @@ def _score(
     """
     n, u = problem.n_cameras, next(iter(columns.values())).shape[2]
     both = {k: np.concatenate([columns[k], biases[k]], axis=2) for k in columns}
-    layout, places = widened_layout(problem, next(iter(both.values())).shape[2])
-    terms = [downweight(widen_terms(term, problem, both), inflation) for term in problem.terms(state, jacobians=True)]
-    reduced = NormalEquations(layout, terms).reduce()
-    own, considered = places[:, :u], places[:, u:].ravel()
+    wide = WidenedLayout.of(problem, next(iter(both.values())).shape[2])
+    terms = [downweight(wide.widen(term, both), inflation) for term in problem.terms(state, jacobians=True)]
+    reduced = NormalEquations(wide.layout, terms).reduce()
+    own, considered = wide.places[:, :u], wide.places[:, u:].ravel()
     kept = np.setdiff1d(np.arange(len(reduced.H)), considered)
     inverse = inverse_of(reduced.H[np.ix_(kept, kept)])
     at = np.searchsorted(kept, own)

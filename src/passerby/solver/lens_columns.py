@@ -8,8 +8,8 @@ little, and 2 to 4 sigmas elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,34 +73,45 @@ def _predicted(problem: PeopleProblem, state: AdjustmentState) -> tuple[Floats, 
     return seen(top, s.camera), seen(bottom, s.camera), seen(state.joints[o.point], o.camera)
 
 
-def widen_terms(term: Term, problem: PeopleProblem, columns: dict[str, Floats]) -> Term:
-    """The term with columns for u more unknowns of each camera behind its globals: camera by camera, (C * u) in all.
+@dataclass(frozen=True, eq=False)
+class WidenedLayout:
+    """The layout of a problem with more unknowns of each camera, at the end of its own."""
 
-    Args:
-        term: of the problem, not weighted yet.
-        problem: the person model.
-        columns: from `lens_columns`.
-    """
-    old, n, u = problem.layout, problem.n_cameras, next(iter(columns.values())).shape[2]
-    own = columns.get(_kind(term))
-    rows, k = term.residual.shape
-    by_globals, by_shared = term.by_globals, term.by_shared
-    if own is not None and term.camera is not None:
-        extra = np.zeros((rows, k, n, u))
-        extra[np.arange(rows), :, term.camera] = own
-        before = np.zeros((rows, k, old.n_globals)) if by_globals is None else by_globals
-        by_globals = np.concatenate([before, extra.reshape(rows, k, n * u)], axis=2)
-    elif by_globals is not None:
-        by_globals = np.concatenate([by_globals, np.zeros((rows, k, n * u))], axis=2)
-    if by_shared is not None:
-        by_shared = np.concatenate([by_shared, np.zeros((rows, k, n * u))], axis=2)
-    return replace(term, by_globals=by_globals, by_shared=by_shared)
+    layout: Layout
+    own: Ints
+    """The problem's shared unknowns, in their order, among all."""
+    places: Ints
+    """(C, u) the new unknowns among all."""
 
+    @classmethod
+    def of(cls, problem: PeopleProblem, u: int) -> WidenedLayout:
+        """With u more unknowns of each camera."""
+        old = problem.layout
+        layout = replace(old, camera_size=old.camera_size + u)
+        every = np.arange(layout.n_shared)
+        of_cameras = every[: old.n_cameras * layout.camera_size].reshape(old.n_cameras, -1)
+        own = np.concatenate([of_cameras[:, : old.camera_size].ravel(), every[of_cameras.size :]])
+        return cls(layout, own, of_cameras[:, old.camera_size :])
 
-def widened_layout(problem: PeopleProblem, u: int) -> tuple[Layout, Ints]:
-    """The layout of widened terms, and the places (C, u) of the new unknowns among the shared ones."""
-    old, n = problem.layout, problem.n_cameras
-    return replace(old, n_globals=old.n_globals + n * u), old.n_shared + np.arange(n * u).reshape(n, u)
+    def widen(self, term: Term, columns: Mapping[str, Floats]) -> Term:
+        """The term with the new unknowns' columns.
+
+        Args:
+            term: of the problem, not weighted yet.
+            columns: (M, k, u) derivatives by the own camera's new unknowns, for each kind of residual: of `lens_columns`.
+        """
+        u = self.places.shape[1]
+        by_camera, by_shared = term.by_camera, term.by_shared
+        if by_camera is not None:
+            extra = columns.get(_kind(term))
+            if extra is None:
+                extra = np.zeros((*by_camera.shape[:2], u))
+            by_camera = np.concatenate([by_camera, extra], axis=2)
+        if by_shared is not None:
+            widened = np.zeros((*by_shared.shape[:2], self.layout.n_shared))
+            widened[:, :, self.own] = by_shared
+            by_shared = widened
+        return replace(term, by_camera=by_camera, by_shared=by_shared)
 
 
 def _kind(term: Term) -> str:

@@ -17,11 +17,10 @@ import numpy as np
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Lens, Rig
 from passerby.solver.lens_columns import (
+    WidenedLayout,
     by_focal,
     by_principal_point,
     lens_columns,
-    widen_terms,
-    widened_layout,
 )
 from passerby.solver.lens_unknowns import LensPart, by_distortion
 from passerby.solver.optimizer.least_squares import NormalEquations
@@ -106,11 +105,11 @@ def _free_lenses(
 ) -> _FreeLenses:
     """The system of u numbers of every lens; `columns` as of `lens_columns`."""
     own = dict(columns)
-    layout, places = widened_layout(problem, next(iter(own.values())).shape[2])
-    terms = [downweight(widen_terms(term, problem, own), inflation) for term in problem.terms(state, jacobians=True)]
-    reduced = NormalEquations(layout, terms).reduce()
+    wide = WidenedLayout.of(problem, next(iter(own.values())).shape[2])
+    terms = [downweight(wide.widen(term, own), inflation) for term in problem.terms(state, jacobians=True)]
+    reduced = NormalEquations(wide.layout, terms).reduce()
     inverse = inverse_of(reduced.H)
-    at: Ints = places.ravel()
+    at: Ints = wide.places.ravel()
     H = np.asarray(np.linalg.pinv(inverse[np.ix_(at, at)], hermitian=True), dtype=np.float64)
     return _FreeLenses(H, -(inverse @ reduced.gradient)[at])
 

@@ -10,16 +10,16 @@ equations `H` and their coupling `H_cb` to parameters of the covariance `Q`, `H^
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from passerby.common.arrays import Floats, Ints
 from passerby.core.cameras import Rig
-from passerby.solver.lens_columns import by_focal, lens_columns, widen_terms, widened_layout
+from passerby.solver.lens_columns import WidenedLayout, by_focal, lens_columns
 from passerby.solver.optimizer.least_squares import Layout, NormalEquations, Term
 from passerby.solver.people_state import AdjustmentState
-from passerby.solver.person_model import UPRIGHT, PeopleProblem
+from passerby.solver.person_model import PeopleProblem
 
 Weighted = Callable[[Term], Term]
 
@@ -46,31 +46,13 @@ def add_systematic_errors(
         The terms and their layout; which shared unknowns of it are the problem's own, in their order; and which are new,
         (C, K) camera by camera in the order of `SIGMAS`.
     """
-    layout, k = problem.layout, len(SIGMAS)
-    wide = replace(layout, camera_size=layout.camera_size + k)
-    columns = np.arange(wide.n_shared)
-    of_cameras = columns[: layout.n_cameras * wide.camera_size].reshape(layout.n_cameras, -1)
-    own = np.concatenate([of_cameras[:, : layout.camera_size].ravel(), columns[layout.n_cameras * wide.camera_size :]])
-    s = problem.sightings
-    by_rows = {}
+    wide, s = WidenedLayout.of(problem, len(SIGMAS)), problem.sightings
+    middle, tall = np.zeros((len(s), 2, len(SIGMAS))), np.zeros((len(s), 1, len(SIGMAS)))
     if len(s):
-        middle, tall = np.zeros((len(s), 2, k)), np.zeros((len(s), 1, k))
         middle[:, 1, 0], tall[:, 0, 1] = problem.scale_px, _depth(problem, state)
-        by_rows = {2: middle / problem.centre_sigma()[:, None, None], 1: tall / problem.height_sigma()[:, None, None]}
-    out = []
-    for term in terms:
-        by_camera, by_shared = term.by_camera, term.by_shared
-        if by_camera is not None and term.camera is not None:
-            n = by_camera.shape[1]
-            of_boxes = term.family == UPRIGHT and term.block is not None and len(by_camera) == len(s)
-            extra = by_rows[n] if of_boxes else np.zeros((len(by_camera), n, k))
-            by_camera = np.concatenate([by_camera, extra], axis=2)
-        if by_shared is not None:
-            widened = np.zeros((*by_shared.shape[:2], wide.n_shared))
-            widened[:, :, own] = by_shared
-            by_shared = widened
-        out.append(replace(term, by_camera=by_camera, by_shared=by_shared))
-    return out, wide, own, of_cameras[:, layout.camera_size :]
+        middle, tall = middle / problem.centre_sigma()[:, None, None], tall / problem.height_sigma()[:, None, None]
+    columns = {"centres": middle, "heights": tall}
+    return [wide.widen(term, columns) for term in terms], wide.layout, wide.own, wide.places
 
 
 def _depth(problem: PeopleProblem, state: AdjustmentState) -> Floats:
@@ -115,9 +97,9 @@ class StatedFocals:
             terms: linearised at the optimum, not weighted yet.
             weighted: weights a term as those are that `inverse` is made of.
         """
-        layout, places = widened_layout(problem, 1)
-        H = NormalEquations(layout, [weighted(widen_terms(term, problem, self.columns)) for term in terms]).reduce().H
-        moved = inverse @ H[: len(inverse), places[:, 0]]
+        wide = WidenedLayout.of(problem, 1)
+        H = NormalEquations(wide.layout, [weighted(wide.widen(term, self.columns)) for term in terms]).reduce().H
+        moved = inverse @ H[np.ix_(wide.own, wide.places[:, 0])]
         return np.asarray(moved @ self.covariance @ moved.T)
 
 
