@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from passerby.association.camera_tracklets import CameraTracklets
+from passerby.association.candidates import Candidates
 from passerby.association.clocks.far_offsets import far_registration
 from passerby.association.clocks.starts import Starts
 from passerby.association.graph import ALONE_RUNNER_UP, Edge, ViewGraph
@@ -57,8 +58,9 @@ def fit_of(edge: Edge) -> dict[str, Any]:
 
 
 def unregistered_cameras(
-    cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, *, timed: bool = True, starts: Starts | None = None
-) -> dict[str, Finding]:
+    cameras: Sequence[CameraTracklets], graph: ViewGraph, max_lag_s: float, *, timed: bool = True,
+    starts: Starts | None = None, near: Candidates | None = None,
+) -> dict[str, Finding]:  # fmt: skip
     """A doubt for each camera that no registration joins to another, by name.
 
     Args:
@@ -67,17 +69,20 @@ def unregistered_cameras(
         max_lag_s: largest difference of two clocks that was searched for.
         timed: whether the clocks of such cameras are known all the same.
         starts: when the recordings began, where that was searched for first.
+        near: the pairs of cameras that may share ground; None: all.
     """
     inside = graph.groups[0]
     alone = [group[0] for group in graph.groups if len(group) == 1]
     return {
-        cameras[c].name: _unregistered(c, cameras, graph, inside, max_lag_s, timed, starts) for c in alone if c not in inside
+        cameras[c].name: _unregistered(c, cameras, graph, inside, max_lag_s, timed, starts, near)
+        for c in alone
+        if c not in inside
     }
 
 
 def _unregistered(
     c: int, cameras: Sequence[CameraTracklets], graph: ViewGraph, inside: Sequence[int], max_lag_s: float, timed: bool,
-    starts: Starts | None,
+    starts: Starts | None, near: Candidates | None,
 ) -> Finding:  # fmt: skip
     camera = cameras[c]
     if (empty := sees_too_little(camera)) is not None:
@@ -88,7 +93,8 @@ def _unregistered(
     best = max(edges, key=lambda edge: -1.0 if edge.guess is None else edge.guess.share, default=None)
     fit = {"fit": "nobody"} if best is None else fit_of(best)
     other = None if best is None else cameras[best.a + best.b - c].name
-    partners = sorted(inside, key=lambda p: -_samples(cameras[p]))[:PARTNERS]
+    possible = [p for p in inside if near is None or (min(c, p), max(c, p)) in near]
+    partners = sorted(possible, key=lambda p: -_samples(cameras[p]))[:PARTNERS]
     partners = partners if starts is None else []
     better = next((one for p in partners if (one := what_would_fit(cameras[p], camera, max_lag_s)) is not None), None)
     return doubt("camera_unregistered", camera.name, to=other, timed=timed, **fit, **fixed_by(better))

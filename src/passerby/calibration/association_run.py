@@ -174,7 +174,9 @@ class AssociationRun:
             identified, self.instants(identified, offset_s), clocks_with(self.cameras, offset_s),
             {name: sigma for name, sigma in known.items() if np.isfinite(sigma)}, replace(figures, rounds=tuple(rounds)),
             {} if graph is None or initial is None
-            else unregistered_cameras(self.cameras, graph, self.options.search_s, starts=initial.starts),
+            else unregistered_cameras(
+                self.cameras, graph, self.options.search_s, starts=initial.starts, near=initial.candidates
+            ),
             *self._findings(solution, initial, drifts, offset_s, attached, rows),
             {self.cameras[c].name: drift for c, drift in drifts.items()},
             heights.people, heights.findings,
