@@ -38,6 +38,10 @@ def test_user_names_and_passwords_come_from_the_environment_or_a_file(tmp_path):
     [
         ("", "names no cameras"),
         ("[cameras.a]\nstrem = 'rtsp://h/a'\n", "has no stream"),
+        (
+            "[cameras.a]\nstream = 'rtsp://h/a'\n[cameras.b]\nstream = 'rtsp://h/a'\n",
+            r"\[cameras.b\] stream: its address is that of camera a: give each camera its own",
+        ),
         ("[cameras.a]\nstream = 'rtsp://u:hidden@'\n", "names no host"),
         ("[cameras.a]\nstream = 'ftp://u:hidden@h/a'\n", "is no address that can be recorded"),
         ("[cameras.a]\nstream = 'hidden.mp4'\n", "is no address that can be recorded"),

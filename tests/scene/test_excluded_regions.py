@@ -29,8 +29,8 @@ def scene(folder: Path, **keys: object) -> Path:
     ltwh = np.tile([[200.0, 200.0, 100.0, 200.0], [850.0, 200.0, 100.0, 200.0]], (10, 1))
     lens = Lens((1280, 720), np.array([[900.0, 0.0, 639.5], [0.0, 900.0, 359.5], [0.0, 0.0, 1.0]]), np.zeros(0))
     write_rig(folder / "lenses.toml", Rig((Camera("A", lens), Camera("B", lens))))
-    for name in ("A", "B"):
-        write_boxes(folder / f"{name}.txt", Boxes(frames, identity, ltwh, np.ones(20)))
+    for name, score in (("A", 1.0), ("B", 0.9)):
+        write_boxes(folder / f"{name}.txt", Boxes(frames, identity, ltwh, np.full(20, score)))
     cameras = {name: {"intrinsics": "lenses.toml", "tracks": f"{name}.txt"} for name in ("A", "B")}
     content = {"scene": {"fps": 10.0}, "cameras": {"A": cameras["A"] | keys, "B": cameras["B"]}}
     path = folder / "scene.toml"

@@ -18,6 +18,7 @@ from passerby.core.observations import Boxes, CameraObservations, Clock, Observa
 from passerby.findings.texts import text_of
 from passerby.interchange.motchallenge import write_boxes
 from passerby.interchange.rig_toml import write_rig
+from passerby.scene.check import check_scene
 from passerby.scene.same_content import doubts_of_same_place, same_contents
 from passerby.simulation import SimulatedScene, SimulationOptions, simulate
 from passerby.simulation.options import MAX_CLOCK_OFFSET_S
@@ -154,17 +155,54 @@ def test_no_rig_with_one_camera_twice_is_accepted(given: bool) -> None:
     assert same.values["share"] > 0.995
 
 
-def test_check_tells_of_a_copy_and_exits_as_for_want_of_evidence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    made = scene()
-    write_rig(tmp_path / "rig.toml", Rig(tuple(replace(camera, pose=None) for camera in made.rig)))
+def written_scene(folder: Path, boxes: dict[str, Boxes]) -> Path:
+    """The files of a scene with given identities, all cameras with the lens of the first."""
+    lens = scene().rig["C1"].lens
+    write_rig(folder / "rig.toml", Rig(tuple(Camera(name, lens) for name in boxes)))
     text = '[scene]\nfps = 5\n[association]\nmode = "given"\n'
-    for name, of in (("C1", "C1"), ("C2", "C2"), ("C3", "C1")):
-        write_boxes(tmp_path / f"{name}.txt", made.observations[of].boxes)
+    for name, seen in boxes.items():
+        write_boxes(folder / f"{name}.txt", seen)
         text += f'[cameras.{name}]\nintrinsics = "rig.toml"\ntracks = "{name}.txt"\n'
-    (tmp_path / "scene.toml").write_text(text)
-    assert run(["check", str(tmp_path / "scene.toml"), "--json"]) == 3
+    (folder / "scene.toml").write_text(text)
+    return folder / "scene.toml"
+
+
+def test_check_tells_of_a_copy_and_exits_as_for_want_of_evidence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = (scene().observations[name].boxes for name in ("C1", "C2"))
+    renumbered = replace(first, score=0.5 * first.score)
+    assert run(["check", str(written_scene(tmp_path, {"C1": first, "C2": second, "C3": renumbered})), "--json"]) == 3
     (lack,) = json.loads(capsys.readouterr().out)["lacks"]
     assert lack.startswith("cameras C1 and C3 show the same")
+
+
+@pytest.mark.parametrize("command", ["check", "calibrate"])
+def test_a_copied_file_is_an_error_that_names_both_cameras(
+    tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = (scene().observations[name].boxes for name in ("C1", "C2"))
+    path = written_scene(tmp_path, {"C1": first, "C2": second, "C3": first})
+    assert run([command, str(path), *(["-o", str(tmp_path / "out")] if command == "calibrate" else [])]) == 2
+    told = "[cameras.C3] tracks C3.txt has the same content as C1.txt of camera C1: give each camera its own"
+    assert capsys.readouterr().err.splitlines() == [f"error: {path}: {told}"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_copy_is_an_error_under_another_key_too(tmp_path: Path) -> None:
+    copies = {"A.txt": rows(), "B.txt": rows(left=90)}
+    path = write_scene(tmp_path, files=copies, association='mode = "combined"')
+    (tmp_path / "A.txt").write_text(copies["B.txt"])
+    path.write_text(path.read_text().replace('tracks = "B.txt"', 'detections = "B.txt"'))
+    (fault,) = check_scene(path).faults
+    assert fault.endswith("[cameras.B] detections B.txt has the same content as A.txt of camera A: give each camera its own")
+
+
+def test_cameras_that_saw_nobody_have_equal_files(tmp_path: Path) -> None:
+    first, second = (scene().observations[name].boxes for name in ("C1", "C2"))
+    nobody = first.take(np.arange(0))
+    path = written_scene(tmp_path, {"C1": first, "C2": second, "C3": nobody, "C4": nobody})
+    found = check_scene(path)
+    assert not found.faults
+    assert [one.cameras for one in found.diagnostics if one.code == "file_empty"] == [("C3",), ("C4",)]
 
 
 def test_one_file_of_two_cameras_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -169,8 +169,20 @@ def test_a_scene_cannot_be_changed(tmp_path):
         (CAMERAS + "[cameras.metadata]\nintrinsics = 'x'\ntracks = 'x'", r"'metadata' cannot be a camera's name"),
         (CAMERAS.split("[cameras.B]")[0], r"1 camera is declared: a calibration needs two"),
         (CAMERAS + "[sites]\ngroups = [['A', 'C']]", r"\[sites\] groups 1: camera 'C' is not declared: there are A, B"),
-        (CAMERAS + "[sites]\ngroups = [['A', 'B'], ['A']]", r"\[sites\]: groups 2 holds 1 camera: name two or more"),
-        (CAMERAS + "[sites]\ngroups = [['A', 'B', 'A']]", r"\[sites\]: groups 1 names a camera twice: name each once"),
+        (CAMERAS + "[sites]\ngroups = [['A', 'b']]", r"\[sites\] groups 1: camera 'b' is not declared: did you mean 'B'"),
+        (CAMERAS + "[sites]\ngroups = [['A', 'B'], ['A']]", r"\[sites\]: groups 2 holds only camera 'A': name two or more"),
+        (CAMERAS + "[sites]\ngroups = [[], ['A', 'B']]", r"\[sites\]: groups 1 is empty: name two or more"),
+        (CAMERAS + "[sites]\ngroups = [['A', 'B', 'A']]", r"\[sites\]: groups 1 names camera 'A' twice: name each once"),
+        (CAMERAS + "[sites]\ngroups = ['A', 'B']", r"\[sites\] groups: group 1 is 'A': give a list of groups, each a list"),
+        (CAMERAS + "[sites]\ngroups = [['A', 2]]", r"\[sites\] groups: group 1 is \['A', 2\]: give a list of groups"),
+        (
+            CAMERAS + "[cameras.b]\nintrinsics = 'x'\ntracks = 'x'",
+            r"\[cameras.b\]: differs from \[cameras.B\] only in capitals, but files are named after cameras: rename one",
+        ),
+        (
+            CAMERAS + "[cameras.B]\nintrinsics = 'x'\ntracks = 'x'",
+            r"\[cameras.B\] occurs twice, in lines \d+ and \d+: merge the two into one",
+        ),
         (
             CAMERAS + "[cameras.C]\nintrinsics = 'x'\ntracks = 'x'\n[sites]\ngroups = [['A', 'B']]",
             r"\[sites\] groups: camera C is in no group and would be compared with nobody: add it",

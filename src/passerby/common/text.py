@@ -5,13 +5,24 @@ from __future__ import annotations
 import difflib
 import re
 import reprlib
+from collections.abc import Sequence
 from typing import Any
+
+LISTED = 50
+"""So many names are listed in a message: a site has hundreds of cameras."""
 
 
 def nearest(key: str, known: list[str]) -> str:
     """The remedy for a misspelt name."""
-    close = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
+    same = [name for name in known if name.casefold() == key.casefold()]
+    close = same or difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    return f"did you mean '{close[0]}'?" if close else f"there are {listed(known)}"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a message, the first of very many."""
+    more = len(names) - LISTED
+    return ", ".join(names[:LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def shortened(value: Any) -> str:

@@ -20,7 +20,7 @@ import tomli_w
 
 from passerby.common.arrays import Floats
 from passerby.common.errors import InputError
-from passerby.common.text import shortened
+from passerby.common.text import listed, shortened
 from passerby.core.cameras import LARGEST_FOCAL_SD, Camera, Lens, Pose, PoseSigma, Rig
 from passerby.geometry.rotations import log_rotation
 from passerby.interchange.gathering import gathered_rig
@@ -68,7 +68,7 @@ def read_lens(path: str | Path, camera: str) -> Lens:
     if key is None:
         raise InputError(
             f"{path}: no table [{camera}]: camera {camera} needs one with size, matrix and distortions "
-            f"(the file has {', '.join(tables)})"
+            f"(the file has {listed(list(tables))})"
         )
     try:
         return _lens(tables[key])

@@ -23,7 +23,7 @@ from passerby.interchange.storage.json_text import to_json
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_toml
 from passerby.interchange.storage.toml_text import relative
 from passerby.recording.capture import CaptureOptions, Ended, Recording, record
-from passerby.recording.settings import DEVICE, SCHEMES, Stream, read_secrets, stream_of
+from passerby.recording.settings import DEVICE, SCHEMES, Stream, check_streams_differ, read_secrets, stream_of
 from passerby.scene.inputs import check_files
 from passerby.scene.scene import Scene
 
@@ -84,6 +84,7 @@ def read_streamed(path: Path, environment: Mapping[str, str] | None = None) -> S
     if isinstance(secrets, str):
         known |= read_secrets(path.parent / secrets)
     streams = tuple(stream_of(path, name, cameras[name], known, key="video") for name in named)
+    check_streams_differ(path, streams, key="video")
     others = {
         **content,
         "cameras": {

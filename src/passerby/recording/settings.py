@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -74,7 +74,7 @@ def read_plan(path: Path, environment: Mapping[str, str] | None = None) -> Recor
     secrets` names.
 
     Raises `InputError`: no such file, no TOML, an unknown key of `[recording]`, a camera without a stream, an address that is
-    none, a variable that is not set.
+    none, a variable that is not set, one stream of two cameras.
     """
     content = read_toml(path, "a file of cameras to record (TOML)")
     own = content.pop("recording", {})
@@ -88,6 +88,7 @@ def read_plan(path: Path, environment: Mapping[str, str] | None = None) -> Recor
     if not isinstance(cameras, dict) or not cameras:
         raise InputError(f'{path}: names no cameras: add a table [cameras.NAME] with stream = "rtsp://..." for each')
     streams = tuple(stream_of(path, name, table, known) for name, table in cameras.items())
+    check_streams_differ(path, streams)
     others = {name: {key: value for key, value in table.items() if key not in KEYS} for name, table in cameras.items()}
     return RecordingPlan(path, streams, others, content)
 
@@ -120,6 +121,17 @@ def stream_of(path: Path, name: str, table: Any, known: Mapping[str, str], key: 
     if scheme is not None and not address.partition("://")[2].rpartition("@")[2].split("/")[0]:
         raise InputError(f"{place} {key}: the address names no host")
     return Stream(name, address, transport)
+
+
+def check_streams_differ(path: Path, streams: Sequence[Stream], key: str = "stream") -> None:
+    """Raise `InputError` where two cameras name one stream: a slip of copying, and one camera twice."""
+    first: dict[str, str] = {}
+    for stream in streams:
+        other = first.setdefault(stream.address, stream.camera)
+        if other != stream.camera:
+            raise InputError(
+                f"{path}: [cameras.{stream.camera}] {key}: its address is that of camera {other}: give each camera its own"
+            )
 
 
 def read_secrets(path: Path) -> dict[str, str]:

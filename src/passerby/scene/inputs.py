@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -27,7 +26,7 @@ from passerby.scene.lens_sources import group_faults
 from passerby.scene.pointing import overlapped_people, pointed_people, pointing_faults, stated_identities
 from passerby.scene.reading import needs_video, read_camera
 from passerby.scene.same_content import doubts_of_same_content
-from passerby.scene.same_files import faults_of_same_video
+from passerby.scene.same_files import faults_of_same_file, faults_of_same_video
 from passerby.scene.scene import Scene
 from passerby.scene.seen_lenses import add_seen_lenses
 from passerby.scene.upside_down import doubt_of_upside_down
@@ -200,7 +199,7 @@ def scene_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         *_joint_faults(scene, readings),
         *_embedding_faults(scene, readings),
         *faults_of_same_video(scene, readings),
-        *_same_file_faults(scene),
+        *faults_of_same_file(scene, readings),
         *_short_video_faults(scene, readings),
         *_emptiness_faults(scene, readings),
         *world_faults(scene, {reading.name: reading.lens.size for reading in readings if reading.lens is not None}),
@@ -335,24 +334,6 @@ def _short_video_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
         for reading in readings
         if reading.video is not None and seconds.get(reading.name, np.inf) < SHORT_VIDEO * seconds[longest]
     ]
-
-
-def _same_file_faults(scene: Scene) -> list[str]:
-    """Cameras that name one and the same file of boxes or joints."""
-    first: dict[tuple[str, Path], str] = {}
-    faults = []
-    for name, table in scene.cameras.items():
-        for key in ("tracks", "detections", "keypoints"):
-            path = getattr(table, key)
-            if path is None or path == IN_MEMORY:
-                continue
-            # Unlike `Path.resolve` it bears links that lead in a circle, which reading has told of.
-            other = first.setdefault((key, Path(os.path.realpath(scene.resolve(path)))), name)
-            if other != name:
-                faults.append(
-                    f"{scene.place}: [cameras.{name}] {key} {path.name} is camera {other}'s too: give each camera its own"
-                )
-    return faults
 
 
 def _emptiness_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:

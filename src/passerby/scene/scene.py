@@ -216,6 +216,14 @@ class Scene(Table):
                     f"[cameras.{name[:40]}]: '{name[:40]}' cannot be a file's name everywhere: give another one, of up to "
                     f"{LONGEST_NAME} characters"
                 )
+        first: dict[str, str] = {}
+        for name in self.cameras:
+            other = first.setdefault(name.casefold(), name)
+            if other != name:
+                raise ValueError(
+                    f"[cameras.{name}]: differs from [cameras.{other}] only in capitals, but files are named after cameras: "
+                    "rename one of the two"
+                )
         for place, name in self._mentions():
             if name not in self.cameras:
                 told = nearest(name[:LONGEST_NAME], list(self.cameras))

@@ -328,13 +328,26 @@ class SitesTable(Table):
     each is in one at least. Cameras without a common group are not compared. None: of more than twelve cameras, each is
     compared with those whose people come and go alike."""
 
+    @field_validator("groups", mode="before")
+    @classmethod
+    def _groups_are_lists_of_names(cls, value: Any) -> Any:
+        groups = value if isinstance(value, list | tuple) else [value]
+        for number, group in enumerate(groups, start=1):
+            if not isinstance(group, list | tuple) or not all(isinstance(name, str) for name in group):
+                raise ValueError(
+                    f"group {number} is {shortened(group)}: give a list of groups, each a list of names of cameras, as "
+                    '[["C1", "C2"], ["C2", "C3"]]'
+                )
+        return value
+
     @model_validator(mode="after")
     def _groups_hold_pairs(self) -> Self:
         for number, group in enumerate(self.groups, start=1):
-            if len(set(group)) < len(group):
-                raise ValueError(f"groups {number} names a camera twice: name each once")
+            if twice := next((name for name in group if group.count(name) > 1), None):
+                raise ValueError(f"groups {number} names camera {shortened(twice)} twice: name each once")
             if len(group) < 2:
-                raise ValueError(f"groups {number} holds {len(group)} camera: name two or more that may share ground")
+                holds = f"holds only camera {shortened(group[0])}" if group else "is empty"
+                raise ValueError(f"groups {number} {holds}: name two or more that may share ground")
         return self
 
 

@@ -22,7 +22,10 @@ def rows(frames=10, identities=(1, 2), left=100):
 
 
 def write_scene(folder: Path, cameras=("A", "B"), extra="", files=None, association='mode = "given"'):
-    """A folder with a scene of three sound files a camera; `files` replaces some of them (None: is left out)."""
+    """A folder with a scene of three sound files a camera; `files` replaces some of them (None: is left out).
+
+    Boxes that another camera has too get other scores: a copied file is a fault.
+    """
     content = {
         "scene.toml": f"[association]\n{association}\n"
         + "".join(f'[cameras.{name}]\nintrinsics = "rig.toml"\ntracks = "{name}.txt"\n' for name in cameras)
@@ -31,6 +34,10 @@ def write_scene(folder: Path, cameras=("A", "B"), extra="", files=None, associat
         **{f"{name}.txt": rows() for name in cameras},
         **(files or {}),
     }
+    for number, name in enumerate(cameras):
+        before = [content[f"{other}.txt"] for other in cameras[:number]]
+        if content[f"{name}.txt"] in before and content[f"{name}.txt"]:
+            content[f"{name}.txt"] = content[f"{name}.txt"].replace(",1,-1,-1,-1\n", f",{1 - number / 100},-1,-1,-1\n")
     for name, text in content.items():
         if text is not None:
             (folder / name).write_text(text)
