@@ -134,6 +134,40 @@ def test_placements_that_contradict_each_other_let_no_rig_be_accepted(image) -> 
     assert found.verdict == "doubtful"
 
 
+@pytest.mark.parametrize("times", [1e-3, 0.3, 25.4, 1e3])
+@pytest.mark.parametrize("by", ["points", "cameras"])
+def test_a_plan_in_a_wrong_unit_is_told_and_does_not_touch_the_rig(image, times, by) -> None:
+    placed = {"points": clicks(4)} if by == "points" else {"cameras": stands(*scene().rig.names)}
+    found = calibrated(image, metres_per_pixel=times * UNIT, **placed)
+    (told,) = found.doubts
+    assert told.code == "plan_unit_wrong"
+    assert told.values["metres_per_pixel"] == times * UNIT
+    assert told.values["by_people"] == pytest.approx(UNIT, rel=0.1)
+    assert found.verdict == "doubtful"
+    assert compare(found.rig, scene().rig).scale_ratio == pytest.approx(1, abs=0.1)
+    assert not found.world
+
+
+def test_a_mirrored_plan_is_told_as_such(image) -> None:
+    mirrored = {name: [SIDE - at[0], at[1]] for name, at in stands(*scene().rig.names).items()}
+    found = calibrated(image, cameras=mirrored)
+    assert [one.code for one in found.doubts] == ["plan_mirrored"]
+    with pytest.raises(EvidenceError, match=r"the plan is mirrored: .* fit its mirror image only"):
+        align_to_plan(scene().rig, replace(plan_of(), cameras=tuple(
+            PlannedCamera(name, tuple(at), 0.04) for name, at in mirrored.items()
+        )), image)  # fmt: skip
+
+
+@pytest.mark.parametrize("order", [("C2", "C1", "C3", "C4"), ("C2", "C3", "C4", "C1"), ("C3", "C4", "C2", "C1")])
+def test_exchanged_cameras_let_no_rig_be_accepted(image, order) -> None:
+    """Any two of the four fit by themselves: which are right cannot be told."""
+    at = stands(*scene().rig.names)
+    found = calibrated(image, cameras=dict(zip(at, (at[name] for name in order), strict=True)))
+    (told,) = [one for one in found.doubts if one.code == "plan_contradicts_itself"]
+    assert told.values["on_plan"] == ["C1", "C2", "C3", "C4"]
+    assert found.verdict == "doubtful"
+
+
 def plan_of(points: int = 0, cameras: tuple[str, ...] = (), unit: float = UNIT) -> FloorPlan:
     return FloorPlan(
         "plan.png", unit, 0.002, tuple(PlannedCamera(name, tuple(at), 0.04) for name, at in stands(*cameras).items()),

@@ -534,8 +534,10 @@ def test_bars_are_drawn_on_standard_error_alone(monkeypatch, capsys):
 def test_the_boxes_of_a_file_are_not_moved(place):
     """Boxes that a detector found are told from the pixel's corner, those of a file from its middle."""
     one = puppets(4.0, 3.0, 2, 2)
-    for name in BOTH:
-        write_boxes(place / f"few-{name}.txt", in_order(one.boxes["C1"]))
+    for score, name in enumerate(BOTH, start=1):
+        write_boxes(
+            place / f"few-{name}.txt", in_order(replace(one.boxes["C1"], score=score / len(BOTH) * one.boxes["C1"].score))
+        )
     cameras = {name: f'detections = "few-{name}.txt"\nvideo = "{name}.mp4"' for name in BOTH}
     seen, _ = inputs(scene_file(place, cameras, extra=""))
     plain, _ = inputs(scene_file(place, {name: f'detections = "few-{name}.txt"' for name in BOTH}, extra=""))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from passerby.geometry.plan_fit import Placements, ScalePrior, choose_placements, fit_plan
+from passerby.geometry.plan_fit import Placements, ScalePrior, choose_placements, fit_plan, fits_mirrored
 
 SPOTS = np.array([[0.0, 0.0], [12.0, 1.0], [10.0, 9.0], [1.0, 8.0], [6.0, 4.0]])
 SD = 0.03
@@ -61,6 +61,16 @@ def test_one_wrong_placement_of_four_is_left_out(wrong: int) -> None:
     assert choice.suspects == ()
 
 
+def test_of_four_two_exchanged_ones_make_all_suspects_and_of_six_they_are_left_out() -> None:
+    for count in (4, 6):
+        spots = np.concatenate([SPOTS, [[5.0, 12.0]]])[:count]
+        sound = replace(placed(1).take(np.zeros(count, dtype=int)), target=spots, place=spots, group=np.arange(count))
+        swapped = replace(sound, place=spots[[1, 0, *range(2, count)]])
+        choice = choose_placements(swapped, ScalePrior(0.0, 0.03))
+        assert choice.suspects == (tuple(range(4)) if count == 4 else ())
+        assert choice.used.tolist() == [count == 4, count == 4, *[True] * (count - 2)]
+
+
 def test_sound_placements_stay() -> None:
     rng = np.random.default_rng(1)
     for _ in range(50):
@@ -76,6 +86,23 @@ def test_of_three_the_scale_of_people_decides_and_without_it_all_are_suspects() 
     unsure = choose_placements(wrong, ScalePrior(0.0, 1.0))
     assert unsure.used.all()
     assert unsure.suspects == (0, 1, 2)
+
+
+@pytest.mark.parametrize(("count", "told"), [(3, False), (4, True), (5, True)])
+def test_a_mirrored_plan_is_recognised_by_four_placements(count: int, told: bool) -> None:
+    sound = placed(count)
+    mirrored = sound.mirrored()
+    assert fits_mirrored(mirrored, choose_placements(mirrored, ScalePrior()), ScalePrior()) == told
+    assert not fits_mirrored(sound, choose_placements(sound, ScalePrior()), ScalePrior())
+
+
+@pytest.mark.parametrize("scale", [1e-3, 0.1, 10.0, 1e3])
+def test_a_wrong_unit_of_the_plan_makes_no_placement_less_sure(scale: float) -> None:
+    """Sigmas in metres of the plan are as wrong as the plan: what they are as shares of it stays."""
+    right, wrong = fit_plan(placed(4)), fit_plan(placed(4, scale))
+    assert placed(4, scale).scale == pytest.approx(scale)
+    assert wrong.scale_sd == pytest.approx(right.scale_sd)
+    assert wrong.yaw_sd == pytest.approx(right.yaw_sd)
 
 
 def test_one_wrong_row_of_a_placement_that_several_show_is_left_out_alone() -> None:

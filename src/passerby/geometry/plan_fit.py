@@ -19,6 +19,9 @@ RIG_SHARE = 0.003
 HEIGHT_SD_M = 0.02
 """One sigma of the ground's height at a point: people's ground is flat to centimetres."""
 
+UNKNOWN_SD = 1.0
+"""Of the logarithm of a scale of which nothing is known."""
+
 
 @dataclass(frozen=True, eq=False)
 class Placements:
@@ -42,6 +45,19 @@ class Placements:
         """(M,) whether the place is known."""
         return np.asarray(np.isfinite(self.place).all(axis=1))
 
+    @property
+    def scale(self) -> float:
+        """Lengths in the rig over lengths on the plan, roughly, whichever minority of the placements is wrong."""
+        rows = np.flatnonzero(self.sound)
+        first, second = rows[np.array(np.triu_indices(len(rows), 1))]
+        stated, measured = (np.linalg.norm(xy[first] - xy[second], axis=1) for xy in (self.target, self.place))
+        apart = (stated > 0) & (measured > 0)
+        return float(np.exp(np.median(np.log(measured[apart] / stated[apart])))) if apart.any() else 1.0
+
+    def mirrored(self) -> Self:
+        """The same on the plan's mirror image."""
+        return replace(self, target=self.target * (1.0, -1.0))
+
     def take(self, rows: Bools | Ints) -> Self:
         """Some of the rows."""
         return replace(
@@ -51,8 +67,8 @@ class Placements:
 
     def weights(self) -> Floats:
         """(2 M, 2 M) inverse of the covariance of all places: what rows of one placement have in common is not independent."""
-        n = len(self.place)
-        extent = float(np.ptp(self.target, axis=0).max()) if n else 0.0
+        n, scale = len(self.place), self.scale
+        extent = scale * float(np.ptp(self.target, axis=0).max()) if n else 0.0
         whole = np.zeros((2 * n, 2 * n))
         for i in range(n):
             whole[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = self.covariance[i] + (RIG_SHARE * extent) ** 2 * np.eye(2)
@@ -60,7 +76,9 @@ class Placements:
             rows = np.flatnonzero(self.group == number)
             both = np.column_stack([2 * rows, 2 * rows + 1]).ravel()
             up = HEIGHT_SD_M * self.along[rows].ravel()
-            common = np.outer(up, up) + float(self.target_sd[rows[0]]) ** 2 * np.tile(np.eye(2), (len(rows), len(rows)))
+            common = np.outer(up, up) + (scale * float(self.target_sd[rows[0]])) ** 2 * np.tile(
+                np.eye(2), (len(rows), len(rows))
+            )
             whole[np.ix_(both, both)] += common
         return np.asarray(np.linalg.inv(whole))
 
@@ -143,16 +161,23 @@ class ScalePrior:
     """What else is known of the scale of a rig: by it lengths in the rig, times the exponential of this, are true."""
 
     log_growth: float = 0.0
-    sd: float = 1.0
+    sd: float = UNKNOWN_SD
+
+    @property
+    def is_known(self) -> bool:
+        """Whether anything is."""
+        return self.sd < UNKNOWN_SD
 
 
 def choose_placements(placements: Placements, prior: ScalePrior) -> Choice:
     """The rows that agree with each other.
 
     One wrong placement after another, or one wrong row of a placement that several cameras see, is left out while the rest
-    contradicts itself. With three placements the scale that people have decides which pair is right, if any.
+    contradicts itself. With three placements the scale that people have decides which pair is right, if any. Where half of the
+    placements or more would have to go, all are suspects: two of four that were swapped agree as well as the other two.
     """
     used = placements.sound
+    everything = np.unique(placements.group[used])
     while True:
         rows = np.flatnonzero(used)
         if len(np.unique(placements.group[rows])) < 2 or _improbability(placements.take(rows), None) < 1:
@@ -167,10 +192,23 @@ def choose_placements(placements: Placements, prior: ScalePrior) -> Choice:
             return Choice(used, tuple(np.unique(placements.group[rows]).tolist()))
         best = left[0]
         rivals = [group for excess, group, _ in left if group != best[1] and excess < best[0] + SURE]
-        if rivals or len(best[2]) < 0.5 * np.count_nonzero(placements.sound):
+        if rivals:
             return Choice(used, tuple(sorted({best[1], *rivals})))
+        if 2 * len(np.unique(placements.group[best[2]])) <= len(everything) or 2 * len(best[2]) < placements.sound.sum():
+            return Choice(placements.sound, tuple(everything.tolist()))
         used = np.zeros(len(used), dtype=bool)
         used[best[2]] = True
+
+
+def fits_mirrored(placements: Placements, choice: Choice, prior: ScalePrior) -> bool:
+    """Whether all placements agree on the plan's mirror image, where nobody can tell which are wrong on the plan itself.
+
+    Of three, one that is wrong by chance can make the triangle's mirror image.
+    """
+    if not choice.suspects or len(np.unique(placements.group[placements.sound])) < 4:
+        return False
+    image = choose_placements(placements.mirrored(), prior)
+    return not image.suspects and bool((image.used == placements.sound).all())
 
 
 def _removals(placements: Placements, rows: Ints) -> list[tuple[int, Ints]]:

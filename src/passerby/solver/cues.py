@@ -13,7 +13,7 @@ from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.figures import CueFigures
 from passerby.core.scale_cues import ScaleCues
-from passerby.geometry.plan_fit import ScalePrior
+from passerby.geometry.plan_fit import UNKNOWN_SD, ScalePrior
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.triangulation import triangulate
 from passerby.people.box_heights import BOX_SD
@@ -113,7 +113,7 @@ def settle_plan(rows: CueRows | None, R: Floats, centre: Floats, heights: Floats
     weight = (mean / sd) ** 2
     people = len(heights) and weight.sum() > 0
     growth = float(np.average(np.log(mean / heights), weights=weight)) if people else 0.0
-    prior = ScalePrior(growth, float(np.hypot(1 / np.sqrt(weight.sum()), LEAST_PEOPLE_SD)) if people else 1.0)
+    prior = ScalePrior(growth, float(np.hypot(1 / np.sqrt(weight.sum()), LEAST_PEOPLE_SD)) if people else UNKNOWN_SD)
     return replace(rows, plan=rows.plan.settle(R, centre, prior))
 
 

@@ -10,7 +10,7 @@ from passerby.common.arrays import Bools, Floats, Ints
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.core.floor_plan import FloorPlan
-from passerby.geometry.plan_fit import Choice, Placements, PlanFit, ScalePrior, choose_placements, fit_plan
+from passerby.geometry.plan_fit import Choice, Placements, PlanFit, ScalePrior, choose_placements, fit_plan, fits_mirrored
 from passerby.geometry.reprojection import PointObservations
 from passerby.geometry.rotations import skew
 from passerby.solver.optimizer.least_squares import Layout, Term
@@ -20,6 +20,10 @@ MEETS_GROUND = 0.02
 """A ray that falls by less than a fiftieth of its length tells of no place on the ground: a pixel is metres there."""
 ANGLE_SD = 1e-3
 """One sigma of a camera's direction, radians: 0.06 degrees, as of simulated scenes with boxes."""
+
+
+GROSS = 2.5
+"""No people are so many times as tall, or as small, as stated: the plan's unit is wrong. Feet for metres are 3.3."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +37,10 @@ class Settled:
     """Groups that contradict each other."""
     span_m: float
     """The largest distance between two used placements, by the plan."""
+    is_mirrored: bool
+    """Whether the placements agree on the plan's mirror image only."""
+    has_wrong_unit: bool
+    """Whether the plan is `GROSS` times too large or too small for the people."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +76,7 @@ class PlanRows:
             fit = fit_plan(placements.take(choice.used))
         except ValueError:
             return replace(self, settled=None)
-        return replace(self, settled=_settled(placements, choice, fit))
+        return replace(self, settled=_settled(placements, choice, fit, prior))
 
     def placements(self, R: Floats, centre: Floats) -> Placements:
         """The placements by a rig: (C, 3, 3) world to camera and (C, 3) centres, metres."""
@@ -91,13 +99,13 @@ class PlanRows:
     @property
     def sigma(self) -> float:
         """Relative, of the scale that the plan gives. Infinite where it gives none."""
-        if self.settled is None:
+        if self.settled is None or self.settled.has_wrong_unit:
             return np.inf
         return float(np.hypot(self.settled.fit.scale_sd * self.settled.fit.factor, self.unit_sd))
 
     def span(self, R: Floats, centre: Floats) -> tuple[float, float] | None:
         """The plan's span by the rig and by the plan, metres; None where the placements fix no scale."""
-        if self.settled is None:
+        if self.settled is None or self.settled.has_wrong_unit:
             return None
         place = np.concatenate([centre[self.camera, :2], _on_ground(R, centre, self.rays, held=True)[0]])[self.settled.used]
         scale = float(np.linalg.norm(self.settled.fit.by_place @ place.ravel()))
@@ -105,7 +113,7 @@ class PlanRows:
 
     def terms(self, state: AdjustmentState, layout: Layout) -> list[Term]:
         """The logarithm of the scale over its sigma, with its Jacobian. Lenses that move do so from one round to the next."""
-        if self.settled is None:
+        if self.settled is None or self.settled.has_wrong_unit:
             return []
         used, sigma = self.settled.used, self.sigma
         place, by_ray, _ = _on_ground(state.R, state.centre, self.rays, held=True)
@@ -181,7 +189,9 @@ def _on_ground(R: Floats, centre: Floats, o: PointObservations, *, held: bool = 
     return from_centre[:, :2] + length[:, None] * ray[:, :2], by_ray, along
 
 
-def _settled(placements: Placements, choice: Choice, fit: PlanFit) -> Settled:
+def _settled(placements: Placements, choice: Choice, fit: PlanFit, prior: ScalePrior) -> Settled:
     target = placements.target[choice.used]
-    span = np.linalg.norm(target[:, None] - target[None], axis=-1)
-    return Settled(fit, choice.used, choice.suspects, float(span.max()))
+    span = float(np.linalg.norm(target[:, None] - target[None], axis=-1).max())
+    off, sigma = abs(np.log(placements.scale) + prior.log_growth), np.hypot(fit.scale_sd, prior.sd)
+    is_gross = bool(prior.is_known and off > np.log(GROSS) + 3 * sigma)
+    return Settled(fit, choice.used, choice.suspects, span, fits_mirrored(placements, choice, prior), is_gross)

@@ -15,6 +15,7 @@ from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
 from passerby.core.floor_plan import FloorPlan
 from passerby.findings.finding import Finding, doubt, notice
+from passerby.findings.texts import text_of
 from passerby.geometry.plan_fit import ScalePrior
 from passerby.geometry.rotations import exp_rotation
 from passerby.geometry.similarity import Similarity
@@ -22,6 +23,14 @@ from passerby.solver.plan_rows import PlanRows, Settled, plan_rows
 
 RIG_SCALE_SD = 0.05
 """Relative, of the scale of a rig that stands by people's heights; it decides which of three placements is wrong."""
+
+
+class PlanRefusedError(EvidenceError):
+    """No rig can be laid upon this plan, which lets no rig be accepted either (exit status 3)."""
+
+    def __init__(self, finding: Finding) -> None:
+        super().__init__(text_of(finding))
+        self.finding = finding
 
 
 def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = False) -> Aligned:
@@ -36,6 +45,7 @@ def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = 
     Raises:
         InputError: a camera that the rig does not have, or a pixel outside what its lens can see.
         EvidenceError: fewer than two placements of registered cameras are left, or they do not fix the heading.
+        PlanRefusedError (an `EvidenceError`): the plan is mirrored, or its unit is wrong, or so are most of its placements.
     """
     for name in (*(one.camera for one in plan.cameras), *(name for point in plan.points for name in point.pixels)):
         camera_of(rig, name)
@@ -54,11 +64,19 @@ def align_to_plan(rig: Rig, plan: FloorPlan, image: Path, *, with_scale: bool = 
             "them, metres apart, and points below the horizon"
         )
     fit, settled = rows.settled.fit, rows.settled
+    placements = rows.placements(R, centre)
+    if settled.has_wrong_unit:
+        stated = plan.metres_per_pixel
+        raise PlanRefusedError(doubt("plan_unit_wrong", metres_per_pixel=stated, by_people=stated * placements.scale))
+    if settled.is_mirrored:
+        raise PlanRefusedError(doubt("plan_mirrored"))
     turn = float(np.degrees(fit.yaw_sd * fit.factor))
+    if turn > WEAK_TURN_DEG and settled.suspects:
+        off = np.linalg.norm(fit.on_plan(placements.place) - placements.target, axis=1)[settled.used]
+        raise PlanRefusedError(doubt("plan_contradicts_itself", **_suspects(rows, settled, float(off.max()))))
     if turn > WEAK_TURN_DEG:
         raise EvidenceError(f"the plan fixes the heading to {turn:.0f} degrees only: place cameras or points farther apart")
     scale = 1 / fit.scale if with_scale else 1.0
-    placements = rows.placements(R, centre)
     rotation = exp_rotation(np.array([0.0, 0.0, -fit.yaw]))
     middle = placements.target[settled.used].mean(axis=0)
     there = fit.shift + fit.scale * middle @ exp_rotation(np.array([0.0, 0.0, fit.yaw]))[:2, :2].T
@@ -118,7 +136,10 @@ def _findings(rows: PlanRows, settled: Settled, residuals: list[dict[str, Any]],
         notice("position_off", row["camera"], off_m=row["off_m"]) for row in residuals if "point" not in row and not row["used"]
     ]
     if settled.suspects:
-        out.append(doubt("plan_contradicts_itself", **_suspects(rows, settled, residuals)))
+        cameras, points = _named_suspects(rows, settled)
+        named = [row for row in residuals if (row["point"] in points if "point" in row else row["camera"] in cameras)]
+        off_m = max(float(row["off_m"]) for row in named if row["used"])
+        out.append(doubt("plan_contradicts_itself", **_suspects(rows, settled, off_m)))
     elif fit.factor > POOR_FIT:
         size = float(np.sqrt(np.mean([row["off_m"] ** 2 for row in residuals if row["used"]])))
         out.append(notice("places_fit_poorly", what="plan", off_m=size, times=fit.factor))
@@ -130,13 +151,14 @@ def _findings(rows: PlanRows, settled: Settled, residuals: list[dict[str, Any]],
     return out
 
 
-def _suspects(rows: PlanRows, settled: Settled, residuals: list[dict[str, Any]]) -> dict[str, Any]:
+def _suspects(rows: PlanRows, settled: Settled, off_m: float) -> dict[str, Any]:
     """Cameras and points that contradict each other, and by how much at most."""
+    cameras, points = _named_suspects(rows, settled)
+    return {"on_plan": cameras, "points": points, "off_m": off_m}
+
+
+def _named_suspects(rows: PlanRows, settled: Settled) -> tuple[list[str], list[str]]:
+    """Cameras, and points, that contradict each other."""
     k = len(rows.camera)
     cameras = [rows.camera_names[int(rows.camera[number])] for number in settled.suspects if number < k]
-    points = [rows.point_names[number - k] for number in settled.suspects if number >= k]
-    named = [
-        row["off_m"] for row in residuals
-        if row["used"] and (row["point"] in points if "point" in row else row["camera"] in cameras)
-    ]  # fmt: skip
-    return {"on_plan": cameras, "points": points, "off_m": float(max(named))}
+    return cameras, [rows.point_names[number - k] for number in settled.suspects if number >= k]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from passerby.calibration.alignment.lines import MarkedLine, align_to_lines
-from passerby.calibration.alignment.plan import align_to_plan
+from passerby.calibration.alignment.plan import PlanRefusedError, align_to_plan
 from passerby.calibration.alignment.world import Aligned, align_to_camera, align_to_points, align_to_positions
 from passerby.common.errors import EvidenceError, InputError
 from passerby.core.cameras import Camera, Rig
@@ -83,6 +83,9 @@ def align_to_scene(scene: Scene, solution: Solution, elsewhere: Sequence[Camera]
     try:
         everywhere = replace(solution.rig, cameras=(*solution.rig.cameras, *elsewhere))
         aligned = _aligned(everywhere, wanted, solution, None if table.plan is None else table.plan.image)
+    except PlanRefusedError as error:
+        told = replace(error.finding, values={"place": place, **error.finding.values})
+        return AlignedSolution(solution.rig, solution.figures, findings=(told,))
     except (InputError, EvidenceError) as error:
         return AlignedSolution(solution.rig, solution.figures, findings=(notice("world_not_set", place=place, why=str(error)),))
     others = {camera.name for camera in elsewhere}

@@ -55,6 +55,16 @@ ALIGNMENT: Mapping[str, Kind] = {
         lambda v: f"{_placements(v)} contradict each other on the plan, by {v['off_m']:.2f} m",
         "check them, or place more cameras or points on it, by which the wrong one is found", subjects=("scale",),
     ),
+    "plan_mirrored": Kind(
+        DOUBT, "What was placed on the plan agrees on the plan's mirror image, and on the plan itself it does not.",
+        "the plan is mirrored: its cameras and points fit its mirror image only",
+        "give a picture of the plan as it is seen from above", subjects=("scale",),
+    ),
+    "plan_unit_wrong": Kind(
+        DOUBT, "The plan is several times too large or too small for people; it was not used.",
+        "according to people's heights a pixel of the plan is about {by_people:.2g} m wide, not {metres_per_pixel:g} m",
+        "check metres_per_pixel, or the metres of distance; the plan was not used", subjects=("scale",),
+    ),
     "places_fit_poorly": Kind(
         NOTICE, "The known points or positions fit worse than their stated accuracy.",
         "the residual of the {what} is {off_m:.2f} m, {times:.1f} times their stated accuracy",
