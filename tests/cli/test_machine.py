@@ -209,3 +209,52 @@ def test_interrupted_json_is_never_half_of_it(tmp_path):
     for length in range(0, len(text), 7):
         (tmp_path / "calibration.json").write_text(text[:length])
         assert run(["report", str(tmp_path)]) == 2
+
+
+FULL = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+from passerby.cli.main import run
+sys.exit(run(sys.argv[1:]))
+"""
+"""A command on a disk that takes no byte."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of a file's size")
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["calibrate", "scene/scene.toml", "-o", "new"], "new/"),
+        (["simulate", "-o", "new", "--seconds", "2", "--people", "2"], "new"),
+        (["simulate", "--preset", "airport", "--cameras", "8", "--seconds", "2", "-o", "new"], "new"),
+        (["export", "scene/truth.toml", "--format", "opencv", "-o", "new"], "new/"),
+        (["export", "scene/truth.toml", "--format", "pose2sim", "-o", "new"], "new"),
+        (["align", "out", "-o", "new", "--camera", "C2"], "new"),
+        (["track", "out", "-o", "new"], "new/"),
+        (["report", "out", "-o", "new"], "new"),
+        (["monitor", "out", "scene/scene.toml", "-o", "new"], "new/"),
+    ],
+)
+def test_a_full_disk_is_one_line_with_the_file_and_leaves_nothing(calibrated_folder, arguments, names):
+    ended = subprocess.run(
+        [sys.executable, "-c", FULL, *arguments], cwd=calibrated_folder, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 2
+    last = ended.stderr.splitlines()[-1]
+    assert last.startswith("error: ")
+    assert names in last.split(": cannot be written")[0]
+    assert "File too large" in last
+    assert len(last) < 300
+    assert sorted(path.name for path in calibrated_folder.iterdir()) == ["out", "scene"]
+    assert sorted(path.name for path in (calibrated_folder / "out").iterdir()) == OUT
+
+
+OUT = ["calibration.json", "report.html", "rig.toml", "tracks"]
+
+
+@pytest.fixture(scope="module")
+def calibrated_folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("full")
+    assert run(["simulate", "-o", str(folder / "scene"), "--seconds", "20"]) == 0
+    assert run(["calibrate", str(folder / "scene" / "scene.toml"), "-o", str(folder / "out")]) in (0, 3)
+    return folder

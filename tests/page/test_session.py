@@ -1,9 +1,12 @@
 """Acts through the server: acknowledged ones are in the file, stale and wrong ones change nothing."""
 
+import errno
 import json
+import os
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
 
 import cv2
@@ -15,8 +18,9 @@ from passerby.cli.main import run
 from passerby.common.errors import InputError
 from passerby.core.cameras import Rig
 from passerby.interchange.rig_toml import read_rig, write_rig
+from passerby.interchange.storage.atomic import cannot_write
 from passerby.interchange.video_writer import VideoWriter
-from passerby.page import pictures
+from passerby.page import pictures, work
 from passerby.page.app import prepare_pictures
 from passerby.page.server import find_opened
 from passerby.page.session import Session
@@ -400,3 +404,33 @@ def test_a_prepared_process_that_has_ended_is_replaced(session, tmp_path):
     work._process.wait(timeout=60)
     assert work.status()["state"] == "failed"
     assert "missing.toml" in work.status()["error"]
+
+
+def test_a_run_that_cannot_be_noted_on_a_full_disk_does_not_go_on(tmp_path, monkeypatch):
+    begun = []
+
+    def begin(*_):
+        begun.append(subprocess.Popen([sys.executable, "-c", "import time; time.sleep(100)"]))
+        return begun[0]
+
+    def full(path, _):
+        raise cannot_write(path, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+
+    monkeypatch.setattr(work, "_begin", begin)
+    monkeypatch.setattr(work, "write_text", full)
+    one = Work(tmp_path / "out")
+    with pytest.raises(InputError, match=r"run\.json: cannot be written .*: make room there"):
+        one.start(tmp_path / "scene.toml", "version")
+    assert begun[0].poll() is not None
+    assert not one.running()
+
+
+def test_a_run_whose_words_a_full_disk_did_not_take_has_failed(tmp_path, monkeypatch):
+    monkeypatch.setattr(work, "_begin", lambda *_: subprocess.Popen([sys.executable, "-c", "raise SystemExit(2)"]))
+    one = Work(tmp_path / "out")
+    one.start(tmp_path / "scene.toml", "version")
+    while one.running():
+        time.sleep(0.02)
+    told = one.status()
+    assert told["state"] == "failed"
+    assert told["error"].startswith(f"{one.folder}: the calibration ended, but what it says could not be written: make room")

@@ -17,6 +17,7 @@ from passerby.common.errors import InputError
 from passerby.common.text import shortened
 from passerby.interchange.storage.faults import read_text
 from passerby.interchange.storage.safe_parsing import NotParsed, parse_json
+from passerby.interchange.storage.transaction import recover
 
 MONITOR_FILE = "monitor.json"
 
@@ -125,6 +126,7 @@ def _documents() -> TypeAdapter[MonitorDocument]:
 
 def read_monitor(folder: Path) -> MonitorDocument:
     """Read the `monitor.json` of a folder. Raises `InputError` with key and remedy where it is missing or no such file."""
+    recover(folder, "reads the folder")
     path = folder / MONITOR_FILE
     if not path.is_file():
         raise InputError(f"{path}: no such file: name the folder that `passerby monitor RIG SCENE -o FOLDER` wrote")

@@ -19,6 +19,7 @@ from passerby.interchange.monitor_json import MONITOR_FILE, read_monitor
 from passerby.interchange.output_folder import RIG_FILE, read_report
 from passerby.interchange.rig_toml import METADATA, METRES_PER_UNIT, RIG, read_rig, table_of
 from passerby.interchange.storage.faults import read_toml
+from passerby.interchange.storage.transaction import recover
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,7 @@ def read_given(path: Path) -> GivenRig:
     Raises `InputError` where either cannot be read.
     """
     file = path / RIG_FILE if path.is_dir() else path
+    recover(file.parent, "reads the folder")
     rig = read_rig(file)
     if file.name != RIG_FILE or not (file.parent / CALIBRATION_FILE).is_file():
         return GivenRig(rig, path=file, calibration_scene_file=_monitored_from(file))

@@ -177,14 +177,16 @@ class MonitoringResult:
         }  # fmt: skip
 
     def write(self, folder: str | Path, rig_text: str) -> None:
-        """Write `rig.toml` and `monitor.json` into a folder, each whole or not at all.
+        """Write `rig.toml` and `monitor.json` into a folder, both or neither.
 
-        Raises `InputError` where the folder is not writable.
+        Raises `InputError` where the folder is not writable, or another process has it.
         """
         from passerby.interchange.output_folder import RIG_FILE
+        from passerby.interchange.storage.transaction import folder_lock, transaction
 
-        write_text(Path(folder) / RIG_FILE, rig_text)
-        write_text(Path(folder) / MONITOR_FILE, to_json(self.to_dict()))
+        with folder_lock(Path(folder), "passerby monitor"), transaction(Path(folder)) as new:
+            write_text(new / RIG_FILE, rig_text)
+            write_text(new / MONITOR_FILE, to_json(self.to_dict()))
 
 
 def along(shift: Floats, covariance: Floats) -> tuple[float | None, float | None]:

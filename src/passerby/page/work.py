@@ -17,7 +17,7 @@ from typing import IO, Any
 
 from passerby.common.errors import InputError
 from passerby.interchange.calibration_json import CALIBRATION_FILE
-from passerby.interchange.storage.atomic import make_folder, write_text
+from passerby.interchange.storage.atomic import cannot_write, make_folder, write_text
 from passerby.interchange.storage.locks import try_lock
 
 FOLDER = ".page"
@@ -35,6 +35,8 @@ class Work:
     """Whether a process waits for the next calibration; a server does so."""
     _waiting: _Waiting | None = None
     _process: subprocess.Popen[bytes] | None = None
+    _ended: int | None = None
+    """The exit status of the last run, as far as this server saw it end."""
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
     @property
@@ -70,7 +72,16 @@ class Work:
                 if self._process is None:
                     with (self.folder / EVENTS).open("wb") as events, (self.folder / RESULT).open("wb") as result:
                         self._process = _begin("passerby", command, lock, None, result, events)
-                write_text(self.folder / RUN_FILE, json.dumps({"pid": self._process.pid, "version": version}))
+                self._ended = None
+                try:
+                    write_text(self.folder / RUN_FILE, json.dumps({"pid": self._process.pid, "version": version}))
+                except InputError:  # nobody could stop it
+                    self._process.terminate()
+                    self._process.wait()
+                    self._process = None
+                    raise
+            except OSError as error:
+                raise cannot_write(self.folder, error) from error
             finally:
                 lock.close()
 
@@ -92,7 +103,7 @@ class Work:
             if self._process is not None:
                 if self._process.poll() is None:
                     return True
-                self._process = None
+                self._ended, self._process = self._process.returncode, None
             try:
                 with (self.folder / RUN_LOCK).open("rb+") as lock:
                     return not try_lock(lock)
@@ -109,11 +120,14 @@ class Work:
             "version": self._version(),
         }
         told["notes"] = [one["text"] for one in events if one.get("event") in ("note", "warning")][-LAST_NOTES:]
-        if running or not events:
-            return told
         errors = [one["text"] for one in events if one.get("event") == "error"]
+        if running or (not events and not self._ended):
+            return told
         if self._finished():
             told["state"] = "done"
+        elif not errors and self._ended is not None and self._ended > 0:
+            unheard = "the calibration ended, but what it says could not be written: make room there and calibrate again"
+            told |= {"state": "failed", "error": f"{self.folder}: {unheard}"}
         elif errors and errors[-1] != "interrupted":
             told |= {"state": "failed", "error": errors[-1]}
         else:

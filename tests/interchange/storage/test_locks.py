@@ -141,3 +141,19 @@ def test_a_folder_that_was_there_stays(tmp_path):
     with lock_folder(tmp_path, "a test"), pytest.raises(InputError, match="is running there"), lock_folder(tmp_path, "another"):
         raise AssertionError
     assert tmp_path.is_dir()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of a file's size")
+def test_a_lock_that_a_full_disk_does_not_sign_is_let_go_without_an_error(tmp_path):
+    import resource
+
+    child = os.fork()
+    if child == 0:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+        try:
+            with lock_folder(tmp_path / "out", "a test"):
+                pass
+            os._exit(0)
+        except BaseException:
+            os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from passerby.interchange.calibration_json import (
 )
 from passerby.interchange.output_folder import REPORT_FILE, RIG_FILE, TRACKS_FOLDER, checksum, entries_of, read_report
 from passerby.interchange.rig_toml import write_rig
-from passerby.interchange.storage.atomic import forget_halves
+from passerby.interchange.storage.atomic import forget_halves, write_bytes
 from passerby.interchange.storage.transaction import transaction
 from passerby.interchange.storage.whole_folder import whole_folder
 
@@ -60,8 +59,8 @@ def write_aligned(out: Path, target: Path, aligned: Aligned, tell: Progress = si
     if target.is_dir() and any(target.iterdir()):
         raise InputError(f"{target}: is not empty: give a new folder, or {out} itself")
     with whole_folder(target, CALIBRATION_FILE, "a calibration") as new:
-        if (out / TRACKS_FOLDER).is_dir():
-            shutil.copytree(out / TRACKS_FOLDER, new / TRACKS_FOLDER)
+        for path in sorted((out / TRACKS_FOLDER).glob("*.*")):
+            write_bytes(new / TRACKS_FOLDER / path.name, path.read_bytes())
         # Folders of further groups do not come along.
         _write_moved(new, replace(document, groups=None), aligned)
     _report_again(with_report, target, tell)

@@ -109,7 +109,7 @@ def _opened(path: Path, place: Path) -> IO[bytes]:
         tries += 1
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            return path.open("a+b")
+            return path.open("a+b", buffering=0)  # what a full disk does not take is not tried again at the end
         except (FileNotFoundError, FileExistsError) as error:
             if tries >= GONE_TIMES and time.monotonic() >= until:
                 raise cannot_write(place, error) from error
