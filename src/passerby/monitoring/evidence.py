@@ -18,6 +18,8 @@ MODEL_M, MODEL_DEG = 0.01, 0.05
 """One sigma in each direction by which people seem to move a camera that stands still: added to the rig's own sigmas."""
 UNKNOWN_M, UNKNOWN_DEG = 0.05, 0.3
 """The same of a rig that states no sigmas."""
+CLEAR_DEG, CLEAR_M = 3.0, 0.5
+"""Where a move in a usual direction must be larger than either to be seen, nothing is said of a camera."""
 POWER = 1.645
 """Of a move that is seen in 95 % of the cases: so many sigmas above the threshold."""
 LOUD, LESS = 0.1, 2.0
@@ -46,6 +48,11 @@ class MotionTest:
     """The turn that is, about the middle one of three axes and about the worst one."""
     scatter: Floats = field(default_factory=lambda: np.zeros((6, 6)))
     """(6, 6) how the clusters scattered, summed; unit matrix times `clusters` where they err as stated."""
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether something can be said of the camera."""
+        return self.smallest_m[0] <= CLEAR_M and self.smallest_deg[0] <= CLEAR_DEG
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ degrees still sees people nearer to where the others see them than to anybody el
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 
@@ -21,10 +21,13 @@ from passerby.core.cameras import Rig
 from passerby.core.observations import UNKNOWN, Boxes, CameraObservations, Clock, Keypoints, Observations, once_in_frame
 from passerby.core.stature import PERSON_HEIGHT_M
 
+SEED = 0
+"""Of the draw of the people that tell each camera's vertical where nobody says who is who."""
+
 
 def identify_by_rig(
     rig: Rig, observations: Observations, clocks: Mapping[str, Clock], rng: np.random.Generator, *, ground_m: float = 0.0,
-    executor: Executor | None = None, tell: Progress = silent,
+    executor: Executor | None = None, tell: Progress = silent, candidates: Container[tuple[int, int]] | None = None,
 ) -> Observations:  # fmt: skip
     """The people whom tracklets belong to, in each camera's own frames.
 
@@ -36,6 +39,7 @@ def identify_by_rig(
         ground_m: height of the ground.
         executor: works on cameras side by side.
         tell: told of every camera that is done.
+        candidates: the pairs of cameras, a < b by their places in the rig, that are compared; None: all.
     """
     level = rig.moved(np.eye(3), np.array([0.0, 0.0, -ground_m]))
     cameras = build_tracklets(level, observations, clocks, PERSON_HEIGHT_M, rng, executor, tell=tell)
@@ -44,8 +48,9 @@ def identify_by_rig(
     # The cameras' own times are told with their offsets: none is left to add.
     nothing = ViewGraph((), (), np.zeros_like(offsets))
     person = cluster_by_rig(
-        tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), PERSON_HEIGHT_M
-    )
+        tracklets, cameras, nothing, [camera.pose for camera in level], np.zeros_like(offsets), PERSON_HEIGHT_M,
+        candidates=candidates,
+    )  # fmt: skip
     return Observations({
         camera.name: _named(camera, person[low:high])
         for camera, low, high in zip(cameras, tracklets.first[:-1], tracklets.first[1:], strict=True)

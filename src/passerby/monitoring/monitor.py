@@ -17,20 +17,19 @@ from passerby.core.synchronisation import resample_to_common_steps
 from passerby.findings.texts import texts_of
 from passerby.interchange.output_folder import scene_file
 from passerby.monitoring.given_rig import GivenRig
-from passerby.monitoring.identities import identify_by_rig
+from passerby.monitoring.identities import SEED, identify_by_rig
 from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.result import MonitoringResult, Sources
+from passerby.monitoring.site import MANY, CamerasOfSite, watch_site
 from passerby.monitoring.watched import Watched, WatchOptions
 from passerby.monitoring.watching import watch
 from passerby.people.ground import fit_ground, rough_height
 from passerby.people.held_cameras import GroundPlane
 from passerby.people.rig_observations import gather_rig_observations
 from passerby.scene.inputs import SceneInputs, read_inputs
+from passerby.scene.same_content import doubts_of_same_content
 from passerby.scene.scene import Scene
 from passerby.scene.video_inputs import SceneVideoProcessor
-
-SEED = 0
-"""Of the draw of the people that tell each camera's vertical where nobody says who is who."""
 
 
 def monitor(
@@ -56,7 +55,7 @@ def monitor(
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
     _check_names(given.rig, tuple(scene.cameras), scene.place)
     watcher = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
-    inputs = read_inputs(scene, watcher)
+    inputs = read_inputs(scene, watcher, compare_contents=len(given.rig) <= MANY)
     notes = texts_of([*watcher.notes, *inputs.doubts, *inputs.findings])
     found = monitor_inputs(given, scene, inputs, options, in_step=in_step, tell=tell, executor=executor)
     return replace(found, notes=(*notes, *found.notes))
@@ -72,21 +71,28 @@ def monitor_inputs(
     _check_names(given.rig, inputs.rig.names, scene.place)
     _check_pictures(given.rig, inputs.rig, scene.place)
     rig, observations = _footage(given, scene, inputs, names, in_step)
-    watched, ground = watch_footage(rig, observations, options, known=scene.association.given, tell=tell, executor=executor)
+    known = scene.association.given
+    doubts: tuple[str, ...] = ()
+    if len(given.rig) > MANY:
+        site = CamerasOfSite.of(rig, observations)
+        doubts = texts_of(doubts_of_same_content(rig, observations, site.pairs_by_name))
+        watched, ground = watch_site(site, options, known=known, tell=tell, executor=executor), None
+    else:
+        watched, ground = watch_footage(rig, observations, options, known=known, tell=tell, executor=executor)
     sources = Sources(
         scene_file=scene_file(scene.path),
         rig_file=scene_file(given.path),
         calibration_scene_file=given.calibration_scene_file,
         clocks=observations.clocks,
     )
-    return MonitoringResult(given.rig, watched, options, ground, _notes(given, inputs.rig, in_step), sources)
+    return MonitoringResult(given.rig, watched, options, ground, (*doubts, *_notes(given, inputs.rig, in_step)), sources)
 
 
 def watch_footage(
     rig: Rig, observations: Observations, options: WatchOptions, *, known: bool, tell: Progress = silent,
     executor: Executor | None = None,
 ) -> tuple[Watched, GroundPlane]:  # fmt: skip
-    """What footage says about a rig, and where the ground is.
+    """What footage says about a rig, all of it at once, and where the ground is.
 
     Args:
         rig: the cameras that are watched, with poses.

@@ -53,7 +53,7 @@ def joints_are_shared(observations: Observations) -> bool:
 
 def watch_adjusted(
     rig: Rig, observations: Observations, seen: RigObservations, options: WatchOptions | None = None, *,
-    ground: GroundPlane | None = None, tell: Progress = silent,
+    ground: GroundPlane | None = None, tell: Progress = silent, span: tuple[float, float] | None = None,
 ) -> Watched:  # fmt: skip
     """Watch footage with joints.
 
@@ -64,8 +64,9 @@ def watch_adjusted(
         options: see `WatchOptions`.
         ground: where feet are; z = 0 where None.
         tell: told how many windows are done.
+        span: as of `watching.watch`.
     """
-    run = _AdjustedRun(rig, observations, seen, options or WatchOptions(), ground or GroundPlane(), tell)
+    run = _AdjustedRun(rig, observations, seen, options or WatchOptions(), ground or GroundPlane(), tell, span)
     return replace(run.result(), by_joints=True)
 
 
@@ -74,9 +75,9 @@ class _AdjustedRun(WindowRun):
 
     def __init__(
         self, rig: Rig, observations: Observations, seen: RigObservations, options: WatchOptions, ground: GroundPlane,
-        tell: Progress,
+        tell: Progress, span: tuple[float, float] | None,
     ) -> None:  # fmt: skip
-        super().__init__(rig, seen, options, ground, tell)
+        super().__init__(rig, seen, options, ground, tell, span)
         self.observations = observations
         self.clock = next(iter(observations.clocks.values()), None) or Clock(observations.fps or 1.0)
         self.comparison: Comparison | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +17,7 @@ from passerby.core.observations import Clock
 from passerby.interchange.monitor_json import MONITOR_FILE
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.json_text import plain, to_json
+from passerby.monitoring.evidence import MotionTest
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.people.held_cameras import GroundPlane
 
@@ -43,7 +45,8 @@ class MonitoringResult:
     """As it was calibrated."""
     watched: Watched
     options: WatchOptions
-    ground: GroundPlane
+    ground: GroundPlane | None
+    """None where each camera was tested with a ground of its own."""
     notes: tuple[str, ...] = ()
     """What is odd about the input."""
     sources: Sources = field(default_factory=Sources)
@@ -89,10 +92,22 @@ class MonitoringResult:
             return "one of several moved"
         return "steady" if self.told(camera) else "cannot tell"
 
-    def told(self, camera: str) -> list[Window]:
-        """The windows in which something can be said of a camera."""
-        index = self.names.index(camera)
-        return [window for window in self.watched.windows if window.clear(index)]
+    @cached_property
+    def _tests(self) -> dict[str, list[MotionTest]]:
+        """By camera, its test in each window that it has a part in."""
+        found: dict[str, list[MotionTest]] = {name: [] for name in self.names}
+        for window in self.watched.windows:
+            for test in window.tests:
+                found[self.names[test.camera]].append(test)
+        return found
+
+    def windows(self, camera: str) -> int:
+        """How many windows a camera has a part in."""
+        return len(self._tests[camera])
+
+    def told(self, camera: str) -> int:
+        """In how many windows something can be said of a camera."""
+        return sum(test.is_clear for test in self._tests[camera])
 
     def smallest(self, camera: str, *, worst: bool = False) -> tuple[float | None, float | None]:
         """The shift (metres) and the turn (degrees) that a window of this camera would show in 95 % of the cases.
@@ -104,9 +119,8 @@ class MonitoringResult:
             camera: which.
             worst: in the worst of three directions at right angles, instead of the middle one.
         """
-        index = self.names.index(camera)
-        windows = self.told(camera) or self.watched.windows
-        own = [test for window in windows for test in window.tests if test.camera == index]
+        every = self._tests[camera]
+        own = [test for test in every if test.is_clear] or every
         sizes = [(test.smallest_m[worst], test.smallest_deg[worst]) for test in own if np.isfinite(test.smallest_m[1])]
         if not sizes:
             return None, None
@@ -153,7 +167,7 @@ class MonitoringResult:
         out: dict[str, Any] = plain({
             "from_s": self.watched.from_s, "until_s": self.watched.until_s, "window_s": self.options.every_s,
             "threshold": self.options.threshold, "exit_status": self.exit_status,
-            "ground": {"height_m": self.ground.height, "slope": self.ground.slope},
+            "ground": None if self.ground is None else {"height_m": self.ground.height, "slope": self.ground.slope},
             "cameras": [self._camera(name) for name in self.names],
             "moves": [_move(move) for move in self.moves], "most_moved": self.most_moved,
             "by_joints": self.watched.by_joints,
@@ -170,7 +184,7 @@ class MonitoringResult:
         worst_m, worst_deg = self.smallest(name, worst=True)
         clock = self.sources.clocks.get(name)
         return {
-            "name": name, "state": self.state(name), "windows": len(self.watched.windows), "windows_told": len(self.told(name)),
+            "name": name, "state": self.state(name), "windows": self.windows(name), "windows_told": self.told(name),
             "smallest_shift_m": metres, "smallest_turn_deg": degrees,
             "worst_shift_m": worst_m, "worst_turn_deg": worst_deg, "new_pose": name in self.changed,
             "fps": None if clock is None else clock.fps, "time_offset_s": None if clock is None else clock.offset_s,
@@ -242,7 +256,7 @@ def _window(window: Window, names: Sequence[str]) -> dict[str, Any]:
         "from_s": window.from_s, "until_s": window.until_s,
         "cameras": {
             names[test.camera]: {
-                "score": test.score, "stretches": test.clusters, "told": window.clear(test.camera),
+                "score": test.score, "stretches": test.clusters, "told": test.is_clear,
                 "smallest_shift_m": test.smallest_m[0], "smallest_turn_deg": test.smallest_deg[0],
             }
             for test in window.tests

@@ -12,8 +12,6 @@ from passerby.monitoring.moments import ChangePoint
 
 STEPS = 5
 """Tests in each window: windows overlap, so that a move is seen well before a whole window lies behind it."""
-CLEAR_DEG, CLEAR_M = 3.0, 0.5
-"""Where a move in a usual direction must be larger than either to be seen, nothing is said of a camera."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ class Window:
 
     def clear(self, camera: int) -> bool:
         """Whether something can be said of a camera."""
-        return any(t.camera == camera and t.smallest_m[0] <= CLEAR_M and t.smallest_deg[0] <= CLEAR_DEG for t in self.tests)
+        return any(test.camera == camera and test.is_clear for test in self.tests)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,7 @@ def watch(
     *,
     ground: GroundPlane | None = None,
     tell: Progress = silent,
+    span: tuple[float, float] | None = None,
 ) -> Watched:
     """Watch footage.
 
@@ -50,16 +51,20 @@ def watch(
         options: see `WatchOptions`.
         ground: where feet are; z = 0 where None.
         tell: told how many windows are done.
+        span: times from which and until which windows lie, seconds; those at which anybody was seen where None.
     """
-    run = _ScoreRun(rig, seen, options or WatchOptions(), ground or GroundPlane(), tell)
+    run = _ScoreRun(rig, seen, options or WatchOptions(), ground or GroundPlane(), tell, span)
     return run.result()
 
 
 class _ScoreRun(WindowRun):
     """Windows tested by what people ask the cameras to do, the cameras held."""
 
-    def __init__(self, rig: Rig, seen: RigObservations, options: WatchOptions, ground: GroundPlane, tell: Progress) -> None:
-        super().__init__(rig, seen, options, ground, tell)
+    def __init__(
+        self, rig: Rig, seen: RigObservations, options: WatchOptions, ground: GroundPlane, tell: Progress,
+        span: tuple[float, float] | None,
+    ) -> None:  # fmt: skip
+        super().__init__(rig, seen, options, ground, tell, span)
         self.known = self.start
         self.scores = self._scores(self.start)
 

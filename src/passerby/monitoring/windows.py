@@ -20,17 +20,26 @@ FIRST_S = 15.0
 """A move that seems to lie so near to the beginning of the footage cannot be told from one before it."""
 
 
+def span_of(seen: RigObservations) -> tuple[float, float]:
+    """The first time at which somebody was seen, and just after the last: seconds; zeros where nobody was."""
+    if not seen.n_groups:
+        return 0.0, 0.0
+    return float(seen.seconds.min()), float(seen.seconds.max()) + 1e-6
+
+
 class WindowRun(ABC):
     """One footage on its way: poses change as cameras move."""
 
-    def __init__(self, rig: Rig, seen: RigObservations, options: WatchOptions, ground: GroundPlane, tell: Progress) -> None:
+    def __init__(
+        self, rig: Rig, seen: RigObservations, options: WatchOptions, ground: GroundPlane, tell: Progress,
+        span: tuple[float, float] | None = None,
+    ) -> None:  # fmt: skip
         self.rig, self.seen, self.options, self.ground, self.tell = rig, seen, options, ground, tell
         self.names = seen.names
         self.lost: tuple[str, ...] = ()
         self.moves: list[Move] = []
         self.windows: list[Window] = []
-        self.start = float(seen.seconds.min(initial=np.inf)) if seen.n_groups else 0.0
-        self.end = float(seen.seconds.max(initial=0.0)) + 1e-6 if seen.n_groups else 0.0
+        self.start, self.end = span or span_of(seen)
         self.baseline = Baseline.of_rig(rig, self.names)
 
     @abstractmethod

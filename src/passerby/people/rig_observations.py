@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,13 @@ class RigObservations:
     def without(self, cameras: Mask) -> RigObservations:
         """The sightings by other cameras than those marked (C,)."""
         return self._of(np.flatnonzero(~cameras[self.camera]))
+
+    def of_cameras(self, names: tuple[str, ...], rows: Ints) -> RigObservations:
+        """Some rows (in order), all of them by the named cameras, which are the only ones of the result."""
+        number = np.full(len(self.names), UNKNOWN)
+        number[[self.names.index(name) for name in names]] = np.arange(len(names))
+        part = self._of(rows)
+        return replace(part, names=names, camera=number[part.camera])
 
     def _of(self, rows: Ints) -> RigObservations:
         """Some rows (in order), and the groups that they belong to."""

@@ -89,11 +89,13 @@ class ClockMeasurement(Protocol):
 
 
 def read_inputs(
-    scene: Scene, watch: VideoProcessor | None = None, measure_clocks: ClockMeasurement | None = None
-) -> SceneInputs:
+    scene: Scene, watch: VideoProcessor | None = None, measure_clocks: ClockMeasurement | None = None, *,
+    compare_contents: bool = True,
+) -> SceneInputs:  # fmt: skip
     """Read what a scene names, and watch the videos of the cameras that need it; without `watch` no video is watched.
 
-    `measure_clocks` is for who searches for clock offsets: without it, only wall times tell of them.
+    `measure_clocks` is for who searches for clock offsets: without it, only wall times tell of them. Without `compare_contents`
+    nobody looks whether two of the cameras show the same, which takes time for each pair.
 
     Raises `FileFaults` (an `InputError`) with everything that is wrong, each with its file, place, value and fix.
     """
@@ -104,7 +106,7 @@ def read_inputs(
     if watch is not None and any(needs_video(scene, reading) for reading in readings):
         watch(scene, readings)
         _raise_faults(scene, readings)
-    inputs = assemble_inputs(scene, readings)
+    inputs = assemble_inputs(scene, readings, compare_contents=compare_contents)
     measured, odd = ((), ()) if measure_clocks is None else measure_clocks(scene, readings)
     by_clock = _measured_by_clock(inputs.wall_clock)
     return replace(inputs, findings=(*inputs.findings, *odd), measured=(*measured, *by_clock))
@@ -116,13 +118,14 @@ def _measured_by_clock(clock: WallClock | None) -> tuple[MeasuredStart, ...]:
     return tuple(MeasuredStart(pair, 0.0, WALL_SIGMA_S, WALL_CLOCK) for pair in combinations(cameras, 2))
 
 
-def assemble_inputs(scene: Scene, readings: list[CameraInput]) -> SceneInputs:
+def assemble_inputs(scene: Scene, readings: list[CameraInput], *, compare_contents: bool = True) -> SceneInputs:
     """What readings of all cameras hold. Raises `FileFaults` (an `InputError`) with everything that is wrong with them."""
     _raise_faults(scene, readings)
     rig = Rig(tuple(Camera(reading.name, reading.lens) for reading in readings if reading.lens is not None))
     findings = [finding for reading in readings for finding in reading.findings] + scene_findings(scene, readings)
+    doubts = scene_doubts(scene, readings, compare_contents=compare_contents)
     return SceneInputs(
-        rig, observations_of(scene, readings), tuple(findings), tuple(scene_doubts(scene, readings)),
+        rig, observations_of(scene, readings), tuple(findings), tuple(doubts),
         pointed_people(scene, readings), wall_clock_of(scene, readings), gaps=_gaps(readings),
         stated=stated_identities(scene, readings),
     )  # fmt: skip
@@ -254,7 +257,7 @@ def _lens_faults(scene: Scene, readings: list[CameraInput]) -> list[str]:
     ]
 
 
-def scene_doubts(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
+def scene_doubts(scene: Scene, readings: list[CameraInput], *, compare_contents: bool = True) -> list[Finding]:
     """What lets no rig from these files be accepted: pictures of another size, people on their heads, one camera twice."""
     known = [(reading, reading.lens) for reading in readings if reading.lens is not None]
     upside_down = [
@@ -264,7 +267,7 @@ def scene_doubts(scene: Scene, readings: list[CameraInput]) -> list[Finding]:
     return [
         *(doubt for reading in readings for doubt in reading.doubts),
         *(doubt for doubt in upside_down if doubt is not None),
-        *doubts_of_same_content(rig, observations_of(scene, readings)),
+        *(doubts_of_same_content(rig, observations_of(scene, readings)) if compare_contents else ()),
     ]
 
 

@@ -7,7 +7,7 @@ each person shifted by a share of the height in the picture (the baseline over t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -84,13 +84,16 @@ class _Shown:
     """Usual time between frames with people."""
 
 
-def same_contents(rig: Rig, observations: Observations, *, sure: bool = True) -> list[SameContent]:
+def same_contents(
+    rig: Rig, observations: Observations, *, sure: bool = True, pairs: Collection[tuple[str, str]] | None = None
+) -> list[SameContent]:
     """The pairs of cameras that show the same.
 
     Args:
         rig: the cameras, for the sizes of their pictures.
         observations: what they saw, in frames of their own; clocks give the rates.
         sure: otherwise those that may show the same, by what is known, count as well.
+        pairs: the pairs of cameras that are compared; None: all.
     """
     rates = {name: clock.fps for name, clock in observations.clocks.items()}
     shown = {
@@ -101,16 +104,20 @@ def same_contents(rig: Rig, observations: Observations, *, sure: bool = True) ->
     timed = bool(rates) or observations.fps is not None
     binned = _Binned()
     found = []
-    for first, second in combinations(shown, 2):
+    for first, second in combinations(shown, 2) if pairs is None else pairs:
+        if first not in shown or second not in shown:
+            continue
         pair = _compare(shown[first], shown[second], binned, sure)
         if pair is not None:
             found.append(SameContent(first, second, pair.share, float(np.sqrt(pair.map.scale.prod())), pair.later, timed))
     return found
 
 
-def doubts_of_same_content(rig: Rig, observations: Observations) -> list[Finding]:
-    """A doubt for each pair of cameras that show the same."""
-    return [pair.finding for pair in same_contents(rig, observations)]
+def doubts_of_same_content(
+    rig: Rig, observations: Observations, pairs: Collection[tuple[str, str]] | None = None
+) -> list[Finding]:
+    """A doubt for each pair of cameras that show the same, of some pairs or of all."""
+    return [pair.finding for pair in same_contents(rig, observations, pairs=pairs)]
 
 
 def doubts_of_same_place(rig: Rig, observations: Observations) -> list[Finding]:

@@ -81,7 +81,7 @@ def _show(found: MonitoringResult, verbose: bool) -> None:
     watched, rows = found.watched, []
     for name in found.names:
         metres, degrees = found.smallest(name)
-        told = f"{len(found.told(name))} of {len(watched.windows)}"
+        told = f"{found.told(name)} of {found.windows(name)}"
         rows.append([name, found.state(name), told, number(metres, 2), number(degrees, 1)])
     span = f"{clock_time(watched.from_s)} to {clock_time(watched.until_s)}"
     show_table(

@@ -1,0 +1,208 @@
+"""Many cameras: each is tested by itself, together with the cameras that saw most of its people.
+
+A window of all cameras at once takes time and memory by the square of their number. But people say something of a camera only
+together with the other cameras that saw them. So each camera is watched in a small rig of its own, of it and its partners, by
+all bodies that it saw; what that says of the partners is left to their own small rigs.
+
+Where a partner has moved, a small rig may not know which of the two it was: the partner's other partners do. Cameras about
+which anything was said are therefore watched again without those partners that have surely moved, until nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from passerby.common.arrays import Ints
+from passerby.common.parallel import side_by_side
+from passerby.common.progress import Progress
+from passerby.core.cameras import Rig
+from passerby.core.observations import Observations
+from passerby.geometry.groups import expanded_ranges
+from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
+from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
+from passerby.monitoring.watching import watch
+from passerby.monitoring.windows import STAGE
+from passerby.people.ground import fit_ground
+from passerby.people.rig_observations import RigObservations
+
+MOST_PARTNERS = 7
+"""Of a camera, those that saw most of its people. With eight cameras all explanations of a window can be tried."""
+ROUNDS = 4
+"""Of watching again without those that moved, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Cameras that neighbours tie together, and what they saw."""
+
+    rig: Rig
+    observations: Observations
+    """People with identities over these cameras, at common time steps."""
+    seen: RigObservations
+    """The same people as rays."""
+    height_m: float
+    """About where the ground is."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """A camera and its partners."""
+
+    camera: str
+    rig: Rig
+    seen: RigObservations
+    observations: Observations
+    """Empty where nobody has joints."""
+    height_m: float
+    options: WatchOptions
+    span: tuple[float, float]
+
+
+def watch_neighbourhoods(
+    sites: Sequence[Site], names: tuple[str, ...], options: WatchOptions, span: tuple[float, float], *, tell: Progress,
+    executor: Executor | None = None,
+) -> Watched:  # fmt: skip
+    """Watch each camera with its partners.
+
+    Args:
+        sites: no camera in two of them.
+        names: all cameras, those included that have no neighbour; of them nothing is said.
+        options: see `WatchOptions`.
+        span: times from which and until which windows lie, seconds.
+        tell: told how many cameras are done.
+        executor: works on cameras side by side; the result does not depend on it.
+    """
+    of_camera = {name: bodies for site in sites for name, bodies in _bodies_by_camera(site).items()}
+    without: dict[str, frozenset[str]] = dict.fromkeys(of_camera, frozenset())
+    found = _watched(of_camera, without, options, span, executor, tell)
+    for _ in range(ROUNDS):
+        moved = {name for name, watched in found.items() if any(m.camera == name and not m.others for m in watched.moves)}
+        wanted = {
+            name: frozenset(moved & set(of_camera[name].partners))
+            for name, watched in found.items()
+            if without[name] or _claims(watched, name)
+        }
+        again = {name: gone for name, gone in wanted.items() if gone != without[name]}
+        if not again:
+            break
+        without |= again
+        found |= _watched(of_camera, again, options, span, executor, tell)
+    return _joined(found, names, span)
+
+
+@dataclass(frozen=True, eq=False)
+class _Bodies:
+    """What there is of one camera's people."""
+
+    site: Site
+    rows: Ints
+    """Of the site's sightings: all of the bodies that the camera saw."""
+    partners: tuple[str, ...]
+    """The cameras that saw any of them, those that saw most first."""
+
+    def job(self, name: str, without: Collection[str], options: WatchOptions, span: tuple[float, float]) -> _Job | None:
+        """The camera with its partners, but for some; None where none is left."""
+        partners = [one for one in self.partners if one not in without][:MOST_PARTNERS]
+        if not partners:
+            return None
+        site = self.site
+        names = tuple(one for one in site.seen.names if one == name or one in partners)
+        inside = np.isin(site.seen.names, names)
+        seen = site.seen.of_cameras(names, self.rows[inside[site.seen.camera[self.rows]]])
+        own = {one: site.observations[one] for one in names}
+        observations = replace(
+            site.observations, cameras=own if any(len(one.keypoints) for one in own.values()) else {},
+            clocks={one: site.observations.clocks[one] for one in names},
+        )  # fmt: skip
+        rig = Rig(tuple(site.rig[one] for one in names))
+        return _Job(name, rig, seen, observations, site.height_m, options, span)
+
+
+def _bodies_by_camera(site: Site) -> dict[str, _Bodies]:
+    """The rows that say anything of each camera: those of its bodies."""
+    seen = site.seen
+    count = np.bincount(seen.group, minlength=seen.n_groups)
+    first = np.cumsum(count) - count
+    by_camera = np.argsort(seen.camera, kind="stable")
+    ends = np.searchsorted(seen.camera[by_camera], np.arange(len(seen.names) + 1))
+    found = {}
+    for number, name in enumerate(seen.names):
+        groups = seen.group[by_camera[ends[number] : ends[number + 1]]]
+        groups = groups[count[groups] > 1]
+        _, rows = expanded_ranges(first[groups], count[groups])
+        common = np.bincount(seen.camera[rows], minlength=len(seen.names))
+        partners = [k for k in np.argsort(-common, kind="stable").tolist() if common[k] and k != number]
+        found[name] = _Bodies(site, rows, tuple(seen.names[k] for k in partners))
+    return found
+
+
+def _watched(
+    of_camera: Mapping[str, _Bodies], without: Mapping[str, Collection[str]], options: WatchOptions,
+    span: tuple[float, float], executor: Executor | None, tell: Progress,
+) -> dict[str, Watched]:  # fmt: skip
+    """What the small rigs of some cameras say."""
+    jobs = {name: of_camera[name].job(name, gone, options, span) for name, gone in without.items()}
+    able = [job for job in jobs.values() if job is not None]
+    done = dict(zip([job.camera for job in able], side_by_side(_watch, able, executor, tell, STAGE), strict=True))
+    return {name: done.get(name) or Watched((name,), (), (), *span) for name in jobs}
+
+
+def _watch(job: _Job) -> Watched:
+    """What one small rig says."""
+    ground = fit_ground(job.rig, job.seen, job.height_m)
+    if joints_are_shared(job.observations):
+        found = watch_adjusted(job.rig, job.observations, job.seen, job.options, ground=ground, span=job.span)
+    else:
+        found = watch(job.rig, job.seen, job.options, ground=ground, span=job.span)
+    own = found.names.index(job.camera)
+    windows = [replace(one, tests=tuple(test for test in one.tests if test.camera == own)) for one in found.windows]
+    return replace(found, windows=tuple(windows))
+
+
+def _claims(watched: Watched, name: str) -> list[Move]:
+    """The moves that a camera's small rig puts down to it, or may."""
+    return [move for move in watched.moves if move.camera == name or name in move.others]
+
+
+def _joined(found: Mapping[str, Watched], names: tuple[str, ...], span: tuple[float, float]) -> Watched:
+    """What each small rig says of its own camera."""
+    windows: dict[tuple[float, float], list[Window]] = {}
+    moves = []
+    for number, name in enumerate(names):
+        if name not in found:
+            continue
+        for window in found[name].windows:
+            tests = tuple(replace(test, camera=number) for test in window.tests)
+            windows.setdefault((window.until_s, window.from_s), []).append(replace(window, tests=tests))
+        moves += [_of_own(move, name) for move in _claims(found[name], name)]
+    moves.sort(key=lambda move: (move.noticed_s, move.pose is None, names.index(move.camera)))
+    return Watched(
+        names, tuple(_once(moves)),
+        tuple(Window(low, high, tuple(t for one in windows[high, low] for t in one.tests)) for high, low in sorted(windows)),
+        *span, by_joints=any(one.by_joints for one in found.values()),
+    )  # fmt: skip
+
+
+def _of_own(move: Move, name: str) -> Move:
+    """A move as the camera's own: of another camera's, which it may have been instead, only that is known."""
+    if move.camera == name:
+        return move
+    others = (move.camera, *(one for one in move.others if one != name))
+    unknown = np.full(6, np.nan), np.full((6, 6), np.nan)
+    return replace(move, camera=name, others=others, shift=unknown[0], covariance=unknown[1], pose=None, sigma=None)
+
+
+def _once(moves: Sequence[Move]) -> list[Move]:
+    """The moves, one of those that name the same cameras, whichever of them it was."""
+    kept, told = [], set[frozenset[str]]()
+    for move in moves:
+        who = frozenset((move.camera, *move.others))
+        if move.others and who in told:
+            continue
+        told.add(who)
+        kept.append(move)
+    return kept

@@ -1,0 +1,94 @@
+"""A rig of many cameras: each is tested with those that see its people, and says what a test of few cameras would say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from passerby.core.cameras import Pose, Rig
+from passerby.core.observations import Clock
+from passerby.monitoring.monitor import watch_footage
+from passerby.monitoring.neighbours import connected, neighbours_by_rig
+from passerby.monitoring.site import CamerasOfSite, watch_site
+from passerby.monitoring.watched import WatchOptions
+from support.scenes.rooms_for_monitor import rooms, walkers_in_rooms
+from support.scenes.walkers_for_monitor import FPS, calibrated, knocked
+
+RIG = rooms()
+GIVEN = calibrated(RIG)
+GROUND = dict.fromkeys(RIG.names, 0.0)
+
+
+def with_clocks(observations):
+    return replace(observations, clocks=dict.fromkeys(observations.cameras, Clock(FPS)))
+
+
+def watched(knocks=None, given=GIVEN, **kwargs):
+    seen = with_clocks(walkers_in_rooms(RIG, knocks=knocks, **kwargs))
+    return watch_site(CamerasOfSite.of(given, seen), WatchOptions(), known=True)
+
+
+def test_neighbours_are_the_cameras_of_one_room():
+    assert {(a // 4, b // 4) for a, b in neighbours_by_rig(RIG, GROUND)} == {(0, 0), (1, 1), (2, 2), (3, 3)}
+    assert connected(neighbours_by_rig(RIG, GROUND), 16) == [list(range(k, k + 4)) for k in (0, 4, 8, 12)]
+
+
+def test_cameras_above_each_other_on_two_floors_are_no_neighbours():
+    above = [replace(c, name=f"U{c.name}", pose=Pose.from_centre(c.pose.R_cw, c.pose.centre + [0, 0, 4.0])) for c in RIG]
+    both = Rig((*RIG, *above))
+    pairs = neighbours_by_rig(both, GROUND | {camera.name: 4.0 for camera in above})
+    assert pairs
+    assert all((a < 16) == (b < 16) for a, b in pairs)
+
+
+def test_a_camera_that_saw_nobody_has_no_neighbours():
+    heights = {name: 0.0 for name in RIG.names if name != "C2"}
+    assert all(1 not in pair for pair in neighbours_by_rig(RIG, heights))
+
+
+def test_a_camera_has_no_more_neighbours_for_more_cameras():
+    crowd = Rig(tuple(replace(RIG["C1"], name=f"N{k}") for k in range(60)))
+    assert len(neighbours_by_rig(crowd, dict.fromkeys(crowd.names, 0.0))) <= 12 * 60
+
+
+def test_nothing_moves():
+    found = watched()
+    assert found.names == RIG.names
+    assert found.moves == ()
+    assert len(found.windows) == 3
+    assert sorted(test.camera for test in found.windows[0].tests) == list(range(16))
+    assert all(window.clear(camera) for window in found.windows for camera in range(16))
+
+
+def test_moves_in_two_rooms_are_found_as_by_each_room_alone():
+    knocks = {
+        "C2": (100.0, knocked(RIG["C2"].pose, (0, 1, 0))),
+        "C16": (70.0, knocked(RIG["C16"].pose, (0.8, 0, 0.6))),
+    }
+    found = watched(knocks)
+    assert {move.camera for move in found.moves} == set(knocks)
+    assert all(move.others == () for move in found.moves)
+    room = Rig(GIVEN.cameras[:4])
+    seen = with_clocks(walkers_in_rooms(RIG, knocks=knocks))
+    part = replace(seen, cameras={n: seen[n] for n in room.names}, clocks={n: seen.clocks[n] for n in room.names})
+    alone, _ = watch_footage(room, part, WatchOptions(), known=True)
+    (own,) = [move for move in found.moves if move.camera == "C2"]
+    (other,) = alone.moves
+    assert abs(own.moment.seconds - other.moment.seconds) <= 3
+    assert np.linalg.norm(own.pose.centre - other.pose.centre) < 3 * other.sigma.position_m
+    early = [move for move in found.moves if move.camera == "C16"]
+    assert 70 < early[0].noticed_s <= 130
+
+
+def test_two_neighbours_that_moved_are_named_and_the_others_are_not():
+    knocks = {name: (0.0, knocked(RIG[name].pose, turn)) for name, turn in (("C5", (0, 3, 0)), ("C6", (2, 0, -2)))}
+    found = watched(knocks)
+    named = {move.camera for move in found.moves} | {name for move in found.moves for name in move.others}
+    assert {"C5", "C6"} <= named <= {"C5", "C6", "C7", "C8"}
+
+
+@pytest.mark.parametrize("people", [0, 1])
+def test_cameras_with_hardly_anybody_say_nothing(people):
+    found = watched(seconds=10, people=people)
+    assert found.moves == ()
+    assert not any(window.clear(camera) for window in found.windows for camera in range(16))
