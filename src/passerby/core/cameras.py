@@ -6,6 +6,7 @@ OpenCV counts them. Lens models are OpenCV's pinhole with radial-tangential dist
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -414,8 +415,7 @@ class Rig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
-        names = self.names
-        twice = sorted({name for name in names if names.count(name) > 1})
+        twice = sorted(name for name, count in Counter(self.names).items() if count > 1)
         if twice:
             raise InputError(f"camera {twice[0]} occurs twice in one rig: camera names must differ")
 

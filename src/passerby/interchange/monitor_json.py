@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
@@ -24,6 +24,7 @@ MONITOR_FILE = "monitor.json"
 _STRICT = ConfigDict(strict=True, allow_inf_nan=False, alias_generator=lambda name: name.removesuffix("_"))
 
 Number = float | None
+State = Literal["steady", "moved", "one of several moved", "cannot tell"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +32,7 @@ class MonitoredCamera:
     """One of `cameras`."""
 
     name: str
-    state: str
-    """steady, moved, one of several moved, cannot tell."""
+    state: State
     windows: int = 0
     windows_told: int = 0
     """Windows in which something can be said of it."""
@@ -48,6 +48,12 @@ class MonitoredCamera:
     """Of its frame numbers; None in files of an older Passerby."""
     time_offset_s: Number = None
     """The rig's time at its frame 1; None likewise."""
+    news: str | None = None
+    """What tells the files that were read last from later ones; None likewise."""
+    as_of: str | None = None
+    """When the newest of these files was written, ISO 8601; None likewise, and for what came from no file."""
+    carried: bool = False
+    """Whether all this is of an earlier run, because there was no news since."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +75,12 @@ class MoveEntry:
     metres_sigma: Number = None
     degrees: Number = None
     degrees_sigma: Number = None
+    shift_m: tuple[Number, ...] | None = None
+    turn_deg: tuple[Number, ...] | None = None
+    rotation_matrix: tuple[tuple[float, ...], ...] | None = None
+    centre_m: tuple[float, ...] | None = None
+    carried: bool = False
+    """Whether an earlier run noticed it; its times are those of that run's footage."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +123,9 @@ class MonitorDocument:
     """The rig that was monitored, absolute."""
     calibration_scene_file: str | None = None
     """The scene that the rig was calibrated from, absolute; None where nothing beside the rig names it."""
+    judged_by: str | None = None
+    """What tells rig and options from others: states of another rig are not carried over. None in files of an older
+    Passerby."""
 
     @property
     def entries(self) -> dict[str, MonitoredCamera]:

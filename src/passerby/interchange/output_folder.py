@@ -121,11 +121,11 @@ def read_folder_rig(out: Path) -> Rig:
     return read_rig(out / RIG_FILE)
 
 
-def read_report(out: Path) -> CalibrationDocument:
+def read_report(out: Path, *, tracks: bool = True) -> CalibrationDocument:
     """What `calibration.json` holds, once it is sure that rig and tracks beside it are those that it tells of.
 
     What a process that was killed has decided to write is put into its place before. Files that are missing are the business of
-    those who need them; an older Passerby wrote no checksums.
+    those who need them; an older Passerby wrote no checksums. Without `tracks` only the rig is checked, and no track file is read.
 
     Raises `InputError` where it is missing or broken, or where a file beside it is of another calibration or was changed.
     """
@@ -133,9 +133,9 @@ def read_report(out: Path) -> CalibrationDocument:
     document = read_document(out)
     if document.files is None:
         return document
-    cameras = [one.name for one in document.cameras if is_file_name(one.name)]
-    tracks = [f"{TRACKS_FOLDER}/{name}{end}" for name in cameras for end in (".txt", ".json")]
-    for name in [*([RIG_FILE] if RIG_FILE in document.files else []), *tracks]:
+    cameras = [one.name for one in document.cameras if tracks and is_file_name(one.name)]
+    paths = [f"{TRACKS_FOLDER}/{name}{end}" for name in cameras for end in (".txt", ".json")]
+    for name in [*([RIG_FILE] if RIG_FILE in document.files else []), *paths]:
         path = out / name
         if path.is_file() and _checksum(path) != document.files.get(name):
             raise InputError(

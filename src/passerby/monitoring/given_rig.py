@@ -47,7 +47,7 @@ def read_given(path: Path) -> GivenRig:
     rig = read_rig(file)
     if file.name != RIG_FILE or not (file.parent / CALIBRATION_FILE).is_file():
         return GivenRig(rig, path=file, calibration_scene_file=_monitored_from(file))
-    document = read_report(file.parent)
+    document = read_report(file.parent, tracks=False)
     offsets = {entry.name: entry.time_offset_s or 0.0 for entry in document.cameras}
     shapes = {one.name: (one.shape_position_sigma_mm or 0.0) / 1000 for one in adjusted(document.figures).cameras}
     return GivenRig(rig, offsets, {name: sigma for name, sigma in shapes.items() if sigma > 0}, file, document.scene_file)

@@ -14,10 +14,13 @@ from passerby.common.progress import Progress, silent
 from passerby.core.cameras import Camera, Rig
 from passerby.core.observations import Clock, Observations
 from passerby.core.synchronisation import resample_to_common_steps
+from passerby.findings.finding import notice
 from passerby.findings.texts import texts_of
 from passerby.interchange.output_folder import scene_file
+from passerby.monitoring.earlier import read_earlier
 from passerby.monitoring.given_rig import GivenRig
 from passerby.monitoring.identities import SEED, identify_by_rig
+from passerby.monitoring.news import judged_by, news_of
 from passerby.monitoring.readjusting import joints_are_shared, watch_adjusted
 from passerby.monitoring.result import MonitoringResult, Sources
 from passerby.monitoring.site import MANY, CamerasOfSite, watch_site
@@ -43,21 +46,71 @@ def monitor(
         scene: new footage of its cameras, under the same names.
         options: see `WatchOptions`.
         in_step: whether the footage's clocks agree, whatever the calibration's did.
-        keep: folder in which is kept what was seen in videos.
+        keep: folder in which is kept what was seen in videos; where an earlier run was written into it, its states are taken
+            over of the cameras that have no news since.
         progress: told of each stage.
         executor: works on cameras side by side.
 
     Raises:
         InputError: the scene cannot be read, or its cameras are not the rig's.
     """
-    tell = progress or silent
+    tell, options = progress or silent, options or WatchOptions()
     tell("reading")
     scene = scene if isinstance(scene, Scene) else Scene.load(scene)
-    _check_names(given.rig, tuple(scene.cameras), scene.place)
-    watcher = SceneVideoProcessor(None if keep is None else Path(keep), executor, tell)
-    inputs = read_inputs(scene, watcher, compare_contents=len(given.rig) <= MANY)
+    kept = None if keep is None else Path(keep)
+    judged = judged_by(given, options, in_step=in_step)
+    earlier = read_earlier(kept, judged)
+    news = {name: news_of(scene, name) for name in scene.cameras}
+    fresh = tuple(name for name in scene.cameras if not earlier.has_read(name, news[name].digest))
+    carried = earlier.of([name for name in given.rig.names if name not in fresh])
+    if carried:
+        unposed = [camera.name for camera in given.rig if camera.pose is None]
+        fresh = tuple(name for name in fresh if name not in unposed)
+    if not carried:
+        _check_names(given.rig, tuple(scene.cameras), scene.place)
+    found = _with_news(given, scene, fresh, options, in_step, kept, tell, executor, alone=bool(carried))
+    # What was known of a move is not forgotten where new footage tells nothing.
+    kept_moves = {
+        name: replace(one, entry=replace(one.entry, news=news[name].digest))
+        for name, one in earlier.of(found.names).items()
+        if found.windows(name)
+        and one.entry.state in ("moved", "one of several moved")
+        and found.state_by_footage(name) == "cannot tell"
+    }
+    findings = list(earlier.findings)
+    if carried:
+        since = sorted(one.entry.as_of for one in carried.values() if one.entry.as_of)
+        findings.append(notice("no_news", count=len(carried), first=min(since, default=None), last=max(since, default=None)))
+    if kept_moves:
+        findings.append(notice("news_without_people", *kept_moves))
+    # Their files count as not read, so that they are tested when a neighbour has news, too.
+    alone = earlier.of([name for name in found.names if not found.windows(name)])
+    if alone:
+        findings.append(notice("news_alone", *alone))
+    tested = {name: one for name, one in news.items() if name in found.names and found.windows(name)}
+    sources = replace(
+        found.sources, scene_file=scene_file(scene.path), rig_file=scene_file(given.path),
+        calibration_scene_file=given.calibration_scene_file, news=tested, judged_by=judged,
+    )  # fmt: skip
+    absent = [name for name in given.rig.posed().names if name not in scene.cameras and name not in carried]
+    notes = (*texts_of(findings), *_absent(absent), *found.notes)
+    return replace(found, carried=carried | kept_moves | alone, sources=sources, notes=notes)
+
+
+def _with_news(
+    given: GivenRig, scene: Scene, fresh: tuple[str, ...], options: WatchOptions, in_step: bool, keep: Path | None,
+    tell: Progress, executor: Executor | None, *, alone: bool,
+) -> MonitoringResult:  # fmt: skip
+    """What the footage of some of the cameras says; where there may be too few of them (`alone`), nothing about these."""
+    posed = [name for name in fresh if name in given.rig.names and given.rig[name].pose is not None]
+    if alone and len(posed) < 2 and set(fresh) <= set(given.rig.names):
+        return MonitoringResult(given.rig, Watched(tuple(posed), (), (), 0.0, 0.0), options, None)
+    part = scene.part(fresh, given.path) if len(fresh) < len(scene.cameras) else scene
+    _check_names(given.rig, fresh, scene.place)
+    watcher = SceneVideoProcessor(keep, executor, tell)
+    inputs = read_inputs(part, watcher, compare_contents=len(given.rig) <= MANY)
     notes = texts_of([*watcher.notes, *inputs.doubts, *inputs.findings])
-    found = monitor_inputs(given, scene, inputs, options, in_step=in_step, tell=tell, executor=executor)
+    found = monitor_inputs(given, part, inputs, options, in_step=in_step, tell=tell, executor=executor)
     return replace(found, notes=(*notes, *found.notes))
 
 
@@ -79,12 +132,7 @@ def monitor_inputs(
         watched, ground = watch_site(site, options, known=known, tell=tell, executor=executor), None
     else:
         watched, ground = watch_footage(rig, observations, options, known=known, tell=tell, executor=executor)
-    sources = Sources(
-        scene_file=scene_file(scene.path),
-        rig_file=scene_file(given.path),
-        calibration_scene_file=given.calibration_scene_file,
-        clocks=observations.clocks,
-    )
+    sources = Sources(clocks=observations.clocks)
     return MonitoringResult(given.rig, watched, options, ground, (*doubts, *_notes(given, inputs.rig, in_step)), sources)
 
 
@@ -172,11 +220,8 @@ def _loosened(given: GivenRig, name: str) -> Camera:
 
 def _notes(given: GivenRig, seen: Rig, in_step: bool) -> tuple[str, ...]:
     """What the user should know of the input."""
-    absent = [name for name in given.rig.posed().names if name not in seen.names]
     lost = [name for name in seen.names if given.rig[name].pose is None]
     notes = []
-    if absent:
-        notes.append(f"{_cameras(absent)} of the rig {_have(absent)} no footage here and {_are(absent)} not monitored")
     if lost:
         notes.append(f"{_cameras(lost)} {_have(lost)} no pose in the rig and cannot be monitored")
     if any(given.offsets_s.values()) and not in_step:
@@ -190,6 +235,13 @@ def _notes(given: GivenRig, seen: Rig, in_step: bool) -> tuple[str, ...]:
             "each direction"
         )
     return tuple(notes)
+
+
+def _absent(absent: list[str]) -> list[str]:
+    """Cameras that are not in the scene."""
+    if not absent:
+        return []
+    return [f"{_cameras(absent)} of the rig {_have(absent)} no footage here and {_are(absent)} not monitored"]
 
 
 def _cameras(names: list[str]) -> str:

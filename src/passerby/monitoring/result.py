@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -14,14 +14,14 @@ from passerby.common.arrays import Floats
 from passerby.common.errors import EvidenceError
 from passerby.core.cameras import Rig
 from passerby.core.observations import Clock
-from passerby.interchange.monitor_json import MONITOR_FILE
+from passerby.interchange.monitor_json import MONITOR_FILE, MonitoredCamera, MoveEntry, State
 from passerby.interchange.storage.atomic import write_text
 from passerby.interchange.storage.json_text import plain, to_json
+from passerby.monitoring.earlier import Carried
 from passerby.monitoring.evidence import MotionTest
+from passerby.monitoring.news import News
 from passerby.monitoring.watched import Move, Watched, WatchOptions, Window
 from passerby.people.held_cameras import GroundPlane
-
-State = Literal["steady", "moved", "one of several moved", "cannot tell"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,6 +35,10 @@ class Sources:
     """Of what the rig was calibrated from."""
     clocks: Mapping[str, Clock] = field(default_factory=dict)
     """Of each camera's footage."""
+    news: Mapping[str, News] = field(default_factory=dict)
+    """The files of each camera that were read."""
+    judged_by: str | None = None
+    """See `news.judged_by`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,21 +54,28 @@ class MonitoringResult:
     notes: tuple[str, ...] = ()
     """What is odd about the input."""
     sources: Sources = field(default_factory=Sources)
+    carried: Mapping[str, Carried] = field(default_factory=dict)
+    """What an earlier run found of cameras that have no news since, or of which the news tell nothing."""
 
     def __repr__(self) -> str:
-        return f"MonitoringResult({', '.join(f'{name}: {self.state(name)}' for name in self.names)})"
+        return f"MonitoringResult({', '.join(f'{name}: {self.state(name)}' for name in self.cameras)})"
 
     @property
     def names(self) -> tuple[str, ...]:
         """The cameras that were watched."""
         return self.watched.names
 
+    @cached_property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras of which anything is known: those that were watched, and those of an earlier run."""
+        return tuple(name for name in self.given.names if name in self.watched.names or name in self.carried)
+
     @property
     def moves(self) -> tuple[Move, ...]:
         """All that moved, in the order in which it was noticed."""
         return self.watched.moves
 
-    @property
+    @cached_property
     def rig(self) -> Rig:
         """The rig with new poses and sigmas of the cameras that moved; all others are the given ones themselves.
 
@@ -74,17 +85,27 @@ class MonitoringResult:
         cameras = []
         for camera in self.given:
             move = latest.get(camera.name)
+            known = self.carried.get(camera.name)
+            if known is not None:
+                cameras.append(known.pose or camera)
+                continue
             sound = move is not None and move.pose is not None and not move.others
             cameras.append(replace(camera, pose=move.pose, sigma=move.sigma) if move is not None and sound else camera)
         return replace(self.given, cameras=tuple(cameras))
 
-    @property
+    @cached_property
     def changed(self) -> tuple[str, ...]:
         """The cameras that have a new pose in `rig`."""
         return tuple(old.name for old, new in zip(self.given, self.rig, strict=True) if new is not old)
 
     def state(self, camera: str) -> State:
         """What is to be said of a camera."""
+        if camera in self.carried:
+            return self.carried[camera].entry.state
+        return self.state_by_footage(camera)
+
+    def state_by_footage(self, camera: str) -> State:
+        """What the footage says of a camera that was watched, whatever an earlier run found."""
         own = [move for move in self.moves if move.camera == camera]
         if any(not move.others for move in own):
             return "moved"
@@ -142,14 +163,20 @@ class MonitoringResult:
     @property
     def exit_status(self) -> int:
         """0: every camera is steady; 3: one has moved, or nothing can be said of one."""
-        return 0 if all(self.state(name) == "steady" for name in self.names) else EvidenceError.exit_status
+        return 0 if all(self.state(name) == "steady" for name in self.cameras) else EvidenceError.exit_status
 
     def sentences(self) -> list[str]:
         """What moved, and of what nothing can be said, one sentence each."""
-        told = [move_in_words(move) for move in self.moves]
+        told = [move_in_words(move) for move in self._moves]
         if self.most_moved:
             told.append(f"most cameras moved relative to each other ({', '.join(self.most_moved)}): calibrate anew")
-        return told + [self._silence(name) for name in self.names if self.state(name) == "cannot tell"]
+        silent = [name for name in self.names if name not in self.carried and self.state(name) == "cannot tell"]
+        return told + [self._silence(name) for name in silent]
+
+    @property
+    def _moves(self) -> list[MoveEntry]:
+        """All moves as files hold them, those that an earlier run noticed after the others."""
+        return [*map(entry_of, self.moves), *(move for one in self.carried.values() for move in one.moves)]
 
     def _silence(self, name: str) -> str:
         """Why nothing can be said of a camera."""
@@ -168,27 +195,30 @@ class MonitoringResult:
             "from_s": self.watched.from_s, "until_s": self.watched.until_s, "window_s": self.options.every_s,
             "threshold": self.options.threshold, "exit_status": self.exit_status,
             "ground": None if self.ground is None else {"height_m": self.ground.height, "slope": self.ground.slope},
-            "cameras": [self._camera(name) for name in self.names],
-            "moves": [_move(move) for move in self.moves], "most_moved": self.most_moved,
+            "cameras": [self.camera(name) for name in self.cameras],
+            "moves": self._moves, "most_moved": self.most_moved,
             "by_joints": self.watched.by_joints,
             "windows": [_window(window, self.names) for window in self.watched.windows],
             "notes": self.notes,
             "scene_file": self.sources.scene_file, "rig_file": self.sources.rig_file,
-            "calibration_scene_file": self.sources.calibration_scene_file,
+            "calibration_scene_file": self.sources.calibration_scene_file, "judged_by": self.sources.judged_by,
         })  # fmt: skip
         return out
 
-    def _camera(self, name: str) -> dict[str, Any]:
-        """One line of the summary."""
+    def camera(self, name: str) -> MonitoredCamera:
+        """One line of the summary: of this run, or of an earlier one."""
+        if name in self.carried:
+            return self.carried[name].entry
         metres, degrees = self.smallest(name)
         worst_m, worst_deg = self.smallest(name, worst=True)
-        clock = self.sources.clocks.get(name)
-        return {
-            "name": name, "state": self.state(name), "windows": self.windows(name), "windows_told": self.told(name),
-            "smallest_shift_m": metres, "smallest_turn_deg": degrees,
-            "worst_shift_m": worst_m, "worst_turn_deg": worst_deg, "new_pose": name in self.changed,
-            "fps": None if clock is None else clock.fps, "time_offset_s": None if clock is None else clock.offset_s,
-        }  # fmt: skip
+        clock, news = self.sources.clocks.get(name), self.sources.news.get(name)
+        return MonitoredCamera(
+            name=name, state=self.state(name), windows=self.windows(name), windows_told=self.told(name),
+            smallest_shift_m=metres, smallest_turn_deg=degrees, worst_shift_m=worst_m, worst_turn_deg=worst_deg,
+            new_pose=name in self.changed, fps=None if clock is None else clock.fps,
+            time_offset_s=None if clock is None else clock.offset_s, news=None if news is None else news.digest,
+            as_of=None if news is None else news.as_of,
+        )  # fmt: skip
 
     def write(self, folder: str | Path, rig_text: str) -> None:
         """Write `rig.toml` and `monitor.json` into a folder, both or neither.
@@ -218,36 +248,35 @@ def clock_time(seconds: float) -> str:
     return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 
 
-def move_in_words(move: Move) -> str:
+def move_in_words(move: MoveEntry) -> str:
     """Who moved, when and by how much."""
-    who = " or ".join((move.camera, *move.others))
-    when = "before the footage began" if move.moment is None else (
-        f"at {clock_time(move.moment.seconds)} (between {clock_time(move.moment.from_s)} and {clock_time(move.moment.until_s)})"
+    who = " or ".join((move.camera, *move.or_))
+    when = "before the footage began" if move.seconds is None or move.from_s is None or move.until_s is None else (
+        f"at {clock_time(move.seconds)} (between {clock_time(move.from_s)} and {clock_time(move.until_s)})"
     )  # fmt: skip
-    metres, metres_sd = along(move.shift[:3], move.covariance[:3, :3])
-    degrees, degrees_sd = along(move.shift[3:], move.covariance[3:, 3:])
-    noticed = f"noticed at {clock_time(move.noticed_s)}"
-    if metres is None or metres_sd is None or degrees is None or degrees_sd is None:
+    noticed = f"noticed {'in an earlier run ' if move.carried else ''}at {clock_time(move.noticed_s)}"
+    if move.metres is None or move.metres_sigma is None or move.degrees is None or move.degrees_sigma is None:
         return f"{who} moved {when}; not enough people to estimate by how much; {noticed}"
-    turn = f"{np.degrees(degrees):.2f} +- {np.degrees(degrees_sd):.2f} degrees"
-    which = "" if not move.others else f" (if it was {move.camera}: the people do not show which)"
-    return f"{who} moved {when}, by {metres:.3f} +- {metres_sd:.3f} m and {turn}{which}; {noticed}"
+    turn = f"{move.degrees:.2f} +- {move.degrees_sigma:.2f} degrees"
+    which = "" if not move.or_ else f" (if it was {move.camera}: the people do not show which)"
+    return f"{who} moved {when}, by {move.metres:.3f} +- {move.metres_sigma:.3f} m and {turn}{which}; {noticed}"
 
 
-def _move(move: Move) -> dict[str, Any]:
+def entry_of(move: Move) -> MoveEntry:
+    """A move as files hold it."""
     metres, metres_sd = along(move.shift[:3], move.covariance[:3, :3])
     radians, radians_sd = along(move.shift[3:], move.covariance[3:, 3:])
-    moment = move.moment
-    return {
-        "camera": move.camera, "or": move.others, "before_footage": moment is None,
-        "seconds": None if moment is None else moment.seconds, "from_s": None if moment is None else moment.from_s,
-        "until_s": None if moment is None else moment.until_s, "noticed_s": move.noticed_s, "score": move.score,
-        "metres": metres, "metres_sigma": metres_sd, "degrees": None if radians is None else np.degrees(radians),
-        "degrees_sigma": None if radians_sd is None else np.degrees(radians_sd), "shift_m": move.shift[:3],
-        "turn_deg": np.degrees(move.shift[3:]),
-        "rotation_matrix": None if move.pose is None else move.pose.R_cw,
-        "centre_m": None if move.pose is None else move.pose.centre,
-    }  # fmt: skip
+    moment, pose = move.moment, move.pose
+    return MoveEntry(
+        camera=move.camera, or_=move.others, before_footage=moment is None,
+        seconds=None if moment is None else moment.seconds, from_s=None if moment is None else moment.from_s,
+        until_s=None if moment is None else moment.until_s, noticed_s=move.noticed_s, score=move.score,
+        metres=metres, metres_sigma=metres_sd, degrees=None if radians is None else float(np.degrees(radians)),
+        degrees_sigma=None if radians_sd is None else float(np.degrees(radians_sd)),
+        shift_m=tuple(plain(move.shift[:3])), turn_deg=tuple(plain(np.degrees(move.shift[3:]))),
+        rotation_matrix=None if pose is None else tuple(map(tuple, pose.R_cw.tolist())),
+        centre_m=None if pose is None else tuple(pose.centre.tolist()),
+    )  # fmt: skip
 
 
 def _window(window: Window, names: Sequence[str]) -> dict[str, Any]:

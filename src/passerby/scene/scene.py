@@ -7,7 +7,7 @@ remedy. Paths are relative to the scene file, or absolute.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -152,6 +152,29 @@ class Scene(Table):
             for name, table in self.cameras.items()
         }
         changed = self.model_copy(update={"cameras": cameras})
+        changed._path = self._path
+        return changed
+
+    def part(self, names: Collection[str], rig: Path | None) -> Scene:
+        """The scene of some cameras, as if the others were not there.
+
+        What it says of lengths, places, people and sites is left out. A camera that has its lens from one of the others has
+        that of the rig file.
+        """
+        cameras = {}
+        for name, table in self.cameras.items():
+            if name in names:
+                lens = {"lens": None, "intrinsics": None if rig is None else rig.absolute()}
+                cameras[name] = table if self.models[name][0] in names else table.model_copy(update=lens)
+        association = AssociationTable(mode=self.association.mode, max_offset_s=self.association.max_offset_s)
+        changed = self.model_copy(
+            update={
+                "cameras": cameras, "association": association, "scale": ScaleTable(), "sites": SitesTable(),
+                "world": None, "recording": None,
+            }
+        )  # fmt: skip
+        # That of all cameras, where it was asked for before.
+        changed.__dict__.pop("models", None)
         changed._path = self._path
         return changed
 

@@ -79,14 +79,22 @@ def _show(found: MonitoringResult, verbose: bool) -> None:
     from passerby.monitoring.result import clock_time
 
     watched, rows = found.watched, []
-    for name in found.names:
-        metres, degrees = found.smallest(name)
-        told = f"{found.told(name)} of {found.windows(name)}"
-        rows.append([name, found.state(name), told, number(metres, 2), number(degrees, 1)])
+    for name in found.cameras:
+        one = found.camera(name)
+        told = MISSING if one.carried else f"{one.windows_told} of {one.windows}"
+        row = [name, one.state, told, number(one.smallest_shift_m, 2), number(one.smallest_turn_deg, 1)]
+        rows.append([*row, (one.as_of or MISSING) if one.carried else ""] if found.carried else row)
     span = f"{clock_time(watched.from_s)} to {clock_time(watched.until_s)}"
     show_table(
         f"monitored from {span}, by joints and boxes" if watched.by_joints else f"monitored from {span}",
-        ["camera", "state", f"windows of {found.options.every_s:g} s", "detection limit m", "limit deg"],
+        [
+            "camera",
+            "state",
+            f"windows of {found.options.every_s:g} s",
+            "detection limit m",
+            "limit deg",
+            *(["no news since"] if found.carried else []),
+        ],
         rows,
     )
     for sentence in found.sentences():

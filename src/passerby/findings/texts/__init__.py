@@ -17,13 +17,14 @@ from passerby.findings.texts.geopose import GEOPOSE
 from passerby.findings.texts.input_files import INPUT_FILES
 from passerby.findings.texts.kinds import Fields, Kind, Said, Template
 from passerby.findings.texts.lenses import LENSES
+from passerby.findings.texts.monitoring import MONITORING
 from passerby.findings.texts.solver import SOLVER
 from passerby.findings.texts.videos import VIDEOS
 
 __all__ = ["KINDS", "Kind", "diagnostic", "problem_of", "remedy_of", "text_of", "texts_of"]
 
 KINDS: Mapping[str, Kind] = {
-    **SOLVER, **LENSES, **GEOPOSE, **ASSOCIATION, **CALIBRATION, **ALIGNMENT, **INPUT_FILES, **VIDEOS,
+    **SOLVER, **LENSES, **GEOPOSE, **ASSOCIATION, **CALIBRATION, **ALIGNMENT, **INPUT_FILES, **VIDEOS, **MONITORING,
 }  # fmt: skip
 """By code, in the order of the stages."""
 

@@ -45,9 +45,10 @@ class Page {
     return make("article", { class: "camera", "aria-label": `Camera ${name}` },
       make("header", {}, make("h3", {}, name), make("span", { class: `state ${kind(camera.state)}` }, camera.state)),
       wipe.box,
+      camera.carried ? make("p", { class: "known" }, `No news since ${camera.as_of ?? "the last run"}: this is what an earlier run found.`) : null,
       moves.length ? make("ul", { class: "moves" }, ...moves.map((one) => make("li", {}, sentence(one)))) : null,
       camera.new_pose ? make("p", { class: "known" }, "rig.toml in this folder has its new pose.") : null,
-      history(name, state));
+      camera.carried ? null : history(name, state));
   }
 
   tell(text) {
@@ -87,7 +88,7 @@ function sentence(move) {
     ? `, by ${number(move.metres, 3)} ± ${number(move.metres_sigma, 3)} m and ${number(move.degrees, 2)} ± ${number(move.degrees_sigma, 2)}°`
     : "; too few people to estimate by how much";
   const which = move.or.length ? `, if it was ${move.camera}: the people do not show which` : "";
-  return `moved ${when}${much}${which}; noticed at ${clock(move.noticed_s)}`;
+  return `moved ${when}${much}${which}; noticed ${move.carried ? "in an earlier run " : ""}at ${clock(move.noticed_s)}`;
 }
 
 function limits({ cameras, window_s }) {

@@ -16,7 +16,7 @@ export function history(name, state) {
   const over = (score) => (score ?? Infinity) >= threshold;
   const x = (seconds) => (WIDTH * (seconds - from)) / Math.max(until - from, 1e-9);
   const y = (score) => HEIGHT * (1 - Math.min(score, TOP * threshold) / (TOP * threshold));
-  const own = windows.map((one) => ({ ...one, ...(one.cameras[name] ?? { score: null, told: false }) }));
+  const own = windows.filter((one) => one.cameras[name]).map((one) => ({ ...one, ...one.cameras[name] }));
   const suspected = state.moves.filter((one) => one.camera === name || one.or.includes(name));
   const bars = own.map(({ from_s, until_s, score, told }) => {
     const [left, right] = [x(from_s), x(until_s)];
